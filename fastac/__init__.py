@@ -1,0 +1,1 @@
+"""The front door: scenes, the command line, the build, the report."""

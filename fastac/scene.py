@@ -1,0 +1,230 @@
+"""What one sensor and task require: the scene, read from TOML and validated.
+
+Every other part derives from the scene what it must do, and does nothing else.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+CHANNELS = {"bgr": ("B", "G", "R"), "bgr+nir": ("B", "G", "R", "NIR")}
+Positive = Annotated[float, Field(gt=0)]
+Count = Annotated[int, Field(ge=1)]
+
+
+class SceneError(ValueError):
+    """A scene that cannot be used; the message is one line that names file, key and value."""
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Ellipsoid(Strict):
+    """The skin at rest: the cap of an ellipsoid over the image, zero at the lowest corner of the image."""
+
+    semi_axes_mm: tuple[Positive, Positive, Positive] = (12.0, 14.0, 9.0)
+
+
+class Elastomer(Strict):
+    """A soft layer bonded to a rigid skeleton and fixed at the rim of the image."""
+
+    modulus_mpa: Positive = 0.4
+    poisson_ratio: Annotated[float, Field(gt=0, lt=0.5)] = 0.48
+    thickness_mm: Positive = 3.0
+    thickness_variation: Annotated[float, Field(ge=0, lt=1)] = 0.3
+    rim_mm: Positive = 1.5
+
+
+class Light(Strict):
+    """Four sources behind the skeleton, at the corners, R opposite G and B opposite NIR, seen along z."""
+
+    distance_mm: Positive = 13.0
+    """From the image's axis to each source."""
+    below_mm: Positive = 5.0
+    """From the lowest corner of the skin down to the sources."""
+    softening_mm: Annotated[float, Field(ge=0)] = 6.0
+    """Size of the glow that the scattering skeleton makes of each source."""
+    ambient: Annotated[float, Field(ge=0, lt=1)] = 0.15
+    """Share of the light that arrives from everywhere."""
+    brightest_dn: Annotated[float, Field(gt=0, le=255)] = 170.0
+    """Brightest pixel of the background, in each channel, in 8-bit digital numbers."""
+
+
+class Sensor(Strict):
+    geometry: Literal["fingertip", "flat"]
+    height_px: Annotated[int, Field(ge=16, le=256)] = 128
+    width_px: Annotated[int, Field(ge=16, le=256)] = 128
+    pitch_mm: Positive = 0.125
+    channels: Literal["bgr", "bgr+nir"] = "bgr+nir"
+    source: Literal["simulated", "recorded"] = "simulated"
+    ellipsoid: Ellipsoid = Ellipsoid()
+    elastomer: Elastomer = Elastomer()
+    light: Light = Light()
+    noise_dn: Annotated[float, Field(ge=0)] = 1.0
+    """Standard deviation of the camera's noise in 8-bit digital numbers."""
+
+    @property
+    def channel_names(self) -> tuple[str, ...]:
+        return CHANNELS[self.channels]
+
+
+class Protocol(Strict):
+    """Ball presses on three spatially disjoint grids (paper, supplement I)."""
+
+    train_grid: Count = 8
+    validation_grid: Count = 5
+    test_grid: Count = 8
+    loads_n: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 1.0, 1.5)
+    ball_mm: Positive = 5.0
+    seed: Annotated[int, Field(ge=0)] = 1
+
+
+class Numbers(Strict):
+    """Word lengths. Widths that are not listed follow from computed bounds."""
+
+    weight_bits: Annotated[int, Field(ge=3, le=8)] = 8
+    activation_bits: Annotated[int, Field(ge=3, le=7)] = 7
+    gradient_fraction_bits: Annotated[int, Field(ge=6, le=16)] = 14
+    slope_limit: Literal[1, 2, 4, 8] = 4
+    coefficient_fraction_bits: Annotated[int, Field(ge=8, le=17)] = 17
+    data_bits: Annotated[int, Field(ge=12, le=26)] = 26
+    displacement_bits: Annotated[int, Field(ge=4, le=16)] = 12
+    kernel_bits: Annotated[int, Field(ge=3, le=12)] = 8
+
+
+class Poisson(Strict):
+    mode: Literal["absolute", "difference"] = "absolute"
+    divergence: Literal["central", "backward"] = "central"
+
+
+class Force(Strict):
+    kernel_size: Literal[1, 3, 5, 7] = 5
+    hidden: Annotated[int, Field(ge=1, le=256)] = 32
+    max_displacement_mm: Positive = 2.0
+
+
+class Hardware(Strict):
+    pixels_per_clock: Literal[1, 2, 4] = 1
+    clock_mhz: Positive = 150.0
+    """The clock that latencies are converted with; an assumption until a board confirms it."""
+
+
+class Training(Strict):
+    seed: Annotated[int, Field(ge=0)] = 1
+    normals_epochs: Count = 30
+    normals_batch_px: Count = 8192
+    normals_learning_rate: Positive = 1e-3
+    input_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Standard deviation of the noise added to ΔI in training, as a fraction of its spread."""
+    flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of background pixels in each epoch, where only contacts are labelled."""
+    finetune_epochs: Annotated[int, Field(ge=0)] = 10
+    force_epochs: Count = 60
+    force_batch: Count = 8
+    force_learning_rate: Positive = 1e-3
+    force_weight_decay: Annotated[float, Field(ge=0)] = 1e-3
+
+
+class Simulation(Strict):
+    frames: Annotated[int, Field(ge=2)] = 3
+    """Held-out frames that go through the whole hardware."""
+
+
+class Scene(Strict):
+    name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
+    outputs: Annotated[tuple[Literal["normals", "depth", "force_z"], ...], Field(min_length=1)]
+    sensor: Sensor
+    protocol: Protocol = Protocol()
+    numbers: Numbers = Numbers()
+    poisson: Poisson = Poisson()
+    force: Force = Force()
+    hardware: Hardware = Hardware()
+    training: Training = Training()
+    simulation: Simulation = Simulation()
+
+    @model_validator(mode="after")
+    def _consistent(self):
+        if len(set(self.outputs)) != len(self.outputs):
+            raise ValueError("outputs: named twice")
+        lanes = self.hardware.pixels_per_clock
+        if self.sensor.width_px % lanes:
+            raise ValueError(
+                f"hardware.pixels_per_clock: {lanes} does not divide sensor.width_px {self.sensor.width_px}"
+            )
+        if self.wants_solver and self.sensor.height_px != self.sensor.width_px:
+            raise ValueError(
+                f"sensor.height_px: {self.sensor.height_px} differs from width_px {self.sensor.width_px};"
+                " the DST engine shares one matrix between rows and columns, so depth needs square images"
+            )
+        if self.wants_force and self.sensor.source == "recorded" and self.sensor.geometry == "flat":
+            raise ValueError("outputs: force_z needs recorded forces, which ball presses do not carry")
+        if self.wants_force and self.force.kernel_size > self.sensor.height_px - 2:
+            raise ValueError(f"force.kernel_size: {self.force.kernel_size} is larger than the frame")
+        if self.sensor.geometry == "fingertip":
+            a, b, _ = self.sensor.ellipsoid.semi_axes_mm
+            half_u = self.sensor.width_px * self.sensor.pitch_mm / 2
+            half_v = self.sensor.height_px * self.sensor.pitch_mm / 2
+            if (half_u / a) ** 2 + (half_v / b) ** 2 >= 0.95:
+                raise ValueError(
+                    f"sensor.ellipsoid.semi_axes_mm: {a} x {b} do not span the image"
+                    f" ({2 * half_u:g} x {2 * half_v:g} mm)"
+                )
+        return self
+
+    @property
+    def wants_solver(self) -> bool:
+        """Whether anything that is asked for needs the depth."""
+        return bool({"depth", "force_z"} & set(self.outputs))
+
+    @property
+    def wants_force(self) -> bool:
+        return "force_z" in self.outputs
+
+    @property
+    def inner_px(self) -> int:
+        """Side of the region that the Poisson solver solves: the image less its one-pixel boundary."""
+        return self.sensor.width_px - 2
+
+
+def describe(error: ValidationError) -> str:
+    """The first error of a validation, in one line: key, value, what is wrong."""
+    first = error.errors(include_url=False)[0]
+    key = ".".join(str(part) for part in first["loc"])
+    message = first["msg"].removeprefix("Value error, ")
+    if first["type"] == "extra_forbidden":
+        return f"{key}: unknown key"
+    if first["type"] == "missing":
+        return f"{key}: missing"
+    if not key:
+        return message
+    return f"{key} = {first['input']!r}: {message}"
+
+
+def parse(text: str, *, origin: str, default_name: str | None = None) -> Scene:
+    """The scene in a TOML text; `origin` names it in errors.
+
+    Raises SceneError on TOML errors, unknown keys and impossible values.
+    """
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{origin}: {error}") from None
+    if default_name is not None:
+        content.setdefault("name", default_name)
+    try:
+        return Scene.model_validate(content)
+    except ValidationError as error:
+        raise SceneError(f"{origin}: {describe(error)}") from None
+
+
+def load(path: Path | str) -> Scene:
+    """The scene in a TOML file, named after the file unless it names itself."""
+    path = Path(path)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    return parse(text, origin=str(path), default_name=path.stem)

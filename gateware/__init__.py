@@ -1,0 +1,1 @@
+"""The hardware, in Amaranth. It knows the bundle and the integer reference, never torch."""

@@ -1,0 +1,1 @@
+"""The numbers: float models, training, quantisation, and the integer reference."""

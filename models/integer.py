@@ -1,0 +1,309 @@
+"""The integer reference: each stage's arithmetic, defined once.
+
+Training, emulator, benches and hardware share these classes. Each is a frozen set of tables and widths
+that checks itself and is called on int64 arrays; hardware equals it bit for bit.
+Equations: Lu et al., "FasTac", section "FPGA-Based Edge Deployment".
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from .fixed import exact_matmul, round_shift, signed_width
+
+
+def _fits(name: str, values, bits: int, *, signed: bool) -> None:
+    low, high = (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
+    values = np.asarray(values)
+    if values.size and (values.min() < low or values.max() > high):
+        raise ValueError(f"{name} {values.min()} to {values.max()}: expected {low} to {high}")
+
+
+@dataclass(frozen=True, eq=False)
+class Requantisation:
+    """`clip(floor(multiplier * max(0, a) / 2**shift), 0, 2**bits - 1)`, the paper's q^(l+1).
+
+    One multiplier per neuron, of at most 17 bits: it shares a DSP48E2 through the signed 18-bit port.
+    """
+
+    multiplier: np.ndarray  # (neurons,)
+    shift: int
+    bits: int = 7
+
+    def __post_init__(self):
+        if self.multiplier.min() < 1:
+            raise ValueError(f"multiplier {self.multiplier.min()}: expected at least 1")
+        _fits("multiplier", self.multiplier, 17, signed=False)
+        if not 0 <= self.shift < 48:
+            raise ValueError(f"shift {self.shift}: expected 0 to 47")
+
+    def __call__(self, a: np.ndarray) -> np.ndarray:
+        """Accumulators (..., neurons) to activations (..., neurons)."""
+        return np.minimum((np.maximum(a, 0) * self.multiplier) >> self.shift, (1 << self.bits) - 1)
+
+
+@dataclass(frozen=True, eq=False)
+class Layer:
+    """A fully connected layer: `weight @ x + bias`, then ReLU and requantisation unless it is the last."""
+
+    weight: np.ndarray  # (neurons, inputs)
+    bias: np.ndarray  # (neurons,)
+    input_limit: np.ndarray  # (inputs,), the largest magnitude of each input
+    weight_bits: int = 8
+    requantisation: Requantisation | None = None
+
+    def __post_init__(self):
+        _fits("weight", self.weight, self.weight_bits, signed=True)
+
+    @cached_property
+    def accumulator_bound(self) -> int:
+        """max over neurons of Σ|w|·|x|max + |b|."""
+        return int((np.abs(self.weight) @ self.input_limit + np.abs(self.bias)).max())
+
+    @property
+    def accumulator_width(self) -> int:
+        return signed_width(self.accumulator_bound)
+
+    def accumulate(self, x: np.ndarray) -> np.ndarray:
+        """Inputs (..., inputs) to biased accumulators (..., neurons)."""
+        return exact_matmul(x, self.weight.T, self.accumulator_bound) + self.bias
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        a = self.accumulate(x)
+        return a if self.requantisation is None else self.requantisation(a)
+
+
+@dataclass(frozen=True)
+class GradientRatio:
+    """Slopes p = −n_x/n_z, q = −n_y/n_z in words of `width` bits, `fraction` of them behind the point.
+
+    Magnitudes are rounded to the nearest, halves up, and saturate at 2**(width−1) − 1. Where n_z <= 0 the
+    surface is no graph over the image: the slope saturates in the direction of n, and is 0 where that
+    component is 0.
+    """
+
+    normal_width: int
+    width: int
+    fraction: int
+
+    @property
+    def limit(self) -> int:
+        return (1 << (self.width - 1)) - 1
+
+    def __call__(self, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Normals (..., 3) of any length to slopes (..., 2) and saturated (..., 2) bool."""
+        n_xy, n_z = normal[..., :2], normal[..., 2:]
+        divisor = np.where(n_z > 0, n_z, 1)
+        magnitude = ((np.abs(n_xy) << (self.fraction + 1)) + divisor) // (2 * divisor)
+        magnitude = np.where(n_z > 0, magnitude, np.where(n_xy == 0, 0, self.limit))
+        saturated = (magnitude > self.limit) | (n_z <= 0)
+        return -np.sign(n_xy) * np.minimum(magnitude, self.limit), saturated
+
+
+@dataclass(frozen=True, eq=False)
+class PoissonSource:
+    """The right-hand side on the inner region: divergence of the slopes less `offset`.
+
+    `central`: p[i,j+1] − p[i,j−1] + q[i+1,j] − q[i−1,j], one fractional bit more than the slopes.
+    `backward`: p[i,j] − p[i,j−1] + q[i,j] − q[i−1,j], the paper's.
+    `offset` is the boundary prior's term Σ D_prior of the neighbours on the boundary (absolute depth), or
+    the source of the background's slopes (difference from the background).
+    """
+
+    divergence: str
+    gradient_width: int
+    offset: np.ndarray  # (H − 2, W − 2)
+
+    def __post_init__(self):
+        if self.divergence not in ("central", "backward"):
+            raise ValueError(f"divergence {self.divergence!r}: expected central or backward")
+
+    @property
+    def terms(self) -> int:
+        """How many slopes enter one value, each with weight ±1."""
+        return 4
+
+    @cached_property
+    def bound(self) -> int:
+        return self.terms * ((1 << (self.gradient_width - 1)) - 1) + int(np.abs(self.offset).max())
+
+    @property
+    def width(self) -> int:
+        return signed_width(self.bound)
+
+    def __call__(self, slopes: np.ndarray) -> np.ndarray:
+        """Slopes (..., H, W, 2) to the source (..., H − 2, W − 2)."""
+        return divergence_of(slopes, self.divergence) - self.offset
+
+
+def divergence_of(slopes: np.ndarray, divergence: str) -> np.ndarray:
+    """Slopes (..., H, W, 2) to their divergence (..., H − 2, W − 2); see PoissonSource for its units."""
+    p, q = slopes[..., 0], slopes[..., 1]
+    if divergence == "central":
+        return (p[..., 1:-1, 2:] - p[..., 1:-1, :-2]) + (q[..., 2:, 1:-1] - q[..., :-2, 1:-1])
+    return (p[..., 1:-1, 1:-1] - p[..., 1:-1, :-2]) + (q[..., 1:-1, 1:-1] - q[..., :-2, 1:-1])
+
+
+@dataclass(frozen=True, eq=False)
+class SineTransform:
+    """One orthonormal DST-I pass along rows: `round_shift(matrix @ x, shift)`.
+
+    matrix[k, n] = round(2**coefficient_fraction · sqrt(2/(N+1)) · sin(π(k+1)(n+1)/(N+1))).
+    `bound` is the largest magnitude of the output that any input of the whole chain can reach.
+    """
+
+    matrix: np.ndarray  # (N, N)
+    shift: int
+    input_width: int
+    output_width: int
+
+    def __post_init__(self):
+        n = len(self.matrix)
+        if self.matrix.shape != (n, n) or not np.array_equal(self.matrix, self.matrix.T):
+            raise ValueError(f"matrix {self.matrix.shape}: expected square and symmetric")
+        if self.shift < 1:
+            raise ValueError(f"shift {self.shift}: expected at least 1")
+
+    @property
+    def size(self) -> int:
+        return len(self.matrix)
+
+    @property
+    def coefficient_width(self) -> int:
+        return signed_width(int(np.abs(self.matrix).max()))
+
+    @cached_property
+    def accumulator_bound(self) -> int:
+        """max over rows of Σ|coefficient|·|x|max, plus the half unit that rounding adds."""
+        return (int(np.abs(self.matrix).sum(axis=1).max()) << (self.input_width - 1)) + (1 << self.shift >> 1)
+
+    @property
+    def accumulator_width(self) -> int:
+        return signed_width(self.accumulator_bound)
+
+    def __call__(self, rows: np.ndarray) -> np.ndarray:
+        """Rows (..., N) to their transforms (..., N)."""
+        return round_shift(exact_matmul(rows, self.matrix, self.accumulator_bound), self.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class EigenvalueDivision:
+    """`round_shift(−x · mantissa, shift)`, element by element.
+
+    The eigenvalues 2cos(πm/(N+1)) + 2cos(πn/(N+1)) − 4 are negative; mantissa · 2**−shift is the reciprocal
+    of their magnitude times the change of units, the mantissa normalised to 17 bits.
+    """
+
+    mantissa: np.ndarray  # (N, N) unsigned, 2**16 … 2**17 − 1
+    shift: np.ndarray  # (N, N)
+    input_width: int
+    output_width: int
+
+    def __post_init__(self):
+        _fits("mantissa", self.mantissa, 17, signed=False)
+        _fits("shift", self.shift - 1, 6, signed=False)
+        for table in (self.mantissa, self.shift):
+            if not np.array_equal(table, table.T):
+                raise ValueError("table: expected symmetric")
+
+    @property
+    def product_width(self) -> int:
+        return self.input_width + 17
+
+    def __call__(self, coefficients: np.ndarray) -> np.ndarray:
+        """Coefficients (..., N, N), of either orientation, to the solution's coefficients."""
+        return round_shift(-coefficients * self.mantissa, self.shift)
+
+
+@dataclass(frozen=True, eq=False)
+class Depth:
+    """What leaves the solver: the depth, and the displacement from rest.
+
+    `absolute`: depth = z, displacement = rest − z, `rest` being what the pipeline finds at rest.
+    `difference`: depth = rest + z, displacement = −z, `rest` being the known skin.
+    """
+
+    mode: str
+    input_width: int
+    rest: np.ndarray  # (N, N)
+
+    def __post_init__(self):
+        if self.mode not in ("absolute", "difference"):
+            raise ValueError(f"mode {self.mode!r}: expected absolute or difference")
+
+    @cached_property
+    def width(self) -> int:
+        """Bits of depth and of displacement alike."""
+        return signed_width((1 << (self.input_width - 1)) + int(np.abs(self.rest).max()))
+
+    def __call__(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Solutions (..., N, N) to depth and displacement of the same shape."""
+        if self.mode == "absolute":
+            return z, self.rest - z
+        return self.rest + z, -z
+
+
+@dataclass(frozen=True)
+class DisplacementQuantiser:
+    """`q = clip(round_shift(max(d, 0), shift), 0, 2**bits − 1)`, the paper's Q_z."""
+
+    input_width: int
+    shift: int
+    bits: int
+
+    def __call__(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Displacements of any shape to unsigned words, and which of them saturated."""
+        scaled = round_shift(np.maximum(d, 0), self.shift)
+        top = (1 << self.bits) - 1
+        return np.minimum(scaled, top), scaled > top
+
+
+@dataclass(frozen=True, eq=False)
+class PatchForce:
+    """Position-dependent K×K kernels on the displacement, summed over the frame: A = Σ_p Σ_m k_{p,m} v_{p,m}.
+
+    Outside the inner region the displacement is zero.
+    """
+
+    kernel: np.ndarray  # (axes, N, N, K, K)
+    kernel_bits: int
+    displacement_bits: int
+
+    def __post_init__(self):
+        _fits("kernel", self.kernel, self.kernel_bits, signed=True)
+
+    @property
+    def size(self) -> int:
+        """K, the side of the window."""
+        return self.kernel.shape[-1]
+
+    @cached_property
+    def pixel_bound(self) -> int:
+        return int(np.abs(self.kernel).sum(axis=(-2, -1)).max()) * ((1 << self.displacement_bits) - 1)
+
+    @cached_property
+    def bound(self) -> int:
+        """Σ|k|·(2**displacement_bits − 1) over the whole frame, the worst axis."""
+        return int(np.abs(self.kernel).sum(axis=(1, 2, 3, 4)).max()) * ((1 << self.displacement_bits) - 1)
+
+    @property
+    def pixel_width(self) -> int:
+        return signed_width(self.pixel_bound)
+
+    @property
+    def width(self) -> int:
+        return signed_width(self.bound)
+
+    def force_map(self, q: np.ndarray) -> np.ndarray:
+        """Displacement words (..., N, N) to pixel-wise responses (..., axes, N, N)."""
+        half = self.size // 2
+        padding = [(0, 0)] * (q.ndim - 2) + [(half, half), (half, half)]
+        windows = np.lib.stride_tricks.sliding_window_view(
+            np.pad(q, padding), (self.size, self.size), axis=(-2, -1)
+        )
+        return np.einsum("...ijkl,aijkl->...aij", windows, self.kernel)
+
+    def __call__(self, q: np.ndarray) -> np.ndarray:
+        """Displacement words (..., N, N) to raw accumulators (..., axes)."""
+        return self.force_map(q).sum(axis=(-2, -1))

@@ -1,0 +1,48 @@
+"""What the camera makes of the light: exposure, noise, 8-bit digital numbers."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from fastac.scene import Sensor
+from sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
+from sensor.light import irradiance
+
+BACKGROUND_EXPOSURES = 16
+"""Frames that a background is averaged over, as users do to be rid of its noise."""
+
+
+@lru_cache
+def _at_rest(sensor: Sensor) -> np.ndarray:
+    return irradiance(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
+
+
+def exposure(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """The noise-free image in digital numbers, (H, W, C) float64, not yet clipped to 8 bits.
+
+    Each channel's gain brings the brightest pixel of the untouched skin to `sensor.light.brightest_dn`.
+    """
+    gain = sensor.light.brightest_dn / _at_rest(sensor).max(axis=(0, 1))
+    return gain * irradiance(normals, depth_mm, sensor)
+
+
+def _expose(image: np.ndarray, noise_dn: float, rng: np.random.Generator) -> np.ndarray:
+    noisy = image + noise_dn * rng.standard_normal(image.shape)
+    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+
+
+def render(
+    normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor, rng: np.random.Generator
+) -> np.ndarray:
+    """One frame (H, W, C) uint8 of a skin with outward unit normals (H, W, 3) and z = depth_mm (H, W).
+
+    Channels are the sensor's, in its order. Gaussian noise of `sensor.noise_dn`, then rounding.
+    """
+    return _expose(exposure(normals, depth_mm, sensor), sensor.noise_dn, rng)
+
+
+def background(sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
+    """The untouched skin (H, W, C) uint8: the rounded mean of several frames."""
+    image = exposure(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
+    frames = [_expose(image, sensor.noise_dn, rng) for _ in range(BACKGROUND_EXPOSURES)]
+    return np.rint(np.mean(frames, axis=0)).astype(np.uint8)

@@ -1,0 +1,1 @@
+"""cocotb and Verilator benches: bit-exact values, exact cycle counts."""
