@@ -41,15 +41,15 @@ class Elastomer(Strict):
 class Light(Strict):
     """Four sources behind the skeleton, at the corners, R opposite G and B opposite NIR, seen along z."""
 
-    distance_mm: Positive = 13.0
+    distance_mm: Positive = 14.0
     """From the image's axis to each source."""
-    below_mm: Positive = 5.0
+    below_mm: Positive = 8.0
     """From the lowest corner of the skin down to the sources."""
-    softening_mm: Annotated[float, Field(ge=0)] = 6.0
+    softening_mm: Annotated[float, Field(ge=0)] = 8.0
     """Size of the glow that the scattering skeleton makes of each source."""
     ambient: Annotated[float, Field(ge=0, lt=1)] = 0.15
     """Share of the light that arrives from everywhere."""
-    brightest_dn: Annotated[float, Field(gt=0, le=255)] = 170.0
+    brightest_dn: Annotated[float, Field(gt=0, le=255)] = 150.0
     """Brightest pixel of the background, in each channel, in 8-bit digital numbers."""
 
 
@@ -64,7 +64,12 @@ class Sensor(Strict):
     elastomer: Elastomer = Elastomer()
     light: Light = Light()
     noise_dn: Annotated[float, Field(ge=0)] = 1.0
-    """Standard deviation of the camera's noise in 8-bit digital numbers."""
+    """Standard deviation of the camera's read noise in 8-bit digital numbers."""
+    electrons_per_dn: Positive = 8.0
+    """Photon noise: a value of n digital numbers stands for n times as many electrons, and varies by their
+    root. 8 is a pixel of 8,000 electrons' full well at an analogue gain of 4, as short exposures need."""
+    grain: Annotated[float, Field(ge=0, lt=0.3)] = 0.04
+    """Standard deviation of the painted skin's albedo from pixel to pixel; the pattern is fixed."""
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -86,6 +91,8 @@ class Numbers(Strict):
     """Word lengths. Widths that are not listed follow from computed bounds."""
 
     weight_bits: Annotated[int, Field(ge=3, le=8)] = 8
+    last_weight_bits: Annotated[int, Field(ge=3, le=16)] = 12
+    """Of the layer whose outputs are kept wide."""
     activation_bits: Annotated[int, Field(ge=3, le=7)] = 7
     gradient_fraction_bits: Annotated[int, Field(ge=6, le=16)] = 14
     slope_limit: Literal[1, 2, 4, 8] = 4
@@ -116,12 +123,14 @@ class Training(Strict):
     seed: Annotated[int, Field(ge=0)] = 1
     normals_epochs: Count = 30
     normals_batch_px: Count = 8192
-    normals_learning_rate: Positive = 1e-3
+    normals_learning_rate: Positive = 2e-3
     input_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Standard deviation of the noise added to ΔI in training, as a fraction of its spread."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
-    finetune_epochs: Annotated[int, Field(ge=0)] = 10
+    finetune_epochs: Annotated[int, Field(ge=0)] = 60
+    finetune_learning_rate: Positive = 0.6
+    """In units of the last place of the integer weights."""
     force_epochs: Count = 60
     force_batch: Count = 8
     force_learning_rate: Positive = 1e-3

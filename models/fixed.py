@@ -62,3 +62,11 @@ def exact_matmul(a: np.ndarray, b: np.ndarray, bound: int) -> np.ndarray:
     else:
         raise ValueError(f"bound {bound}: sums of 2**53 and more are not exact in float64")
     return (a.astype(real) @ b.astype(real)).astype(np.int64)
+
+
+def to_words(values: np.ndarray, word: Fixed) -> np.ndarray:
+    """Real values to the nearest words of a format; raises ValueError where one does not fit."""
+    words = np.rint(np.asarray(values) * 2.0**word.fraction).astype(np.int64)
+    if words.size and np.abs(words).max() > word.limit:
+        raise ValueError(f"value {np.abs(values).max():.6g}: does not fit {word}")
+    return words

@@ -17,32 +17,38 @@ def _at_rest(sensor: Sensor) -> np.ndarray:
     return irradiance(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
 
 
+@lru_cache
+def _albedo(sensor: Sensor) -> np.ndarray:
+    """The skin's albedo relative to its mean, (H, W): part of the sensor, the same in every frame."""
+    pattern = np.random.default_rng(0).standard_normal((sensor.height_px, sensor.width_px))
+    return np.maximum(1 + sensor.grain * pattern, 0)
+
+
 def exposure(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.ndarray:
     """The noise-free image in digital numbers, (H, W, C) float64, not yet clipped to 8 bits.
 
-    Each channel's gain brings the brightest pixel of the untouched skin to `sensor.light.brightest_dn`.
+    The paint's grain scales all channels alike. Each channel's gain brings the brightest pixel of the untouched skin to `sensor.light.brightest_dn`.
     """
     gain = sensor.light.brightest_dn / _at_rest(sensor).max(axis=(0, 1))
-    return gain * irradiance(normals, depth_mm, sensor)
+    return gain * irradiance(normals, depth_mm, sensor) * _albedo(sensor)[..., None]
 
 
-def _expose(image: np.ndarray, noise_dn: float, rng: np.random.Generator) -> np.ndarray:
-    noisy = image + noise_dn * rng.standard_normal(image.shape)
-    return np.clip(np.rint(noisy), 0, 255).astype(np.uint8)
+def _expose(image: np.ndarray, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
+    """One exposure of a noise-free image: photon noise, read noise, rounding to 8 bits."""
+    deviation = np.sqrt(sensor.noise_dn**2 + np.maximum(image, 0) / sensor.electrons_per_dn)
+    return np.clip(np.rint(image + deviation * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
 
 
-def render(
-    normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor, rng: np.random.Generator
-) -> np.ndarray:
+def render(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """One frame (H, W, C) uint8 of a skin with outward unit normals (H, W, 3) and z = depth_mm (H, W).
 
-    Channels are the sensor's, in its order. Gaussian noise of `sensor.noise_dn`, then rounding.
+    Channels are the sensor's, in its order. See `_expose` for the noise.
     """
-    return _expose(exposure(normals, depth_mm, sensor), sensor.noise_dn, rng)
+    return _expose(exposure(normals, depth_mm, sensor), sensor, rng)
 
 
 def background(sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """The untouched skin (H, W, C) uint8: the rounded mean of several frames."""
     image = exposure(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
-    frames = [_expose(image, sensor.noise_dn, rng) for _ in range(BACKGROUND_EXPOSURES)]
+    frames = [_expose(image, sensor, rng) for _ in range(BACKGROUND_EXPOSURES)]
     return np.rint(np.mean(frames, axis=0)).astype(np.uint8)

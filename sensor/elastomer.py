@@ -48,7 +48,7 @@ class Contact:
 
 
 def layer_compliance(k: np.ndarray, elastomer: Elastomer) -> np.ndarray:
-    """Surface displacement over pressure of the bonded layer, in mm/MPa, at angular wavenumbers k ≥ 0 in 1/mm.
+    """Surface displacement over pressure of the bonded layer, mm/MPa, at angular wavenumbers k ≥ 0 in 1/mm.
 
     With x = k·h, κ = 3 − 4ν:
     2(1 − ν²)/(E k) · (κ sinh 2x − 2x) / (κ cosh 2x + 2x² + (κ² + 1)/2),
@@ -152,9 +152,8 @@ class Layer:
         if under[touching].min() < (0.05 * ball_mm) ** 2:
             raise ContactError(f"{where}: the skin reaches the ball's equator")
         if approach > self.sensor.elastomer.thickness_mm:
-            raise ContactError(
-                f"{where}: sinks {approach:.2f} mm into {self.sensor.elastomer.thickness_mm:g} mm of elastomer"
-            )
+            thickness = self.sensor.elastomer.thickness_mm
+            raise ContactError(f"{where}: sinks {approach:.2f} mm into {thickness:g} mm of elastomer")
 
     @staticmethod
     def _solve(apply, free_gap, allowed, total):

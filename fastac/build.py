@@ -1,0 +1,170 @@
+"""The main job: from a scene to trained integers, Verilog, its proof on real frames, and the report."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+from fastac import accuracy, hardware, training
+from fastac import report as reporting
+from fastac.scene import Scene
+from fastac.workspace import Step, Workspace, digest_file, write_json
+from models import bundle
+from sensor import dataset, fingertip
+
+TRAINING_SOURCES = ("models/*.py", "fastac/training.py", "sensor/samples.py")
+HARDWARE_SOURCES = ("gateware/*.py", "models/integer.py", "models/fixed.py", "fastac/hardware.py")
+
+
+class BuildError(ValueError):
+    """A build that cannot start; the message is one line."""
+
+
+@dataclass
+class Build:
+    """The steps of one scene's build, all files in `folder`."""
+
+    scene: Scene
+    folder: Path
+    data_file: Path | None = None
+    progress: bool = True
+
+    def __post_init__(self):
+        if self.scene.sensor.source == "recorded" and self.data_file is None:
+            raise BuildError(
+                f"scene {self.scene.name}: sensor.source = 'recorded': give the recording with --data FILE"
+            )
+        self.folder.mkdir(parents=True, exist_ok=True)
+
+    @property
+    def data_path(self) -> Path:
+        return self.data_file or self.folder / "data.h5"
+
+    @cached_property
+    def data(self) -> dataset.Dataset:
+        return dataset.read(self.data_path, self.scene)
+
+    @cached_property
+    def bundle(self) -> bundle.Bundle:
+        return bundle.load(self.folder / "bundle")
+
+    def _generate(self) -> None:
+        if self.data_file is None:
+            fingertip.generate(self.scene, self.data_path, progress=self.progress)
+        training.require(self.data, self.scene, self.data_path)
+
+    def _assemble(self) -> None:
+        training.assemble(self.data, self.scene, self.folder, self.folder / "bundle")
+
+    def _evaluate(self) -> None:
+        index = accuracy.choose(self.data, "test", self.data_path)
+        errors, _ = accuracy.compare(self.bundle, self.data, index, progress=self.progress)
+        write_json(self.folder / "accuracy.json", {"split": "test", "frames": len(index), **errors})
+
+    def _simulate(self) -> None:
+        index = accuracy.spread(self.data.indices("test"), self.scene.simulation.frames)
+        found = hardware.simulate(
+            self.bundle,
+            self.data,
+            index,
+            self.folder / "verilog",
+            self.folder / "sim",
+            progress=self.progress,
+        )
+        write_json(self.folder / "sim.json", {"frame_indices": index.tolist(), **found})
+
+    def _report(self) -> None:
+        reporting.write(self.folder, self.bundle, self.data)
+
+    def steps(self) -> list[Step]:
+        scene, folder, progress = self.scene, self.folder, self.progress
+        content = scene.model_dump(mode="json")
+
+        def settings(*names: str) -> dict:
+            return {name: content[name] for name in ("outputs", "sensor", *names)}
+
+        source = settings("protocol") if self.data_file is None else digest_file(self.data_file)
+        weights, integers = folder / "normals.npz", folder / "integers.npz"
+        steps = [
+            Step(
+                "data",
+                self._generate,
+                source,
+                ("sensor/*.py",),
+                () if self.data_file else ("data.h5",),
+            ),
+            Step(
+                "normals",
+                lambda: training.normals(self.data, scene, weights, progress=progress),
+                settings("training"),
+                TRAINING_SOURCES,
+                ("normals.npz",),
+                ("data",),
+            ),
+            Step(
+                "integers",
+                lambda: training.integers(self.data, scene, weights, integers, progress=progress),
+                settings("training", "numbers"),
+                TRAINING_SOURCES,
+                ("integers.npz",),
+                ("normals",),
+            ),
+        ]
+        if scene.wants_force:
+            steps.append(
+                Step(
+                    "force",
+                    lambda: training.force(
+                        self.data, scene, weights, folder / "force.npz", progress=progress
+                    ),
+                    settings("training", "numbers", "poisson", "force"),
+                    TRAINING_SOURCES,
+                    ("force.npz",),
+                    ("normals",),
+                )
+            )
+        trained = ("integers", "force") if scene.wants_force else ("integers",)
+        return [
+            *steps,
+            Step("bundle", self._assemble, content, TRAINING_SOURCES, ("bundle",), trained),
+            Step(
+                "evaluate",
+                self._evaluate,
+                None,
+                ("models/*.py", "fastac/accuracy.py"),
+                ("accuracy.json",),
+                ("bundle",),
+            ),
+            Step(
+                "verilog",
+                lambda: hardware.write_verilog(self.bundle, folder / "verilog", progress=progress),
+                None,
+                HARDWARE_SOURCES,
+                ("verilog",),
+                ("bundle",),
+            ),
+            Step(
+                "sim",
+                self._simulate,
+                None,
+                (*HARDWARE_SOURCES, "sim/*.py", "models/pipeline.py"),
+                ("sim.json",),
+                ("verilog",),
+            ),
+            Step(
+                "report",
+                self._report,
+                None,
+                ("fastac/report*.py", "fastac/*.j2"),
+                ("report.json", "report.html"),
+                ("evaluate", "sim"),
+            ),
+        ]
+
+    def run(self, announce: Callable[[str, bool], None], *, until: str | None = None) -> None:
+        """Perform the steps in order, those that are up to date excepted; `until` names the last one."""
+        workspace = Workspace(self.folder)
+        for step in self.steps():
+            workspace.perform(step, announce)
+            if step.name == until:
+                return

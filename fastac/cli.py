@@ -1,0 +1,303 @@
+"""The command line."""
+
+import json
+import sys
+from pathlib import Path
+
+import click
+import h5py
+import numpy as np
+
+from fastac import scene as scenes
+
+INPUT = click.Path(path_type=Path)
+SPLITS = click.Choice(["train", "validation", "test", "all"])
+
+
+class Group(click.Group):
+    """Errors that users can mend end in one line, not in a traceback."""
+
+    def invoke(self, context):
+        try:
+            return super().invoke(context)
+        except (ValueError, OSError, RuntimeError) as error:
+            raise click.ClickException(" ".join(str(error).split()) or repr(error)) from error
+
+
+def progress_option(command):
+    return click.option("--progress/--no-progress", default=True, help="Show progress bars on stderr.")(
+        command
+    )
+
+
+def output_option(default: str, text: str):
+    return click.option("-o", "--output", type=INPUT, default=None, help=f"{text} [default: {default}]")
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="fastac")
+def main():
+    """Vision-based tactile fingertips as verified FPGA hardware.
+
+    A SCENE is a TOML file that says what one sensor and task require. A BUNDLE is the folder that training
+    writes: every integer of the model; a build folder that contains one will do. DATA is an HDF5 dataset,
+    generated or imported. `fastac build SCENE` runs everything in order.
+    """
+
+
+def load_bundle(path: Path):
+    """The bundle in a folder, or in a build folder's `bundle`."""
+    from models import bundle
+
+    inside = path / "bundle"
+    return bundle.load(inside if (inside / "bundle.json").exists() else path)
+
+
+def build_folder(scene, output: Path | None) -> Path:
+    return output or Path("build") / scene.name
+
+
+def announce(name: str, current: bool) -> None:
+    click.echo(f"{name:10s} {'up to date' if current else 'running'}", err=True)
+
+
+def run_build(scene, folder: Path, data: Path | None, progress: bool, until: str | None) -> None:
+    from fastac.build import Build
+
+    Build(scene, folder, data, progress).run(announce, until=until)
+
+
+@main.command()
+@click.argument("scene", type=INPUT)
+@output_option("build/SCENE/data.h5", "The dataset to write.")
+@progress_option
+def data(scene, output, progress):
+    """Press the virtual fingertip of SCENE on the paper's three grids and write the dataset."""
+    from sensor.fingertip import generate
+
+    scene = scenes.load(scene)
+    output = output or build_folder(scene, None) / "data.h5"
+    output.parent.mkdir(parents=True, exist_ok=True)
+    generate(scene, output, progress=progress)
+    click.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB, simulated")
+
+
+@main.group("import", cls=Group)
+def import_():
+    """Turn recordings into datasets."""
+
+
+@import_.command("ball-press")
+@click.argument("folder", type=INPUT)
+@click.option(
+    "--labels", type=INPUT, required=True, help="CSV: image, center_x_px, center_y_px, radius_px, split."
+)
+@click.option("--background", type=INPUT, required=True, help="Photograph with nothing touching.")
+@click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
+@click.option("--px-per-mm", type=float, required=True, help="Scale of the original photographs.")
+@click.option(
+    "--height-px", type=click.IntRange(16, 256), default=128, show_default=True, help="Rows to resample to."
+)
+@click.option(
+    "--width-px", type=click.IntRange(16, 256), default=128, show_default=True, help="Columns likewise."
+)
+@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_px, output):
+    """Import photographs of a ball pressed onto a flat gel, from FOLDER.
+
+    Photographs are padded to the aspect of the target with the background, which is not valid, and resampled
+    by area. Normals are known inside the labelled contact circle; around it they are unknown.
+    """
+    from sensor.ball_press import import_folder
+    from sensor.dataset import read
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_folder(
+        folder,
+        labels,
+        background,
+        ball_mm=ball_mm,
+        px_per_mm=px_per_mm,
+        output=output,
+        height_px=height_px,
+        width_px=width_px,
+    )
+    written = read(output)
+    counts = ", ".join(f"{len(written.indices(s))} {s}" for s in ("train", "validation", "test"))
+    click.echo(f"{output}: {len(written)} frames ({counts}), pitch {written.pitch_mm:.5f} mm")
+
+
+@main.command()
+@click.argument("scene", type=INPUT)
+@click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")
+@output_option("build/SCENE", "The build folder.")
+@progress_option
+def train(scene, data, output, progress):
+    """Train and quantise the models of SCENE; writes the bundle. Resumes after an interruption."""
+    scene = scenes.load(scene)
+    folder = build_folder(scene, output)
+    run_build(scene, folder, data, progress, until="bundle")
+    click.echo(f"{folder / 'bundle'}: sha256 {load_bundle(folder).digest}")
+
+
+def print_errors(errors: dict) -> None:
+    click.echo(f"{'':34s} {'float':>12s} {'integer':>12s} {'growth':>9s}")
+    for key, value in errors["float"].items():
+        growth = errors["growth_percent"].get(key)
+        change = "" if growth is None else f"{growth:+8.2f}%"
+        click.echo(f"{key:34s} {value:12.6f} {errors['integer'][key]:12.6f} {change:>9s}")
+    for key, count in errors["saturated_values"].items():
+        click.echo(f"{key:34s} {'':12s} {count:12d} values")
+
+
+@main.command()
+@click.argument("bundle", type=INPUT)
+@click.option("--data", type=INPUT, required=True, help="Dataset with ground truth.")
+@click.option("--split", type=SPLITS, default="test", show_default=True)
+@click.option("--json", "json_file", type=INPUT, help="Write the errors here too.")
+@progress_option
+def evaluate(bundle, data, split, json_file, progress):
+    """Errors of the float and the integer model of BUNDLE against ground truth."""
+    from fastac import accuracy
+    from fastac.workspace import write_json
+    from sensor import dataset
+
+    model = load_bundle(bundle)
+    samples = dataset.read(data, model.scene)
+    index = accuracy.choose(samples, split, data)
+    errors, _ = accuracy.compare(model, samples, index, progress=progress)
+    if json_file:
+        write_json(json_file, {"data": str(data), "split": split, "frames": len(index), **errors})
+    click.echo(f"{data}: {len(index)} frames, {samples.source}")
+    print_errors(errors)
+
+
+@main.command()
+@click.argument("bundle", type=INPUT)
+@click.argument("data", type=INPUT)
+@click.option("--float", "use_float", is_flag=True, help="Run the float models instead of the integers.")
+@click.option("--split", type=SPLITS, default="all", show_default=True)
+@click.option("-o", "--output", type=INPUT, required=True, help="HDF5 file to write.")
+@progress_option
+def predict(bundle, data, use_float, split, output, progress):
+    """Normals, depth_mm and force_n of the frames in DATA, as BUNDLE's scene wants them.
+
+    The integers are those of the hardware, bit for bit.
+    """
+    from fastac import accuracy
+    from models.float_pipeline import FloatPipeline
+    from sensor import dataset
+
+    model = load_bundle(bundle)
+    samples = dataset.read(data, model.scene)
+    index = accuracy.choose(samples, split, data)
+    pipeline = FloatPipeline.from_bundle(model) if use_float else model.pipeline
+    result = accuracy.of_dataset(pipeline, samples).run(samples.frames[index], progress=progress)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    temporary = output.with_name(f".{output.name}.part")
+    with h5py.File(temporary, "w") as file:
+        file.attrs["bundle_sha256"] = model.digest
+        file.attrs["arithmetic"] = "float" if use_float else "integer"
+        file.attrs["pitch_mm"] = samples.pitch_mm
+        file["frame_index"] = index
+        wanted = {"normals": "normals", "depth_mm": "depth", "force_n": "force_z"}
+        for name, want in wanted.items():
+            value = getattr(result, name)
+            if value is not None and want in model.scene.outputs:
+                file[name] = np.asarray(value, np.float32)
+        written = sorted(set(file) - {"frame_index"})
+    temporary.replace(output)
+    click.echo(f"{output}: {', '.join(written)} of {len(index)} frames")
+
+
+@main.command()
+@click.argument("bundle", type=INPUT)
+@output_option("BUNDLE/verilog", "Folder to write; replaced when the new one is complete.")
+@progress_option
+def verilog(bundle, output, progress):
+    """Verilog of BUNDLE for the XCZU19EG, linted, with Vivado's script and constraints."""
+    from fastac import hardware
+
+    output = output or bundle / "verilog"
+    hardware.write_verilog(load_bundle(bundle), output, progress=progress)
+    file = output / f"{hardware.NAME}.v"
+    click.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB")
+
+
+@main.command()
+@click.argument("bundle", type=INPUT)
+@click.option("--data", type=INPUT, required=True, help="Dataset to take frames from.")
+@click.option("--split", type=SPLITS, default="test", show_default=True)
+@click.option(
+    "--frames", type=click.IntRange(min=2), help="How many, spread over the split. [default: the scene's]"
+)
+@click.option(
+    "--verilog", "verilog_folder", type=INPUT, help="Folder of `fastac verilog`. [default: BUNDLE/verilog]"
+)
+@output_option("BUNDLE/sim", "Folder for the simulator and its logs.")
+@progress_option
+def sim(bundle, data, split, frames, verilog_folder, output, progress):
+    """Send real frames through the simulated hardware and compare every value with the integer model."""
+    from fastac import accuracy, hardware
+    from sensor import dataset
+
+    model = load_bundle(bundle)
+    samples = dataset.read(data, model.scene)
+    index = accuracy.spread(accuracy.choose(samples, split, data), frames or model.scene.simulation.frames)
+    found = hardware.simulate(
+        model,
+        samples,
+        index,
+        verilog_folder or bundle / "verilog",
+        output or bundle / "sim",
+        progress=progress,
+    )
+    click.echo(json.dumps(found, indent=1))
+    if found["mismatches"]:
+        raise click.ClickException(f"{found['mismatches']} mismatches; {found['first_mismatch']}")
+
+
+def print_summary(folder: Path) -> None:
+    from fastac.report import summary_rows
+
+    report = json.loads((folder / "report.json").read_text())
+    for what, ours, paper, _ in summary_rows(report):
+        click.echo(f"{what:48s} {ours}" + (f"   (paper: {paper})" if paper else ""))
+    click.echo(f"{folder / 'report.html'}")
+
+
+@main.command()
+@click.argument("scene", type=INPUT)
+@click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")
+@output_option("build/SCENE", "The build folder.")
+@progress_option
+def build(scene, data, output, progress):
+    """From SCENE to frames, trained integers, Verilog, its proof on held-out frames, and the report.
+
+    Steps whose inputs have not changed are kept; an interrupted build resumes where it stopped.
+    """
+    scene = scenes.load(scene)
+    folder = build_folder(scene, output)
+    run_build(scene, folder, data, progress, until=None)
+    print_summary(folder)
+    mismatches = json.loads((folder / "report.json").read_text())["rtl_vs_integer"]["mismatches"]
+    if mismatches:
+        raise click.ClickException(f"{mismatches} mismatches between Verilog and integer model")
+
+
+@main.command()
+@click.argument("folder", type=INPUT)
+@click.option("--data", type=INPUT, help="The dataset of the build. [default: FOLDER/data.h5]")
+def report(folder, data):
+    """Write report.json and report.html of the build in FOLDER again, and print the summary."""
+    from fastac import report as reporting
+    from sensor import dataset
+
+    model = load_bundle(folder)
+    samples = dataset.read(data or folder / "data.h5", model.scene)
+    reporting.write(folder, model, samples)
+    print_summary(folder)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,113 @@
+"""From a bundle to Verilog and Vivado's files, and through the simulator."""
+
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from amaranth.back import verilog
+
+from fastac.workspace import write_json
+from gateware.platform_xczu19eg import write_vivado_project
+from gateware.top_zynq import TopZynq
+from models.bundle import Bundle
+from sensor.dataset import Dataset
+from sim import top as simulation
+from sim.progress import watched
+from sim.runner import EXECUTABLE, use_verilator
+
+NAME = "fastac"
+WAIVERS = Path(__file__).resolve().parent.parent / "gateware" / "lint.vlt"
+
+
+class HardwareError(RuntimeError):
+    """Hardware that cannot be built; the message is one line."""
+
+
+def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
+    """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, the map.
+
+    The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
+    waivers in gateware/lint.vlt. Raises HardwareError with its first finding otherwise.
+    """
+    top = TopZynq(bundle)
+    with watched("elaborating Verilog", enabled=progress):
+        text = verilog.convert(top, name=NAME)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    try:
+        write_vivado_project(text, temporary, bundle.scene.hardware.clock_mhz, name=NAME)
+        write_json(temporary / "hardware.json", describe(top))
+        with watched("linting", enabled=progress):
+            lint(temporary / f"{NAME}.v")
+        os.chmod(temporary, 0o755)
+        if folder.exists():
+            shutil.rmtree(folder)
+        os.replace(temporary, folder)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+
+
+def lint(source: Path) -> None:
+    """Verilator -Wall with the project's waivers; raises HardwareError with the first finding."""
+    use_verilator()
+    done = subprocess.run(
+        [EXECUTABLE, "--lint-only", "-Wall", "--top-module", NAME, WAIVERS, source],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise HardwareError(f"{source}: lint: {(done.stderr.splitlines() or ['failed'])[0]}")
+
+
+def describe(top: TopZynq) -> dict:
+    """What the design says of itself: formulas' values, ports, registers."""
+    path = top.datapath
+    latency = {"stage": path.stages, "initiation_interval": path.interval}
+    if path.wants_force:
+        latency["first_pixel_to_force"] = path.first_pixel_to_force
+    if path.wants_depth:
+        latency["first_pixel_to_depth"] = path.first_pixel_to_depth
+    return {
+        "top": NAME,
+        "bundle_sha256": top.bundle.digest,
+        "latency_cycles_by_formula": latency,
+        "multipliers": path.multipliers,
+        "registers": [
+            {"name": r.name, "offset": r.offset, "access": r.access, "meaning": r.meaning}
+            for r in top.identity.registers
+        ],
+    }
+
+
+def check_verilog(bundle: Bundle, folder: Path) -> None:
+    """Raise HardwareError unless `folder` holds the Verilog of this very bundle."""
+    try:
+        stated = json.loads((folder / "hardware.json").read_text())["bundle_sha256"]
+    except (OSError, json.JSONDecodeError, KeyError) as error:
+        raise HardwareError(f"{folder / 'hardware.json'}: {error!r}: no Verilog was written here") from None
+    if stated != bundle.digest:
+        raise HardwareError(
+            f"{folder}: bundle_sha256 = {stated[:16]}…: the bundle's is {bundle.digest[:16]}…; write it again"
+        )
+
+
+def simulate(
+    bundle: Bundle, data: Dataset, index: np.ndarray, verilog_folder: Path, folder: Path, *, progress: bool
+) -> dict:
+    """Frames `index` of a dataset through the Verilog in `verilog_folder`, back to back, all compared.
+
+    The hardware starts with the bundle's background in its memory, and so does the reference.
+    """
+    check_verilog(bundle, verilog_folder)
+    frames = data.frames[index]
+    result = bundle.pipeline.run(frames, progress=progress)
+    found = simulation.simulate(
+        bundle, verilog_folder / f"{NAME}.v", frames, result, folder, name=NAME, progress=progress
+    )
+    return found.as_dict()

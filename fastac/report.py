@@ -1,0 +1,262 @@
+"""report.json, and the page a person would rather look at."""
+
+import base64
+import io
+import json
+from pathlib import Path
+
+import jinja2
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from fastac import accuracy
+from fastac.workspace import write_json
+from models.bundle import Bundle
+from sensor.dataset import Dataset
+
+DEVICE = {"part": "xczu19eg-ffvc1760-2-i", "dsp48e2": 1968, "ramb36": 984, "uram288": 128}
+PAPER = {
+    "image_to_force_ms": 1.09,
+    "image_to_force_cycles_at_150_mhz": 163_500,
+    "normals_ms": 0.11,
+    "depth_ms": 0.87,
+    "force_ms": 0.11,
+    "float": {"gradient_mae_mm_per_px": 0.0456, "depth_mae_mm": 0.0496, "force_mae_n": 0.0668},
+    "integer": {"gradient_mae_mm_per_px": 0.0508, "depth_mae_mm": 0.0741, "force_mae_n": 0.0679},
+}
+"""Lu et al., "FasTac", Table S-I: 128×128 inputs, measured on the authors' sensor and board."""
+
+
+def estimated(value: float, formula: str) -> dict:
+    return {"value": value, "origin": f"estimated: {formula}"}
+
+
+def content(folder: Path, bundle: Bundle) -> dict:
+    """The report from what the build's steps have written; what was not obtained is absent."""
+    scene = bundle.scene
+    errors = json.loads((folder / "accuracy.json").read_text())
+    simulated = json.loads((folder / "sim.json").read_text())
+    hardware = json.loads((folder / "verilog" / "hardware.json").read_text())
+    latency = simulated["latency_cycles"]
+    clock = scene.hardware.clock_mhz
+    at = f"cycles / {clock:g} MHz, the scene's assumed clock"
+    times = {
+        key: estimated(latency[key] / clock * 1e-3, at)
+        for key in ("first_pixel_to_force", "first_pixel_to_depth", "initiation_interval")
+        if key in latency
+    }
+    multipliers = hardware["multipliers"]
+    resources = {
+        "dsp48e2": estimated(
+            sum(multipliers.values()),
+            "one DSP48E2 per product of the architecture; constant weights may become logic in synthesis",
+        ),
+        "dsp48e2_by_module": estimated(multipliers, "as dsp48e2"),
+    }
+    return {
+        "scene": scene.model_dump(mode="json"),
+        "bundle_sha256": bundle.digest,
+        "data": {**bundle.pipeline.provenance, "test_frames": errors["frames"]},
+        "frames_are": "simulated" if scene.sensor.source == "simulated" else "recorded photographs",
+        "latency_cycles": {**latency, "origin": "counted in the Verilator simulation of the top-level"},
+        "latency_cycles_by_formula": hardware["latency_cycles_by_formula"],
+        "latency_ms": times,
+        "rtl_vs_integer": {
+            "frames": simulated["frames"],
+            "values_compared": simulated["values_compared"],
+            "mismatches": simulated["mismatches"],
+            "values_by_output": simulated["values_by_output"],
+            "stream_markers_compared": simulated["markers_compared"],
+            "frame_indices": simulated["frame_indices"],
+            "error_flags": simulated["errors"],
+        },
+        "accuracy": {k: errors[k] for k in ("float", "integer", "growth_percent", "saturated_values")},
+        "bounds": bounds(bundle),
+        "resources": resources,
+        "device": DEVICE,
+        "paper": PAPER,
+    }
+
+
+def bounds(bundle: Bundle) -> dict:
+    """Every word of the datapath: its worst case and its width."""
+    pipeline = bundle.pipeline
+    found = {
+        f"fc{k}.accumulator": {"bound": layer.accumulator_bound, "width_bits": layer.accumulator_width}
+        for k, layer in enumerate(pipeline.layers)
+    }
+    ratio = pipeline.ratio
+    found["slope"] = {
+        "saturates_at": ratio.limit * 2.0**-ratio.fraction,
+        "width_bits": ratio.width,
+        "fraction_bits": ratio.fraction,
+    }
+    if pipeline.solver is not None:
+        found["source"] = {"bound": pipeline.source.bound, "width_bits": pipeline.source.width}
+        for stage in pipeline.solver.stages:
+            found[stage.name] = {
+                "bound_px": stage.bound_px,
+                "width_bits": stage.format.width,
+                "fraction_bits": stage.format.fraction,
+            }
+    if pipeline.force is not None:
+        found["displacement"] = {
+            "saturates_at_mm": ((1 << pipeline.quantiser.bits) - 1) * pipeline.displacement_mm_per_unit,
+            "width_bits": pipeline.quantiser.bits,
+        }
+        found["force.accumulator"] = {"bound": pipeline.force.bound, "width_bits": pipeline.force.width}
+    return found
+
+
+def _png(figure) -> str:
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=110, bbox_inches="tight")
+    plt.close(figure)
+    return base64.b64encode(buffer.getvalue()).decode()
+
+
+def _picture(frame: np.ndarray) -> np.ndarray:
+    """B, G, R[, NIR] to an RGB picture."""
+    return frame[..., 2::-1]
+
+
+def frames_figure(data: Dataset, index: np.ndarray, results: dict) -> str:
+    """A row per frame: input, NIR, normals, depth found, depth error or displacement."""
+    rows = []
+    for k, sample in enumerate(index):
+        frame = data.frames[sample]
+        panels = [("input (RGB)", _picture(frame), {})]
+        if frame.shape[-1] == 4:
+            panels.append(("NIR", frame[..., 3], {"cmap": "gray", "vmin": 0, "vmax": 255}))
+        found = results["integer"]
+        panels.append(("normals, integer", (found.normals[k] + 1) / 2, {}))
+        if found.depth_mm is not None:
+            panels.append(("depth, integer, mm", found.depth_mm[k], {"cmap": "viridis"}))
+            panels.append(("displacement, mm", found.displacement_mm[k], {"cmap": "magma"}))
+            if data.depth_mm is not None:
+                error = found.depth_mm[k] - data.depth_mm[sample]
+                panels.append(("depth error, mm", error, {"cmap": "coolwarm"}))
+        rows.append(panels)
+    figure, axes = plt.subplots(
+        len(rows), len(rows[0]), figsize=(2.6 * len(rows[0]), 2.5 * len(rows)), squeeze=False
+    )
+    for k, panels in enumerate(rows):
+        for axis, (title, image, style) in zip(axes[k], panels, strict=True):
+            shown = axis.imshow(image, **style)
+            axis.set_title(f"frame {index[k]}: {title}", fontsize=7)
+            axis.set_xticks([])
+            axis.set_yticks([])
+            if "mm" in title:
+                figure.colorbar(shown, ax=axis, shrink=0.75).ax.tick_params(labelsize=6)
+    return _png(figure)
+
+
+def force_figure(data: Dataset, index: np.ndarray, results: dict) -> str:
+    """Force found against true force."""
+    figure, axis = plt.subplots(figsize=(4, 4))
+    truth = data.force_n[index][:, 2]
+    for name, marker in (("float", "o"), ("integer", "x")):
+        axis.plot(truth, results[name].force_n[:, 0], marker, markersize=4, label=name, alpha=0.6)
+    limit = truth.max() * 1.15
+    axis.plot([0, limit], [0, limit], "k--", linewidth=0.8)
+    axis.set_xlabel("true F_z, N")
+    axis.set_ylabel("found F_z, N")
+    axis.legend()
+    return _png(figure)
+
+
+def cycles_figure(report: dict) -> str:
+    """Where the cycles go, stage by stage."""
+    stages = report["latency_cycles_by_formula"]["stage"]
+    figure, axis = plt.subplots(figsize=(8, 1.8))
+    left = 0
+    for k, (name, cycles) in enumerate(stages.items()):
+        axis.barh(0, cycles, left=left, color=plt.cm.tab20(k), label=f"{name}: {cycles:,}")
+        left += cycles
+    axis.set_yticks([])
+    axis.set_xlabel("clock cycles from the first pixel")
+    axis.legend(fontsize=6, ncol=4, loc="upper center", bbox_to_anchor=(0.5, -0.35))
+    return _png(figure)
+
+
+def curves_figure(bundle: Bundle) -> str:
+    """Learning curves of every training step."""
+    names = sorted({key.split(".")[1] for key in bundle.floats if key.startswith("history.")})
+    figure, axes = plt.subplots(1, max(len(names), 1), figsize=(4 * max(len(names), 1), 3), squeeze=False)
+    for axis, name in zip(axes[0], names, strict=False):
+        for key, values in bundle.floats.items():
+            if key.startswith(f"history.{name}.") and not key.endswith(".epoch"):
+                axis.semilogy(bundle.floats[f"history.{name}.epoch"], values, label=key.split(".")[-1])
+        axis.set_title(name, fontsize=9)
+        axis.set_xlabel("epoch")
+        axis.legend(fontsize=7)
+    return _png(figure)
+
+
+def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
+    """Write report.json and report.html into the build folder."""
+    report = content(folder, bundle)
+    shown = np.array(report["rtl_vs_integer"]["frame_indices"])
+    _, results = accuracy.compare(bundle, data, shown, progress=False)
+    figures = [
+        ("The frames that went through the hardware", frames_figure(data, shown, results)),
+        ("Where the cycles go", cycles_figure(report)),
+        ("Training", curves_figure(bundle)),
+    ]
+    if bundle.scene.wants_force:
+        index = data.indices("test")
+        _, everything = accuracy.compare(bundle, data, index, progress=False)
+        figures.insert(1, ("Force on the held-out grid", force_figure(data, index, everything)))
+    template = jinja2.Environment(
+        loader=jinja2.PackageLoader("fastac", "."), autoescape=True, undefined=jinja2.StrictUndefined
+    ).get_template("report.html.j2")
+    page = template.render(report=report, figures=figures, rows=summary_rows(report))
+    write_json(folder / "report.json", report)
+    temporary = folder / ".report.html.part"
+    temporary.write_text(page)
+    temporary.replace(folder / "report.html")
+
+
+def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
+    """(what, ours, paper's, origin of ours) for the page and the terminal."""
+    latency, rtl, errors = report["latency_cycles"], report["rtl_vs_integer"], report["accuracy"]
+    paper, frames = report["paper"], report["frames_are"]
+    rows = [
+        (
+            "RTL against integer model",
+            f"{rtl['mismatches']} mismatches in {rtl['values_compared']:,} values, {rtl['frames']} frames",
+            "not stated",
+            "Verilator simulation",
+        )
+    ]
+    for key, label in (
+        ("first_pixel_to_force", "first pixel → force, cycles"),
+        ("last_pixel_to_force", "last pixel → force, cycles"),
+        ("first_pixel_to_depth", "first pixel → last depth, cycles"),
+        ("first_pixel_to_normals", "first pixel → last normal, cycles"),
+        ("initiation_interval", "a new frame every, cycles"),
+    ):
+        if key in latency:
+            stated = f"about {paper['image_to_force_cycles_at_150_mhz']:,}" if key.endswith("force") else ""
+            rows.append(
+                (label, f"{latency[key]:,}", stated if "first" in key else "", "Verilator simulation")
+            )
+    for key, time in report["latency_ms"].items():
+        stated = f"{paper['image_to_force_ms']}" if key == "first_pixel_to_force" else ""
+        rows.append((f"{key.replace('_', ' ')}, ms", f"{time['value']:.4f}", stated, time["origin"]))
+    for key, value in errors["float"].items():
+        whole = errors["integer"][key]
+        growth = errors["growth_percent"].get(key)
+        change = "" if growth is None else f" ({growth:+.2f}%)"
+        stated = ""
+        if key in paper["float"]:
+            stated = f"{paper['float'][key]} → {paper['integer'][key]}"
+        rows.append((f"{key}, float → integer", f"{value:.5g} → {whole:.5g}{change}", stated, frames))
+    for key in ("dsp48e2",):
+        resource = report["resources"][key]
+        share = 100 * resource["value"] / report["device"][key]
+        rows.append((key, f"{resource['value']} ({share:.1f}%)", "not stated", resource["origin"]))
+    return rows

@@ -1,0 +1,133 @@
+"""From a dataset to a bundle, in steps that can be resumed."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from fastac.scene import Scene
+from models import bundle, quantise, train_force, train_normals
+from models.features import scales
+from models.float_pipeline import FloatPipeline
+from models.normals import PixelNetwork
+from sensor.dataset import Dataset
+
+CALIBRATION_PX = 1 << 17
+"""Pixels that fix the ranges of the activations."""
+
+
+class TrainingError(ValueError):
+    """A dataset that cannot train what the scene wants."""
+
+
+def rest_depth_mm(data: Dataset) -> np.ndarray:
+    """The skin at rest, (H, W); where a dataset knows none, rest is the zero of depth, as for a flat gel."""
+    if data.rest_depth_mm is not None:
+        return data.rest_depth_mm.astype(np.float64)
+    return np.zeros(data.frames.shape[1:3])
+
+
+def require(data: Dataset, scene: Scene, path: Path) -> None:
+    """Raise TrainingError where the dataset lacks what the scene's outputs are trained from."""
+    if data.normals is None:
+        raise TrainingError(
+            f"{path}: normals: missing, and scene {scene.name} trains the pixel network on them"
+        )
+    if scene.wants_force and data.force_n is None:
+        raise TrainingError(f"{path}: force_n: missing, and scene {scene.name} wants {scene.outputs}")
+    if scene.wants_solver and scene.sensor.geometry == "fingertip" and data.rest_depth_mm is None:
+        raise TrainingError(f"{path}: rest_depth_mm: missing, and a curved skin needs its boundary prior")
+    for split in ("train", "test"):
+        if not len(data.indices(split)):
+            raise TrainingError(f"{path}: split: no frame is in {split!r}")
+
+
+def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
+    temporary = path.with_name(f".{path.stem}.part.npz")
+    np.savez_compressed(temporary, **arrays)
+    temporary.replace(path)
+
+
+def load_arrays(path: Path) -> dict[str, np.ndarray]:
+    with np.load(path, allow_pickle=False) as archive:
+        return {k: archive[k] for k in archive.files}
+
+
+def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
+    """A learning curve as arrays under `history.name.…`."""
+    keys = history[0] if history else {}
+    return {f"history.{name}.{key}": np.array([entry[key] for entry in history]) for key in keys}
+
+
+def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
+    arrays = {}
+    for k, layer in enumerate(network.linears):
+        arrays[f"network.{k}.weight"] = layer.weight.detach().numpy().copy()
+        arrays[f"network.{k}.bias"] = layer.bias.detach().numpy().copy()
+    return arrays
+
+
+def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
+    """Train the float pixel network; writes its arrays and learning curve."""
+    network, history = train_normals.train(data, scene.training, progress=progress)
+    save_arrays(output, network_arrays(network) | curve(history, "normals"))
+
+
+def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:
+    """Quantise the pixel network and fine-tune it bit-true; writes the integer layers."""
+    arrays = load_arrays(weights)
+    count = len([k for k in arrays if k.startswith("network.") and k.endswith(".weight")])
+    x, _ = train_normals.labelled_pixels(
+        data, "train", flat_fraction=scene.training.flat_fraction, seed=scene.training.seed
+    )
+    chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
+    layers = quantise.quantise_layers(
+        [arrays[f"network.{k}.weight"] for k in range(count)],
+        [arrays[f"network.{k}.bias"] for k in range(count)],
+        scales(x.shape[1] - 2),
+        x[chosen],
+        weight_bits=scene.numbers.weight_bits,
+        activation_bits=scene.numbers.activation_bits,
+        last_weight_bits=scene.numbers.last_weight_bits,
+    )
+    layers, history = train_normals.finetune(data, layers, scene.training, progress=progress)
+    save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
+
+
+def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
+    return FloatPipeline.from_arrays(arrays, scene, data.background, rest_depth_mm(data))
+
+
+def force(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:
+    """Train HyperForce on the displacements that the float pipeline finds; writes its kernels."""
+    pipeline = float_pipeline(load_arrays(weights), data, scene)
+    displacement, truth = {}, {}
+    for split in ("train", "validation"):
+        index = data.indices(split)
+        if len(index):
+            displacement[split] = pipeline.run(data.frames[index], progress=progress).displacement_mm
+            truth[split] = data.force_n[index][:, 2:]
+    model, history = train_force.train(scene, rest_depth_mm(data), displacement, truth, progress=progress)
+    with torch.inference_mode():
+        kernels = model.kernels().numpy().astype(np.float32)
+    save_arrays(output, {"force.kernels": kernels} | curve(history, "force"))
+
+
+def assemble(data: Dataset, scene: Scene, folder: Path, output: Path) -> bundle.Bundle:
+    """All integers and the float weights as a bundle; `folder` holds what the steps before wrote."""
+    floats = load_arrays(folder / "normals.npz")
+    integer = load_arrays(folder / "integers.npz")
+    pipeline = quantise.assemble(
+        scene,
+        layers=quantise.layers_from_arrays(integer),
+        background=data.background,
+        rest_depth_mm=rest_depth_mm(data),
+    )
+    floats |= {k: v for k, v in integer.items() if k.startswith("history.")}
+    if scene.wants_force:
+        kernels = load_arrays(folder / "force.npz")
+        pipeline = quantise.with_force(pipeline, kernels["force.kernels"].astype(np.float64))
+        floats |= kernels
+    source = {"source": data.source, "frames": len(data), "channels": list(data.channels)}
+    return bundle.save(output, replace(pipeline, provenance=source), floats)

@@ -1,0 +1,198 @@
+# amaranth: UnusedElaboratable=no
+"""From pixels to depth and force: the stages that a scene wants, in a row."""
+
+from amaranth import Cat, Module, signed
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out, connect
+
+from models.features import WIDTH, coordinate_codes
+from models.pipeline import IntegerPipeline
+
+from .background import BackgroundSubtraction
+from .displacement import DepthOutput, Displacement
+from .frame_guard import ERRORS, EVENTS, FrameGuard
+from .fz_stream import PatchForceStream
+from .gradient_ratio import GradientDivider
+from .normal_mlp import NormalMlp
+from .poisson_solver import Buffer, PoissonSolver
+from .stream_fork import Fork
+
+
+class Datapath(wiring.Component):
+    """A bundle's integer pipeline as hardware, bit for bit `IntegerPipeline.run`.
+
+    Only what `pipeline.scene` wants is elaborated: no depth and no force, no solver; no force, no patches.
+
+    Members
+    -------
+    axis, enable, and the guard's events and errors : see FrameGuard
+    tag : stream of one bit a frame, whether it is bad, offered before the frame's depth
+    capture, capturing : see BackgroundSubtraction
+    normals : stream of `lanes` normals (x, y, z), the network's outputs. Only if wanted.
+    depth : stream of `lanes` depths; N rows of ceil(N/lanes) beats. Only if wanted.
+    force : stream of one beat a frame, an accumulator per axis. Only if wanted.
+    gradient_saturated, displacement_saturated : in a beat that just passes
+
+    `stages` gives each stage's share, in clocks, of the way from a frame's first pixel accepted to its last
+    value, if nothing stalls and no other frame is in the way.
+    """
+
+    def __init__(self, pipeline: IntegerPipeline):
+        scene = pipeline.scene
+        sensor, lanes = scene.sensor, scene.hardware.pixels_per_clock
+        height, width, channels = sensor.height_px, sensor.width_px, len(sensor.channel_names)
+        self.pipeline, self.lanes = pipeline, lanes
+        self.beats = height * width // lanes
+        self.guard = FrameGuard(height, width, channels, lanes=lanes)
+        self.background = BackgroundSubtraction(
+            height,
+            width,
+            channels,
+            coordinate_codes(width),
+            coordinate_codes(height),
+            pipeline.background,
+            lanes=lanes,
+        )
+        self.mlp = NormalMlp(pipeline.layers, input_width=WIDTH, lanes=lanes)
+        normal_width = pipeline.layers[-1].accumulator_width
+        members = {
+            "axis": In(self.guard.axis.signature.flip()),
+            "enable": In(1, init=1),
+            "tag": Out(stream.Signature(1)),
+            "capture": In(1),
+            "capturing": Out(1),
+            "gradient_saturated": Out(1),
+            "displacement_saturated": Out(1),
+            **{name: Out(1) for name in (*EVENTS, *ERRORS)},
+        }
+        self.normal_layout = data.ArrayLayout(data.ArrayLayout(signed(normal_width), 3), lanes)
+        self.wants_normals = "normals" in scene.outputs
+        self.wants_depth = "depth" in scene.outputs
+        self.wants_force = scene.wants_force
+        if self.wants_normals:
+            members["normals"] = Out(stream.Signature(self.normal_layout))
+        if scene.wants_solver:
+            solver = pipeline.solver
+            self.divider = GradientDivider(pipeline.ratio, lanes=lanes)
+            self.solver = PoissonSolver(
+                pipeline.source,
+                solver.row_forward,
+                solver.column_forward,
+                solver.division,
+                solver.column_inverse,
+                solver.row_inverse,
+                height=height,
+                width=width,
+                lanes=lanes,
+            )
+        if self.wants_depth:
+            self.depth_output = DepthOutput(pipeline.depth, lanes=lanes)
+            members["depth"] = Out(self.depth_output.o.signature)
+        if self.wants_force:
+            self.displacement = Displacement(pipeline.depth, pipeline.quantiser, lanes=lanes)
+            self.force_stream = PatchForceStream(pipeline.force, lanes=lanes)
+            members["force"] = Out(self.force_stream.o.signature)
+        super().__init__(members)
+
+    @property
+    def stages(self) -> dict[str, int]:
+        scene = self.pipeline.scene
+        first = self.guard.latency + self.background.latency + self.mlp.latency + Buffer.latency
+        stages = {"normals": first}
+        if not scene.wants_solver:
+            return {"normals": first + self.beats - 1}
+        stages["gradients"] = self.divider.latency
+        stages |= self.solver.stages
+        stages["solution_buffer"] = Buffer.latency
+        if self.wants_force:
+            stages["force"] = self.displacement.latency + self.force_stream.latency
+        return stages
+
+    @property
+    def first_pixel_to_depth(self) -> int:
+        """Clocks from the first pixel accepted to the last depth offered."""
+        before = sum(v for k, v in self.stages.items() if k != "force")
+        return before + self.depth_output.latency
+
+    @property
+    def first_pixel_to_force(self) -> int:
+        """Clocks from the first pixel accepted to the force offered."""
+        return sum(self.stages.values())
+
+    @property
+    def interval(self) -> int:
+        """Clocks between frames when they follow each other without a gap."""
+        intervals = [self.beats]
+        if self.pipeline.scene.wants_solver:
+            intervals.append(self.solver.interval)
+        if self.wants_force:
+            intervals.append(self.force_stream.interval)
+        return max(intervals)
+
+    @property
+    def multipliers(self) -> dict[str, int]:
+        """Products a clock, by stage, as the architecture has them."""
+        count = {"normals": self.lanes * sum(int(layer.weight.size) for layer in self.pipeline.layers)}
+        if self.pipeline.scene.wants_solver:
+            count["depth"] = self.solver.multipliers
+        if self.wants_force:
+            kernel = self.pipeline.force.kernel
+            count["force"] = self.lanes * len(kernel) * self.pipeline.force.size**2
+        return count
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.guard = guard = self.guard
+        m.submodules.background = background = self.background
+        m.submodules.mlp = mlp = self.mlp
+        m.submodules.normals_buffer = normals = Buffer(self.normal_layout)
+        connect(m, wiring.flipped(self.axis), guard.axis)
+        connect(m, guard.tag, wiring.flipped(self.tag))
+        connect(m, guard.o, background.i)
+        connect(m, background.o, mlp.i)
+        connect(m, mlp.o, normals.i)
+        m.d.comb += [
+            guard.enable.eq(self.enable),
+            background.capture.eq(self.capture),
+            self.capturing.eq(background.capturing),
+            Cat(getattr(self, n) for n in (*EVENTS, *ERRORS)).eq(
+                Cat(getattr(guard, n) for n in (*EVENTS, *ERRORS))
+            ),
+        ]
+
+        def fan_out(source, sinks, name):
+            """Connect one stream to one or several."""
+            if len(sinks) == 1:
+                connect(m, source, sinks[0])
+                return
+            m.submodules[name] = fork = Fork(source.payload.shape(), len(sinks))
+            connect(m, source, fork.i)
+            for output, sink in zip(fork.o, sinks, strict=True):
+                connect(m, output, sink)
+
+        sinks = [wiring.flipped(self.normals)] if self.wants_normals else []
+        if not self.pipeline.scene.wants_solver:
+            fan_out(normals.o, sinks, "normals_fork")
+            return m
+        m.submodules.divider = divider = self.divider
+        m.submodules.solver = solver = self.solver
+        m.submodules.solution_buffer = solution = Buffer(solver.o.payload.shape())
+        fan_out(normals.o, [*sinks, divider.i], "normals_fork")
+        connect(m, divider.o, solver.i)
+        connect(m, solver.o, solution.i)
+        m.d.comb += self.gradient_saturated.eq(divider.saturated)
+
+        sinks = []
+        if self.wants_depth:
+            m.submodules.depth_output = depth = self.depth_output
+            connect(m, depth.o, wiring.flipped(self.depth))
+            sinks.append(depth.i)
+        if self.wants_force:
+            m.submodules.displacement = displacement = self.displacement
+            m.submodules.force_stream = force = self.force_stream
+            connect(m, displacement.o, force.i)
+            connect(m, force.o, wiring.flipped(self.force))
+            m.d.comb += self.displacement_saturated.eq(displacement.saturated)
+            sinks.append(displacement.i)
+        fan_out(solution.o, sinks, "solution_fork")
+        return m

@@ -1,0 +1,243 @@
+"""From the solver's rows to the depth and to the quantised displacement from rest."""
+
+import numpy as np
+from amaranth import Cat, Module, Mux, Signal, signed, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from models.fixed import signed_width
+from models.integer import Depth, DisplacementQuantiser
+
+LANES = (1, 2, 4)
+
+
+class RasterRom(wiring.Component):
+    """A table read in raster order, one word a beat, in block RAM; after the last word the first follows.
+
+    Parameters: `table`, integers (words, …) whose last axes are the fields of a word, C order, field 0
+    lowest; `bits`, the signed width of a field.
+
+    Members
+    -------
+    advance : the pipeline around the table moves
+    take : the beat that enters the pipeline consumes a word
+    word : nested ArrayLayouts of signed(bits), of the shape of `table[0]`
+
+    The word of a taken beat stands in `word` after `latency` = 2 advances: the memory's read, and its
+    output register.
+    """
+
+    latency = 2
+
+    def __init__(self, table: np.ndarray, bits: int):
+        self.table, self.bits = table, bits
+        layout = signed(bits)
+        for fields in reversed(table.shape[1:]):
+            layout = data.ArrayLayout(layout, fields)
+        super().__init__({"advance": In(1), "take": In(1), "word": Out(layout)})
+
+    @property
+    def words(self) -> list[int]:
+        """The memory's contents, one unsigned integer a word."""
+        fields = self.table.reshape(len(self.table), -1, 1).astype(np.int64)
+        ones = (fields >> np.arange(self.bits)) & 1
+        octets = np.packbits(ones.astype(np.uint8).reshape(len(fields), -1), axis=1, bitorder="little")
+        return [int.from_bytes(word.tobytes(), "little") for word in octets]
+
+    def elaborate(self, platform):
+        m = Module()
+        depth = len(self.table)
+        m.submodules.memory = memory = Memory(
+            shape=unsigned(self.word.as_value().shape().width),
+            depth=depth,
+            init=self.words,
+            attrs={"rom_style": "block"},
+        )
+        read = memory.read_port()
+        address = Signal(range(depth))
+        output = Signal(read.data.shape(), reset_less=True)
+        m.d.comb += [
+            read.addr.eq(address),
+            read.en.eq(self.advance & self.take),
+            self.word.as_value().eq(output),
+        ]
+        with m.If(self.advance):
+            m.d.sync += output.eq(read.data)
+            with m.If(self.take):
+                m.d.sync += address.eq(Mux(address == depth - 1, 0, address + 1))
+        return m
+
+
+def raster_beats(table: np.ndarray, lanes: int) -> np.ndarray:
+    """A table (N, N, …) to beats (N · ceil(N/lanes), lanes, …); void lanes are zero."""
+    n = len(table)
+    padded = np.pad(table, [(0, 0), (0, -n % lanes)] + [(0, 0)] * (table.ndim - 2))
+    return padded.reshape(-1, lanes, *table.shape[2:])
+
+
+def _check(depth: Depth, lanes: int) -> None:
+    if lanes not in LANES:
+        raise ValueError(f"lanes {lanes}: expected one of {LANES}")
+    if depth.rest.ndim != 2 or depth.rest.shape[0] != depth.rest.shape[1]:
+        raise ValueError(f"rest {depth.rest.shape}: expected square")
+
+
+def _beside_rest(m: Module, component, advance, table: np.ndarray) -> tuple[list[Signal], list]:
+    """The input lanes of `component`, delayed like the words of `table` (N, N), and these words' lanes."""
+    beats = raster_beats(table, component.lanes)
+    m.submodules.rest = rest = RasterRom(beats, signed_width(int(np.abs(table).max())))
+    m.d.comb += [rest.advance.eq(advance), rest.take.eq(component.i.valid)]
+    z = list(component.i.payload)
+    for stage in range(RasterRom.latency):
+        delayed = [Signal.like(x, reset_less=True, name=f"z{stage}_{k}") for k, x in enumerate(z)]
+        with m.If(advance):
+            m.d.sync += [d.eq(x) for d, x in zip(delayed, z, strict=True)]
+        z = delayed
+    return z, list(rest.word)
+
+
+class DepthOutput(wiring.Component):
+    """The solver's rows to depth: z (`absolute`) or rest + z (`difference`), see `models.integer.Depth`.
+
+    Members
+    -------
+    i : stream of `lanes` solutions, signed(depth.input_width)
+    o : stream of `lanes` depths, signed(depth.width)
+
+    N rows of ceil(N/lanes) beats make a frame. `rest` is a ROM, built only where the mode adds it and it
+    is not zero. `latency` clocks pass from a beat to its depth if nothing stalls: 1, and 2 more with the ROM.
+    """
+
+    def __init__(self, depth: Depth, *, lanes: int):
+        _check(depth, lanes)
+        self.depth, self.lanes = depth, lanes
+        super().__init__(
+            {
+                "i": In(stream.Signature(data.ArrayLayout(signed(depth.input_width), lanes))),
+                "o": Out(stream.Signature(data.ArrayLayout(signed(depth.width), lanes))),
+            }
+        )
+
+    @property
+    def has_rom(self) -> bool:
+        return self.depth.mode == "difference" and bool(self.depth.rest.any())
+
+    @property
+    def latency(self) -> int:
+        return 1 + (RasterRom.latency if self.has_rom else 0)
+
+    def elaborate(self, platform):
+        m = Module()
+        advance = Signal()
+        valid = Signal(self.latency)
+        m.d.comb += [
+            advance.eq(self.o.ready | ~self.o.valid),
+            self.i.ready.eq(advance),
+            self.o.valid.eq(valid[-1]),
+        ]
+        with m.If(advance):
+            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+
+        if self.has_rom:
+            z, rest = _beside_rest(m, self, advance, self.depth.rest)
+        else:
+            z, rest = list(self.i.payload), [0] * self.lanes
+        depth = Signal(self.o.payload.shape(), reset_less=True)
+        m.d.comb += self.o.payload.eq(depth)
+        with m.If(advance):
+            m.d.sync += [depth[k].eq(rest[k] + z[k]) for k in range(self.lanes)]
+        return m
+
+
+class Displacement(wiring.Component):
+    """The solver's rows to quantised displacement: rest − z (`absolute`) or −z (`difference`), then Q_z.
+
+    Bit for bit `quantiser(depth(z)[1])` of `models.integer`.
+
+    Members
+    -------
+    i : stream of `lanes` solutions, signed(depth.input_width)
+    o : stream of `lanes` displacements, unsigned(quantiser.bits)
+    saturated : high while `o` offers a beat in which a displacement is clipped to 2**bits − 1
+
+    N rows of ceil(N/lanes) beats make a frame; lanes beyond N are void. `rest`, with the half unit that
+    rounding adds, is a ROM, built only in absolute mode. `latency` clocks pass from a beat to its
+    displacement if nothing stalls: 2 (difference, clip), and 2 more with the ROM.
+    """
+
+    def __init__(self, depth: Depth, quantiser: DisplacementQuantiser, *, lanes: int):
+        _check(depth, lanes)
+        if quantiser.input_width != depth.width:
+            raise ValueError(f"quantiser.input_width {quantiser.input_width}: expected {depth.width}")
+        self.depth, self.quantiser, self.lanes = depth, quantiser, lanes
+        super().__init__(
+            {
+                "i": In(stream.Signature(data.ArrayLayout(signed(depth.input_width), lanes))),
+                "o": Out(stream.Signature(data.ArrayLayout(unsigned(quantiser.bits), lanes))),
+                "saturated": Out(1),
+            }
+        )
+
+    @property
+    def has_rom(self) -> bool:
+        return self.depth.mode == "absolute"
+
+    @property
+    def latency(self) -> int:
+        return 2 + (RasterRom.latency if self.has_rom else 0)
+
+    @property
+    def _rounded_width(self) -> int:
+        """Bits of the displacement plus the half unit, less the `shift` bits that rounding drops."""
+        half = 1 << self.quantiser.shift >> 1
+        rest = int(np.abs(self.depth.rest).max()) if self.has_rom else 0
+        return signed_width((1 << (self.depth.input_width - 1)) + rest + half) - self.quantiser.shift
+
+    def elaborate(self, platform):
+        m = Module()
+        advance = Signal()
+        valid = Signal(self.latency)
+        m.d.comb += [
+            advance.eq(self.o.ready | ~self.o.valid),
+            self.i.ready.eq(advance),
+            self.o.valid.eq(valid[-1]),
+        ]
+        with m.If(advance):
+            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+
+        shift, bits = self.quantiser.shift, self.quantiser.bits
+        half = 1 << shift >> 1
+        if self.has_rom:
+            z, rest = _beside_rest(m, self, advance, self.depth.rest + half)
+        else:
+            z, rest = list(self.i.payload), [half] * self.lanes
+
+        # A negative displacement rounds to 0 or below, so it may be clipped after rounding.
+        top = (1 << bits) - 1
+        displacement = Signal(self.o.payload.shape(), reset_less=True)
+        over = Signal(self.lanes, reset_less=True)
+        for k in range(self.lanes):
+            rounded = Signal(signed(self._rounded_width), reset_less=True, name=f"rounded_{k}")
+            with m.If(advance):
+                m.d.sync += [
+                    rounded.eq((rest[k] - z[k]) >> shift),
+                    over[k].eq(rounded > top),
+                    displacement[k].eq(Mux(rounded < 0, 0, Mux(rounded > top, top, rounded))),
+                ]
+        m.d.comb += [
+            self.o.payload.eq(displacement),
+            self.saturated.eq(self.o.valid & (over & self._present(m)).any()),
+        ]
+        return m
+
+    def _present(self, m: Module):
+        """Which lanes of the offered beat hold values: all but those beyond the end of a row."""
+        n = len(self.depth.rest)
+        beats = -(-n // self.lanes)
+        if n % self.lanes == 0:
+            return (1 << self.lanes) - 1
+        beat = Signal(range(beats))
+        with m.If(self.o.valid & self.o.ready):
+            m.d.sync += beat.eq(Mux(beat == beats - 1, 0, beat + 1))
+        return Mux(beat == beats - 1, (1 << n % self.lanes) - 1, (1 << self.lanes) - 1)

@@ -1,0 +1,159 @@
+"""One pass of the orthonormal DST-I along rows, folded into even and odd halves."""
+
+import numpy as np
+from amaranth import Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from models.integer import SineTransform
+
+
+class Dst1Engine(wiring.Component):
+    """Transform rows of N = `transform.size` values, `lanes` values a clock.
+
+    The sine's symmetry halves every product: with u_n = x_n + x_{N+1−n} for odd k and v_n = x_n − x_{N+1−n}
+    for even k (all counted from 1), a value is a sum of `half` = ceil(N/2) products. Each lane forms one
+    whole value a clock: `half` multipliers and an adder tree. So no value waits for another, values leave in
+    natural order without being collected, and the sum or difference is the multiplier's own pre-adder.
+    A multiplier is one DSP48E2 where input_width <= 26 and coefficient_width <= 18.
+
+    Members
+    -------
+    i : stream of `lanes` values, signed(transform.input_width)
+    o : stream of `lanes` transformed values, signed(transform.output_width)
+
+    Rows travel in natural order as `interval` = ceil(N/lanes) beats; lanes beyond N in the last beat are
+    void. While a row is transformed the next one is collected: a row every `interval` clocks.
+    `latency` = 3 + ceil(log2(half + 1)) clocks pass from a row's last beat accepted to its first beat out
+    if nothing stalls; its other beats follow one a clock. While `o` stalls, the transform rests.
+    """
+
+    def __init__(self, transform: SineTransform, *, lanes: int):
+        if lanes not in (1, 2, 4):
+            raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
+        if transform.size <= lanes:
+            raise ValueError(f"matrix of size {transform.size}: expected more than lanes = {lanes}")
+        parity = 1 - 2 * (np.arange(transform.size)[:, None] % 2)
+        if not np.array_equal(transform.matrix, parity * transform.matrix[:, ::-1]):
+            raise ValueError("matrix: expected rows even and odd about the middle in turn, as a sine's are")
+        self.transform, self.lanes = transform, lanes
+        self.half = (transform.size + 1) // 2
+        self.interval = -(-transform.size // lanes)
+        super().__init__(
+            {
+                "i": In(stream.Signature(data.ArrayLayout(signed(transform.input_width), lanes))),
+                "o": Out(stream.Signature(data.ArrayLayout(signed(transform.output_width), lanes))),
+            }
+        )
+
+    @property
+    def levels(self) -> int:
+        """Of the adder tree, whose leaves are the products and the half unit that rounds."""
+        return self.half.bit_length()
+
+    @property
+    def latency(self) -> int:
+        """The row, its folded halves, the products, then the levels of the tree: one register each."""
+        return 3 + self.levels
+
+    @property
+    def multipliers(self) -> int:
+        return self.half * self.lanes
+
+    def elaborate(self, platform):
+        m = Module()
+        size, last = self.transform.size, self.interval - 1
+        word = signed(self.transform.input_width)
+
+        # Collect a row; its last beat goes straight to the operands, when those are free.
+        beat = Signal(range(self.interval))
+        collected = Signal(data.ArrayLayout(word, last * self.lanes), reset_less=True)
+        operands = Signal(data.ArrayLayout(word, size), reset_less=True)
+        row = Cat(collected, self.i.payload)
+        accept, load, free = Signal(), Signal(), Signal()
+        m.d.comb += [
+            self.i.ready.eq((beat != last) | free),
+            accept.eq(self.i.valid & self.i.ready),
+            load.eq(accept & (beat == last)),
+        ]
+        with m.If(accept):
+            m.d.sync += [
+                beat.eq(Mux(beat == last, 0, beat + 1)),
+                collected.eq(row >> (self.lanes * word.width)),
+            ]
+        with m.If(load):
+            m.d.sync += operands.eq(row[: size * word.width])
+
+        # One step for each beat out; everything from here on moves with `advance`.
+        advance = Signal()
+        active = Signal()
+        step, following = Signal(range(self.interval)), Signal(range(self.interval))
+        valid = Signal(self.latency - 1)
+        m.d.comb += [
+            advance.eq(self.o.ready | ~self.o.valid),
+            free.eq(~active | (advance & (step == last))),
+            following.eq(Mux(active & (step != last), step + 1, 0)),
+            self.o.valid.eq(valid[-1]),
+        ]
+        with m.If(advance):
+            m.d.sync += [step.eq(following), valid.eq(Cat(active, valid))]
+        with m.If(free):
+            m.d.sync += active.eq(load)
+
+        # The table is read one step ahead, so that its words pass the multipliers' own registers.
+        constant = signed(self.transform.coefficient_width)
+        m.submodules.table = table = memory.Memory(
+            shape=data.ArrayLayout(data.ArrayLayout(constant, self.half), self.lanes),
+            depth=self.interval,
+            init=self._table(),
+            attrs={"rom_style": "distributed"},
+        )
+        words = table.read_port()
+        m.d.comb += [words.addr.eq(following), words.en.eq(advance)]
+
+        # A single lane alternates between odd and even k; of several, each keeps to one kind.
+        kinds = [step[0]] if self.lanes == 1 else [Const(0, 1), Const(1, 1)]
+        halves = [self._fold(m, advance, operands, even) for even in kinds]
+        for lane in range(self.lanes):
+            terms = []
+            for n, operand in enumerate(halves[lane % len(halves)]):
+                coefficient = Signal(constant, reset_less=True, name=f"coefficient_{lane}_{n}")
+                width = len(operand) + len(coefficient)
+                product = Signal(signed(width), reset_less=True, name=f"product_{lane}_{n}")
+                with m.If(advance):
+                    m.d.sync += [coefficient.eq(words.data[lane][n]), product.eq(operand * coefficient)]
+                terms.append(product)
+            m.d.comb += self.o.payload[lane].eq(self._rounded_sum(m, advance, terms) >> self.transform.shift)
+        return m
+
+    def _table(self) -> list:
+        """The first `half` coefficients of each value k, by beats and lanes."""
+        table = np.zeros((self.interval * self.lanes, self.half), dtype=int)
+        table[: self.transform.size] = self.transform.matrix[:, : self.half]
+        return table.reshape(self.interval, self.lanes, self.half).tolist()
+
+    def _fold(self, m, advance, operands, even) -> list:
+        """Registers of x_n + x_{N+1−n}, or x_n − x_{N+1−n} where `even`; the middle one stands alone."""
+        folded = []
+        for n in range(self.half):
+            mirror = self.transform.size - 1 - n
+            x, y = operands[n], operands[mirror] if mirror != n else Const(0)
+            both = Signal(signed(self.transform.input_width + 1), reset_less=True, name=f"folded_{n}")
+            with m.If(advance):
+                m.d.sync += both.eq(Mux(even, x - y, x + y))
+            folded.append(both)
+        return folded
+
+    def _rounded_sum(self, m, advance, terms):
+        """The tree over `terms` and the half unit, a register after each addition."""
+        terms = [*terms, Const(1 << (self.transform.shift - 1))]
+        for _ in range(self.levels):
+            sums = []
+            for a, b in zip(terms[::2], [*terms[1::2], Const(0)][: (len(terms) + 1) // 2], strict=True):
+                width = min((a + b).shape().width, self.transform.accumulator_width)
+                total = Signal(signed(width), reset_less=True)
+                with m.If(advance):
+                    m.d.sync += total.eq(a + b)
+                sums.append(total)
+            terms = sums
+        return terms[0]

@@ -1,0 +1,111 @@
+"""How long frames take, in clocks, measured where they enter and leave."""
+
+from amaranth import Module, Mux, Signal, unsigned
+from amaranth.lib import data, memory, wiring
+from amaranth.lib.wiring import In, Out
+
+
+class FrameTimer(wiring.Component):
+    """Count frames, number their results and measure their latency.
+
+    Members
+    -------
+    accepted, frame_started, frame_done, frame_bad : as FrameGuard sends them
+    result_valid : pulse as a frame's force is taken; the results come in the order of the frames, at least
+        one clock after `frame_done`. Only with `force`.
+    depth_done : the same for the last beat of a frame's depth. Only with `depth`.
+    flush : forget the frames in flight, of which no result will come; other inputs do not count meanwhile
+    frame_count : unsigned(32), frames done since reset
+    in_flight : unsigned(8), frames that have started and have not given all their results
+    interval : unsigned(32), clocks between the first beats of the last two frames; 0 until there are two
+    first_to_force, last_to_force : unsigned(32), clocks from the acceptance of the first and of the last beat
+        of the frame to its force. Where the frame's end was made up, the last beat is the last one accepted
+        before that. Only with `force`.
+    force_number : unsigned(32), the frame that gave the last force; the first frame since reset is 1
+    force_bad : whether that frame was bad
+    first_to_depth, depth_bad : the same for the last depth
+
+    Outputs change in the clock after the pulse. Times are exact modulo 2**32, and up to `frames` frames may
+    be in flight; with more of them the times of some are wrong, but numbers and order stay right.
+    """
+
+    def __init__(self, *, force: bool, depth: bool, frames: int = 8):
+        if not force and not depth:
+            raise ValueError("force False, depth False: expected at least one to be measured")
+        if not 2 <= frames <= 128 or frames & (frames - 1):
+            raise ValueError(f"frames {frames}: expected a power of two, 2 to 128")
+        self.force, self.depth, self.frames = force, depth, frames
+        inputs = ["accepted", "frame_started", "frame_done", "frame_bad", "flush"]
+        outputs = {"frame_count": 32, "in_flight": 8, "interval": 32}
+        if force:
+            inputs.append("result_valid")
+            outputs |= {"first_to_force": 32, "last_to_force": 32, "force_number": 32, "force_bad": 1}
+        if depth:
+            inputs.append("depth_done")
+            outputs |= {"first_to_depth": 32, "depth_bad": 1}
+        super().__init__(
+            {
+                **{name: In(1) for name in inputs},
+                **{name: Out(unsigned(width)) for name, width in outputs.items()},
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+
+        # FrameGuard holds one beat: when a frame starts or ends, that beat is the last one accepted.
+        now = Signal(32)
+        accepted_at = Signal(32, reset_less=True)
+        first = Signal(32, reset_less=True)
+        m.d.sync += now.eq(now + 1)
+        with m.If(self.accepted):
+            m.d.sync += accepted_at.eq(now)
+
+        # Frame k's stamps lie at k modulo `frames`; each kind of result counts on by itself.
+        stamp = data.StructLayout({"first": 32, "last": 32, "bad": 1})
+        m.submodules.stamps = stamps = memory.Memory(shape=stamp, depth=self.frames, init=[])
+        write = stamps.write_port()
+        m.d.comb += [
+            write.addr.eq(self.frame_count[: len(write.addr)]),
+            write.en.eq(self.frame_done & ~self.flush),
+            write.data.first.eq(first),
+            write.data.last.eq(accepted_at),
+            write.data.bad.eq(self.frame_bad),
+        ]
+        started = Signal()
+        measured = Signal()
+        with m.If(self.flush):
+            m.d.sync += [started.eq(0), measured.eq(0)]
+        with m.Else():
+            with m.If(self.frame_started):
+                m.d.sync += [started.eq(1), measured.eq(1), first.eq(accepted_at)]
+                with m.If(measured):
+                    m.d.sync += self.interval.eq(accepted_at - first)
+            with m.If(self.frame_done):
+                m.d.sync += [started.eq(0), self.frame_count.eq(self.frame_count + 1)]
+
+        waiting = []
+        for name, wanted in (("force", self.force), ("depth", self.depth)):
+            if not wanted:
+                continue
+            pulse = self.result_valid if name == "force" else self.depth_done
+            given = Signal(32, name=f"{name}_given")
+            entry = stamps.read_port(domain="comb")
+            m.d.comb += entry.addr.eq(given[: len(entry.addr)])
+            with m.If(self.flush):
+                m.d.sync += given.eq(self.frame_count)
+            with m.Elif(pulse):
+                m.d.sync += [
+                    given.eq(given + 1),
+                    getattr(self, f"first_to_{name}").eq(now - entry.data.first),
+                    getattr(self, f"{name}_bad").eq(entry.data.bad),
+                ]
+                if name == "force":
+                    m.d.sync += [
+                        self.last_to_force.eq(now - entry.data.last),
+                        self.force_number.eq(given + 1),
+                    ]
+            waiting.append((self.frame_count - given)[:8])
+        most = waiting[0] if len(waiting) == 1 else Mux(waiting[0] > waiting[1], *waiting)
+        m.d.comb += self.in_flight.eq(most + started)
+        return m

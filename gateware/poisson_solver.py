@@ -1,0 +1,146 @@
+# amaranth: UnusedElaboratable=no
+"""The Poisson solver: two separable sine transforms around a division, streamed end to end."""
+
+from amaranth import Module
+from amaranth.lib import fifo, stream, wiring
+from amaranth.lib.wiring import In, Out, connect
+
+from models.integer import EigenvalueDivision, PoissonSource, SineTransform
+
+from .dst1_engine import Dst1Engine
+from .eigenvalue_division import EigenvalueDivider
+from .poisson_source import PoissonSourceStream
+from .transposer import Transposer
+
+
+class Buffer(wiring.Component):
+    """Two beats deep, `latency` 1: `ready` and `valid` on both sides come from registers alone."""
+
+    latency = 1
+
+    def __init__(self, payload):
+        super().__init__({"i": In(stream.Signature(payload)), "o": Out(stream.Signature(payload))})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.queue = queue = fifo.SyncFIFO(width=self.i.payload.shape().size, depth=2)
+        m.d.comb += [
+            queue.w_data.eq(self.i.payload),
+            queue.w_en.eq(self.i.valid),
+            self.i.ready.eq(queue.w_rdy),
+            self.o.payload.eq(queue.r_data),
+            self.o.valid.eq(queue.r_rdy),
+            queue.r_en.eq(self.o.ready),
+        ]
+        return m
+
+
+class PoissonSolver(wiring.Component):
+    """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2.
+
+    Source, DST-I of the rows, transposition, DST-I of the columns, division by the eigenvalues, DST-I of the
+    columns back, transposition, DST-I of the rows back. Each stage sustains `lanes` values a clock, and
+    consecutive frames overlap: a frame every `interval` clocks.
+
+    Members
+    -------
+    i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), height × width in raster order
+    o : stream of `lanes` solutions, signed(row_inverse.output_width): N rows of `beats` = ceil(N/lanes) beats
+
+    Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
+    adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
+    `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
+    `o.ready` reaches through the last transform to the second transposer; buffers part the others.
+    """
+
+    def __init__(
+        self,
+        source: PoissonSource,
+        row_forward: SineTransform,
+        column_forward: SineTransform,
+        division: EigenvalueDivision,
+        column_inverse: SineTransform,
+        row_inverse: SineTransform,
+        *,
+        height: int,
+        width: int,
+        lanes: int,
+    ):
+        if height != width:
+            raise ValueError(f"height {height}: expected width = {width}")
+        given = source.width
+        for name, stage in {
+            "row_forward": row_forward,
+            "column_forward": column_forward,
+            "division": division,
+            "column_inverse": column_inverse,
+            "row_inverse": row_inverse,
+        }.items():
+            size = len(stage.mantissa if stage is division else stage.matrix)
+            if size != width - 2:
+                raise ValueError(f"{name} of size {size}: expected width - 2 = {width - 2}")
+            if stage.input_width != given:
+                raise ValueError(f"{name}.input_width {stage.input_width}: expected {given}")
+            given = stage.output_width
+
+        self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes)
+        self.row_forward = Dst1Engine(row_forward, lanes=lanes)
+        self.to_columns = Transposer(width - 2, row_forward.output_width, lanes=lanes)
+        self.column_forward = Dst1Engine(column_forward, lanes=lanes)
+        self.division = EigenvalueDivider(division, lanes=lanes)
+        self.column_inverse = Dst1Engine(column_inverse, lanes=lanes)
+        self.to_rows = Transposer(width - 2, column_inverse.output_width, lanes=lanes)
+        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
+        super().__init__({"i": In(self.source.i.signature.flip()), "o": Out(self.row_inverse.o.signature)})
+        self.size, self.beats = width - 2, self.row_forward.interval
+        self.interval = max(height * width // lanes, self.size * self.beats)
+
+    @property
+    def stages(self) -> dict[str, int]:
+        """From last beat to last beat; the first entry from the frame's first slopes."""
+        row, frame = self.beats - 1, self.size * self.beats - 1
+        return {
+            "source": self.source.delay(self.size - 1, row) + Buffer.latency,
+            "row_forward": self.row_forward.latency + row,
+            "to_columns": self.to_columns.latency + frame,
+            "column_forward": self.column_forward.latency + row + Buffer.latency,
+            "division": self.division.latency + Buffer.latency,
+            "column_inverse": self.column_inverse.latency + row,
+            "to_rows": self.to_rows.latency + frame,
+            "row_inverse": self.row_inverse.latency + row,
+        }
+
+    @property
+    def frame_latency(self) -> int:
+        return sum(self.stages.values())
+
+    @property
+    def latency(self) -> int:
+        return self.frame_latency - (self.size * self.beats - 1)
+
+    @property
+    def multipliers(self) -> int:
+        engines = (
+            self.row_forward,
+            self.column_forward,
+            self.division,
+            self.column_inverse,
+            self.row_inverse,
+        )
+        return sum(engine.multipliers for engine in engines)
+
+    def elaborate(self, platform):
+        m = Module()
+        output = wiring.flipped(self.i)
+        for name in self.stages:
+            stage = getattr(self, name)
+            m.submodules[name] = stage
+            connect(m, output, stage.i)
+            output = stage.o
+            # Transposers take and give at registers; elsewhere a buffer parts the way of `ready`.
+            if name in ("source", "column_forward", "division"):
+                m.submodules[f"{name}_buffer"] = buffer = Buffer(output.payload.shape())
+                connect(m, output, buffer.i)
+                output = buffer.o
+        connect(m, output, wiring.flipped(self.o))
+        return m

@@ -1,0 +1,161 @@
+"""The map of the registers, for the hardware, the host's driver and the documentation alike."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+ADDRESS_WIDTH = 8
+ID = int.from_bytes(b"FTAC", "big")
+ERRORS = (
+    "line_short",
+    "line_long",
+    "frame_short",
+    "frame_long",
+    "no_start",
+    "gradient_saturated",
+    "displacement_saturated",
+    "result_overrun",
+)
+AXES = {0: (), 1: ("z",), 3: ("x", "y", "z")}
+
+
+class Field(NamedTuple):
+    """Bits `low` to `low + width − 1` of a register."""
+
+    name: str
+    low: int
+    width: int = 1
+
+
+class Register(NamedTuple):
+    """One 32-bit register. `access`: ro read, rw read and write, w1c read and write 1 to clear.
+
+    `needs` is what the hardware must give for the register to exist: "", force (an axis of it) or depth.
+    """
+
+    name: str
+    offset: int
+    access: str
+    meaning: str
+    fields: tuple[Field, ...] = ()
+    needs: str = ""
+
+
+_FORCE = [
+    Register(f"FORCE_{axis.upper()}_{half}", 0x50 + 8 * k + 4 * upper, "ro", meaning, needs=f"force_{axis}")
+    for k, axis in enumerate("xyz")
+    for upper, half, meaning in (
+        (0, "LOW", f"{axis} of the last force, raw accumulator, bits 31:0; reading it holds its HIGH"),
+        (1, "HIGH", "bits 63:32, sign-extended, of what LOW was when it was last read"),
+    )
+]
+
+REGISTERS = (
+    Register("ID", 0x00, "ro", f"{ID:#010x}, the text FTAC"),
+    Register("VERSION", 0x04, "ro", "version of the hardware and of this map"),
+    Register("BUNDLE_HASH_LOW", 0x08, "ro", "bits 31:0 of the bundle's hash"),
+    Register("BUNDLE_HASH_HIGH", 0x0C, "ro", "bits 63:32 of the bundle's hash"),
+    Register("GEOMETRY", 0x10, "ro", "pixels", (Field("height", 0, 16), Field("width", 16, 16))),
+    Register(
+        "CAPABILITIES",
+        0x14,
+        "ro",
+        "channels a pixel, pixels a beat, axes of force, and what else there is",
+        (
+            Field("channels", 0, 8),
+            Field("lanes", 8, 8),
+            Field("axes", 16, 2),
+            Field("depth", 18),
+            Field("background_capture", 19),
+        ),
+    ),
+    Register(
+        "CONTROL",
+        0x18,
+        "rw",
+        "enable: let frames in, 1 after reset. capture_background: take the next frame as background, 0 again"
+        " when it is taken. soft_reset: reset the datapath and forget the frames in it, reads as 0."
+        " interrupt_enable: pass INTERRUPT_STATUS on to the interrupt",
+        tuple(
+            Field(name, k)
+            for k, name in enumerate(("enable", "capture_background", "soft_reset", "interrupt_enable"))
+        ),
+    ),
+    Register(
+        "STATUS",
+        0x1C,
+        "ro",
+        "busy: frames are in flight. result_valid: a result has come since reset or soft reset."
+        " last_frame_bad: the frame of the last result was bad. frames_in_flight: how many",
+        (
+            Field("busy", 0),
+            Field("result_valid", 1),
+            Field("last_frame_bad", 2),
+            Field("frames_in_flight", 8, 8),
+        ),
+    ),
+    Register(
+        "ERRORS",
+        0x20,
+        "w1c",
+        "what happened since it was cleared. result_overrun: a result came while the last one's interrupt was"
+        " still pending",
+        tuple(Field(name, k) for k, name in enumerate(ERRORS)),
+    ),
+    Register("INTERRUPT_STATUS", 0x24, "w1c", "a result has come", (Field("result", 0),)),
+    Register("FRAME_COUNT", 0x28, "ro", "frames received since reset"),
+    Register("FRAME_ERRORS", 0x2C, "ro", "bad ones among them"),
+    Register("INTERVAL", 0x30, "ro", "clocks between the first beats of the last two frames"),
+    Register("LATENCY_FIRST_PIXEL_TO_FORCE", 0x34, "ro", "clocks, of the last force", needs="force"),
+    Register("LATENCY_LAST_PIXEL_TO_FORCE", 0x38, "ro", "clocks, of the last force", needs="force"),
+    Register("LATENCY_FIRST_PIXEL_TO_DEPTH", 0x3C, "ro", "clocks to the last beat of depth", needs="depth"),
+    Register(
+        "FORCE_SEQUENCE",
+        0x40,
+        "ro",
+        "which frame gave the last force, from 1 on; 0: none yet. All axes read between two equal readings"
+        " of it belong to one frame",
+        needs="force",
+    ),
+    *_FORCE,
+)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """What the registers say of the hardware, and which of them there are."""
+
+    bundle_hash: int
+    version: int
+    height: int
+    width: int
+    channels: int
+    lanes: int
+    axes: int  # of force: 0 none, 1 z, 3 x, y and z
+    force_width: int = 64  # bits of one raw accumulator
+    depth: bool = True
+    background_capture: bool = False
+
+    def __post_init__(self):
+        for name, low, high in (
+            ("bundle_hash", 0, (1 << 64) - 1),
+            ("version", 0, (1 << 32) - 1),
+            ("height", 1, (1 << 16) - 1),
+            ("width", 1, (1 << 16) - 1),
+            ("channels", 1, 255),
+            ("lanes", 1, 255),
+            ("force_width", 1, 64),
+        ):
+            if not low <= getattr(self, name) <= high:
+                raise ValueError(f"{name} {getattr(self, name)}: expected {low} to {high}")
+        if self.axes not in AXES:
+            raise ValueError(f"axes {self.axes}: expected one of {tuple(AXES)}")
+        if not self.axes and not self.depth:
+            raise ValueError("axes 0, depth False: expected a force or a depth to come out")
+
+    @property
+    def registers(self) -> tuple[Register, ...]:
+        """The registers that exist; any other address answers DECERR."""
+        present = {"", *(f"force_{axis}" for axis in AXES[self.axes])}
+        present |= {"force"} if self.axes else set()
+        present |= {"depth"} if self.depth else set()
+        return tuple(register for register in REGISTERS if register.needs in present)

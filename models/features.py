@@ -1,0 +1,40 @@
+"""What the pixel network sees: intensity differences from the background, and where the pixel is.
+
+Integer features are the contract between camera and network: ΔI in −255 … 255 and coordinate codes in
+−127 … 127; the float network sees the same numbers, scaled.
+"""
+
+import numpy as np
+
+DIFFERENCE_SCALE = 1 / 64
+COORDINATE_SCALE = 1 / 127
+WIDTH = 9
+"""Bits of a signed integer feature."""
+
+
+def coordinate_codes(size: int) -> np.ndarray:
+    """Pixel centres along one axis as −127 … 127, (size,) int64."""
+    return np.rint(np.linspace(-127, 127, size)).astype(np.int64)
+
+
+def integer_features(frames: np.ndarray, background: np.ndarray) -> np.ndarray:
+    """Frames (..., H, W, C) uint8 and background (H, W, C) uint8 to features (..., H, W, C + 2) int16.
+
+    Order: ΔI of each channel, then the coordinate code of u, then of v.
+    """
+    height, width, channels = background.shape
+    features = np.empty((*frames.shape[:-1], channels + 2), dtype=np.int16)
+    np.subtract(frames, background, out=features[..., :channels], dtype=np.int16)
+    features[..., channels] = coordinate_codes(width)
+    features[..., channels + 1] = coordinate_codes(height)[:, None]
+    return features
+
+
+def scales(channels: int) -> np.ndarray:
+    """Float value of one unit of each feature, (channels + 2,)."""
+    return np.array([DIFFERENCE_SCALE] * channels + [COORDINATE_SCALE] * 2)
+
+
+def limits(channels: int) -> np.ndarray:
+    """Largest magnitude of each integer feature, (channels + 2,)."""
+    return np.array([255] * channels + [127] * 2)

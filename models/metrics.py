@@ -1,0 +1,99 @@
+"""Accuracy against ground truth, with the units in the names."""
+
+import numpy as np
+
+from fastac.scene import Scene
+from sensor.dataset import Dataset
+
+from .pipeline import Result
+
+RIM_PX = 4
+"""Original pixels inside a labelled contact circle that are left out: the label's own uncertainty."""
+
+
+def _known(data: Dataset, index: np.ndarray) -> np.ndarray:
+    shape = (len(index), *data.frames.shape[1:3])
+    return np.ones(shape, bool) if data.valid is None else data.valid[index]
+
+
+def normals(result: Result, data: Dataset, index: np.ndarray, pitch_mm: float) -> dict[str, float]:
+    """Errors of normals and gradients over the pixels whose normal is known.
+
+    The total gradient error is the sum of both components', as in the paper's table.
+    """
+    known = _known(data, index)
+    truth = data.normals[index][known].astype(np.float64)
+    slopes = -truth[:, :2] / truth[:, 2:]
+    error = np.abs(result.slopes[known] - slopes).mean(axis=0) * pitch_mm
+    cosine = np.clip((result.normals[known] * truth).sum(axis=-1), -1, 1)
+    return {
+        "gradient_x_mae_mm_per_px": float(error[0]),
+        "gradient_y_mae_mm_per_px": float(error[1]),
+        "gradient_mae_mm_per_px": float(error.sum()),
+        "normal_mae_deg": float(np.degrees(np.arccos(cosine)).mean()),
+    }
+
+
+def contact_angle(result: Result, rest: Result, data: Dataset, index: np.ndarray) -> float | None:
+    """Mean gradient-angle error in rad inside labelled contact circles, background prediction subtracted.
+
+    Per image the mean of |Δ atan p| and |Δ atan q| over the pixels inside the circle less RIM_PX original
+    pixels, then the mean over images. None where the dataset labels no circles.
+    """
+    if data.indenter is None or "radius_px" not in data.indenter or "scale" not in data.indenter:
+        return None
+    v, u = np.indices(data.frames.shape[1:3])
+    known = _known(data, index)
+    errors = []
+    for k, sample in enumerate(index):
+        (centre_u, centre_v), radius = data.indenter["center_px"][sample], data.indenter["radius_px"][sample]
+        if not np.isfinite(radius):
+            continue
+        radius -= RIM_PX / data.indenter["scale"][sample]
+        inside = known[k] & (np.hypot(u - centre_u, v - centre_v) <= radius)
+        truth = data.normals[sample][inside].astype(np.float64)
+        found = np.arctan(result.slopes[k][inside] - rest.slopes[0][inside])
+        errors.append(np.abs(found - np.arctan(-truth[:, :2] / truth[:, 2:])).mean())
+    return float(np.mean(errors)) if errors else None
+
+
+def depth_mae_mm(result: Result, data: Dataset, index: np.ndarray) -> float:
+    """Mean absolute depth error over the inner pixels that are valid (the boundary is given, not found)."""
+    known = _known(data, index)[:, 1:-1, 1:-1]
+    error = np.abs(result.depth_mm - data.depth_mm[index])[:, 1:-1, 1:-1]
+    return float(error[known].mean())
+
+
+def force(result: Result, data: Dataset, index: np.ndarray, axes: tuple[int, ...]) -> dict[str, float]:
+    """Errors of the force components `axes` (0, 1, 2 for x, y, z), summed over axes where there are several.
+
+    Normalised by each component's largest true load, as in the paper.
+    """
+    truth = data.force_n[index][:, list(axes)].astype(np.float64)
+    error = result.force_n - truth
+    largest = np.abs(truth).max(axis=0)
+    mae = np.abs(error).mean(axis=0)
+    total = ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
+    return {
+        "force_mae_n": float(mae.mean()),
+        "force_rmse_n": float(np.sqrt((error**2).mean())),
+        "force_nmae_percent": float((100 * mae / largest).mean()),
+        "force_r2": float((1 - (error**2).sum(axis=0) / total).mean()),
+    }
+
+
+def evaluate(
+    result: Result, rest: Result, data: Dataset, index: np.ndarray, scene: Scene
+) -> dict[str, float]:
+    """Every error whose ground truth the dataset has and whose output the scene wants."""
+    found = {}
+    if data.normals is not None:
+        found |= normals(result, data, index, scene.sensor.pitch_mm)
+        angle = contact_angle(result, rest, data, index)
+        if angle is not None:
+            found["contact_gradient_angle_mae_rad"] = angle
+    if result.depth_mm is not None and data.depth_mm is not None:
+        found["depth_mae_mm"] = depth_mae_mm(result, data, index)
+    if result.force_n is not None and data.force_n is not None:
+        found |= force(result, data, index, (2,))
+    return found

@@ -1,0 +1,187 @@
+"""From float weights to the integer model: scales, multipliers, kernels, and every word's width."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from fastac.scene import Scene
+
+from .bounds import solver
+from .features import limits
+from .fixed import Fixed, signed_width, to_words
+from .integer import (
+    Depth,
+    DisplacementQuantiser,
+    GradientRatio,
+    Layer,
+    PatchForce,
+    PoissonSource,
+    Requantisation,
+    divergence_of,
+)
+from .pipeline import IntegerPipeline
+from .poisson import boundary_term
+
+MULTIPLIER_BITS = 17
+
+
+def requantisation(scale: np.ndarray, bits: int) -> Requantisation:
+    """`scale` (neurons,) > 0, activation units per accumulator unit, as multipliers and one shift.
+
+    The largest multiplier uses all 17 bits; a shift below zero (scales of 2**17 and more) is refused.
+    """
+    shift = MULTIPLIER_BITS - int(np.floor(np.log2(scale.max()))) - 1
+    multiplier = np.rint(scale * 2.0**shift).astype(np.int64)
+    if multiplier.max() >> MULTIPLIER_BITS:
+        shift -= 1
+        multiplier = np.rint(scale * 2.0**shift).astype(np.int64)
+    return Requantisation(np.maximum(multiplier, 1), shift, bits)
+
+
+def quantise_layers(
+    weights: Sequence[np.ndarray],
+    biases: Sequence[np.ndarray],
+    feature_scales: np.ndarray,
+    features: np.ndarray,
+    *,
+    weight_bits: int,
+    activation_bits: int,
+    last_weight_bits: int,
+    percentile: float = 99.99,
+) -> tuple[Layer, ...]:
+    """Post-training quantisation of the pixel network.
+
+    weights, biases : of the float layers; feature_scales : float value of one unit of each integer feature
+    features : calibration pixels (pixels, inputs), integers; activations' ranges are `percentile` of theirs
+
+    Every hidden neuron has a weight scale and an activation range of its own: its multiplier and the next
+    layer's weights absorb both. The last layer has one scale for all neurons, because only the ratios of its
+    outputs count. Floors are turned into roundings by half a unit in the bias.
+    """
+    top_activation = (1 << activation_bits) - 1
+    layers = []
+    into = features.astype(np.float64) * feature_scales  # float activations
+    unit = feature_scales  # float value of one integer unit of each input
+    limit = limits(len(feature_scales) - 2)
+    for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
+        out = np.maximum(into @ weight.T + bias, 0)
+        largest = np.percentile(out, percentile, axis=0)
+        activation_unit = np.maximum(largest, largest.max() * 1e-3 + 1e-9) / top_activation
+        integer_weight, scale = _scaled(weight * unit, weight_bits, axis=1)
+        integer_bias = np.rint((bias + activation_unit / 2) / scale).astype(np.int64)
+        multiplier = requantisation(scale / activation_unit, activation_bits)
+        layers.append(Layer(integer_weight, integer_bias, limit, weight_bits, multiplier))
+        into, unit, limit = out, activation_unit, np.full(len(weight), top_activation)
+    integer_weight, scale = _scaled(weights[-1] * unit, last_weight_bits, axis=None)
+    integer_bias = np.rint(biases[-1] / scale).astype(np.int64)
+    return (*layers, Layer(integer_weight, integer_bias, limit, last_weight_bits))
+
+
+def _scaled(weight: np.ndarray, bits: int, axis: int | None) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (neurons, inputs) as integers of `bits`, and each neuron's scale; one for all if no axis."""
+    top = (1 << (bits - 1)) - 1
+    magnitude = np.abs(weight)
+    scale = magnitude.max(axis=axis, keepdims=True) / top
+    # A neuron whose weights have died keeps a scale that its multiplier can express.
+    scale = np.broadcast_to(np.maximum(scale, magnitude.max() * 1e-4 / top), (len(weight), 1))
+    return np.clip(np.rint(weight / scale), -top, top).astype(np.int64), scale[:, 0]
+
+
+def quantise_kernels(kernels: np.ndarray, bits: int) -> tuple[np.ndarray, float]:
+    """Kernels (axes, N, N, K, K) in N per mm to integers and s_k, integer units per N/mm."""
+    scale = ((1 << (bits - 1)) - 1) / max(float(np.abs(kernels).max()), 1e-12)
+    return np.rint(kernels * scale).astype(np.int64), scale
+
+
+def assemble(
+    scene: Scene,
+    *,
+    layers: tuple[Layer, ...],
+    background: np.ndarray,
+    rest_depth_mm: np.ndarray,
+) -> IntegerPipeline:
+    """The integer pipeline up to the depth and the displacement; `with_force` adds the kernels.
+
+    Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
+    (models/bounds.py). Raises ValueError where a bound does not fit the scene's data bits.
+    """
+    numbers, pitch = scene.numbers, scene.sensor.pitch_mm
+    ratio = GradientRatio(
+        normal_width=layers[-1].accumulator_width,
+        width=numbers.gradient_fraction_bits + numbers.slope_limit.bit_length(),
+        fraction=numbers.gradient_fraction_bits,
+    )
+    pipeline = IntegerPipeline(
+        scene=scene, layers=layers, ratio=ratio, background=background, rest_depth_mm=rest_depth_mm
+    )
+    if not scene.wants_solver:
+        return pipeline
+
+    divergence = scene.poisson.divergence
+    unit = Fixed(62, ratio.fraction + (divergence == "central"))
+    rest_slopes = pipeline.slopes(pipeline.normals(background[None]))[0]
+    if scene.poisson.mode == "difference":
+        offset = divergence_of(rest_slopes, divergence)[0]
+    else:
+        offset = to_words(boundary_term(rest_depth_mm / pitch), unit)
+    source = PoissonSource(divergence, ratio.width, offset)
+    chosen = solver(
+        offset=offset,
+        source=Fixed(source.width, unit.fraction),
+        slope_limit=ratio.limit * 2.0**-ratio.fraction,
+        divergence=divergence,
+        coefficient_fraction=numbers.coefficient_fraction_bits,
+        data_bits=numbers.data_bits,
+    )
+    if scene.poisson.mode == "difference":
+        rest = to_words(rest_depth_mm[1:-1, 1:-1] / pitch, Fixed(62, chosen.depth_format.fraction))
+    else:
+        rest = chosen(source(rest_slopes))[0]
+    depth = Depth(scene.poisson.mode, chosen.depth_format.width, rest)
+    quantiser = None
+    if scene.wants_force:
+        largest = scene.force.max_displacement_mm / pitch * 2.0**chosen.depth_format.fraction
+        shift = max(signed_width(int(largest)) - 1 - numbers.displacement_bits, 0)
+        quantiser = DisplacementQuantiser(depth.width, shift, numbers.displacement_bits)
+    return pipeline.replace(source=source, solver=chosen, depth=depth, quantiser=quantiser)
+
+
+def with_force(pipeline: IntegerPipeline, kernels: np.ndarray) -> IntegerPipeline:
+    """The pipeline with HyperForce's kernels (axes, N, N, K, K), in N per mm of displacement."""
+    numbers = pipeline.scene.numbers
+    kernel, scale = quantise_kernels(kernels, numbers.kernel_bits)
+    force = PatchForce(kernel, numbers.kernel_bits, numbers.displacement_bits)
+    return pipeline.replace(force=force, force_n_per_unit=pipeline.displacement_mm_per_unit / scale)
+
+
+def layers_to_arrays(layers: Sequence[Layer]) -> dict[str, np.ndarray]:
+    """Layers as named arrays, for a file between two steps of a build."""
+    arrays = {}
+    for k, layer in enumerate(layers):
+        arrays |= {f"layer.{k}.{name}": getattr(layer, name) for name in ("weight", "bias", "input_limit")}
+        arrays[f"layer.{k}.weight_bits"] = np.array(layer.weight_bits)
+        if layer.requantisation is not None:
+            scale = layer.requantisation
+            arrays[f"layer.{k}.multiplier"] = scale.multiplier
+            arrays[f"layer.{k}.shift_bits"] = np.array([scale.shift, scale.bits])
+    return arrays
+
+
+def layers_from_arrays(arrays: dict[str, np.ndarray]) -> tuple[Layer, ...]:
+    """The inverse of `layers_to_arrays`."""
+    layers = []
+    while f"layer.{len(layers)}.weight" in arrays:
+        part = f"layer.{len(layers)}."
+        scale = None
+        if f"{part}multiplier" in arrays:
+            scale = Requantisation(arrays[f"{part}multiplier"], *map(int, arrays[f"{part}shift_bits"]))
+        layers.append(
+            Layer(
+                arrays[f"{part}weight"],
+                arrays[f"{part}bias"],
+                arrays[f"{part}input_limit"],
+                int(arrays[f"{part}weight_bits"]),
+                scale,
+            )
+        )
+    return tuple(layers)

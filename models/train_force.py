@@ -1,0 +1,78 @@
+"""Training HyperForce on the displacements that the pipeline finds.
+
+Source: Lu et al., "FasTac": L1 on the resultant, AdamW; every step needs each pixel's collapsed weight only
+once, whatever the batch.
+"""
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from fastac.scene import Scene
+
+from .hyperforce import HyperForce, coordinates
+
+
+def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:
+    return HyperForce(
+        coordinates(rest_depth_mm[1:-1, 1:-1]),
+        kernel_size=scene.force.kernel_size,
+        hidden=scene.force.hidden,
+        axes=axes,
+    )
+
+
+def train(
+    scene: Scene,
+    rest_depth_mm: np.ndarray,
+    displacement_mm: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    *,
+    progress: bool = False,
+) -> tuple[HyperForce, list[dict]]:
+    """Fit the kernels; `displacement_mm` (frames, N, N) and `force_n` (frames, axes) by split name.
+
+    Displacements are clamped at zero as in the paper. The best epoch on the validation split is kept.
+    """
+    settings = scene.training
+    pressed = {k: torch.from_numpy(np.maximum(v, 0).astype(np.float32)) for k, v in displacement_mm.items()}
+    force = {k: torch.from_numpy(v.astype(np.float32)) for k, v in force_n.items()}
+    torch.manual_seed(settings.seed)
+    model = build(scene, rest_depth_mm, axes=force["train"].shape[1])
+    # Kernels of order one give forces of the right order.
+    volume = pressed["train"].flatten(1).sum(dim=1).mean()
+    model.unit.fill_(float(force["train"].abs().mean() / volume.clamp(min=1e-9)) / model.kernel_size)
+    optimiser = torch.optim.AdamW(
+        model.parameters(), lr=settings.force_learning_rate, weight_decay=settings.force_weight_decay
+    )
+    count = len(pressed["train"])
+    steps = settings.force_epochs * -(-count // settings.force_batch)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, settings.force_learning_rate, total_steps=steps, pct_start=0.1
+    )
+    generator = torch.Generator().manual_seed(settings.seed)
+    best, best_state, history = np.inf, None, []
+    bar = tqdm(total=steps, desc="force, float", unit="step", disable=not progress, leave=False)
+    for epoch in range(settings.force_epochs):
+        total = 0.0
+        for index in torch.randperm(count, generator=generator).split(settings.force_batch):
+            loss = (model(pressed["train"][index]) - force["train"][index]).abs().sum(dim=1).mean()
+            optimiser.zero_grad(set_to_none=True)
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+            total += loss.item() * len(index)
+            bar.update()
+        entry = {"epoch": epoch + 1, "train_mae_n": total / count}
+        if "validation" in pressed:
+            with torch.inference_mode():
+                error = (model(pressed["validation"]) - force["validation"]).abs().sum(dim=1).mean().item()
+            entry["validation_mae_n"] = error
+            if error < best:
+                best, best_state = error, {k: v.clone() for k, v in model.state_dict().items()}
+        history.append(entry)
+        bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
+    bar.close()
+    if best_state is not None:
+        model.load_state_dict(best_state)
+    return model, history

@@ -1,0 +1,188 @@
+"""The dataset format: one HDF5 file, the same for simulated and recorded frames.
+
+    frames          (N, H, W, C) uint8      attributes: pitch_mm, channels ("B,G,R,NIR"), source,
+    background      (H, W, C) uint8                     format_version
+    split           (N,) text: train, validation or test
+    normals         (N, H, W, 3) float32    outward unit normals            ┐
+    depth_mm        (N, H, W) float32       z, the skin's height            │ each present only
+    valid           (N, H, W) bool          where normals and depth hold;   │ if it is known
+                                            absent means everywhere         │
+    force_n         (N, 3) float32          z is positive in compression    │
+    rest_depth_mm   (H, W) float32          z of the untouched skin         │
+    indenter/…      (N, …) numbers          pose and shape; NaN: no indenter┘
+
+Ground truth is finite, and normals are unit vectors with n_z > 0, wherever it is valid; elsewhere it means
+nothing (our importer writes NaN there, so that a forgotten mask shows).
+"""
+
+import os
+import tempfile
+from dataclasses import fields
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from fastac.scene import Scene
+from sensor.samples import SPLITS, Dataset, DatasetError, check
+
+__all__ = ["SPLITS", "Dataset", "DatasetError", "read", "write"]
+
+FORMAT_VERSION = 1
+CHUNKED = ("frames", "normals", "depth_mm", "valid")
+"""Stored and compressed in whole frames: one frame is read without touching its neighbours."""
+ARRAYS = {
+    "background": np.uint8,
+    "frames": np.uint8,
+    "normals": np.float32,
+    "depth_mm": np.float32,
+    "valid": np.bool_,
+    "force_n": np.float32,
+    "rest_depth_mm": np.float32,
+}
+REQUIRED = ("background", "frames", "split")
+
+
+def write(
+    path: Path | str,
+    *,
+    pitch_mm: float,
+    channels: tuple[str, ...],
+    source: str,
+    background: np.ndarray,
+    frames: np.ndarray,
+    split: np.ndarray,
+    normals: np.ndarray | None = None,
+    depth_mm: np.ndarray | None = None,
+    valid: np.ndarray | None = None,
+    force_n: np.ndarray | None = None,
+    indenter: dict[str, np.ndarray] | None = None,
+    rest_depth_mm: np.ndarray | None = None,
+) -> None:
+    """Write a dataset; the file appears complete or not at all.
+
+    Floating-point ground truth is stored as float32. Raises DatasetError on anything that `read` refuses.
+    """
+    path = Path(path)
+    given = {
+        "background": background,
+        "frames": frames,
+        "normals": normals,
+        "depth_mm": depth_mm,
+        "valid": valid,
+        "force_n": force_n,
+        "rest_depth_mm": rest_depth_mm,
+    }
+    arrays = {}
+    for key, array in given.items():
+        if array is not None:
+            array = np.asarray(array)
+            to_float = ARRAYS[key] is np.float32 and array.dtype.kind == "f"
+            if not to_float and array.dtype != ARRAYS[key]:
+                raise DatasetError(f"{path}: {key} = {array.dtype}: expected {np.dtype(ARRAYS[key])}")
+            arrays[key] = array.astype(ARRAYS[key], copy=False)
+    poses = None if indenter is None else {key: np.asarray(array, float) for key, array in indenter.items()}
+    split = np.asarray(split, dtype=str)
+    check(Dataset(pitch_mm, tuple(channels), source, split=split, indenter=poses, **arrays), None, str(path))
+    if not path.parent.is_dir():
+        raise DatasetError(f"{path}: {path.parent} is not a folder")
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
+    os.close(handle)
+    try:
+        with h5py.File(temporary, "w") as file:
+            file.attrs["format_version"] = FORMAT_VERSION
+            file.attrs["pitch_mm"] = pitch_mm
+            file.attrs["channels"] = ",".join(channels)
+            file.attrs["source"] = source
+            for key, array in arrays.items():
+                packed = {"compression": "lzf", "shuffle": True} if key in CHUNKED else {}
+                chunks = (1, *array.shape[1:]) if key in CHUNKED else None
+                file.create_dataset(key, data=array, chunks=chunks, **packed)
+            file.create_dataset("split", data=split.tolist(), dtype=h5py.string_dtype())
+            for key, array in (poses or {}).items():
+                file.create_dataset(f"indenter/{key}", data=array)
+        os.chmod(temporary, 0o644)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+
+
+def read(path: Path | str, scene: Scene | None = None) -> Dataset:
+    """The dataset in a file, validated, against a scene too if one is given.
+
+    Raises DatasetError on anything missing, malformed, not finite, not unit, or not of the scene.
+    """
+    path = Path(path)
+    try:
+        file = h5py.File(path, "r")
+    except FileNotFoundError:
+        raise DatasetError(f"{path}: no such file") from None
+    except PermissionError:
+        raise DatasetError(f"{path}: permission denied") from None
+    except OSError:
+        raise DatasetError(f"{path}: not an HDF5 file") from None
+    with file:
+        try:
+            content = _content(file, path)
+        except OSError as error:
+            raise DatasetError(f"{path}: damaged: {error}".splitlines()[0]) from None
+    data = Dataset(**content)
+    check(data, scene, str(path))
+    return data
+
+
+def _content(file: h5py.File, path: Path) -> dict:
+    """Every field of the file, with types checked before anything is converted."""
+    attributes = {}
+    kinds = {"format_version": np.integer, "pitch_mm": np.floating, "channels": str, "source": str}
+    for key, kind in kinds.items():
+        if key not in file.attrs:
+            raise DatasetError(f"{path}: {key}: missing attribute")
+        value = file.attrs[key]
+        if not isinstance(value, kind):
+            raise DatasetError(f"{path}: {key} = {value!r}: expected {kind.__name__}")
+        attributes[key] = value
+    if attributes["format_version"] != FORMAT_VERSION:
+        raise DatasetError(
+            f"{path}: format_version = {attributes['format_version']}: expected {FORMAT_VERSION}"
+        )
+    known = {field.name for field in fields(Dataset)}
+    for key in file:
+        if key not in known:
+            raise DatasetError(f"{path}: {key}: unknown key")
+    content = {
+        "pitch_mm": float(attributes["pitch_mm"]),
+        "channels": tuple(attributes["channels"].split(",")),
+        "source": attributes["source"],
+    }
+    for key in ("split", *ARRAYS):
+        stored = file.get(key)
+        if stored is None:
+            if key in REQUIRED:
+                raise DatasetError(f"{path}: {key}: missing")
+            continue
+        if not isinstance(stored, h5py.Dataset):
+            raise DatasetError(f"{path}: {key} = a group: expected an array")
+        if key == "split":
+            if h5py.check_string_dtype(stored.dtype) is None:
+                raise DatasetError(f"{path}: split = {stored.dtype}: expected text")
+            content[key] = np.asarray(stored.asstr()[()], dtype=str)
+            continue
+        if stored.dtype != ARRAYS[key]:
+            raise DatasetError(f"{path}: {key} = {stored.dtype}: expected {np.dtype(ARRAYS[key])}")
+        content[key] = stored[()]
+    if "indenter" in file:
+        content["indenter"] = _indenter(file["indenter"], path)
+    return content
+
+
+def _indenter(group, path: Path) -> dict[str, np.ndarray]:
+    if not isinstance(group, h5py.Group):
+        raise DatasetError(f"{path}: indenter = an array: expected a group")
+    poses = {}
+    for key, stored in group.items():
+        if not isinstance(stored, h5py.Dataset) or stored.dtype != np.float64:
+            raise DatasetError(f"{path}: indenter/{key}: expected an array of float64")
+        poses[key] = stored[()]
+    return poses

@@ -1,0 +1,73 @@
+"""Exact area averaging of photographs onto a sensor's grid, padded to its aspect by the background."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+
+def overlaps(source_px: int, target_px: int, scale: float) -> np.ndarray:
+    """Share of each target pixel that each source pixel covers, float64 (target, source).
+
+    Both grids share their centre; a target pixel is `scale` source pixels wide. A row sums to 1 where
+    the target pixel lies wholly in the source, and to less where it sticks out.
+    """
+    offset = (source_px - target_px * scale) / 2
+    start = offset + np.arange(target_px)[:, None] * scale
+    pixel = np.arange(source_px)
+    return np.clip(np.minimum(start + scale, pixel + 1) - np.maximum(start, pixel), 0, None) / scale
+
+
+@dataclass(frozen=True)
+class Resampling:
+    """From photographs (height, width) onto (target_height, target_width), centred, aspect kept.
+
+    The photograph fills one axis; along the other the target shows the background's outermost row or
+    column, in every frame alike, so that a difference from the background is zero there.
+    """
+
+    height: int
+    width: int
+    target_height: int
+    target_width: int
+
+    @property
+    def scale(self) -> float:
+        """Original pixels per resampled pixel, the same along both axes."""
+        return max(self.height / self.target_height, self.width / self.target_width)
+
+    def _overlaps(self) -> tuple[np.ndarray, np.ndarray]:
+        return (
+            overlaps(self.height, self.target_height, self.scale),
+            overlaps(self.width, self.target_width, self.scale),
+        )
+
+    def valid(self) -> np.ndarray:
+        """Pixels that lie wholly in the photograph, bool (target_height, target_width)."""
+        rows, columns = (weights.sum(axis=1) > 1 - 1e-9 for weights in self._overlaps())
+        return rows[:, None] & columns
+
+    def background(self, image: np.ndarray) -> np.ndarray:
+        """The background (height, width, C) resampled and padded, float64."""
+        padded = []
+        for weights in self._overlaps():
+            missing = 1 - weights.sum(axis=1)
+            half = len(missing) // 2
+            weights[:half, 0] += missing[:half]
+            weights[half:, -1] += missing[half:]
+            padded.append(weights)
+        return np.einsum("iv,vuc,ju->ijc", padded[0], image.astype(float), padded[1], optimize=True)
+
+    def frame(self, image: np.ndarray, background: np.ndarray) -> np.ndarray:
+        """A frame (height, width, C) resampled, with `background`'s padding, float64."""
+        rows, columns = self._overlaps()
+        change = image.astype(float) - background
+        return self.background(background) + np.einsum("iv,vuc,ju->ijc", rows, change, columns, optimize=True)
+
+    def points_px(self, points: np.ndarray) -> np.ndarray:
+        """Positions (…, 2) as (u, v) pixel indices, of the original to the resampled image.
+
+        Index i is the centre of pixel i in both.
+        """
+        original = np.array([self.width, self.height])
+        target = np.array([self.target_width, self.target_height])
+        return (points + 0.5 - original / 2) / self.scale + target / 2 - 0.5

@@ -1,0 +1,101 @@
+"""What a dataset holds, and what must hold between its parts."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fastac.scene import CHANNELS, Scene
+
+SPLITS = ("train", "validation", "test")
+PITCH_TOLERANCE = 1e-3
+UNIT_TOLERANCE = 1e-4
+"""Of a normal's squared length: float32 leaves 1e-7."""
+
+
+class DatasetError(ValueError):
+    """A dataset that cannot be used; the message is one line that names file, key and value."""
+
+
+@dataclass(frozen=True, eq=False)
+class Dataset:
+    """The content of one file; what is unknown is None."""
+
+    pitch_mm: float
+    channels: tuple[str, ...]
+    source: str
+    background: np.ndarray
+    frames: np.ndarray
+    split: np.ndarray
+    normals: np.ndarray | None = None
+    depth_mm: np.ndarray | None = None
+    valid: np.ndarray | None = None
+    force_n: np.ndarray | None = None
+    indenter: dict[str, np.ndarray] | None = None
+    rest_depth_mm: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.frames)
+
+    def indices(self, split: str) -> np.ndarray:
+        """Indices of the samples of one split, ascending; empty if the dataset has none."""
+        if split not in SPLITS:
+            raise DatasetError(f"split = {split!r}: expected one of {', '.join(SPLITS)}")
+        return np.flatnonzero(self.split == split)
+
+
+def check(data: Dataset, scene: Scene | None, origin: str) -> None:
+    """Raise DatasetError unless everything fits together; `origin` names the file."""
+
+    def need(condition, key, value, expected):
+        if not condition:
+            raise DatasetError(f"{origin}: {key} = {value}: expected {expected}")
+
+    need(np.isfinite(data.pitch_mm) and data.pitch_mm > 0, "pitch_mm", data.pitch_mm, "a positive length")
+    need(data.channels in CHANNELS.values(), "channels", ",".join(data.channels), "B,G,R or B,G,R,NIR")
+    need(data.frames.ndim == 4 and len(data.frames), "frames", data.frames.shape, "shape (N, H, W, C)")
+    n, height, width, _ = data.frames.shape
+    shapes = {
+        "frames": (n, height, width, len(data.channels)),
+        "background": (height, width, len(data.channels)),
+        "split": (n,),
+        "normals": (n, height, width, 3),
+        "depth_mm": (n, height, width),
+        "valid": (n, height, width),
+        "force_n": (n, 3),
+        "rest_depth_mm": (height, width),
+    }
+    for key, shape in shapes.items():
+        array = getattr(data, key)
+        if array is not None:
+            need(array.shape == shape, key, array.shape, f"shape {shape}")
+    for name in np.unique(data.split):
+        need(name in SPLITS, "split", repr(str(name)), f"one of {', '.join(SPLITS)}")
+    for key, array in (data.indenter or {}).items():
+        need(array.ndim and len(array) == n, f"indenter/{key}", array.shape, f"{n} entries")
+        need(not np.isinf(array).any(), f"indenter/{key}", "infinite", "numbers, or NaN for no indenter")
+    for key in ("force_n", "rest_depth_mm"):
+        array = getattr(data, key)
+        need(array is None or np.isfinite(array).all(), key, "NaN or infinite", "finite values")
+    for i in range(n):
+        where = slice(None) if data.valid is None else data.valid[i]
+        if data.depth_mm is not None:
+            good = np.isfinite(data.depth_mm[i][where]).all()
+            need(good, f"depth_mm[{i}]", "NaN or infinite", "finite values where valid")
+        if data.normals is not None:
+            normals = data.normals[i][where]
+            length2 = np.einsum("...i,...i->...", normals, normals)
+            good = np.isfinite(length2).all()
+            need(good, f"normals[{i}]", "NaN or infinite", "finite values where valid")
+            worst = length2.flat[np.abs(length2 - 1).argmax()] if length2.size else 1.0
+            good = abs(worst - 1) <= UNIT_TOLERANCE
+            need(good, f"normals[{i}]", f"a vector of length {worst**0.5:.6g}", "unit vectors where valid")
+            lowest = normals[..., 2].min(initial=1.0)
+            need(lowest > 0, f"normals[{i}]", f"n_z {lowest:.6g}", "n_z > 0 where valid")
+    if scene is not None:
+        sensor = scene.sensor
+        want, have = ",".join(sensor.channel_names), ",".join(data.channels)
+        need(have == want, "channels", have, f"{want} ({scene.name})")
+        size, want = f"{height} x {width} px", f"{sensor.height_px} x {sensor.width_px} px"
+        need(size == want, "frames", size, f"{want} ({scene.name})")
+        close = abs(data.pitch_mm / sensor.pitch_mm - 1) <= PITCH_TOLERANCE
+        need(close, "pitch_mm", f"{data.pitch_mm:.6g}", f"{sensor.pitch_mm:g} ({scene.name})")

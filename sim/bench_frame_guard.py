@@ -1,0 +1,110 @@
+"""cocotb bench of the frame guard: sequences of beats, good and bad; settings come from its test."""
+
+import json
+import os
+import random
+from pathlib import Path
+
+import cocotb
+from cocotb.clock import Clock
+from cocotb.triggers import ReadOnly, RisingEdge
+
+SET = json.loads(Path(os.environ["BENCH"]).read_text())
+FLAGS = ("line_short", "line_long", "frame_short", "frame_long", "no_start", "frame_started", "frame_done")
+
+
+async def start(dut):
+    cocotb.start_soon(Clock(dut.clk, 10, unit="ns").start())
+    for signal in (dut.axis__tvalid, dut.o__ready, dut.tag__ready):
+        signal.value = 0
+    dut.enable.value = 1
+    await reset(dut)
+
+
+async def reset(dut):
+    dut.rst.value = 1
+    for _ in range(2):
+        await RisingEdge(dut.clk)
+    dut.rst.value = 0
+
+
+class Run:
+    """One sequence of beats [data, last, start, enable] from reset to silence."""
+
+    def __init__(self, dut, rng, stalls):
+        self.dut, self.rng, self.stalls = dut, rng, stalls
+        self.beats, self.tags, self.bad = [], [], []
+        self.flags = dict.fromkeys(FLAGS, 0)
+        self.taken_at, self.left_at = [], []
+        self.started_at, self.done_at = [], []
+
+    async def play(self, beats):
+        dut, rng = self.dut, self.rng
+        slow_in, slow_out, slow_tag = self.stalls
+        offered = idle = cycle = 0
+        held = None
+        while idle < SET["linger"]:
+            assert cycle < SET["timeout_cycles"], f"hang: {len(self.taken_at)} of {len(beats)} beats taken"
+            if offered == len(self.taken_at) and offered < len(beats) and rng.random() >= slow_in:
+                word, last, user, enable = beats[offered]
+                dut.axis__tdata.value = word
+                dut.axis__tlast.value, dut.axis__tuser.value = last, user
+                dut.enable.value = enable
+                offered += 1
+            dut.axis__tvalid.value = int(offered > len(self.taken_at))
+            dut.o__ready.value = int(rng.random() >= slow_out)
+            dut.tag__ready.value = int(rng.random() >= slow_tag)
+            await ReadOnly()
+            waiting = (dut.axis__tvalid, dut.o__valid, dut.tag__valid)
+            done = offered == len(beats) and not any(int(signal.value) for signal in waiting)
+            idle = idle + 1 if done else 0
+            took = int(dut.axis__tvalid.value) and int(dut.axis__tready.value)
+            assert int(dut.accepted.value) == took
+            if int(dut.frame_started.value):
+                # The beat that starts the frame is the last one accepted before: FrameTimer relies on it.
+                assert beats[len(self.taken_at) - 1][2]
+            if took:
+                self.taken_at.append(cycle)
+            if int(dut.tag__valid.value) and int(dut.tag__ready.value):
+                # A frame's tag comes behind its last beat and before the last beat of the next.
+                frame = len(self.tags) + 1
+                assert frame * SET["frame_beats"] <= len(self.beats) < (frame + 1) * SET["frame_beats"]
+                self.tags.append(int(dut.tag__payload.value))
+            offer = (int(dut.o__valid.value), int(dut.o__payload.value))
+            assert held in (None, offer), "an offer was changed or withdrawn"
+            held = offer if offer[0] and not int(dut.o__ready.value) else None
+            if offer[0] and int(dut.o__ready.value):
+                self.beats.append(int(dut.o__payload.value))
+                self.left_at.append(cycle)
+            for flag in FLAGS:
+                self.flags[flag] += int(getattr(dut, flag).value)
+            if int(dut.frame_started.value):
+                self.started_at.append(cycle)
+            if int(dut.frame_done.value):
+                self.bad.append(int(dut.frame_bad.value))
+                self.done_at.append(cycle)
+            await RisingEdge(dut.clk)
+            cycle += 1
+
+
+@cocotb.test()
+@cocotb.parametrize(stalls=[(0, 0, 0), (0.3, 0.3, 0.3), (0, 0.8, 0.95), (0.8, 0, 0.95)])
+async def every_sequence(dut, stalls):
+    rng = random.Random(1)
+    await start(dut)
+    for sequence in SET["sequences"]:
+        run = Run(dut, rng, stalls)
+        await run.play([(int(word, 16), *rest) for word, *rest in sequence["beats"]])
+        name = sequence["name"]
+        assert run.flags == sequence["flags"], f"{name}: flags {run.flags}, expected {sequence['flags']}"
+        assert run.bad == run.tags == sequence["bad"], f"{name}: {run.bad}, {run.tags}, {sequence['bad']}"
+        assert run.beats == [int(word, 16) for word in sequence["expected"]], f"{name}: pixels differ"
+        if sequence["steady"] and not any(stalls):
+            # Good frames: a beat every clock without a gap, and the stated latency.
+            n = len(run.beats)
+            assert run.taken_at == list(range(run.taken_at[0], run.taken_at[0] + n))
+            assert [o - i for i, o in zip(run.taken_at, run.left_at, strict=True)] == [SET["latency"]] * n
+            first, last = run.taken_at[:: SET["frame_beats"]], run.taken_at[SET["frame_beats"] - 1 : :]
+            assert run.started_at == [cycle + 1 for cycle in first]
+            assert run.done_at == [cycle + 1 for cycle in last[:: SET["frame_beats"]]]
+        await reset(dut)

@@ -1,0 +1,229 @@
+"""The whole hardware on real frames, against the integer reference."""
+
+import json
+import time
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from gateware.register_map import AXES
+from gateware.top_zynq import TopZynq
+from models.bundle import Bundle
+from models.pipeline import Result
+
+from .progress import watched
+from .runner import build
+
+
+class SimulationFailure(RuntimeError):
+    """The simulation did not run to its end."""
+
+
+@dataclass
+class Comparison:
+    """How many values of one output were compared and how many differ."""
+
+    values: int = 0
+    mismatches: int = 0
+    first: str = ""
+
+    def add(self, name: str, found: np.ndarray, expected: np.ndarray) -> None:
+        """Compare two arrays of any equal size; a missing value is a mismatch."""
+        found, expected = np.ravel(found), np.ravel(expected)
+        common = min(len(found), len(expected))
+        wrong = np.flatnonzero(found[:common] != expected[:common])
+        count = len(wrong) + abs(len(found) - len(expected))
+        self.values += len(expected)
+        self.mismatches += count
+        if count and not self.first:
+            where = (
+                f"value {wrong[0]}: {found[wrong[0]]}, expected {expected[wrong[0]]}" if len(wrong) else ""
+            )
+            self.first = f"{name}: {len(found)} values, expected {len(expected)}; {where}".rstrip("; ")
+
+
+@dataclass
+class Report:
+    """What a simulation of the top-level measured; all latencies in clock cycles."""
+
+    frames: int
+    values_compared: int
+    mismatches: int
+    first_mismatch: str
+    latency_cycles: dict
+    errors: int
+    cycles: int
+    values_by_output: dict = field(default_factory=dict)
+    markers_compared: int = 0
+    wall_s: dict = field(default_factory=dict)
+
+    def as_dict(self) -> dict:
+        return asdict(self)
+
+
+def expected_words(top: TopZynq, result: Result) -> dict[str, np.ndarray]:
+    """What the output streams must carry, lane by lane, as the reference computes it."""
+    expected = {}
+    if top.datapath.wants_depth:
+        expected["depth"] = result.depth_words
+    if top.datapath.wants_normals:
+        expected["normals"] = result.normal_words
+    return expected
+
+
+def _without_void(words: np.ndarray, size: int, lanes: int) -> np.ndarray:
+    """Rows of N values from rows of ceil(N/lanes) beats."""
+    beats = -(-size // lanes)
+    whole = len(words) // (beats * lanes) * beats * lanes
+    return words[:whole].reshape(-1, beats * lanes)[:, :size]
+
+
+def simulate(
+    bundle: Bundle,
+    source: Path,
+    frames: np.ndarray,
+    result: Result,
+    folder: Path,
+    *,
+    name: str,
+    progress: bool = False,
+) -> Report:
+    """Send `frames` (frames, H, W, C), back to back, through the Verilog `source` and compare all outputs.
+
+    result : of `bundle.pipeline.run(frames)`; name : the Verilog's top module
+    Raises SimulationFailure where the bench fails (a hang, a broken bus rule, a wrong identity).
+    """
+    top = TopZynq(bundle)
+    path, lanes = top.datapath, top.lanes
+    size = bundle.scene.inner_px
+    folder.mkdir(parents=True, exist_ok=True)
+    np.save(folder / "frames.npy", frames)
+    octets = {}
+    if path.wants_depth:
+        octets["depth"] = len(frames) * size * -(-size // lanes) * lanes * 4
+    if path.wants_normals:
+        octets["normals"] = len(frames) * path.beats * lanes * 12
+    latencies = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
+    latency = max(
+        path.first_pixel_to_force if path.wants_force else 0,
+        path.first_pixel_to_depth if path.wants_depth else 0,
+        path.beats,
+    )
+    settings = {
+        "lanes": lanes,
+        "depth": path.wants_depth,
+        "normals": path.wants_normals,
+        "axes": AXES[top.identity.axes],
+        "octets": octets,
+        "registers": [*latencies, "STATUS"],
+        "bundle_hash": [bundle.hash_word & 0xFFFFFFFF, bundle.hash_word >> 32],
+        "timeout_cycles": 2 * (latency + len(frames) * path.interval) + 2000,
+    }
+    (folder / "settings.json").write_text(json.dumps(settings))
+    for stale in ("outputs.npz", "registers.json", "cycle"):
+        (folder / stale).unlink(missing_ok=True)
+    start = time.monotonic()
+    with watched("building the simulator", enabled=progress):
+        runner = build(source, name, folder / "build")
+    built = time.monotonic()
+    position = folder / "cycle"
+
+    def cycle() -> int:
+        return int(position.read_text() or 0) if position.exists() else 0
+
+    total = latency + (len(frames) - 1) * path.interval
+    try:
+        with watched("simulating", enabled=progress, total=total, unit="cycle", position=cycle):
+            runner.test(
+                hdl_toplevel=name,
+                test_module="sim.bench_top",
+                build_dir=folder / "build",
+                extra_env={"BENCH": str(folder.resolve())},
+                log_file=folder / "simulation.log",
+            )
+    except (SystemExit, RuntimeError) as error:
+        raise SimulationFailure(f"{folder / 'simulation.log'}: the bench failed: {error}") from None
+    wall = {"build": built - start, "simulate": time.monotonic() - built}
+    if not (folder / "registers.json").exists():
+        raise SimulationFailure(f"{folder / 'simulation.log'}: the bench failed")
+    with np.load(folder / "outputs.npz", allow_pickle=False) as archive:
+        outputs = {k: archive[k] for k in archive.files}
+    seen = json.loads((folder / "registers.json").read_text())
+
+    comparison, markers = Comparison(), Comparison()
+    per_output = {}
+    found = {"normals": outputs.get("normals_words")}
+    if path.wants_depth:
+        found["depth"] = _without_void(outputs["depth_words"], size, lanes)
+    for output, words in expected_words(top, result).items():
+        comparison.add(output, found[output], words)
+        per_output[output] = int(words.size)
+    if path.wants_force:
+        comparison.add("force", outputs["force_raw"], result.force_raw)
+        per_output["force"] = int(result.force_raw.size)
+    _check_markers(markers, outputs, top, len(frames))
+    return Report(
+        frames=len(frames),
+        values_compared=comparison.values,
+        mismatches=comparison.mismatches + markers.mismatches,
+        first_mismatch=comparison.first or markers.first,
+        latency_cycles=_latencies(top, outputs, seen),
+        errors=seen["errors"],
+        cycles=seen["cycles"],
+        values_by_output=per_output,
+        markers_compared=markers.values,
+        wall_s=wall,
+    )
+
+
+def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, frames: int) -> None:
+    """Start of frame, end of line and the bad-frame mark, beat by beat."""
+    shapes = {}
+    if top.datapath.wants_depth:
+        size = top.identity.width - 2
+        shapes["depth"] = (size, -(-size // top.lanes))
+    if top.datapath.wants_normals:
+        shapes["normals"] = (top.identity.height, top.identity.width // top.lanes)
+    for name, (rows, beats) in shapes.items():
+        last = np.zeros((frames, rows, beats), np.int8)
+        last[..., -1] = 1
+        user = np.zeros_like(last)
+        user[:, 0, 0] = 1
+        comparison.add(f"{name}.tlast", outputs[f"{name}_last"], last)
+        comparison.add(f"{name}.tuser", outputs[f"{name}_user"], user)
+
+
+def _latencies(top: TopZynq, outputs: dict, seen: dict) -> dict:
+    """Latencies of the first frame, which nothing delays, and the interval of those behind it."""
+    path = top.datapath
+    first = int(outputs["first_at"][0])
+    registers = seen["frames"][0]
+    latency = {"stage": stage_latencies(path)}
+    if path.wants_force:
+        latency["first_pixel_to_force"] = registers["LATENCY_FIRST_PIXEL_TO_FORCE"]
+        latency["last_pixel_to_force"] = registers["LATENCY_LAST_PIXEL_TO_FORCE"]
+    if path.wants_depth:
+        depth_at = outputs["depth_at"]
+        latency["first_pixel_to_first_depth"] = int(depth_at[0]) - first
+        latency["first_pixel_to_depth"] = int(depth_at[len(depth_at) // len(outputs["first_at"]) - 1]) - first
+    if path.wants_normals:
+        normals_at = outputs["normals_at"]
+        latency["first_pixel_to_first_normal"] = int(normals_at[0]) - first
+        latency["first_pixel_to_normals"] = int(normals_at[path.beats - 1]) - first
+    if len(outputs["first_at"]) > 1:
+        latency["initiation_interval"] = int(np.diff(outputs["first_at"]).max())
+    return latency
+
+
+def stage_latencies(path) -> dict[str, int]:
+    """The three modules' shares of the way from first pixel to force, by the design's formulas."""
+    stages = path.stages
+    share = {"normals": stages["normals"]}
+    if path.pipeline.scene.wants_solver:
+        share["depth"] = sum(v for k, v in stages.items() if k not in ("normals", "force"))
+        if path.wants_depth and not path.wants_force:
+            share["depth"] += path.depth_output.latency
+    if path.wants_force:
+        share["force"] = stages["force"]
+    return share

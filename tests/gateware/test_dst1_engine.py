@@ -1,0 +1,76 @@
+# amaranth: UnusedElaboratable=no
+import numpy as np
+import pytest
+
+from gateware.dst1_engine import Dst1Engine
+from models.fixed import signed_width
+from models.integer import SineTransform
+from sim.stream import check, pack
+
+
+def sine_transform(size: int, *, input_width: int, fraction: int = 16, shift: int = 15) -> SineTransform:
+    k = np.arange(1, size + 1)
+    sine = np.sin(np.pi / (size + 1) * (np.outer(k, k) % (2 * size + 2)))
+    matrix = np.round(2.0**fraction * np.sqrt(2 / (size + 1)) * sine).astype(np.int64)
+    bound = (int(np.abs(matrix).sum(axis=1).max()) << (input_width - 1)) + (1 << shift >> 1)
+    return SineTransform(matrix, shift, input_width, signed_width(bound >> shift))
+
+
+def by_beats(rows, lanes: int, void) -> np.ndarray:
+    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    short = -rows.shape[1] % lanes
+    return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
+
+
+@pytest.mark.parametrize(
+    ("size", "lanes", "input_width"),
+    [(14, 1, 20), (15, 1, 26), (14, 2, 20), (17, 2, 3), (14, 4, 20), (17, 4, 20)],
+)
+def test_rtl_equals_reference(tmp_path, size, lanes, input_width):
+    transform = sine_transform(size, input_width=input_width)
+    dut = Dst1Engine(transform, lanes=lanes)
+    limit = 1 << (input_width - 1)
+    # The extremes first: nothing, both limits, and the signs that reach the bound of each accumulator.
+    extremes = [np.zeros(size), np.full(size, limit - 1), np.full(size, -limit)]
+    for row in transform.matrix:
+        extremes += [np.where(row > 0, -limit, limit - 1), np.where(row < 0, -limit, limit - 1)]
+    rows = np.vstack([extremes, np.random.default_rng(1).integers(-limit, limit, (60, size))]).astype(
+        np.int64
+    )
+    transformed = transform(rows)
+    assert signed_width(int(np.abs(transformed).max())) == transform.output_width
+
+    beats = dut.interval
+    check(
+        dut,
+        "dst1_engine",
+        tmp_path,
+        inputs=pack(by_beats(rows, lanes, limit - 1), input_width),
+        expected=pack(by_beats(transformed, lanes, 0), transform.output_width),
+        mask=pack(by_beats(np.full_like(rows, -1), lanes, 0), transform.output_width),
+        latencies=[
+            *((r * beats + beats - 1, r * beats, dut.latency) for r in range(len(rows))),
+            # A row every `interval` clocks, from the first value in to the last one out.
+            (0, len(rows) * beats - 1, (len(rows) + 1) * beats - 2 + dut.latency),
+        ],
+    )
+
+
+@pytest.mark.parametrize(
+    ("lanes", "interval", "latency", "multipliers"), [(1, 126, 9, 63), (2, 63, 9, 126), (4, 32, 9, 252)]
+)
+def test_cost_of_the_paper_s_rows(lanes, interval, latency, multipliers):
+    dut = Dst1Engine(sine_transform(126, input_width=20), lanes=lanes)
+    assert (dut.interval, dut.latency, dut.multipliers) == (interval, latency, multipliers)
+
+
+def test_refusals():
+    transform = sine_transform(14, input_width=20)
+    with pytest.raises(ValueError, match="lanes 3: expected 1, 2 or 4"):
+        Dst1Engine(transform, lanes=3)
+    with pytest.raises(ValueError, match="size 4: expected more than lanes = 4"):
+        Dst1Engine(sine_transform(4, input_width=20), lanes=4)
+    matrix = transform.matrix.copy()
+    matrix[0, 0] += 1
+    with pytest.raises(ValueError, match="matrix: expected rows even and odd"):
+        Dst1Engine(SineTransform(matrix, 15, 20, 24), lanes=1)

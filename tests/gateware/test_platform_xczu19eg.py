@@ -1,0 +1,60 @@
+import pytest
+from amaranth.back import verilog
+
+from gateware.frame_timer import FrameTimer
+from gateware.platform_xczu19eg import XCZU19EGPlatform, write_vivado_project
+
+
+def component():
+    return FrameTimer(force=True, depth=False)
+
+
+@pytest.mark.parametrize("given", ["component", "Verilog"])
+def test_vivado_project(tmp_path, given):
+    design = component() if given == "component" else verilog.convert(component(), name="fastac")
+    files = write_vivado_project(design, tmp_path / "vivado", 250, name="fastac")
+    assert all(file.is_file() for file in files)
+    texts = {file.name: file.read_text() for file in files}
+    tcl = texts["build.tcl"].splitlines()
+    part = "xczu19eg-ffvc1760-2-i"
+    assert f"create_project -in_memory -part {part}" in tcl
+    assert "read_verilog fastac.v" in tcl
+    assert "read_xdc -mode out_of_context fastac.xdc" in tcl
+    assert f"synth_design -top fastac -part {part} -mode out_of_context" in tcl
+    assert "create_clock -name clk -period 4.000 [get_ports clk]" in texts["fastac.xdc"].splitlines()
+    assert "LOC" not in texts["fastac.xdc"]
+    assert "-source build.tcl" in texts["build_fastac.sh"]
+    # The ports are the component's, the clock and the reset; no pin buffer is put in.
+    assert "module fastac(" in texts["fastac.v"]
+    for port in ("input clk", "input rst", "input result_valid", "output [31:0] first_to_force"):
+        assert port in texts["fastac.v"]
+    assert "IBUF" not in texts["fastac.v"]
+
+
+def test_further_constraints_go_to_the_xdc():
+    plan = XCZU19EGPlatform(300).prepare(
+        component(), "fastac", add_constraints="set_false_path -to [get_ports interrupt]"
+    )
+    assert plan.files["fastac.xdc"].splitlines()[1:] == [
+        "create_clock -name clk -period 3.333 [get_ports clk]",
+        "set_false_path -to [get_ports interrupt]",
+    ]
+
+
+@pytest.mark.parametrize("clock_mhz", [0, -1, 776])
+def test_refuses_clock(clock_mhz):
+    with pytest.raises(ValueError, match=f"clock_mhz {clock_mhz}: expected more than 0, at most 775"):
+        XCZU19EGPlatform(clock_mhz)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("module other(clk);", "name 'fastac': expected a module of this name"),
+        ("module fastac(aclk);", "name 'fastac': expected this module to have a port clk"),
+    ],
+)
+def test_refuses_verilog(tmp_path, text, message):
+    with pytest.raises(ValueError, match=message):
+        write_vivado_project(text, tmp_path, 250, name="fastac")
+    assert not list(tmp_path.iterdir())

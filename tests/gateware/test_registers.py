@@ -1,0 +1,80 @@
+# amaranth: UnusedElaboratable=no
+import json
+from dataclasses import asdict
+
+import pytest
+
+from gateware import frame_guard
+from gateware.register_map import ADDRESS_WIDTH, ERRORS, REGISTERS, Identity
+from gateware.registers import RegisterBlock
+from sim.runner import simulate
+
+SHAPE = {
+    "bundle_hash": 0xFEDCBA9876543210,
+    "version": 3,
+    "height": 120,
+    "width": 300,
+    "channels": 4,
+    "lanes": 2,
+}
+
+
+@pytest.mark.parametrize(
+    "outputs",
+    [
+        {"axes": 3, "depth": True, "background_capture": True, "force_width": 40},
+        {"axes": 1, "depth": False, "background_capture": False, "force_width": 64},
+        {"axes": 0, "depth": True, "background_capture": False},
+    ],
+    ids=["force xyz, depth, background", "force z", "depth"],
+)
+def test_registers(tmp_path, outputs):
+    identity = Identity(**SHAPE, **outputs)
+    simulate(
+        RegisterBlock(identity),
+        "registers",
+        "sim.bench_registers",
+        tmp_path,
+        IDENTITY=json.dumps(asdict(identity)),
+    )
+
+
+def test_map():
+    offsets = [register.offset for register in REGISTERS]
+    assert len({register.name for register in REGISTERS}) == len(set(offsets)) == len(REGISTERS)
+    assert all(offset % 4 == 0 and offset < 1 << ADDRESS_WIDTH for offset in offsets)
+    assert all(register.access in ("ro", "rw", "w1c") and register.meaning for register in REGISTERS)
+    for register in REGISTERS:
+        mask = 0
+        for field in register.fields:
+            bits = ((1 << field.width) - 1) << field.low
+            assert not mask & bits, f"{register.name}.{field.name}"
+            mask |= bits
+        assert mask < 1 << 32, register.name
+    assert ERRORS[:5] == frame_guard.ERRORS
+
+
+def test_what_is_not_wanted_is_absent():
+    names = {register.name for register in Identity(**SHAPE, axes=0).registers}
+    assert not [name for name in names if "FORCE" in name]
+    names = {register.name for register in Identity(**SHAPE, axes=1, depth=False).registers}
+    assert not [name for name in names if name.endswith("DEPTH") or name.startswith("FORCE_X")]
+    assert "FORCE_Z_HIGH" in names
+    block = RegisterBlock(Identity(**SHAPE, axes=1, depth=False)).signature.members
+    assert "depth_done" not in block
+    assert "capture_background" not in block
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"axes": 2}, r"axes 2: expected one of \(0, 1, 3\)"),
+        ({"axes": 0, "depth": False}, "axes 0, depth False: expected a force or a depth"),
+        ({"bundle_hash": 1 << 64}, "bundle_hash 18446744073709551616: expected 0 to"),
+        ({"height": 1 << 16}, "height 65536: expected 1 to 65535"),
+        ({"force_width": 65}, "force_width 65: expected 1 to 64"),
+    ],
+)
+def test_refuses(changed, message):
+    with pytest.raises(ValueError, match=message):
+        Identity(**{**SHAPE, "axes": 3, **changed})

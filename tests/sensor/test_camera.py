@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+
+from fastac.scene import Sensor
+from sensor.camera import background, exposure, render
+from sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
+
+
+def sensor(**keys):
+    return Sensor(**{"geometry": "fingertip", "height_px": 32, "width_px": 32, "pitch_mm": 0.5, **keys})
+
+
+def at_rest(sensor):
+    return normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor)
+
+
+@pytest.mark.parametrize("geometry", ["fingertip", "flat"])
+def test_background_uses_the_range_without_saturating(geometry):
+    image = background(sensor(geometry=geometry), np.random.default_rng(0))
+    assert image.dtype == np.uint8
+    assert image.shape == (32, 32, 4)
+    for channel in np.moveaxis(image, -1, 0):
+        assert 140 <= channel.max() <= 160
+        assert channel.min() > 5
+
+
+def test_channels_are_those_of_the_scene_in_order():
+    four, three = sensor(channels="bgr+nir"), sensor(channels="bgr")
+    normals, depth = at_rest(four)
+    np.testing.assert_array_equal(exposure(normals, depth, four)[..., :3], exposure(normals, depth, three))
+
+
+def test_noise_has_the_scene_s_deviation_and_the_seed_decides_it():
+    noisy = sensor(noise_dn=3.0)
+    normals, depth = at_rest(noisy)
+    frame = render(normals, depth, noisy, np.random.default_rng(5))
+    np.testing.assert_array_equal(frame, render(normals, depth, noisy, np.random.default_rng(5)))
+    assert (frame != render(normals, depth, noisy, np.random.default_rng(6))).any()
+    error = frame - exposure(normals, depth, noisy)
+    assert error.std() == pytest.approx(3.0, rel=0.05)
+    assert abs(error.mean()) < 0.2
+
+
+def test_averaging_leaves_less_noise_in_the_background():
+    noisy = sensor(noise_dn=4.0)
+    error = background(noisy, np.random.default_rng(1)) - exposure(*at_rest(noisy), noisy)
+    assert error.std() == pytest.approx(np.hypot(4.0 / 4, 12**-0.5), rel=0.1)
+
+
+def test_clips_to_eight_bits():
+    bright = sensor(geometry="flat", light={"brightest_dn": 250}, noise_dn=20.0)
+    frame = render(*at_rest(bright), bright, np.random.default_rng(0))
+    assert frame.max() == 255
+    dark = sensor(geometry="flat", light={"brightest_dn": 10}, noise_dn=20.0)
+    assert render(*at_rest(dark), dark, np.random.default_rng(0)).min() == 0

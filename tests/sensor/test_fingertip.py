@@ -1,0 +1,128 @@
+import numpy as np
+import pytest
+
+from fastac.scene import Protocol, parse
+from sensor.dataset import read
+from sensor.elastomer import Layer
+from sensor.fingertip import FingertipError, generate, positions_mm, surface
+
+
+def scene(outputs='["depth", "force_z"]', geometry="fingertip", channels="bgr+nir", protocol="", extra=""):
+    text = f"""
+    name = "tiny"
+    outputs = {outputs}
+    [sensor]
+    geometry = "{geometry}"
+    channels = "{channels}"
+    height_px = 32
+    width_px = 32
+    pitch_mm = 0.5
+    {extra}
+    [protocol]
+    train_grid = 2
+    validation_grid = 1
+    test_grid = 2
+    loads_n = [0.5, 1.0]
+    {protocol}
+    """
+    return parse(text, origin="tiny")
+
+
+def generated(tmp_path, scene, name="d.h5", processes=1):
+    generate(scene, tmp_path / name, progress=False, processes=processes)
+    return read(tmp_path / name, scene)
+
+
+@pytest.mark.parametrize("sizes", [(8, 5, 8), (3, 4, 2), (1, 1, 1), (2, 7, 5)])
+def test_no_two_splits_share_a_place(sizes):
+    train, validation, test = sizes
+    protocol = Protocol(train_grid=train, validation_grid=validation, test_grid=test)
+    sensor = scene().sensor
+    positions = positions_mm(sensor, protocol)
+    everywhere = np.concatenate(list(positions.values()))
+    assert [len(grid) for grid in positions.values()] == [train**2, validation**2, test**2]
+    distance = np.linalg.norm(everywhere[:, None] - everywhere, axis=-1)
+    step = 9.5 / (2 * max(sizes) - 1)
+    assert distance[~np.eye(len(everywhere), dtype=bool)].min() > 0.99 * step
+    half = 31 * 0.25 - sensor.elastomer.rim_mm - 0.3 * protocol.ball_mm
+    assert np.abs(everywhere).max() <= half + 1e-9
+
+
+def test_paper_s_protocol_presses_away_from_the_rim():
+    text = 'name="p"\noutputs=["depth"]\n[sensor]\ngeometry="flat"\n'
+    paper = parse(text, origin="p")
+    layer = Layer(paper.sensor)
+    corners = positions_mm(paper.sensor, paper.protocol)
+    for x, y in (corners["train"][0], corners["test"][-1]):
+        contact = layer.press(x, y, ball_mm=5.0, load_n=1.5)
+        assert layer.modulation[contact.pressure_mpa > 0].min() > 0.75
+
+
+def test_ground_truth_fits_together(tmp_path):
+    small = scene()
+    data = generated(tmp_path, small)
+    assert len(data) == (4 + 1 + 4) * 2
+    assert data.channels == ("B", "G", "R", "NIR")
+    assert data.source.startswith("simulated")
+    assert [len(data.indices(split)) for split in ("train", "validation", "test")] == [8, 2, 8]
+    np.testing.assert_array_equal(data.force_n[:, :2], 0)
+    assert set(data.force_n[:, 2]) == {0.5, 1.0}
+    displacement = data.rest_depth_mm - data.depth_mm
+    for edge in (displacement[:, [0, -1]], displacement[:, :, [0, -1]]):
+        np.testing.assert_array_equal(edge, 0)
+    np.testing.assert_allclose(displacement.max(axis=(1, 2)), data.indenter["approach_mm"], rtol=0.05)
+    assert np.all(data.indenter["contact_radius_mm"] < data.indenter["ball_mm"] / 2)
+    heavier = data.indenter["approach_mm"].reshape(-1, 2)
+    assert np.all(heavier[:, 1] > heavier[:, 0])
+    # The frames differ from the background where the skin moved, and only there.
+    change = np.abs(data.frames.astype(int) - data.background).max(axis=-1)
+    assert change[displacement > 0.2].mean() > 10
+    assert change[:, [0, -1]].max() <= 7
+
+
+def test_normals_are_the_slopes_of_the_depth_and_the_ball_s_in_contact():
+    fine = scene(extra="").sensor.model_copy(update={"height_px": 160, "width_px": 160, "pitch_mm": 0.1})
+    layer = Layer(fine)
+    contact = layer.press(0.7, -0.4, ball_mm=5.0, load_n=1.0)
+    normals, depth = surface(contact, layer, 0.7, -0.4, 5.0)
+    q, p = np.gradient(depth, fine.pitch_mm)
+    slopes = -normals[..., :2] / normals[..., 2:]
+    error = np.abs(slopes - np.stack([p, q], axis=-1))[1:-1, 1:-1]
+    assert error.mean() < 2e-3
+    v, u = np.unravel_index(np.argmax(contact.pressure_mpa), depth.shape)
+    centre = np.array(
+        [0.7, -0.4, np.sqrt(6.25 - (layer.x_mm[v, u] - 0.7) ** 2 - (layer.y_mm[v, u] + 0.4) ** 2)]
+    )
+    towards = centre - [layer.x_mm[v, u], layer.y_mm[v, u], 0]
+    np.testing.assert_allclose(normals[v, u], towards / 2.5, atol=1e-9)
+
+
+def test_the_number_of_processes_changes_nothing(tmp_path):
+    one = generated(tmp_path, scene(), "one.h5")
+    two = generated(tmp_path, scene(), "two.h5", processes=2)
+    for key in ("frames", "background", "normals", "depth_mm", "force_n"):
+        np.testing.assert_array_equal(getattr(one, key), getattr(two, key))
+
+
+def test_the_seed_decides_the_noise_and_nothing_else(tmp_path):
+    one = generated(tmp_path, scene(), "one.h5")
+    two = generated(tmp_path, scene(protocol="seed = 2"), "two.h5")
+    assert (one.frames != two.frames).any()
+    np.testing.assert_array_equal(one.depth_mm, two.depth_mm)
+
+
+def test_no_depth_where_nothing_solves_for_it(tmp_path):
+    data = generated(tmp_path, scene(outputs='["normals"]', channels="bgr", geometry="flat"))
+    assert data.channels == ("B", "G", "R")
+    assert data.depth_mm is None
+    assert data.rest_depth_mm is None
+    assert data.normals is not None
+
+
+def test_refuses_recorded_scenes_and_sensors_too_small(tmp_path):
+    recorded = scene(outputs='["depth"]', extra='source = "recorded"')
+    with pytest.raises(FingertipError, match=r"sensor\.source = 'recorded': expected 'simulated'"):
+        generate(recorded, tmp_path / "d.h5", progress=False)
+    with pytest.raises(FingertipError, match=r"protocol\.ball_mm = 30: no room"):
+        generate(scene(protocol="ball_mm = 30.0"), tmp_path / "d.h5", progress=False)
+    assert list(tmp_path.iterdir()) == []
