@@ -83,7 +83,9 @@ class Build:
         def settings(*names: str) -> dict:
             return {name: content[name] for name in ("outputs", "sensor", *names)}
 
-        source = settings("protocol") if self.data_file is None else digest_file(self.data_file)
+        source = settings("protocol")
+        if self.data_file is not None:  # what it must hold depends on the scene
+            source = settings() | {"file": digest_file(self.data_file)}
         weights, integers = folder / "normals.npz", folder / "integers.npz"
         steps = [
             Step(

@@ -20,6 +20,8 @@ class Group(click.Group):
     def invoke(self, context):
         try:
             return super().invoke(context)
+        except (click.exceptions.Exit, click.Abort):  # RuntimeErrors too, but not failures: --help, Ctrl-C
+            raise
         except (ValueError, OSError, RuntimeError) as error:
             raise click.ClickException(" ".join(str(error).split()) or repr(error)) from error
 

@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """From a bundle to Verilog and Vivado's files, and through the simulator."""
 
 import json
@@ -73,6 +74,8 @@ def describe(top: TopZynq) -> dict:
         latency["first_pixel_to_force"] = path.first_pixel_to_force
     if path.wants_depth:
         latency["first_pixel_to_depth"] = path.first_pixel_to_depth
+    if path.wants_normals:
+        latency["first_pixel_to_normals"] = path.first_pixel_to_normals
     return {
         "top": NAME,
         "bundle_sha256": top.bundle.digest,

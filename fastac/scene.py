@@ -93,7 +93,7 @@ class Numbers(Strict):
     weight_bits: Annotated[int, Field(ge=3, le=8)] = 8
     last_weight_bits: Annotated[int, Field(ge=3, le=16)] = 12
     """Of the layer whose outputs are kept wide."""
-    activation_bits: Annotated[int, Field(ge=3, le=7)] = 7
+    activation_bits: Annotated[int, Field(ge=3, le=10)] = 7
     gradient_fraction_bits: Annotated[int, Field(ge=6, le=16)] = 14
     slope_limit: Literal[1, 2, 4, 8] = 4
     coefficient_fraction_bits: Annotated[int, Field(ge=8, le=17)] = 17
@@ -123,9 +123,16 @@ class Training(Strict):
     seed: Annotated[int, Field(ge=0)] = 1
     normals_epochs: Count = 30
     normals_batch_px: Count = 8192
+    teachers: Annotated[int, Field(ge=0, le=32)] = 0
+    """Wide networks whose mean teaches the small one; 0: it learns from the labels itself."""
+    teacher_width: Count = 32
+    teacher_epochs: Count = 100
     normals_learning_rate: Positive = 2e-3
     input_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Standard deviation of the noise added to ΔI in training, as a fraction of its spread."""
+    position_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Standard deviation of the noise added to the pixel's place in training, as a fraction of half the
+    image: where presses are few, it keeps the network from learning each place by heart."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
     finetune_epochs: Annotated[int, Field(ge=0)] = 60

@@ -74,6 +74,10 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
 
 
+def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
+    return FloatPipeline.from_arrays(arrays, scene, data.background, rest_depth_mm(data))
+
+
 def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:
     """Quantise the pixel network and fine-tune it bit-true; writes the integer layers."""
     arrays = load_arrays(weights)
@@ -91,12 +95,9 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         activation_bits=scene.numbers.activation_bits,
         last_weight_bits=scene.numbers.last_weight_bits,
     )
-    layers, history = train_normals.finetune(data, layers, scene.training, progress=progress)
+    network = float_pipeline(arrays, data, scene).network
+    layers, history = train_normals.finetune(data, layers, network, scene.training, progress=progress)
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
-
-
-def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
-    return FloatPipeline.from_arrays(arrays, scene, data.background, rest_depth_mm(data))
 
 
 def force(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:

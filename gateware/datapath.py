@@ -97,16 +97,21 @@ class Datapath(wiring.Component):
     @property
     def stages(self) -> dict[str, int]:
         scene = self.pipeline.scene
-        first = self.guard.latency + self.background.latency + self.mlp.latency + Buffer.latency
-        stages = {"normals": first}
         if not scene.wants_solver:
-            return {"normals": first + self.beats - 1}
+            return {"normals": self.first_pixel_to_normals}
+        stages = {"normals": self.first_pixel_to_normals - (self.beats - 1)}
         stages["gradients"] = self.divider.latency
         stages |= self.solver.stages
         stages["solution_buffer"] = Buffer.latency
         if self.wants_force:
             stages["force"] = self.displacement.latency + self.force_stream.latency
         return stages
+
+    @property
+    def first_pixel_to_normals(self) -> int:
+        """Clocks from the first pixel accepted to the last normals offered."""
+        first = self.guard.latency + self.background.latency + self.mlp.latency + Buffer.latency
+        return first + self.beats - 1
 
     @property
     def first_pixel_to_depth(self) -> int:

@@ -24,25 +24,27 @@ class FrameTimer(wiring.Component):
     force_number : unsigned(32), the frame that gave the last force; the first frame since reset is 1
     force_bad : whether that frame was bad
     first_to_depth, depth_bad : the same for the last depth
+    normals_done, first_to_normals, normals_bad : the same for normals. Only with `normals`.
 
     Outputs change in the clock after the pulse. Times are exact modulo 2**32, and up to `frames` frames may
     be in flight; with more of them the times of some are wrong, but numbers and order stay right.
     """
 
-    def __init__(self, *, force: bool, depth: bool, frames: int = 8):
-        if not force and not depth:
+    def __init__(self, *, force: bool, depth: bool, normals: bool = False, frames: int = 8):
+        if not force and not depth and not normals:
             raise ValueError("force False, depth False: expected at least one to be measured")
         if not 2 <= frames <= 128 or frames & (frames - 1):
             raise ValueError(f"frames {frames}: expected a power of two, 2 to 128")
-        self.force, self.depth, self.frames = force, depth, frames
+        self.force, self.frames = force, frames
+        self.maps = tuple(name for name, wanted in (("depth", depth), ("normals", normals)) if wanted)
         inputs = ["accepted", "frame_started", "frame_done", "frame_bad", "flush"]
         outputs = {"frame_count": 32, "in_flight": 8, "interval": 32}
         if force:
             inputs.append("result_valid")
             outputs |= {"first_to_force": 32, "last_to_force": 32, "force_number": 32, "force_bad": 1}
-        if depth:
-            inputs.append("depth_done")
-            outputs |= {"first_to_depth": 32, "depth_bad": 1}
+        for name in self.maps:
+            inputs.append(f"{name}_done")
+            outputs |= {f"first_to_{name}": 32, f"{name}_bad": 1}
         super().__init__(
             {
                 **{name: In(1) for name in inputs},
@@ -85,10 +87,8 @@ class FrameTimer(wiring.Component):
                 m.d.sync += [started.eq(0), self.frame_count.eq(self.frame_count + 1)]
 
         waiting = []
-        for name, wanted in (("force", self.force), ("depth", self.depth)):
-            if not wanted:
-                continue
-            pulse = self.result_valid if name == "force" else self.depth_done
+        for name in (*(("force",) if self.force else ()), *self.maps):
+            pulse = self.result_valid if name == "force" else getattr(self, f"{name}_done")
             given = Signal(32, name=f"{name}_given")
             entry = stamps.read_port(domain="comb")
             m.d.comb += entry.addr.eq(given[: len(entry.addr)])
@@ -106,6 +106,8 @@ class FrameTimer(wiring.Component):
                         self.force_number.eq(given + 1),
                     ]
             waiting.append((self.frame_count - given)[:8])
-        most = waiting[0] if len(waiting) == 1 else Mux(waiting[0] > waiting[1], *waiting)
+        most = waiting[0]
+        for count in waiting[1:]:
+            most = Mux(count > most, count, most)
         m.d.comb += self.in_flight.eq(most + started)
         return m

@@ -29,7 +29,8 @@ class Field(NamedTuple):
 class Register(NamedTuple):
     """One 32-bit register. `access`: ro read, rw read and write, w1c read and write 1 to clear.
 
-    `needs` is what the hardware must give for the register to exist: "", force (an axis of it) or depth.
+    `needs` is what the hardware must give for the register to exist: "", force (an axis of it), depth or
+    normals.
     """
 
     name: str
@@ -66,6 +67,7 @@ REGISTERS = (
             Field("axes", 16, 2),
             Field("depth", 18),
             Field("background_capture", 19),
+            Field("normals", 20),
         ),
     ),
     Register(
@@ -116,6 +118,9 @@ REGISTERS = (
         " of it belong to one frame",
         needs="force",
     ),
+    Register(
+        "LATENCY_FIRST_PIXEL_TO_NORMALS", 0x44, "ro", "clocks to the last beat of normals", needs="normals"
+    ),
     *_FORCE,
 )
 
@@ -134,6 +139,7 @@ class Identity:
     force_width: int = 64  # bits of one raw accumulator
     depth: bool = True
     background_capture: bool = False
+    normals: bool = False
 
     def __post_init__(self):
         for name, low, high in (
@@ -149,8 +155,13 @@ class Identity:
                 raise ValueError(f"{name} {getattr(self, name)}: expected {low} to {high}")
         if self.axes not in AXES:
             raise ValueError(f"axes {self.axes}: expected one of {tuple(AXES)}")
-        if not self.axes and not self.depth:
-            raise ValueError("axes 0, depth False: expected a force or a depth to come out")
+        if not self.axes and not self.depth and not self.normals:
+            raise ValueError("axes 0, depth False: expected a force or a depth or normals to come out")
+
+    @property
+    def result(self) -> str:
+        """What counts as a frame's result: its force or, where there is none, its depth, else its normals."""
+        return "force" if self.axes else "depth" if self.depth else "normals"
 
     @property
     def registers(self) -> tuple[Register, ...]:
@@ -158,4 +169,5 @@ class Identity:
         present = {"", *(f"force_{axis}" for axis in AXES[self.axes])}
         present |= {"force"} if self.axes else set()
         present |= {"depth"} if self.depth else set()
+        present |= {"normals"} if self.normals else set()
         return tuple(register for register in REGISTERS if register.needs in present)

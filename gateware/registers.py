@@ -21,15 +21,15 @@ class RegisterBlock(wiring.Component):
     gradient_saturated, displacement_saturated : pulses or levels that set their error
     force : `axes` raw accumulators, signed(force_width), of the clock in which `result_valid` is high
     result_valid : pulse as a frame's force is taken. Only with axes, as `force`.
-    depth_done : pulse as a frame's last beat of depth leaves. Only with depth.
+    depth_done, normals_done : pulse as a frame's last beat of depth, of normals leaves. Only with them.
     background_taken : pulse as a frame that is taken as background starts. Only with background_capture.
     enable : let frames in
     capture_background : the next frame is wanted as background. Only with background_capture.
     soft_reset : for one clock: reset the datapath, FrameGuard included
     interrupt : level
 
-    A result is a force or, where there is none, a whole depth map. What comes and what is cleared in the
-    same clock stays set. See FrameTimer for what the times mean.
+    A result is a force or, where there is none, a whole depth map, else a whole map of normals. What comes
+    and what is cleared in the same clock stays set. See FrameTimer for what the times mean.
     """
 
     def __init__(self, identity: Identity):
@@ -40,8 +40,7 @@ class RegisterBlock(wiring.Component):
         if identity.axes:
             inputs.append("result_valid")
             members["force"] = In(data.ArrayLayout(signed(identity.force_width), identity.axes))
-        if identity.depth:
-            inputs.append("depth_done")
+        inputs += [f"{name}_done" for name in ("depth", "normals") if getattr(identity, name)]
         if identity.background_capture:
             inputs.append("background_taken")
             outputs.append("capture_background")
@@ -65,7 +64,9 @@ class RegisterBlock(wiring.Component):
         def read(name):
             return bus.read & (bus.read_word == offsets[name] >> 2)
 
-        m.submodules.timer = timer = FrameTimer(force=identity.axes > 0, depth=identity.depth)
+        m.submodules.timer = timer = FrameTimer(
+            force=identity.axes > 0, depth=identity.depth, normals=identity.normals
+        )
         for name in EVENTS:
             m.d.comb += getattr(timer, name).eq(getattr(self, name))
         m.d.comb += timer.flush.eq(self.soft_reset)
@@ -73,7 +74,9 @@ class RegisterBlock(wiring.Component):
             m.d.comb += timer.result_valid.eq(self.result_valid)
         if identity.depth:
             m.d.comb += timer.depth_done.eq(self.depth_done)
-        result = self.result_valid if identity.axes else self.depth_done
+        if identity.normals:
+            m.d.comb += timer.normals_done.eq(self.normals_done)
+        result = self.result_valid if identity.axes else getattr(self, f"{identity.result}_done")
 
         # CONTROL as it is read and, but for what a write changes, as it stays.
         interrupt_enable = Signal()
@@ -106,7 +109,7 @@ class RegisterBlock(wiring.Component):
         frame_errors = Signal(32)
         m.d.sync += frame_errors.eq(frame_errors + (self.frame_done & self.frame_bad))
 
-        flags = identity.depth << 2 | identity.background_capture << 3
+        flags = identity.depth << 2 | identity.background_capture << 3 | identity.normals << 4
         values = {
             "ID": ID,
             "VERSION": identity.version,
@@ -118,7 +121,7 @@ class RegisterBlock(wiring.Component):
             "STATUS": Cat(
                 timer.in_flight.any(),
                 result_valid,
-                timer.force_bad if identity.axes else timer.depth_bad,
+                getattr(timer, f"{identity.result}_bad"),
                 Const(0, 5),
                 timer.in_flight,
             ),
@@ -136,6 +139,8 @@ class RegisterBlock(wiring.Component):
             }
         if identity.depth:
             values["LATENCY_FIRST_PIXEL_TO_DEPTH"] = timer.first_to_depth
+        if identity.normals:
+            values["LATENCY_FIRST_PIXEL_TO_NORMALS"] = timer.first_to_normals
         for axis, accumulator in zip(AXES[identity.axes], self.force if identity.axes else (), strict=True):
             force = Signal(signed(64), name=f"force_{axis}")
             held = Signal(32, name=f"force_{axis}_high")

@@ -42,6 +42,8 @@ class TopZynq(wiring.Component):
     interrupt : level, see the registers
 
     What a frame's stream could not say in time is in STATUS and ERRORS: a bad frame's force is marked there.
+    A soft reset ends the frames under way where they are, also on the output streams, which then begin anew
+    with a start of frame.
     """
 
     def __init__(self, bundle: Bundle):
@@ -66,6 +68,7 @@ class TopZynq(wiring.Component):
             force_width=pipeline.force.width if self.datapath.wants_force else 64,
             depth=self.datapath.wants_depth,
             background_capture=True,
+            normals=self.datapath.wants_normals,
         )
         members = {
             **flat("s_axis", self.datapath.axis.signature.flip(), In),
@@ -115,7 +118,8 @@ class TopZynq(wiring.Component):
             ]
         if path.wants_depth:
             size, lanes = self.identity.width - 2, self.lanes
-            first, last, done = self._raster(m, "depth", path.depth, rows=size, beats=-(-size // lanes))
+            rows = {"rows": size, "beats": -(-size // lanes)}
+            first, last, done = self._raster(m, "depth", path.depth, registers.soft_reset, **rows)
             void = -size % lanes
             full = (1 << (WORD // 8 * lanes)) - 1
             m.d.comb += [
@@ -132,17 +136,12 @@ class TopZynq(wiring.Component):
         else:
             m.d.comb += path.tag.ready.eq(1)
         if path.wants_normals:
-            first, _, _ = self._raster(
-                m,
-                "normals",
-                path.normals,
-                rows=self.identity.height,
-                beats=self.identity.width // self.lanes,
-            )
-            m.d.comb += self.m_axis_normals_tuser.eq(first)
+            rows = {"rows": self.identity.height, "beats": self.identity.width // self.lanes}
+            first, _, done = self._raster(m, "normals", path.normals, registers.soft_reset, **rows)
+            m.d.comb += [self.m_axis_normals_tuser.eq(first), registers.normals_done.eq(done)]
         return m
 
-    def _raster(self, m, name: str, source, *, rows: int, beats: int):
+    def _raster(self, m, name: str, source, reset, *, rows: int, beats: int):
         """Connect a stream to `m_axis_name`; returns start of frame, end of line, and whole frame taken."""
         port = {k: getattr(self, f"m_axis_{name}_{k}") for k in ("tdata", "tvalid", "tready", "tlast")}
         x, y = Signal(range(beats), name=f"{name}_x"), Signal(range(rows), name=f"{name}_y")
@@ -167,4 +166,6 @@ class TopZynq(wiring.Component):
                 m.d.sync += [x.eq(0), y.eq(y + 1)]
                 with m.If(y == rows - 1):
                     m.d.sync += y.eq(0)
+        with m.If(reset):
+            m.d.sync += [x.eq(0), y.eq(0)]
         return first, last, done

@@ -10,11 +10,11 @@ refused; its first 64 bits are readable from a hardware register.
 
 import dataclasses
 import hashlib
+import io
 import json
 import os
 import shutil
 import tempfile
-import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -148,11 +148,15 @@ def save(path: Path | str, pipeline: IntegerPipeline, floats: dict[str, np.ndarr
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
     try:
-        with np.load(path, allow_pickle=False) as archive:
-            return {k: archive[k] for k in archive.files}
+        content = io.BytesIO(path.read_bytes())  # NumPy leaves a damaged file open
     except FileNotFoundError:
         raise BundleError(f"{path}: no such file") from None
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except OSError as error:
+        raise BundleError(f"{path}: {error.strerror}") from None
+    try:
+        with np.load(content, allow_pickle=False) as archive:
+            return {k: archive[k] for k in archive.files}
+    except Exception as error:  # zipfile, zlib and NumPy share no class for what is damaged
         raise BundleError(f"{path}: not a readable archive: {error}".splitlines()[0]) from None
 
 

@@ -51,6 +51,8 @@ def contact_angle(result: Result, rest: Result, data: Dataset, index: np.ndarray
             continue
         radius -= RIM_PX / data.indenter["scale"][sample]
         inside = known[k] & (np.hypot(u - centre_u, v - centre_v) <= radius)
+        if not inside.any():
+            continue
         truth = data.normals[sample][inside].astype(np.float64)
         found = np.arctan(result.slopes[k][inside] - rest.slopes[0][inside])
         errors.append(np.abs(found - np.arctan(-truth[:, :2] / truth[:, 2:])).mean())
@@ -67,19 +69,20 @@ def depth_mae_mm(result: Result, data: Dataset, index: np.ndarray) -> float:
 def force(result: Result, data: Dataset, index: np.ndarray, axes: tuple[int, ...]) -> dict[str, float]:
     """Errors of the force components `axes` (0, 1, 2 for x, y, z), summed over axes where there are several.
 
-    Normalised by each component's largest true load, as in the paper.
+    Normalised by each component's largest true load, as in the paper. Without a load, or where all loads are
+    the same, what would divide by zero is left out.
     """
     truth = data.force_n[index][:, list(axes)].astype(np.float64)
     error = result.force_n - truth
     largest = np.abs(truth).max(axis=0)
     mae = np.abs(error).mean(axis=0)
     total = ((truth - truth.mean(axis=0)) ** 2).sum(axis=0)
-    return {
-        "force_mae_n": float(mae.mean()),
-        "force_rmse_n": float(np.sqrt((error**2).mean())),
-        "force_nmae_percent": float((100 * mae / largest).mean()),
-        "force_r2": float((1 - (error**2).sum(axis=0) / total).mean()),
-    }
+    found = {"force_mae_n": float(mae.mean()), "force_rmse_n": float(np.sqrt((error**2).mean()))}
+    if largest.all():
+        found["force_nmae_percent"] = float((100 * mae / largest).mean())
+    if total.all():
+        found["force_r2"] = float((1 - (error**2).sum(axis=0) / total).mean())
+    return found
 
 
 def evaluate(
@@ -87,12 +90,13 @@ def evaluate(
 ) -> dict[str, float]:
     """Every error whose ground truth the dataset has and whose output the scene wants."""
     found = {}
-    if data.normals is not None:
+    known = _known(data, index)
+    if data.normals is not None and known.any():
         found |= normals(result, data, index, scene.sensor.pitch_mm)
         angle = contact_angle(result, rest, data, index)
         if angle is not None:
             found["contact_gradient_angle_mae_rad"] = angle
-    if result.depth_mm is not None and data.depth_mm is not None:
+    if result.depth_mm is not None and data.depth_mm is not None and known[:, 1:-1, 1:-1].any():
         found["depth_mae_mm"] = depth_mae_mm(result, data, index)
     if result.force_n is not None and data.force_n is not None:
         found |= force(result, data, index, (2,))

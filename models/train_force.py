@@ -11,6 +11,7 @@ from tqdm import tqdm
 from fastac.scene import Scene
 
 from .hyperforce import HyperForce, coordinates
+from .threads import single_thread
 
 
 def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:
@@ -22,6 +23,7 @@ def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperFor
     )
 
 
+@single_thread()
 def train(
     scene: Scene,
     rest_depth_mm: np.ndarray,
@@ -47,8 +49,9 @@ def train(
     )
     count = len(pressed["train"])
     steps = settings.force_epochs * -(-count // settings.force_batch)
+    # OneCycleLR divides by the length of the warm-up less one step: in short trainings leave it out.
     schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, settings.force_learning_rate, total_steps=steps, pct_start=0.1
+        optimiser, settings.force_learning_rate, total_steps=steps, pct_start=0.1 if steps > 10 else 0.05
     )
     generator = torch.Generator().manual_seed(settings.seed)
     best, best_state, history = np.inf, None, []

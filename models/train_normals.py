@@ -4,7 +4,7 @@ Bit-true fine-tuning runs the integer arithmetic of models/integer.py forward, a
 through its roundings; what it optimises is exactly what the hardware computes.
 """
 
-from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -13,9 +13,14 @@ from tqdm import tqdm
 from fastac.scene import Training
 from sensor.dataset import Dataset
 
-from .features import integer_features, scales
+from .ensemble import Ensemble
+from .features import COORDINATE_SCALE, integer_features, scales
 from .integer import Layer, Requantisation
 from .normals import PixelNetwork, normal_loss
+from .threads import single_thread
+
+VALIDATION_PX = 1 << 18
+TEACHER_WEIGHT_DECAY = 0.05
 
 
 def labelled_pixels(
@@ -37,6 +42,8 @@ def labelled_pixels(
     if not contact:
         raise ValueError(f"split: no frame in contact is in {split!r}")
     x, y = (np.concatenate(parts) for parts in zip(*contact, strict=True))
+    if not len(x):
+        raise ValueError(f"valid: no pixel of a frame in contact is labelled in {split!r}")
     if flat:
         flat_x, flat_y = (np.concatenate(parts) for parts in zip(*flat, strict=True))
         if flat_fraction:
@@ -47,70 +54,86 @@ def labelled_pixels(
     return x, y
 
 
-def _batches(count: int, size: int, generator: torch.Generator) -> Iterator[torch.Tensor]:
-    order = torch.randperm(count, generator=generator)
-    yield from order.split(size)
+@dataclass(frozen=True)
+class Fit:
+    """How a network is fitted: Adam with a cosine schedule on the paper's loss.
+
+    input_noise : of ΔI, as a fraction of its spread; position_noise : as a fraction of half the image
+    """
+
+    epochs: int
+    batch: int
+    rate: float
+    seed: int
+    label: str
+    weight_decay: float = 0.0
+    input_noise: float = 0.0
+    position_noise: float = 0.0
+
+    @single_thread()
+    def __call__(self, model, x, y, *, validation=None, teacher=None, progress=False) -> list[dict]:
+        """Fit `model` to features x (pixels, inputs) and normals y (pixels, 3); returns the learning curve.
+
+        teacher : module from noisy features to normals that replace y
+        The best weights on `validation`, a pair like (x, y), are left in the model, the first ones included;
+        without it, the last.
+        """
+        torch.manual_seed(self.seed)
+        generator = torch.Generator().manual_seed(self.seed)
+        x, y = torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y)
+        optimiser = torch.optim.AdamW(model.parameters(), lr=self.rate, weight_decay=self.weight_decay)
+        steps = self.epochs * -(-len(x) // self.batch)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+        spread = x.std(dim=0) * self.input_noise
+        spread[-2:] = self.position_noise / COORDINATE_SCALE
+        noisy = bool(spread.any())
+        best, best_state, history = np.inf, None, []
+        if validation is not None:  # what it starts from counts too: fine-tuning must not lose it
+            best, best_state = _loss(model, *validation), _copy(model.state_dict())
+        bar = tqdm(total=steps, desc=self.label, unit="step", disable=not progress, leave=False)
+        for epoch in range(self.epochs):
+            total = 0.0
+            for index in torch.randperm(len(x), generator=generator).split(self.batch):
+                inputs, truth = x[index], y[index]
+                if noisy:
+                    inputs = inputs + spread * torch.randn(inputs.shape, generator=generator)
+                if teacher is not None:
+                    with torch.no_grad():
+                        truth = teacher(inputs)
+                loss = normal_loss(model(inputs), truth)
+                optimiser.zero_grad(set_to_none=True)
+                loss.backward()
+                optimiser.step()
+                schedule.step()
+                total += loss.item() * len(index)
+                bar.update()
+            entry = {"epoch": epoch + 1, "train_loss": total / len(x)}
+            if validation is not None:
+                entry["validation_loss"] = _loss(model, *validation)
+                if entry["validation_loss"] < best:
+                    best, best_state = entry["validation_loss"], _copy(model.state_dict())
+            history.append(entry)
+            bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
+        bar.close()
+        if best_state is not None:
+            model.load_state_dict(best_state)
+        return history
 
 
-def _fit(
-    model, parameters, x, y, *, epochs, batch, rate, noise, seed, validation, progress, label
-) -> list[dict]:
-    """Adam with a cosine schedule on the paper's loss; leaves the best weights on validation in the model."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)  # layers this small lose more to handing work over than they gain
-    try:
-        return _epochs(model, parameters, x, y, epochs, batch, rate, noise, seed, validation, progress, label)
-    finally:
-        torch.set_num_threads(threads)
+def _loss(model, x: torch.Tensor, y: torch.Tensor) -> float:
+    with torch.inference_mode():
+        chunks = zip(x.split(1 << 16), y.split(1 << 16), strict=True)
+        return sum(normal_loss(model(a), b).item() * len(a) for a, b in chunks) / len(x)
 
 
-def _epochs(
-    model, parameters, x, y, epochs, batch, rate, noise, seed, validation, progress, label
-) -> list[dict]:
-    torch.manual_seed(seed)
-    generator = torch.Generator().manual_seed(seed)
-    x, y = torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y)
-    optimiser = torch.optim.Adam(parameters, lr=rate)
-    steps = epochs * -(-len(x) // batch)
-    schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
-    spread = x.std(dim=0)
-    spread[-2:] = 0  # a pixel knows where it is
-    best, best_state, history = np.inf, None, []
-    bar = tqdm(total=steps, desc=label, unit="step", disable=not progress, leave=False)
-    for epoch in range(epochs):
-        total = 0.0
-        for index in _batches(len(x), batch, generator):
-            inputs = x[index]
-            if noise:
-                inputs = inputs + noise * spread * torch.randn(inputs.shape, generator=generator)
-            loss = normal_loss(model(inputs), y[index])
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            total += loss.item() * len(index)
-            bar.update()
-        entry = {"epoch": epoch + 1, "train_loss": total / len(x)}
-        if validation is not None:
-            with torch.inference_mode():
-                chunks = zip(validation[0].split(1 << 16), validation[1].split(1 << 16), strict=True)
-                sums = [normal_loss(model(a), b).item() * len(a) for a, b in chunks]
-            entry["validation_loss"] = sum(sums) / len(validation[0])
-            if entry["validation_loss"] < best:
-                best = entry["validation_loss"]
-                best_state = {k: v.clone() for k, v in model.state_dict().items()}
-        history.append(entry)
-        bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
-    bar.close()
-    if best_state is not None:
-        model.load_state_dict(best_state)
-    return history
+def _copy(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    return {k: v.clone() for k, v in state.items()}
 
 
 class ScaledNetwork(torch.nn.Module):
-    """The float network on integer features."""
+    """A float network on integer features."""
 
-    def __init__(self, network: PixelNetwork, feature_scales: np.ndarray):
+    def __init__(self, network: torch.nn.Module, feature_scales: np.ndarray):
         super().__init__()
         self.network = network
         self.register_buffer("scales", torch.tensor(feature_scales, dtype=torch.float32))
@@ -131,24 +154,37 @@ def _validation(data: Dataset, limit: int, seed: int):
 def train(data: Dataset, settings: Training, *, progress: bool = False) -> tuple[PixelNetwork, list[dict]]:
     """Fit the float network to a dataset's train split; returns it and its learning curve."""
     x, y = labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=settings.seed)
+    unit = scales(x.shape[1] - 2)
+    validation = _validation(data, VALIDATION_PX, settings.seed)
     torch.manual_seed(settings.seed)
+    teacher = None
+    if settings.teachers:
+        ensemble = Ensemble(x.shape[1], teachers=settings.teachers, width=settings.teacher_width)
+        teacher = ScaledNetwork(ensemble, unit)
+        Fit(
+            settings.teacher_epochs,
+            settings.normals_batch_px,
+            settings.normals_learning_rate,
+            settings.seed,
+            "normals, teachers",
+            TEACHER_WEIGHT_DECAY,
+            settings.input_noise,
+            settings.position_noise,
+        )(teacher, x, y, progress=progress)
+        teacher.eval()
     network = PixelNetwork(x.shape[1])
-    model = ScaledNetwork(network, scales(x.shape[1] - 2))
-    history = _fit(
-        model,
-        network.parameters(),
-        x,
-        y,
-        epochs=settings.normals_epochs,
-        batch=settings.normals_batch_px,
-        rate=settings.normals_learning_rate,
-        noise=settings.input_noise,
-        seed=settings.seed,
-        validation=_validation(data, 1 << 18, settings.seed),
-        progress=progress,
-        label="normals, float",
+    fit = Fit(
+        settings.normals_epochs,
+        settings.normals_batch_px,
+        settings.normals_learning_rate,
+        settings.seed,
+        "normals, float",
+        0.0,
+        settings.input_noise,
+        settings.position_noise,
     )
-    return network, history
+    model = ScaledNetwork(network, unit)
+    return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)
 
 
 class BitTrueNetwork(torch.nn.Module):
@@ -212,25 +248,47 @@ class BitTrueNetwork(torch.nn.Module):
 
 
 def finetune(
-    data: Dataset, layers: tuple[Layer, ...], settings: Training, *, progress: bool = False
+    data: Dataset,
+    layers: tuple[Layer, ...],
+    network: PixelNetwork,
+    settings: Training,
+    *,
+    progress: bool = False,
 ) -> tuple[tuple[Layer, ...], list[dict]]:
-    """Bit-true fine-tuning of quantised layers; returns the tuned layers and the learning curve."""
+    """Bit-true fine-tuning of quantised layers; returns the tuned layers and the learning curve.
+
+    network : the float network that the layers were quantised from. Where teachers trained it, it teaches
+        the integers in its turn: the labels alone would undo what it learned.
+    """
     if not settings.finetune_epochs:
         return layers, []
     x, y = labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=settings.seed)
+    teacher = None
+    if settings.teachers:
+        teacher = torch.nn.Sequential(ScaledNetwork(network, scales(x.shape[1] - 2)), Unit())
     model = BitTrueNetwork(layers)
-    history = _fit(
+    history = Fit(
+        settings.finetune_epochs,
+        settings.normals_batch_px,
+        settings.finetune_learning_rate,
+        settings.seed + 1,
+        "normals, bit-true",
+        0.0,
+        settings.input_noise,
+        settings.position_noise,
+    )(
         model,
-        model.parameters(),
         x,
         y,
-        epochs=settings.finetune_epochs,
-        batch=settings.normals_batch_px,
-        rate=settings.finetune_learning_rate,
-        noise=settings.input_noise,
-        seed=settings.seed + 1,
-        validation=_validation(data, 1 << 18, settings.seed),
+        validation=_validation(data, VALIDATION_PX, settings.seed),
+        teacher=teacher,
         progress=progress,
-        label="normals, bit-true",
     )
     return model.quantised(), history
+
+
+class Unit(torch.nn.Module):
+    """Vectors to unit length."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return torch.nn.functional.normalize(x, dim=-1)

@@ -27,7 +27,8 @@ def _albedo(sensor: Sensor) -> np.ndarray:
 def exposure(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.ndarray:
     """The noise-free image in digital numbers, (H, W, C) float64, not yet clipped to 8 bits.
 
-    The paint's grain scales all channels alike. Each channel's gain brings the brightest pixel of the untouched skin to `sensor.light.brightest_dn`.
+    Each channel's gain brings the brightest pixel of the untouched skin to `sensor.light.brightest_dn`, but
+    for the paint's grain, which scales all channels alike.
     """
     gain = sensor.light.brightest_dn / _at_rest(sensor).max(axis=(0, 1))
     return gain * irradiance(normals, depth_mm, sensor) * _albedo(sensor)[..., None]

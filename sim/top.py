@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """The whole hardware on real frames, against the integer reference."""
 
 import json
@@ -72,6 +73,19 @@ def expected_words(top: TopZynq, result: Result) -> dict[str, np.ndarray]:
     return expected
 
 
+def bench_settings(top: TopZynq) -> dict:
+    """What the benches of the top-level must know of it."""
+    measured = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
+    return {
+        "lanes": top.lanes,
+        "depth": top.datapath.wants_depth,
+        "normals": top.datapath.wants_normals,
+        "axes": AXES[top.identity.axes],
+        "registers": [*measured, "STATUS"],
+        "bundle_hash": [top.bundle.hash_word & 0xFFFFFFFF, top.bundle.hash_word >> 32],
+    }
+
+
 def _without_void(words: np.ndarray, size: int, lanes: int) -> np.ndarray:
     """Rows of N values from rows of ceil(N/lanes) beats."""
     beats = -(-size // lanes)
@@ -87,11 +101,13 @@ def simulate(
     folder: Path,
     *,
     name: str,
+    stall: tuple[float, float] = (0, 0),
     progress: bool = False,
 ) -> Report:
     """Send `frames` (frames, H, W, C), back to back, through the Verilog `source` and compare all outputs.
 
     result : of `bundle.pipeline.run(frames)`; name : the Verilog's top module
+    stall : probability per clock that the source of frames pauses, and that the outputs are not ready
     Raises SimulationFailure where the bench fails (a hang, a broken bus rule, a wrong identity).
     """
     top = TopZynq(bundle)
@@ -104,21 +120,15 @@ def simulate(
         octets["depth"] = len(frames) * size * -(-size // lanes) * lanes * 4
     if path.wants_normals:
         octets["normals"] = len(frames) * path.beats * lanes * 12
-    latencies = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
     latency = max(
         path.first_pixel_to_force if path.wants_force else 0,
         path.first_pixel_to_depth if path.wants_depth else 0,
         path.beats,
     )
-    settings = {
-        "lanes": lanes,
-        "depth": path.wants_depth,
-        "normals": path.wants_normals,
-        "axes": AXES[top.identity.axes],
+    settings = bench_settings(top) | {
         "octets": octets,
-        "registers": [*latencies, "STATUS"],
-        "bundle_hash": [bundle.hash_word & 0xFFFFFFFF, bundle.hash_word >> 32],
-        "timeout_cycles": 2 * (latency + len(frames) * path.interval) + 2000,
+        "stall": stall,
+        "timeout_cycles": int(2 * (latency + len(frames) * path.interval) / (1 - max(stall)) ** 2) + 3000,
     }
     (folder / "settings.json").write_text(json.dumps(settings))
     for stale in ("outputs.npz", "registers.json", "cycle"):
@@ -178,7 +188,7 @@ def simulate(
 
 
 def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, frames: int) -> None:
-    """Start of frame, end of line and the bad-frame mark, beat by beat."""
+    """Start of frame, end of line, the bad-frame mark and the lanes that hold values, beat by beat."""
     shapes = {}
     if top.datapath.wants_depth:
         size = top.identity.width - 2
@@ -192,6 +202,10 @@ def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, frames: 
         user[:, 0, 0] = 1
         comparison.add(f"{name}.tlast", outputs[f"{name}_last"], last)
         comparison.add(f"{name}.tuser", outputs[f"{name}_user"], user)
+        if name == "depth":
+            octets = np.array([4 * top.lanes] * (beats - 1) + [4 * (size - (beats - 1) * top.lanes)])
+            keep = np.broadcast_to((1 << octets) - 1, last.shape)
+            comparison.add(f"{name}.tkeep", outputs[f"{name}_keep"], keep)
 
 
 def _latencies(top: TopZynq, outputs: dict, seen: dict) -> dict:

@@ -23,8 +23,7 @@ def by_beats(rows, lanes: int, void) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("size", "lanes", "input_width"),
-    [(14, 1, 20), (15, 1, 26), (14, 2, 20), (17, 2, 3), (14, 4, 20), (17, 4, 20)],
+    ("size", "lanes", "input_width"), [(14, 1, 20), (15, 1, 26), (14, 2, 3), (17, 4, 20)]
 )
 def test_rtl_equals_reference(tmp_path, size, lanes, input_width):
     transform = sine_transform(size, input_width=input_width)

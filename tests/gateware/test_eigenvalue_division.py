@@ -43,7 +43,7 @@ def compare(folder, division, lanes: int):
     )
 
 
-@pytest.mark.parametrize(("size", "lanes", "input_width"), [(14, 1, 27), (15, 2, 18), (14, 4, 18)])
+@pytest.mark.parametrize(("size", "lanes", "input_width"), [(14, 1, 27), (15, 2, 18)])
 def test_rtl_equals_reference(tmp_path, size, lanes, input_width):
     division = eigenvalue_division(size, input_width=input_width)
     assert division.shift.min() < division.shift.max()
@@ -51,9 +51,9 @@ def test_rtl_equals_reference(tmp_path, size, lanes, input_width):
 
 
 def test_one_shift_needs_no_barrel(tmp_path):
-    division = EigenvalueDivision(np.full((3, 3), 1 << 16), np.full((3, 3), 1), 8, 24)
-    assert EigenvalueDivider(division, lanes=2).latency == 5
-    compare(tmp_path, division, 2)
+    division = EigenvalueDivision(np.full((6, 6), (1 << 16) + 1), np.full((6, 6), 1), 8, 24)
+    assert EigenvalueDivider(division, lanes=4).latency == 5
+    compare(tmp_path, division, 4)
 
 
 def test_refusals():

@@ -20,7 +20,6 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
         ("central", 2, 9, 14),
         ("central", 4, 9, 16),
         ("backward", 1, 9, 13),
-        ("backward", 2, 9, 14),
         ("backward", 4, 5, 8),
     ],
 )

@@ -12,7 +12,7 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
 
-@pytest.mark.parametrize(("size", "lanes"), [(14, 1), (15, 2), (14, 4), (13, 4)])
+@pytest.mark.parametrize(("size", "lanes"), [(14, 1), (15, 2), (14, 4)])
 def test_columns_leave_in_order(tmp_path, size, lanes):
     width, frames = 9, 5
     dut = Transposer(size, width, lanes=lanes)

@@ -20,7 +20,7 @@ def test_background_uses_the_range_without_saturating(geometry):
     assert image.dtype == np.uint8
     assert image.shape == (32, 32, 4)
     for channel in np.moveaxis(image, -1, 0):
-        assert 140 <= channel.max() <= 160
+        assert 140 <= channel.max() <= 180
         assert channel.min() > 5
 
 
@@ -36,15 +36,31 @@ def test_noise_has_the_scene_s_deviation_and_the_seed_decides_it():
     frame = render(normals, depth, noisy, np.random.default_rng(5))
     np.testing.assert_array_equal(frame, render(normals, depth, noisy, np.random.default_rng(5)))
     assert (frame != render(normals, depth, noisy, np.random.default_rng(6))).any()
-    error = frame - exposure(normals, depth, noisy)
-    assert error.std() == pytest.approx(3.0, rel=0.05)
+    clean = exposure(normals, depth, noisy)
+    error = frame - clean
+    # Read noise, photon noise of that many electrons, rounding to whole numbers.
+    expected = np.sqrt(9 + clean / noisy.electrons_per_dn + 1 / 12)
+    assert (error / expected).std() == pytest.approx(1.0, rel=0.05)
     assert abs(error.mean()) < 0.2
+
+
+def test_grain_is_a_fixed_pattern_common_to_all_channels():
+    painted, plain = sensor(grain=0.05), sensor(grain=0.0)
+    normals, depth = at_rest(plain)
+    albedo = exposure(normals, depth, painted) / exposure(normals, depth, plain)
+    np.testing.assert_allclose(albedo, np.broadcast_to(albedo[..., :1], albedo.shape), rtol=1e-12)
+    assert albedo.std() == pytest.approx(0.05, rel=0.1)
+    np.testing.assert_array_equal(
+        exposure(normals, depth, painted), exposure(normals, depth, sensor(grain=0.05))
+    )
 
 
 def test_averaging_leaves_less_noise_in_the_background():
     noisy = sensor(noise_dn=4.0)
-    error = background(noisy, np.random.default_rng(1)) - exposure(*at_rest(noisy), noisy)
-    assert error.std() == pytest.approx(np.hypot(4.0 / 4, 12**-0.5), rel=0.1)
+    clean = exposure(*at_rest(noisy), noisy)
+    error = background(noisy, np.random.default_rng(1)) - clean
+    photon = clean.mean() / noisy.electrons_per_dn
+    assert error.std() == pytest.approx(np.sqrt((16 + photon) / 16 + 1 / 12), rel=0.1)
 
 
 def test_clips_to_eight_bits():

@@ -1,0 +1,93 @@
+"""What several tests share: a sensor of 16×16 px, frames from it, and its models, trained in two seconds."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from fastac.scene import Scene
+
+TINY = """\
+name = "tiny"
+outputs = ["normals", "depth", "force_z"]
+
+[sensor]
+geometry = "fingertip"
+height_px = 16
+width_px = 16
+pitch_mm = 0.25
+channels = "bgr+nir"
+ellipsoid = { semi_axes_mm = [4.0, 5.0, 3.0] }
+elastomer = { rim_mm = 0.5, thickness_mm = 2.0 }
+
+[protocol]
+train_grid = 3
+validation_grid = 2
+test_grid = 2
+loads_n = [0.03, 0.06]
+ball_mm = 1.5
+
+[training]
+normals_epochs = 15
+normals_batch_px = 256
+finetune_epochs = 3
+force_epochs = 5
+"""
+
+
+def _merge(content: dict, changes: dict) -> dict:
+    merged = dict(content)
+    for key, value in changes.items():
+        nested = isinstance(value, dict) and isinstance(content.get(key), dict)
+        merged[key] = _merge(content[key], value) if nested else value
+    return merged
+
+
+@pytest.fixture(scope="session")
+def tiny_toml() -> str:
+    return TINY
+
+
+@pytest.fixture(scope="session")
+def make_scene():
+    """The tiny scene with changes: `make_scene(outputs=["normals"], poisson={"mode": "difference"})`."""
+    return lambda **changes: Scene.model_validate(_merge(tomllib.loads(TINY), changes))
+
+
+@pytest.fixture(scope="session")
+def tiny_scene(make_scene) -> Scene:
+    return make_scene()
+
+
+@pytest.fixture(scope="session")
+def tiny_file(tiny_scene, tmp_path_factory) -> Path:
+    """A dataset of 18 train, 8 validation and 8 test presses. Not to be changed."""
+    from sensor.fingertip import generate
+
+    path = tmp_path_factory.mktemp("frames") / "tiny.h5"
+    generate(tiny_scene, path, progress=False, processes=1)
+    return path
+
+
+@pytest.fixture(scope="session")
+def tiny_data(tiny_file, tiny_scene):
+    from sensor.dataset import read
+
+    return read(tiny_file, tiny_scene)
+
+
+@pytest.fixture(scope="session")
+def tiny_folder(tiny_scene, tiny_file, tmp_path_factory) -> Path:
+    """A build folder with everything up to the bundle. Not to be changed: copy it."""
+    from fastac.build import Build
+
+    folder = tmp_path_factory.mktemp("build") / "tiny"
+    Build(tiny_scene, folder, tiny_file, progress=False).run(lambda name, current: None, until="bundle")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_bundle(tiny_folder):
+    from models import bundle
+
+    return bundle.load(tiny_folder / "bundle")
