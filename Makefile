@@ -4,8 +4,9 @@ VENV := .venv
 FASTAC := $(VENV)/bin/fastac
 SCENE ?= paper
 READY := $(VENV)/.ready
+SYNTH := $(VENV)/.synth
 
-.PHONY: all build test unit lint bench clean
+.PHONY: all build test unit lint bench synth clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -29,7 +30,15 @@ unit: $(READY)
 	$(VENV)/bin/python -m pytest -n auto
 
 bench: $(READY)
-	$(VENV)/bin/python -m sim.bench_speed
+	$(VENV)/bin/python -m fastac.benchmark build/$(SCENE)
+
+# The synthesis tools are an extra of their own: 250 MB that only this target needs.
+$(SYNTH): $(READY)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[synth]'
+	touch $@
+
+synth: $(SYNTH)
+	$(FASTAC) synth build/$(SCENE)
 
 clean:
 	rm -rf build

@@ -117,15 +117,15 @@ class Build:
                 Step(
                     "force",
                     lambda: training.force(
-                        self.data, scene, weights, folder / "force.npz", progress=progress
+                        self.data, scene, weights, integers, folder / "force.npz", progress=progress
                     ),
                     settings("training", "numbers", "poisson", "force"),
                     TRAINING_SOURCES,
                     ("force.npz",),
-                    ("normals",),
+                    ("integers",),
                 )
             )
-        trained = ("integers", "force") if scene.wants_force else ("integers",)
+        trained = ("force",) if scene.wants_force else ("integers",)
         return [
             *steps,
             Step("bundle", self._assemble, content, TRAINING_SOURCES, ("bundle",), trained),

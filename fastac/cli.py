@@ -259,6 +259,34 @@ def sim(bundle, data, split, frames, verilog_folder, output, progress):
         raise click.ClickException(f"{found['mismatches']} mismatches; {found['first_mismatch']}")
 
 
+@main.command()
+@click.argument("bundle", type=INPUT)
+@output_option("BUNDLE", "Folder for synth.json and the cache, synth.")
+@click.option(
+    "--place-and-route/--no-place-and-route",
+    default=True,
+    help="Place every module on the 40 nm ECP5, or only count blocks.",
+)
+@click.option("--module", "modules", multiple=True, metavar="NAME", help="Only these, such as 'mlp.*'.")
+@progress_option
+def synth(bundle, output, place_and_route, modules, progress):
+    """Count what the hardware of BUNDLE needs and find the clock that each module reaches, without Vivado.
+
+    Yosys counts DSP48E2, block RAM, URAM and shift registers; nextpnr places and routes each module on a
+    40 nm ECP5, whose clock is a conservative bound for the XCZU19EG. Results are kept; only what has changed
+    is done again. Needs the extra `synth`: pip install -e '.[synth]'.
+    """
+    from fastac import report as reporting
+    from fastac import synth as synthesis
+
+    output = output or bundle
+    content = synthesis.synthesise(
+        load_bundle(bundle), output, place_and_route=place_and_route, modules=modules, progress=progress
+    )
+    click.echo(synthesis.table(content, reporting.DEVICE))
+    click.echo(f"{output / synthesis.FILE}")
+
+
 def print_summary(folder: Path) -> None:
     from fastac.report import summary_rows
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from amaranth.back import verilog
 
+from fastac.synth import source_digest
 from fastac.workspace import write_json
 from gateware.platform_xczu19eg import write_vivado_project
 from gateware.top_zynq import TopZynq
@@ -79,6 +80,7 @@ def describe(top: TopZynq) -> dict:
     return {
         "top": NAME,
         "bundle_sha256": top.bundle.digest,
+        "gateware_sha256": source_digest(),
         "latency_cycles_by_formula": latency,
         "multipliers": path.multipliers,
         "registers": [
@@ -91,8 +93,8 @@ def describe(top: TopZynq) -> dict:
 def check_verilog(bundle: Bundle, folder: Path) -> None:
     """Raise HardwareError unless `folder` holds the Verilog of this very bundle."""
     try:
-        stated = json.loads((folder / "hardware.json").read_text())["bundle_sha256"]
-    except (OSError, json.JSONDecodeError, KeyError) as error:
+        stated = str(json.loads((folder / "hardware.json").read_text())["bundle_sha256"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
         raise HardwareError(f"{folder / 'hardware.json'}: {error!r}: no Verilog was written here") from None
     if stated != bundle.digest:
         raise HardwareError(

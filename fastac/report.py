@@ -12,12 +12,16 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fastac import accuracy
+from fastac import accuracy, synth
 from fastac.workspace import write_json
 from models.bundle import Bundle
 from sensor.dataset import Dataset
 
 DEVICE = {"part": "xczu19eg-ffvc1760-2-i", "dsp48e2": 1968, "ramb36": 984, "uram288": 128}
+LATENCY_ORIGIN = (
+    "counted in the Verilator simulation of the top-level; stages: the design's formulas, whose"
+    " sum the simulation confirms"
+)
 PAPER = {
     "image_to_force_ms": 1.09,
     "image_to_force_cycles_at_150_mhz": 163_500,
@@ -56,12 +60,13 @@ def content(folder: Path, bundle: Bundle) -> dict:
         ),
         "dsp48e2_by_module": estimated(multipliers, "as dsp48e2"),
     }
+    resources |= synth.resources(folder, hardware)
     return {
         "scene": scene.model_dump(mode="json"),
         "bundle_sha256": bundle.digest,
         "data": {**bundle.pipeline.provenance, "test_frames": errors["frames"]},
         "frames_are": "simulated" if scene.sensor.source == "simulated" else "recorded photographs",
-        "latency_cycles": {**latency, "origin": "counted in the Verilator simulation of the top-level"},
+        "latency_cycles": {**latency, "origin": LATENCY_ORIGIN},
         "latency_cycles_by_formula": hardware["latency_cycles_by_formula"],
         "latency_ms": times,
         "rtl_vs_integer": {
@@ -255,8 +260,13 @@ def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
         if key in paper["float"]:
             stated = f"{paper['float'][key]} → {paper['integer'][key]}"
         rows.append((f"{key}, float → integer", f"{value:.5g} → {whole:.5g}{change}", stated, frames))
-    for key in ("dsp48e2",):
-        resource = report["resources"][key]
-        share = 100 * resource["value"] / report["device"][key]
-        rows.append((key, f"{resource['value']} ({share:.1f}%)", "not stated", resource["origin"]))
+    resources = report["resources"]
+    for key in ("dsp48e2", "ramb36", "uram288"):
+        if key in resources:
+            value = resources[key]["value"]
+            share = 100 * value / report["device"][key]
+            rows.append((key, f"{value:g} ({share:.1f}%)", "not stated", resources[key]["origin"]))
+    if "ecp5_clock_mhz" in resources:
+        clock = resources["ecp5_clock_mhz"]
+        rows.append(("clock of the slowest module on ECP5, MHz", f"{clock['value']:g}", "", clock["origin"]))
     return rows

@@ -94,16 +94,20 @@ class Numbers(Strict):
     last_weight_bits: Annotated[int, Field(ge=3, le=16)] = 12
     """Of the layer whose outputs are kept wide."""
     activation_bits: Annotated[int, Field(ge=3, le=10)] = 7
+    """Of the hidden layers, unsigned. 7 are the paper's; up to 10, a product with an 8-bit weight still has
+    the 18 bits that let a DSP48E2 hold two."""
     gradient_fraction_bits: Annotated[int, Field(ge=6, le=16)] = 14
     slope_limit: Literal[1, 2, 4, 8] = 4
     coefficient_fraction_bits: Annotated[int, Field(ge=8, le=17)] = 17
     data_bits: Annotated[int, Field(ge=12, le=26)] = 26
-    displacement_bits: Annotated[int, Field(ge=4, le=16)] = 12
+    displacement_bits: Annotated[int, Field(ge=4, le=16)] = 16
     kernel_bits: Annotated[int, Field(ge=3, le=12)] = 8
 
 
 class Poisson(Strict):
-    mode: Literal["absolute", "difference"] = "absolute"
+    mode: Literal["absolute", "difference"] = "difference"
+    """What is solved for: the depth itself, as in the paper, or its difference from rest: the same equation,
+    but what the network finds at rest cancels exactly."""
     divergence: Literal["central", "backward"] = "central"
 
 
@@ -135,10 +139,14 @@ class Training(Strict):
     image: where presses are few, it keeps the network from learning each place by heart."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
-    finetune_epochs: Annotated[int, Field(ge=0)] = 60
-    finetune_learning_rate: Positive = 0.6
+    finetune_epochs: Annotated[int, Field(ge=0)] = 3
+    finetune_weights: bool = False
+    """Fine-tune the hidden layers' weights too; worth it below 8 bits, with many epochs."""
+    finetune_learning_rate: Positive = 0.05
     """In units of the last place of the integer weights."""
     force_epochs: Count = 60
+    force_finetune_epochs: Annotated[int, Field(ge=0)] = 30
+    """Of the kernels, on the displacements that the integers find."""
     force_batch: Count = 8
     force_learning_rate: Positive = 1e-3
     force_weight_decay: Annotated[float, Field(ge=0)] = 1e-3

@@ -11,6 +11,7 @@ from models import bundle, quantise, train_force, train_normals
 from models.features import scales
 from models.float_pipeline import FloatPipeline
 from models.normals import PixelNetwork
+from models.pipeline import IntegerPipeline
 from sensor.dataset import Dataset
 
 CALIBRATION_PX = 1 << 17
@@ -100,35 +101,54 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
 
 
-def force(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:
-    """Train HyperForce on the displacements that the float pipeline finds; writes its kernels."""
-    pipeline = float_pipeline(load_arrays(weights), data, scene)
-    displacement, truth = {}, {}
-    for split in ("train", "validation"):
-        index = data.indices(split)
-        if len(index):
-            displacement[split] = pipeline.run(data.frames[index], progress=progress).displacement_mm
-            truth[split] = data.force_n[index][:, 2:]
-    model, history = train_force.train(scene, rest_depth_mm(data), displacement, truth, progress=progress)
-    with torch.inference_mode():
-        kernels = model.kernels().numpy().astype(np.float32)
-    save_arrays(output, {"force.kernels": kernels} | curve(history, "force"))
+def force(
+    data: Dataset, scene: Scene, weights: Path, integers: Path, output: Path, *, progress: bool
+) -> None:
+    """Train HyperForce on the float pipeline's displacements, then go on with each pipeline's own.
+
+    Both sets of kernels have seen as many epochs, so that comparing them compares the arithmetic alone.
+    """
+    rest, truth = rest_depth_mm(data), {}
+    splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
+    for split, index in splits.items():
+        truth[split] = data.force_n[index][:, 2:]
+    start, arrays = None, {}
+    for name, pipeline in (
+        ("float", float_pipeline(load_arrays(weights), data, scene)),
+        ("integer", integer_pipeline(load_arrays(integers), data, scene)),
+    ):
+        found = {
+            s: pipeline.run(data.frames[i], progress=progress).displacement_mm for s, i in splits.items()
+        }
+        if start is None:
+            start, history = train_force.train(scene, rest, found, truth, progress=progress)
+            arrays |= curve(history, "force")
+        model, history = train_force.train(scene, rest, found, truth, start=start, progress=progress)
+        with torch.inference_mode():
+            arrays[f"force.{name}_kernels"] = model.kernels().numpy().astype(np.float32)
+        arrays |= curve(history, f"force_{name}")
+    save_arrays(output, arrays)
+
+
+def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> IntegerPipeline:
+    """The integers up to the displacement."""
+    return quantise.assemble(
+        scene,
+        layers=quantise.layers_from_arrays(arrays),
+        background=data.background,
+        rest_depth_mm=rest_depth_mm(data),
+    )
 
 
 def assemble(data: Dataset, scene: Scene, folder: Path, output: Path) -> bundle.Bundle:
     """All integers and the float weights as a bundle; `folder` holds what the steps before wrote."""
     floats = load_arrays(folder / "normals.npz")
     integer = load_arrays(folder / "integers.npz")
-    pipeline = quantise.assemble(
-        scene,
-        layers=quantise.layers_from_arrays(integer),
-        background=data.background,
-        rest_depth_mm=rest_depth_mm(data),
-    )
+    pipeline = integer_pipeline(integer, data, scene)
     floats |= {k: v for k, v in integer.items() if k.startswith("history.")}
     if scene.wants_force:
         kernels = load_arrays(folder / "force.npz")
-        pipeline = quantise.with_force(pipeline, kernels["force.kernels"].astype(np.float64))
+        pipeline = quantise.with_force(pipeline, kernels["force.integer_kernels"].astype(np.float64))
         floats |= kernels
     source = {"source": data.source, "frames": len(data), "channels": list(data.channels)}
     return bundle.save(output, replace(pipeline, provenance=source), floats)

@@ -88,9 +88,6 @@ class TopZynq(wiring.Component):
         m.submodules.registers = registers = RegisterBlock(self.identity)
         path = self.datapath
         m.submodules.datapath = ResetInserter(registers.soft_reset)(path)
-        m.submodules.tags = tags = ResetInserter(registers.soft_reset)(
-            fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT)
-        )
 
         for prefix, bus in (("s_axis", path.axis), ("s_axil", registers.axil)):
             for name, member in bus.signature.members.items():
@@ -117,6 +114,9 @@ class TopZynq(wiring.Component):
                 registers.force.eq(path.force.payload),
             ]
         if path.wants_depth:
+            m.submodules.tags = tags = ResetInserter(registers.soft_reset)(
+                fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT)
+            )
             size, lanes = self.identity.width - 2, self.lanes
             rows = {"rows": size, "beats": -(-size // lanes)}
             first, last, done = self._raster(m, "depth", path.depth, registers.soft_reset, **rows)

@@ -28,14 +28,14 @@ class Stage:
     format: Fixed
 
 
-def _stencil_norms(matrix: np.ndarray, divergence: str) -> tuple[np.ndarray, np.ndarray]:
+def stencil_norms(matrix: np.ndarray, divergence: str) -> tuple[np.ndarray, np.ndarray]:
     """L1 norms over a row or column of slopes: (along the derivative, across it), each (N,)."""
     kernel = {"central": np.array([0.5, 0.0, -0.5]), "backward": np.array([1.0, -1.0])}[divergence]
     along = np.abs(np.array([np.convolve(row, kernel) for row in matrix])).sum(axis=1)
     return along, np.abs(matrix).sum(axis=1)
 
 
-def _green_norm(matrix: np.ndarray, reciprocal: np.ndarray, divergence: str) -> float:
+def green_norm(matrix: np.ndarray, reciprocal: np.ndarray, divergence: str) -> float:
     """max over pixels of the L1 norm of the map from slopes to that pixel's solution.
 
     The square's symmetries leave one octant of pixels to try.
@@ -117,7 +117,7 @@ def solver(
     s = matrix * 2.0**-coefficient_fraction
     mantissa, exponent = reciprocals(n)
     reciprocal = mantissa * 2.0**-exponent
-    along, across = _stencil_norms(s, divergence)
+    along, across = stencil_norms(s, divergence)
     twice = 1.0 if divergence == "central" else 2.0  # Σ|stencil| across the transform's direction
     constant = source.to_float(offset)
     stages = []
@@ -140,7 +140,7 @@ def solver(
     solution = s @ constant @ s * reciprocal
     operators = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
     across_rows = np.abs(operators).sum(axis=2)
-    along_rows = np.stack([_stencil_norms(o, divergence)[0] for o in operators])
+    along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
     bound = slope_limit * (across_rows * along[:, None] + along_rows * across[:, None]).T + np.abs(
         s @ solution
     )
@@ -148,7 +148,7 @@ def solver(
     e4 = choose("column_inverse", bound)
     # Inverse rows, (i, j).
     rounding = (e1 * across_rows.T + e2 * (np.abs(s) @ reciprocal) + (e3 * across[:, None] + e4)) @ np.abs(s)
-    bound = slope_limit * _green_norm(s, reciprocal, divergence) + np.abs(s @ solution @ s) + rounding
+    bound = slope_limit * green_norm(s, reciprocal, divergence) + np.abs(s @ solution @ s) + rounding
     choose("row_inverse", bound)
 
     words = [source] + [stage.format for stage in stages]

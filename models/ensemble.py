@@ -15,8 +15,8 @@ from torch import nn
 class Ensemble(nn.Module):
     """`teachers` networks with three hidden layers of `width`, evaluated together.
 
-    In training mode scaled features (pixels, inputs) give each teacher's normals (teachers, pixels, 3); in
-    evaluation mode their mean direction, (pixels, 3).
+    In training mode scaled features, (pixels, inputs) or (teachers, pixels, inputs), give each teacher's
+    normals (teachers, pixels, 3); in evaluation mode their mean direction, (pixels, 3).
     """
 
     def __init__(self, inputs: int, *, teachers: int, width: int):
@@ -30,7 +30,7 @@ class Ensemble(nn.Module):
             self.biases[-1].copy_(torch.tensor([0.0, 0.0, 1.0]).expand(teachers, 1, 3))
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        x = x.expand(len(self.weights[0]), *x.shape)
+        x = x.expand(len(self.weights[0]), *x.shape[-2:])
         for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
             x = torch.baddbmm(bias, x, weight).relu()
         x = nn.functional.normalize(torch.baddbmm(self.biases[-1], x, self.weights[-1]), dim=-1)

@@ -29,7 +29,7 @@ class FloatPipeline:
     def from_arrays(
         cls, arrays: dict[str, np.ndarray], scene: Scene, background: np.ndarray, rest_depth_mm: np.ndarray
     ) -> "FloatPipeline":
-        """From a bundle's floats: `network.k.weight`, `network.k.bias` and, for forces, `force.kernels`."""
+        """From a bundle's floats: `network.k.weight`, `network.k.bias` and, for forces, the float kernels."""
         count = sum(k.startswith("network.") and k.endswith(".weight") for k in arrays)
         weights = [torch.from_numpy(arrays[f"network.{k}.weight"]) for k in range(count)]
         network = pixel_normals.PixelNetwork(
@@ -39,7 +39,7 @@ class FloatPipeline:
             for k, (layer, weight) in enumerate(zip(network.linears, weights, strict=True)):
                 layer.weight.copy_(weight)
                 layer.bias.copy_(torch.from_numpy(arrays[f"network.{k}.bias"]))
-        kernels = arrays.get("force.kernels")
+        kernels = arrays.get("force.float_kernels")
         collapsed = None if kernels is None else collapse(kernels)
         return cls(scene, network, background, rest_depth_mm, collapsed)
 

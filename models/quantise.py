@@ -47,7 +47,7 @@ def quantise_layers(
     weight_bits: int,
     activation_bits: int,
     last_weight_bits: int,
-    percentile: float = 99.99,
+    percentile: float = 100,
 ) -> tuple[Layer, ...]:
     """Post-training quantisation of the pixel network.
 

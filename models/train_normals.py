@@ -71,10 +71,11 @@ class Fit:
     position_noise: float = 0.0
 
     @single_thread()
-    def __call__(self, model, x, y, *, validation=None, teacher=None, progress=False) -> list[dict]:
+    def __call__(self, model, x, y, *, validation=None, teacher=None, copies=0, progress=False) -> list[dict]:
         """Fit `model` to features x (pixels, inputs) and normals y (pixels, 3); returns the learning curve.
 
         teacher : module from noisy features to normals that replace y
+        copies : give the model as many copies of each batch, each with noise of its own
         The best weights on `validation`, a pair like (x, y), are left in the model, the first ones included;
         without it, the last.
         """
@@ -96,7 +97,8 @@ class Fit:
             for index in torch.randperm(len(x), generator=generator).split(self.batch):
                 inputs, truth = x[index], y[index]
                 if noisy:
-                    inputs = inputs + spread * torch.randn(inputs.shape, generator=generator)
+                    shape = (copies, *inputs.shape) if copies else inputs.shape
+                    inputs = inputs + spread * torch.randn(shape, generator=generator)
                 if teacher is not None:
                     with torch.no_grad():
                         truth = teacher(inputs)
@@ -170,7 +172,7 @@ def train(data: Dataset, settings: Training, *, progress: bool = False) -> tuple
             TEACHER_WEIGHT_DECAY,
             settings.input_noise,
             settings.position_noise,
-        )(teacher, x, y, progress=progress)
+        )(teacher, x, y, copies=settings.teachers, progress=progress)
         teacher.eval()
     network = PixelNetwork(x.shape[1])
     fit = Fit(
@@ -191,12 +193,13 @@ class BitTrueNetwork(torch.nn.Module):
     """The integer layers as a network: forward exact, gradients straight through the roundings.
 
     Weights are kept in units of their last place, biases in `BIAS_UNIT`s of theirs, multipliers as logarithms
-    in `1/LOG_UNIT`: steps of one size then mean about as much in each. All are rounded on every use.
+    in `1/LOG_UNIT`: steps of one size then mean about as much in each. All are rounded on every use. With
+    hidden_weights False the hidden layers' weights stay as they are.
     """
 
-    BIAS_UNIT, LOG_UNIT = 64, 50
+    BIAS_UNIT, LOG_UNIT = 16, 2000
 
-    def __init__(self, layers: tuple[Layer, ...]):
+    def __init__(self, layers: tuple[Layer, ...], *, hidden_weights: bool = True):
         super().__init__()
 
         def parameters(arrays) -> torch.nn.ParameterList:
@@ -204,9 +207,14 @@ class BitTrueNetwork(torch.nn.Module):
 
         self.layers = layers
         self.weights = parameters(layer.weight for layer in layers)
+        for weight in self.weights[:-1]:
+            weight.requires_grad = hidden_weights
         self.biases = parameters(layer.bias / self.BIAS_UNIT for layer in layers)
         scales = [layer.requantisation for layer in layers[:-1]]
         self.multipliers = parameters(np.log(scale.multiplier) * self.LOG_UNIT for scale in scales)
+        # The last layer's words may be long: half of float32's 24 bits for the products, half for the bias.
+        top = (1 << (layers[-1].weight_bits - 1)) - 1
+        self.last_type = torch.float32 if top * layers[-1].input_limit.sum() < 1 << 23 else torch.float64
 
     def _integers(self, index: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Weights and biases of a layer, rounded, with gradients."""
@@ -219,11 +227,11 @@ class BitTrueNetwork(torch.nn.Module):
         return torch.exp(self.multipliers[index] / self.LOG_UNIT).clamp(1, (1 << 17) - 1)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Integer features (pixels, inputs), float32, to the last layer's integers, float32."""
+        """Integer features (pixels, inputs), float32, to the last layer's integers, float32 or float64."""
         x = x.round()
         for index, layer in enumerate(self.layers[:-1]):
             weight, bias = self._integers(index)
-            # Accumulators stay far below 2**24, so float32 holds them exactly; their products do not.
+            # Accumulators stay below 2**24, so float32 holds them exactly; their products do not.
             a = x @ weight.T + bias
             scale, multiplier = layer.requantisation, self._multiplier(index)
             top = (1 << scale.bits) - 1
@@ -231,8 +239,8 @@ class BitTrueNetwork(torch.nn.Module):
             product = a.detach().clamp(min=0).double() * multiplier.detach().round().double()
             exact = (product * 2.0**-scale.shift).floor().clamp(max=top)
             x = smooth + (exact.float() - smooth).detach()
-        weight, bias = self._integers(len(self.layers) - 1)
-        return x @ weight.T + bias
+        weight, bias = (part.to(self.last_type) for part in self._integers(len(self.layers) - 1))
+        return x.to(self.last_type) @ weight.T + bias
 
     def quantised(self) -> tuple[Layer, ...]:
         """The layers with the integers learned so far."""
@@ -257,16 +265,18 @@ def finetune(
 ) -> tuple[tuple[Layer, ...], list[dict]]:
     """Bit-true fine-tuning of quantised layers; returns the tuned layers and the learning curve.
 
-    network : the float network that the layers were quantised from. Where teachers trained it, it teaches
-        the integers in its turn: the labels alone would undo what it learned.
+    network : the float network that the layers were quantised from; it teaches the integers. The labels would
+        also teach them, but with their noise, which moves the integers by more than the quantisation does.
+
+    At 8 bits the hidden weights are best left alone (`settings.finetune_weights`): they hop between two
+    neighbouring integers on every step, and where they stop is chance. Biases, multipliers and the wide last
+    layer have steps fine enough to be learned.
     """
     if not settings.finetune_epochs:
         return layers, []
     x, y = labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=settings.seed)
-    teacher = None
-    if settings.teachers:
-        teacher = torch.nn.Sequential(ScaledNetwork(network, scales(x.shape[1] - 2)), Unit())
-    model = BitTrueNetwork(layers)
+    teacher = torch.nn.Sequential(ScaledNetwork(network, scales(x.shape[1] - 2)), Unit())
+    model = BitTrueNetwork(layers, hidden_weights=settings.finetune_weights)
     history = Fit(
         settings.finetune_epochs,
         settings.normals_batch_px,

@@ -186,8 +186,8 @@ async def start(dut, stall: tuple[float, float] = (0, 0)) -> tuple[Streams, Host
     dut.rst.value = 0
     await RisingEdge(dut.clk)
     await host.write("CONTROL", 0b1001)
-    identity = [await host.read(n) for n in ("ID", "BUNDLE_HASH_LOW", "BUNDLE_HASH_HIGH")]
-    assert identity == [0x46544143, *SET["bundle_hash"]], f"identity {identity}: not that of the bundle"
+    identity = {name: await host.read(name) for name in SET["identity"]}
+    assert identity == SET["identity"], f"identity {identity}: not that of the bundle"
     cocotb.start_soon(streams.run())
     return streams, host
 

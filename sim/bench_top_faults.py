@@ -15,7 +15,8 @@ with np.load(FOLDER / "frames.npz", allow_pickle=False) as archive:
     FRAMES = {name: archive[name] for name in archive.files}
 ROWS = {"depth": FRAMES["frames"].shape[1] - 2, "normals": FRAMES["frames"].shape[1]}
 COLUMNS = {"depth": FRAMES["frames"].shape[2] - 2, "normals": FRAMES["frames"].shape[2]}
-FRAME_BEATS = FRAMES["frames"][0, ..., 0].size // SET["lanes"]
+LINE_BEATS = FRAMES["frames"].shape[2] // SET["lanes"]
+FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
 BUSY, RESULT_VALID, LAST_FRAME_BAD = 1, 2, 4
 ENABLE, CAPTURE, SOFT_RESET, INTERRUPT = 1, 2, 4, 8
 TEST = {"timeout_time": SET["timeout_cycles"] * 10, "timeout_unit": "ns"}
@@ -28,6 +29,13 @@ def flags(*names: str) -> int:
 
 def beats(*indices: int) -> list[tuple[int, int, int]]:
     return [beat for k in indices for beat in frame_beats(FRAMES["frames"][k], SET["lanes"])]
+
+
+def line(frame: int, row: int, length: int, last: int, first: int) -> list[tuple[int, int, int]]:
+    """`length` beats from a row of an image on, with or without an end of line and a start of frame."""
+    begin = row * LINE_BEATS
+    words = [word for word, *_ in beats(frame)][begin : begin + length]
+    return [(word, last * (k == length - 1), first * (k == 0)) for k, word in enumerate(words)]
 
 
 class Run:
@@ -150,8 +158,9 @@ class Run:
 @cocotb.parametrize(scenario=list(SET["scenarios"]), stall=STALLS)
 async def bad_input(dut, scenario, stall):
     """Repaired and marked, reported once, and the frames around it are as if nothing had been."""
+    dut._log.info("scenario %s", scenario)
     run, scene = await Run.begin(dut, stall), SET["scenarios"][scenario]
-    run.streams.beats += [(int(word, 16), last, first) for word, last, first in scene["beats"]]
+    run.streams.beats += [beat for each in scene["lines"] for beat in line(*each)]
     await run.finish(scene["frames"], scene["bad"])
     await run.expect(FRAME_COUNT=len(scene["frames"]), FRAME_ERRORS=sum(scene["bad"]))
     errors = flags(*scene["errors"])
@@ -163,24 +172,12 @@ async def bad_input(dut, scenario, stall):
 
 
 @cocotb.test(**TEST)
-@cocotb.parametrize(cut=[1, FRAME_BEATS // 2, FRAME_BEATS - 1], stall=STALLS)
-async def hard_reset_inside_a_frame(dut, cut, stall):
+@cocotb.parametrize(
+    kind=["hard", "soft"], cut=[1, FRAME_BEATS // 2, FRAME_BEATS - 1], closed=[False, True], stall=STALLS
+)
+async def reset_inside_a_frame(dut, kind, cut, closed, stall):
+    """The output streams are inside a frame too; with `closed`, an offer may wait there."""
     run = await Run.begin(dut, stall, serve=False)
-    run.streams.beats += beats(0, 1, 2, 3)
-    await run.taken(FRAME_BEATS + cut)
-    await run.hard_reset()
-    run.mark()
-    run.serve()
-    run.streams.limit = len(run.streams.beats)
-    await run.finish([2, 3])
-    await run.expect(FRAME_COUNT=2, FRAME_ERRORS=0, ERRORS=flags("no_start"))
-
-
-@cocotb.test(**TEST)
-@cocotb.parametrize(cut=[1, FRAME_BEATS - 1], closed=[False, True])
-async def soft_reset_inside_a_frame(dut, cut, closed):
-    """The output streams are inside a frame too; with `closed`, an offer waits there."""
-    run = await Run.begin(dut, serve=False)
     run.streams.beats += beats(0, 1, 2, 3, 4)
     await run.taken(2 * FRAME_BEATS + cut)
     sinks = run.streams.sinks
@@ -189,15 +186,19 @@ async def soft_reset_inside_a_frame(dut, cut, closed):
     enough = 5 * row + row // 2 if name == "depth" else 2 * FRAME_BEATS + 1
     await run.until(lambda: len(sinks[name].at) >= enough)
     run.streams.closed = closed
-    await run.soft_reset()
-    run.check(name, [0, 1, 2], [0, 0, 0], prefix=True)
-    await run.expect(STATUS=0, FRAME_COUNT=2)
+    if closed and name == "depth":
+        await run.until(lambda: int(sinks[name].valid.value))
+    await (run.hard_reset if kind == "hard" else run.soft_reset)()
+    before = 0 if kind == "hard" else 2
+    await run.expect(STATUS=0, FRAME_COUNT=before)
+    for each in sinks:
+        run.check(each, [0, 1, 2], [0, 0, 0], prefix=True)
     run.mark()
     await run.host.write("INTERRUPT_STATUS", 1)
     run.serve()
     run.streams.limit = len(run.streams.beats)
     await run.finish([3, 4])
-    await run.expect(FRAME_COUNT=4, FRAME_ERRORS=0)
+    await run.expect(FRAME_COUNT=before + 2, FRAME_ERRORS=0)
     assert await run.host.read("ERRORS") & ~flags("result_overrun") == flags("no_start")
 
 
@@ -220,15 +221,12 @@ async def background_capture(dut, stall):
         run.streams.beats += beats(*after)
         run.streams.limit = len(run.streams.beats)
         await run.finish(after)
-    # The memory keeps it for the next test too: bring the bundle's background back.
-    run.streams.beats += beats(SET["background"])
-    await run.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
-    await run.taken(len(run.streams.beats))
+    # And the next test: bring the bundle's background back.
     run.mark()
-    run.streams.beats += beats(0)
+    await run.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
+    run.streams.beats += beats(SET["background"], 0)
     run.streams.limit = len(run.streams.beats)
-    await run.until(lambda: len(run.host.forces) == run.results_since + 2)
-    run.results_since += 1  # that of the captured frame
+    await run.finish([SET["background"], 0])
 
 
 @cocotb.test(**TEST)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gateware.register_map import AXES
+from gateware.register_map import AXES, ID
 from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
 from models.pipeline import Result
@@ -75,6 +75,7 @@ def expected_words(top: TopZynq, result: Result) -> dict[str, np.ndarray]:
 
 def bench_settings(top: TopZynq) -> dict:
     """What the benches of the top-level must know of it."""
+    sensor = top.bundle.scene.sensor
     measured = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
     return {
         "lanes": top.lanes,
@@ -82,7 +83,12 @@ def bench_settings(top: TopZynq) -> dict:
         "normals": top.datapath.wants_normals,
         "axes": AXES[top.identity.axes],
         "registers": [*measured, "STATUS"],
-        "bundle_hash": [top.bundle.hash_word & 0xFFFFFFFF, top.bundle.hash_word >> 32],
+        "identity": {
+            "ID": ID,
+            "BUNDLE_HASH_LOW": top.bundle.hash_word & 0xFFFFFFFF,
+            "BUNDLE_HASH_HIGH": top.bundle.hash_word >> 32,
+            "GEOMETRY": sensor.height_px | sensor.width_px << 16,
+        },
     }
 
 
@@ -102,12 +108,14 @@ def simulate(
     *,
     name: str,
     stall: tuple[float, float] = (0, 0),
+    build_args: tuple[str, ...] = (),
     progress: bool = False,
 ) -> Report:
     """Send `frames` (frames, H, W, C), back to back, through the Verilog `source` and compare all outputs.
 
     result : of `bundle.pipeline.run(frames)`; name : the Verilog's top module
     stall : probability per clock that the source of frames pauses, and that the outputs are not ready
+    build_args : further arguments of Verilator
     Raises SimulationFailure where the bench fails (a hang, a broken bus rule, a wrong identity).
     """
     top = TopZynq(bundle)
@@ -135,7 +143,7 @@ def simulate(
         (folder / stale).unlink(missing_ok=True)
     start = time.monotonic()
     with watched("building the simulator", enabled=progress):
-        runner = build(source, name, folder / "build")
+        runner = build(source, name, folder / "build", build_args=build_args)
     built = time.monotonic()
     position = folder / "cycle"
 
@@ -178,7 +186,7 @@ def simulate(
         values_compared=comparison.values,
         mismatches=comparison.mismatches + markers.mismatches,
         first_mismatch=comparison.first or markers.first,
-        latency_cycles=_latencies(top, outputs, seen),
+        latency_cycles=_latencies(top, outputs, seen, stalled=any(stall)),
         errors=seen["errors"],
         cycles=seen["cycles"],
         values_by_output=per_output,
@@ -208,7 +216,7 @@ def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, frames: 
             comparison.add(f"{name}.tkeep", outputs[f"{name}_keep"], keep)
 
 
-def _latencies(top: TopZynq, outputs: dict, seen: dict) -> dict:
+def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dict:
     """Latencies of the first frame, which nothing delays, and the interval of those behind it."""
     path = top.datapath
     first = int(outputs["first_at"][0])
@@ -225,6 +233,10 @@ def _latencies(top: TopZynq, outputs: dict, seen: dict) -> dict:
         normals_at = outputs["normals_at"]
         latency["first_pixel_to_first_normal"] = int(normals_at[0]) - first
         latency["first_pixel_to_normals"] = int(normals_at[path.beats - 1]) - first
+    stated = sum(latency["stage"].values())
+    ends = [latency[k] for k in ("first_pixel_to_force", "first_pixel_to_depth") if k in latency]
+    if ends and ends[0] != stated and not stalled:
+        raise SimulationFailure(f"latency: {ends[0]} cycles counted, {stated} by the stages' formulas")
     if len(outputs["first_at"]) > 1:
         latency["initiation_interval"] = int(np.diff(outputs["first_at"]).max())
     return latency

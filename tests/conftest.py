@@ -27,11 +27,15 @@ test_grid = 2
 loads_n = [0.03, 0.06]
 ball_mm = 1.5
 
+[poisson]
+mode = "absolute"
+
 [training]
 normals_epochs = 15
 normals_batch_px = 256
 finetune_epochs = 3
 force_epochs = 5
+force_finetune_epochs = 2
 """
 
 

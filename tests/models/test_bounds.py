@@ -114,7 +114,7 @@ def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, d
             ), stage
         assert np.abs(words["source"]).max() <= case.source.bound
         k = worst.argmax()
-        reached = abs(words[name].reshape(n * n, -1)[k, k]) * 2.0**-formats[name].format.fraction
+        reached = abs(words[name].reshape(n * n, -1)[k, k]) * 2.0 ** -formats[name].format.fraction
         assert reached == pytest.approx(worst[k], rel=0.02), name
         if data_bits == 26:  # with coarse words, the bound allows for larger roundings
             # Exact but for row_inverse: there the worst slopes' pixel need not be the worst constant's.
@@ -162,7 +162,7 @@ def test_widths_of_the_transforms_follow_the_words(divergence, mode):
 def test_integer_solver_approximates_the_float_one(
     divergence, mode, coefficient_fraction, data_bits, tolerance
 ):
-    """On a smooth surface some 10 px high; `tolerance`, a share of the largest depth, is what few bits cost."""
+    """On a smooth surface some 10 px high; `tolerance`, a share of that, is what few bits cost."""
     n = 30
     case = make(n, divergence, mode, data_bits=data_bits, coefficient_fraction=coefficient_fraction)
     v, u = np.indices((n + 2, n + 2))
@@ -182,7 +182,10 @@ def test_too_few_data_bits_are_refused():
 
 
 def test_fewer_data_bits_cost_fraction_not_range():
-    wide, narrow = make(14, "central", "absolute").solver, make(14, "central", "absolute", data_bits=14).solver
+    wide, narrow = (
+        make(14, "central", "absolute").solver,
+        make(14, "central", "absolute", data_bits=14).solver,
+    )
     for a, b in zip(wide.stages, narrow.stages, strict=True):
         assert b.format.width <= 14
         assert b.format.fraction < a.format.fraction

@@ -31,6 +31,13 @@ def test_each_teacher_is_a_network_of_its_own(ensemble):
     assert np.abs(found[0] - found[1]).max() > 0.01
 
 
+def test_each_teacher_may_have_inputs_of_its_own(ensemble):
+    x = torch.randn(3, 20, 5)
+    found = ensemble.train()(x).detach().numpy()
+    for k in range(3):
+        np.testing.assert_allclose(found[k], one_teacher(ensemble, k, x[k].double().numpy()), atol=1e-5)
+
+
 def test_together_they_give_the_mean_direction(ensemble):
     x = torch.randn(20, 5)
     mean = np.mean([one_teacher(ensemble, k, x.double().numpy()) for k in range(3)], axis=0)

@@ -64,6 +64,16 @@ def test_forward_is_the_sum_of_the_force_map(axes):
         np.testing.assert_allclose(force, force_map(kernels, frame).sum(axis=(1, 2)), rtol=1e-4, atol=1e-5)
 
 
+def test_each_kernel_is_the_hypernetwork_s_at_its_pixel():
+    network = model(6, axes=2)
+    with torch.inference_mode():
+        kernels = network.kernels()
+        for v, u in ((0, 5), (5, 0), (2, 3)):
+            place = torch.tensor(coordinates(np.random.default_rng(1).random((6, 6)))[v, u]).float()
+            expected = network.layers(place).reshape(2, 3, 3)
+            torch.testing.assert_close(kernels[:, v, u], expected)
+
+
 def test_kernels_depend_on_the_position():
     kernels = model().kernels().detach().numpy()[0]
     assert np.abs(kernels[0, 0] - kernels[5, 5]).max() > 1e-3

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -6,7 +8,9 @@ from models.features import scales
 from models.integer import Layer
 
 
-@pytest.mark.parametrize("largest", [1.0, 1 - 2**-40, 0.75, 1e-3, 2**-20, 1.99999999, 3e-9, 65535.7, 131071.0])
+@pytest.mark.parametrize(
+    "largest", [1.0, 1 - 2**-40, 0.75, 1e-3, 2**-20, 1.99999999, 3e-9, 65535.7, 131071.0]
+)
 def test_requantisation_uses_all_17_bits(largest):
     scale = largest * np.array([1.0, 0.3, 1e-3, 1e-9])
     found = quantise.requantisation(scale, 7)
@@ -27,7 +31,7 @@ def test_requantisation_refuses_scales_without_a_shift():
 
 def network(seed: int, sizes=(6, 16, 16, 16, 3)):
     rng = np.random.default_rng(seed)
-    weights = [rng.normal(size=(b, a)) / np.sqrt(a) for a, b in zip(sizes, sizes[1:], strict=False)]
+    weights = [rng.normal(size=(b, a)) / np.sqrt(a) for a, b in pairwise(sizes)]
     biases = [rng.normal(size=b) * 0.3 for b in sizes[1:]]
     biases[-1][2] += 3  # normals that face the camera, as trained ones do
     return weights, biases
@@ -193,7 +197,9 @@ def test_displacement_words_span_the_largest_displacement(make_scene, bits, larg
     scene = make_scene(numbers={"displacement_bits": bits}, force={"max_displacement_mm": largest_mm})
     pipeline = assembled(scene)
     unit = pipeline.displacement_mm_per_unit
-    assert unit == pytest.approx(0.25 * 2.0 ** (pipeline.quantiser.shift - pipeline.solver.depth_format.fraction))
+    assert unit == pytest.approx(
+        0.25 * 2.0 ** (pipeline.quantiser.shift - pipeline.solver.depth_format.fraction)
+    )
     assert (2**bits - 0.5) * unit >= largest_mm - unit / 2
     assert (2**bits - 1) * unit < 2.1 * largest_mm  # no more than a factor of two is wasted
     assert pipeline.quantiser.input_width == pipeline.depth.width

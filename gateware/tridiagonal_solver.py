@@ -1,0 +1,131 @@
+# amaranth: UnusedElaboratable=no
+"""The Poisson solver without a transposer: sine transforms of the rows around Thomas's algorithm."""
+
+from amaranth import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out, connect
+
+from models.integer import PoissonSource, SineTransform
+from models.tridiagonal import Elimination, Substitution
+
+from .dst1_engine import Dst1Engine
+from .frame_reversal import FrameReversal
+from .poisson_solver import Buffer
+from .poisson_source import PoissonSourceStream
+from .tridiagonal import RowRecurrence
+
+
+class TridiagonalPoissonSolver(wiring.Component):
+    """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2, last row first.
+
+    Source, DST-I of the rows, elimination down the rows, reversal of the rows' order, substitution up the
+    rows, DST-I of the rows back (models/tridiagonal.py). Each stage sustains `lanes` values a clock, and
+    consecutive frames overlap: a frame every `interval` clocks.
+
+    Members
+    -------
+    i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), height × width in raster order
+    o : stream of `lanes` solutions, signed(row_inverse.output_width): N rows of `beats` = ceil(N/lanes)
+        beats, last row first, each row from its first column on
+    row : the inner row, 0 to N − 1, that the beat in `o` belongs to
+
+    Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
+    adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
+    `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
+    `o.ready` reaches through the last transform to a buffer behind the substitution.
+    """
+
+    def __init__(
+        self,
+        source: PoissonSource,
+        row_forward: SineTransform,
+        elimination: Elimination,
+        substitution: Substitution,
+        row_inverse: SineTransform,
+        *,
+        height: int,
+        width: int,
+        lanes: int,
+    ):
+        if height != width:
+            raise ValueError(f"height {height}: expected width = {width}")
+        given = source.width
+        for name, stage in {
+            "row_forward": row_forward,
+            "elimination": elimination,
+            "substitution": substitution,
+            "row_inverse": row_inverse,
+        }.items():
+            if stage.size != width - 2:
+                raise ValueError(f"{name} of size {stage.size}: expected width - 2 = {width - 2}")
+            if stage.input_width != given:
+                raise ValueError(f"{name}.input_width {stage.input_width}: expected {given}")
+            given = stage.output_width
+
+        self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes)
+        self.row_forward = Dst1Engine(row_forward, lanes=lanes)
+        self.elimination = RowRecurrence(elimination, lanes=lanes)
+        self.reversal = FrameReversal(width - 2, elimination.output_width, lanes=lanes)
+        self.substitution = RowRecurrence(substitution, lanes=lanes)
+        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
+        self.size, self.beats = width - 2, self.row_forward.interval
+        self.interval = max(height * width // lanes, self.size * self.beats)
+        super().__init__(
+            {
+                "i": In(self.source.i.signature.flip()),
+                "o": Out(self.row_inverse.o.signature),
+                "row": Out(range(self.size)),
+            }
+        )
+
+    @property
+    def stages(self) -> dict[str, int]:
+        """From last beat to last beat; the first entry from the frame's first slopes."""
+        row = self.beats - 1
+        return {
+            "source": self.source.delay(self.size - 1, row) + Buffer.latency,
+            "row_forward": self.row_forward.latency + row,
+            "elimination": self.elimination.latency,
+            "reversal": self.reversal.latency + (self.size - 1) * self.beats,
+            "substitution": self.substitution.latency + Buffer.latency,
+            "row_inverse": self.row_inverse.latency + row,
+        }
+
+    @property
+    def frame_latency(self) -> int:
+        return sum(self.stages.values())
+
+    @property
+    def latency(self) -> int:
+        return self.frame_latency - (self.size * self.beats - 1)
+
+    @property
+    def multipliers(self) -> int:
+        engines = (self.row_forward, self.elimination, self.substitution, self.row_inverse)
+        return sum(engine.multipliers for engine in engines)
+
+    def elaborate(self, platform):
+        m = Module()
+        output = wiring.flipped(self.i)
+        for name in self.stages:
+            stage = getattr(self, name)
+            m.submodules[name] = stage
+            connect(m, output, stage.i)
+            output = stage.o
+            # The reversal takes and gives at registers; elsewhere a buffer parts the way of `ready`.
+            if name in ("source", "substitution"):
+                m.submodules[f"{name}_buffer"] = buffer = Buffer(output.payload.shape())
+                connect(m, output, buffer.i)
+                output = buffer.o
+        connect(m, output, wiring.flipped(self.o))
+
+        beat, last_row = Signal(range(self.beats)), self.size - 1
+        row = Signal(range(self.size), init=last_row)
+        m.d.comb += self.row.eq(row)
+        with m.If(self.o.valid & self.o.ready):
+            m.d.sync += beat.eq(beat + 1)
+            with m.If(beat == self.beats - 1):
+                m.d.sync += [beat.eq(0), row.eq(row - 1)]
+                with m.If(row == 0):
+                    m.d.sync += row.eq(last_row)
+        return m

@@ -1,0 +1,167 @@
+from pathlib import Path
+
+import pytest
+
+from fastac.scene import SceneError, load, parse
+
+SCENES = Path(__file__).parents[2] / "scenes"
+MINIMAL = 'name = "x"\noutputs = ["depth"]\n[sensor]\ngeometry = "flat"\n'
+
+
+def error(text: str) -> str:
+    """The error of a scene's text: one line, starting with its file."""
+    with pytest.raises(SceneError) as caught:
+        parse(text, origin="some/scene.toml")
+    message = str(caught.value)
+    assert "\n" not in message
+    assert message.startswith("some/scene.toml: ")
+    return message.removeprefix("some/scene.toml: ")
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_shipped_scenes_load_and_are_named_after_their_file(path):
+    scene = load(path)
+    assert scene.name == path.stem
+    assert scene.wants_solver
+
+
+def test_what_the_shipped_scenes_say():
+    paper, gelsight = load(SCENES / "paper.toml"), load(SCENES / "gelsight.toml")
+    assert paper.sensor.channel_names == ("B", "G", "R", "NIR")
+    assert paper.wants_force
+    assert paper.inner_px == 126
+    assert gelsight.sensor.channel_names == ("B", "G", "R")
+    assert gelsight.sensor.source == "recorded"
+    assert not gelsight.wants_force
+
+
+@pytest.mark.parametrize(
+    ("outputs", "solver", "force"),
+    [
+        ('["normals"]', False, False),
+        ('["depth"]', True, False),
+        ('["force_z"]', True, True),
+        ('["normals", "depth", "force_z"]', True, True),
+    ],
+)
+def test_what_the_outputs_need(outputs, solver, force):
+    scene = parse(MINIMAL.replace('["depth"]', outputs), origin="x")
+    assert (scene.wants_solver, scene.wants_force) == (solver, force)
+
+
+def test_a_scene_is_named_by_itself_or_by_its_file(tmp_path):
+    (tmp_path / "flat-gel_2.toml").write_text(MINIMAL.split("\n", 1)[1])
+    assert load(tmp_path / "flat-gel_2.toml").name == "flat-gel_2"
+    (tmp_path / "other.toml").write_text(MINIMAL)
+    assert load(tmp_path / "other.toml").name == "x"
+
+
+def test_scenes_cannot_be_changed_and_survive_json():
+    scene = parse(MINIMAL, origin="x")
+    with pytest.raises(ValueError, match="frozen"):
+        scene.name = "y"
+    assert type(scene).model_validate(scene.model_dump(mode="json")) == scene
+
+
+SENSOR = "[sensor]\ngeometry = "
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        # unknown keys
+        (MINIMAL.replace('name = "x"', 'name = "x"\ncolour = "red"'), "colour: unknown key"),
+        (MINIMAL + "height = 3", "sensor.height: unknown key"),
+        (MINIMAL + "[sensor.light]\npower = 1", "sensor.light.power: unknown key"),
+        (MINIMAL + "[hardware]\nlanes = 2", "hardware.lanes: unknown key"),
+        # wrong types, out of range
+        (MINIMAL + 'pitch_mm = "thin"', "sensor.pitch_mm = 'thin': Input should be a valid number"),
+        (MINIMAL + "pitch_mm = 0", "sensor.pitch_mm = 0: Input should be greater than 0"),
+        (MINIMAL + "pitch_mm = inf", "sensor.pitch_mm = inf: Input should be a finite number"),
+        (MINIMAL + "height_px = 16.5", "sensor.height_px = 16.5: Input should be a valid integer"),
+        (MINIMAL + "height_px = 15", "sensor.height_px = 15: Input should be greater than or equal to 16"),
+        (MINIMAL + "width_px = 257", "sensor.width_px = 257: Input should be less than or equal to 256"),
+        (MINIMAL + 'channels = "rgb"', "sensor.channels = 'rgb': Input should be 'bgr' or 'bgr+nir'"),
+        (MINIMAL + "[numbers]\nslope_limit = 3", "numbers.slope_limit = 3: Input should be 1, 2, 4 or 8"),
+        (MINIMAL + "[numbers]\nweight_bits = 9", "numbers.weight_bits = 9: Input should be less than"),
+        (MINIMAL + "[force]\nkernel_size = 4", "force.kernel_size = 4: Input should be 1, 3, 5 or 7"),
+        (MINIMAL + "[simulation]\nframes = 1", "simulation.frames = 1: Input should be greater than"),
+        (MINIMAL + "[protocol]\nloads_n = []", "protocol.loads_n = []: Tuple should have at least 1 item"),
+        (
+            MINIMAL + "[protocol]\nloads_n = [1, -2]",
+            "protocol.loads_n.1 = -2: Input should be greater than 0",
+        ),
+        (MINIMAL.replace('["depth"]', "[]"), "outputs = []: Tuple should have at least 1 item"),
+        (MINIMAL.replace('["depth"]', '["height"]'), "outputs.0 = 'height': Input should be 'normals'"),
+        (MINIMAL.replace('["depth"]', '"depth"'), "outputs = 'depth': Input should be a valid tuple"),
+        ('outputs = ["depth"]\n' + SENSOR + '"flat"', "name: missing"),
+        ('name = "x"\noutputs = ["depth"]', "sensor: missing"),
+        ('name = "x"\noutputs = ["depth"]\n[sensor]', "sensor.geometry: missing"),
+        # names
+        (MINIMAL.replace('"x"', '"Paper"'), "name = 'Paper': String should match pattern"),
+        (MINIMAL.replace('"x"', '"../x"'), "name = '../x': String should match pattern"),
+        (MINIMAL.replace('"x"', '""'), "name = '': String should match pattern"),
+        (MINIMAL.replace('"x"', '"x\\n"'), "name = 'x\\n': String should match pattern"),
+        # impossible combinations
+        (MINIMAL.replace('["depth"]', '["depth", "depth"]'), "outputs: named twice"),
+        (
+            MINIMAL.replace('["depth"]', '["normals"]') + "width_px = 30\n[hardware]\npixels_per_clock = 4",
+            "hardware.pixels_per_clock: 4 does not divide sensor.width_px 30",
+        ),
+        (
+            MINIMAL + "height_px = 64",
+            "sensor.height_px: 64 differs from width_px 128; the DST engine shares one matrix between rows"
+            " and columns, so depth needs square images",
+        ),
+        (
+            MINIMAL.replace("depth", "force_z") + 'source = "recorded"',
+            "outputs: force_z needs recorded forces, which ball presses do not carry",
+        ),
+        (
+            MINIMAL.replace("flat", "fingertip") + "[sensor.ellipsoid]\nsemi_axes_mm = [8, 14, 9]",
+            "sensor.ellipsoid.semi_axes_mm: 8.0 x 14.0 do not span the image (16 x 16 mm)",
+        ),
+        # not TOML
+        ("outputs = [", "Invalid value (at end of document)"),
+        ('name = "x"\nname = "y"', "Cannot overwrite a value"),
+    ],
+)
+def test_errors_name_the_key_in_one_line(text, message):
+    assert error(text).startswith(message)
+
+
+def test_not_square_is_fine_without_depth():
+    scene = parse(MINIMAL.replace("depth", "normals") + "height_px = 64", origin="x")
+    assert (scene.sensor.height_px, scene.sensor.width_px) == (64, 128)
+
+
+def test_a_rectangle_of_lanes_is_fine_where_it_divides():
+    for lanes in (1, 2, 4):
+        scene = parse(MINIMAL + f"[hardware]\npixels_per_clock = {lanes}", origin="x")
+        assert scene.hardware.pixels_per_clock == lanes
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: None, "No such file or directory"),
+        (lambda path: path.mkdir(), "Is a directory"),
+        (lambda path: path.write_bytes(b"\xff\xfe\x00"), "'utf-8' codec can't decode"),
+        (lambda path: path.write_text("name ="), "Invalid value"),
+        (lambda path: path.write_text(MINIMAL + "depth = 1"), "sensor.depth: unknown key"),
+    ],
+)
+def test_files_that_cannot_be_used(tmp_path, make, message):
+    path = tmp_path / "broken.toml"
+    make(path)
+    with pytest.raises(SceneError) as caught:
+        load(path)
+    assert str(caught.value).startswith(f"{path}: {message}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_whose_name_is_no_name_says_so(tmp_path):
+    path = tmp_path / "My Scene.toml"
+    path.write_text(MINIMAL.split("\n", 1)[1])
+    with pytest.raises(SceneError, match="name = 'My Scene': String should match pattern"):
+        load(path)

@@ -1,0 +1,161 @@
+# amaranth: UnusedElaboratable=no
+"""Only what a scene requires is built; the cycles are those that the formulas say."""
+
+import re
+
+import pytest
+from amaranth.back import verilog
+
+from fastac.scene import Hardware, Numbers
+from gateware.datapath import Datapath
+from gateware.top_zynq import TopZynq
+from sim.bench_specimen import scene, specimen
+
+EVERYTHING = ("normals", "depth", "force_z")
+WANTED = {
+    "depth": {"outputs": ("depth",)},
+    "depth, difference": {"outputs": ("depth",), "mode": "difference"},
+    "force": {"outputs": ("force_z",)},
+    "force, difference": {"outputs": ("force_z",), "mode": "difference"},
+    "normals and depth": {"outputs": ("normals", "depth")},
+    "normals": {"outputs": ("normals",)},
+    "everything": {"outputs": EVERYTHING},
+}
+"""Scenes that differ in what must be there. Of each part below, those scenes that need it."""
+SOLVER = set(WANTED) - {"normals"}
+FORCE = {"force", "force, difference", "everything"}
+DEPTH = SOLVER - {"force", "force, difference"}
+NEEDED = {
+    "datapath.guard": set(WANTED),
+    "datapath.background": set(WANTED),
+    "datapath.mlp": set(WANTED),
+    "datapath.divider": SOLVER,
+    "datapath.solver": SOLVER,
+    "datapath.solver.row_forward": SOLVER,
+    "datapath.depth_output": DEPTH,
+    "datapath.depth_output.rest": {"depth, difference"},
+    "tags": DEPTH,
+    "datapath.displacement": FORCE,
+    "datapath.displacement.rest": FORCE - {"force, difference"},
+    "datapath.force_stream": FORCE,
+    "datapath.force_stream.generator": FORCE,
+    "datapath.force_stream.response.kernels": FORCE,
+    "datapath.normals_fork": {"normals and depth", "everything"},
+    "datapath.solution_fork": {"everything"},
+    "registers.timer": set(WANTED),
+}
+PORTS = {
+    "s_axis": set(WANTED),
+    "s_axil": set(WANTED),
+    "m_axis_depth": DEPTH,
+    "m_axis_normals": {"normals and depth", "normals", "everything"},
+}
+WORDS = {
+    r"\bforce_z\b": FORCE,
+    r"\bforce_z_high\b": FORCE,
+    r"\baccumulator_0\b": FORCE,
+    r"\bfirst_to_force\b": FORCE,
+    r"\bfirst_to_depth\b": DEPTH,
+    r"\bfirst_to_normals\b": PORTS["m_axis_normals"],
+}
+"""Registers, by the names of their signals anywhere in the Verilog."""
+
+
+@pytest.mark.parametrize("name", WANTED)
+def test_only_what_the_scene_requires_is_built(tmp_path, name):
+    bundle = specimen(tmp_path / "bundle", scene(**WANTED[name]), hidden=(2,))
+    top = TopZynq(bundle)
+    text = verilog.convert(top, name="fastac")
+    modules = {
+        match.replace("\\", "").removeprefix("fastac.")
+        for match in re.findall(r"^module (\S+) ?\(", text, re.MULTILINE)
+    }
+    for part, needed in NEEDED.items():
+        assert (part in modules) == (name in needed), part
+    # Nothing of a part that is absent is left over below another name.
+    for part in ("generator", "kernels", "response", "displacement", "force"):
+        assert any(part in module for module in modules) == (name in FORCE), part
+    ports = re.search(r"^module fastac\((.*?)\);", text, re.MULTILINE | re.DOTALL)[1].split(", ")
+    for prefix, needed in PORTS.items():
+        assert any(port.startswith(f"{prefix}_") for port in ports) == (name in needed), prefix
+    known = {"clk", "rst", "interrupt"}
+    assert not [port for port in ports if port not in known and not port.startswith(tuple(PORTS))]
+    for word, needed in WORDS.items():
+        assert bool(re.search(word, text)) == (name in needed), word
+
+    registers = {register.name for register in top.identity.registers}
+    for kind, needed in (("FORCE", FORCE), ("DEPTH", DEPTH), ("NORMALS", PORTS["m_axis_normals"])):
+        assert any(kind in register for register in registers) == (name in needed), kind
+    multipliers = set(top.datapath.multipliers)
+    assert ("depth" in multipliers, "force" in multipliers) == (name in SOLVER, name in FORCE)
+
+
+@pytest.fixture(scope="module")
+def paper(tmp_path_factory):
+    """The pipeline of a scene at full size: 128×128 pixels, N = 126, the paper's network and kernels."""
+    numbers = Numbers(gradient_fraction_bits=14, slope_limit=4).model_dump()
+    wanted = scene(EVERYTHING, size=128, channels="bgr+nir", kernel_size=5, numbers=numbers)
+    return specimen(tmp_path_factory.mktemp("paper") / "bundle", wanted, hidden=(16, 16, 16)).pipeline
+
+
+def at(pipeline, lanes: int, **changes) -> Datapath:
+    settings = Hardware(pixels_per_clock=lanes)
+    return Datapath(pipeline.replace(scene=pipeline.scene.model_copy(update={"hardware": settings, **changes})))
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+def test_cycles_at_full_size(paper, lanes):
+    """The architecture's formulas, written out by hand for W = 128, N = 126, K = 5 and B beats a row."""
+    path, rows, row = at(paper, lanes), 126, -(-126 // lanes)
+    frame = 128 * 128 // lanes
+    # Guard; background; four tiles with an adder tree over groups of 4 and three requantisations; buffer.
+    normals = 2 + 3 + (4 + 5 + 5 + 5 + 3 * 3) + 1
+    # The last source needs the last row but one, columns and rows ahead, and is formed in 5.
+    source = 127 * 128 // lanes + (row - 1) + (2 if lanes == 1 else 1) + 5 + 1
+    transform = 3 + 6 + (row - 1)
+    transposition = 3 + rows * row - 1
+    stages = {
+        "normals": normals,
+        "gradients": 17 + 2,
+        "source": source,
+        "row_forward": transform,
+        "to_columns": transposition,
+        "column_forward": transform + 1,
+        "division": path.solver.division.latency + 1,
+        "column_inverse": transform,
+        "to_rows": transposition,
+        "row_inverse": transform,
+        "solution_buffer": 1,
+        # Subtraction from rest with its ROM; patches reach two rows and two columns; trees over K² and lanes.
+        "force": 4 + 2 * row + -(-2 // lanes) + 3 + (3 + 5) + (lanes.bit_length() - 1) + 1,
+    }
+    assert path.stages == stages
+    total = sum(stages.values())
+    assert path.first_pixel_to_force == total
+    assert path.first_pixel_to_depth == total - stages["force"] + 1
+    assert path.first_pixel_to_normals == normals + frame - 1
+    assert path.interval == frame
+    assert path.multipliers == {
+        "normals": lanes * (6 * 16 + 16 * 16 + 16 * 16 + 16 * 3),
+        "depth": lanes * (4 * 63 + 1),
+        "force": lanes * 25,
+    }
+    budget, interval = {1: (50_000, 16_640), 2: (25_000, 8_320), 4: (12_600, 4_160)}[lanes]
+    assert total <= budget
+    assert path.interval <= interval
+    assert lanes > 1 or sum(path.multipliers.values()) <= 1968 // 2
+
+
+def test_what_is_not_wanted_takes_no_cycles(paper):
+    def of(*outputs: str) -> Datapath:
+        return at(paper, 1, outputs=outputs)
+
+    whole = of(*EVERYTHING)
+    assert of("force_z").first_pixel_to_force == whole.first_pixel_to_force
+    depth = of("depth")
+    assert "force" not in depth.stages
+    assert depth.first_pixel_to_depth == sum(depth.stages.values()) + 1 == whole.first_pixel_to_depth
+    normals = of("normals")
+    assert normals.stages == {"normals": normals.first_pixel_to_normals}
+    assert normals.first_pixel_to_normals == whole.first_pixel_to_normals
+    assert normals.interval == 128 * 128

@@ -1,0 +1,254 @@
+# amaranth: UnusedElaboratable=no
+"""The whole hardware through its AXI ports; one build serves all runs of a scene, as builds take the time."""
+
+import json
+from itertools import product
+
+import numpy as np
+from amaranth.back import verilog
+
+from gateware.register_map import ERRORS
+from gateware.top_zynq import TopZynq
+from sim.bench_specimen import QUICK, frames, scene, specimen
+from sim.runner import build
+from sim.top import Report, bench_settings, simulate
+
+NAME = "fastac"
+MILD = (10, 5, 15, 20, 25)
+"""Frames that differ so little from the background that nothing saturates."""
+
+
+class Hardware:
+    """A specimen's Verilog, to be simulated in `folder`."""
+
+    def __init__(self, folder, **wanted):
+        self.folder = folder
+        self.bundle = specimen(folder / "bundle", scene(**wanted))
+        self.pipeline = self.bundle.pipeline
+        self.top = TopZynq(self.bundle)
+        self.source = folder / f"{NAME}.v"
+        self.source.write_text(verilog.convert(self.top, name=NAME))
+
+    def frames(self, *spans: int) -> np.ndarray:
+        return frames(self.pipeline.background, spans)
+
+    def run(self, images: np.ndarray, stall=(0, 0)) -> Report:
+        result = self.pipeline.run(images)
+        folder = self.folder / "sim"
+        return simulate(
+            self.bundle, self.source, images, result, folder, name=NAME, stall=stall, build_args=QUICK
+        )
+
+
+def check_frames(hardware: Hardware) -> None:
+    """Every word of every frame, and every latency that the design states, from its own meters and ours."""
+    path, images = hardware.top.datapath, hardware.frames(*MILD, 120, 255)
+    count, size, lanes = len(images), hardware.bundle.scene.inner_px, path.lanes
+    values = {
+        "depth": count * size**2 if path.wants_depth else None,
+        "normals": count * (size + 2) ** 2 * 3 if path.wants_normals else None,
+        "force": count if path.wants_force else None,
+    }
+    values = {name: number for name, number in values.items() if number}
+    result = hardware.pipeline.run(images)
+    saturated = {
+        "gradient_saturated": path.pipeline.scene.wants_solver and result.gradient_saturated.any(),
+        "displacement_saturated": path.wants_force and result.displacement_saturated.any(),
+    }
+    errors = sum(1 << ERRORS.index(name) for name, seen in saturated.items() if seen)
+    for stall in ((0, 0), (0.5, 0.3), (0, 0.8)):
+        found = hardware.run(images, stall)
+        assert found.mismatches == 0, f"stall {stall}: {found.first_mismatch}"
+        assert found.values_by_output == values
+        assert found.errors == errors
+        if stall != (0, 0):
+            continue
+        with np.load(hardware.folder / "sim" / "outputs.npz") as archive:
+            seen = dict(archive)
+        registers = json.loads((hardware.folder / "sim" / "registers.json").read_text())
+        assert registers["frame_count"] == count
+        assert registers["frame_errors"] == 0
+        first_at, last_at = seen["first_at"], seen["last_at"]
+        beats = (size + 2) ** 2 // lanes
+        assert np.array_equal(last_at - first_at, [beats - 1] * count)
+        assert set(np.diff(first_at)) == {path.interval} == {beats}
+        latency = found.latency_cycles
+        assert latency["initiation_interval"] == path.interval
+        measured = {"INTERVAL": [0] + [path.interval] * (count - 1)}
+        # An interrupt rises in the clock after its result.
+        result_at = seen["interrupt_at"] - 1
+        for name in ("normals", "depth"):
+            if name in values:
+                stated = getattr(path, f"first_pixel_to_{name}")
+                at = seen[f"{name}_at"].reshape(count, -1)[:, -1]
+                assert np.array_equal(at - first_at, [stated] * count)
+                assert latency[f"first_pixel_to_{name}"] == stated
+                measured[f"LATENCY_FIRST_PIXEL_TO_{name.upper()}"] = [stated] * count
+                if hardware.top.identity.result == name:
+                    assert np.array_equal(result_at, at)
+        if path.wants_force:
+            stated = path.first_pixel_to_force
+            assert np.array_equal(result_at - first_at, [stated] * count)
+            assert latency["first_pixel_to_force"] == stated == sum(path.stages.values())
+            assert latency["last_pixel_to_force"] == stated - beats + 1
+            measured["LATENCY_FIRST_PIXEL_TO_FORCE"] = [stated] * count
+            measured["LATENCY_LAST_PIXEL_TO_FORCE"] = [stated - beats + 1] * count
+        assert sum(latency["stage"].values()) == result_at[0] - first_at[0]
+        for name, stated in measured.items():
+            # The host reads a frame's registers after its result: the interval is then that of later frames.
+            column = [frame[name] for frame in registers["frames"]]
+            if name != "INTERVAL":
+                assert column == stated, name
+            else:
+                assert set(column) <= set(stated), name
+                assert column[-1] == path.interval
+
+
+def repaired(image: np.ndarray, fault: str, lanes: int) -> np.ndarray:
+    """What the guard makes of an image with a fault as in `faulty`: the last pixel is repeated."""
+    image = image.copy()
+    if fault == "line_short":
+        image[5, 3 * lanes :] = image[5, 3 * lanes - 1]
+    elif fault == "line_short, the last":
+        image[-1, lanes:] = image[-1, lanes - 1]
+    elif fault.startswith("frame_short"):
+        image[7:] = image[6, -1]
+    return image
+
+
+def faulty(number: int, fault: str, height: int, line: int) -> list[list[int]]:
+    """The lines (image, row, beats, end of line, start of frame) of an image with a fault."""
+    lines = [[number, row, line, 1, int(row == 0)] for row in range(height)]
+    if fault == "line_short":
+        lines[5][2] = 3
+    elif fault == "line_short, the last":
+        lines[-1][2] = 1
+    elif fault == "line_long":
+        lines[4][2] += 2
+    elif fault == "line_long, no end":
+        lines[4][3] = 0
+    elif fault == "frame_short":
+        lines = lines[:7]
+    elif fault == "frame_long":
+        lines += [[number, 0, line, 1, 0]] * 3
+    elif fault == "no_start":
+        lines = [[number, 0, line, 1, 0]] * 2
+    return lines
+
+
+def check_faults(hardware: Hardware) -> None:
+    """Bad input, resets and what the host can tell the hardware to do; see sim/bench_top_faults.py."""
+    pipeline, lanes = hardware.pipeline, hardware.top.lanes
+    height, width, _ = pipeline.background.shape
+    mild = list(hardware.frames(*MILD))
+    images, scenarios = list(mild), {}
+
+    def lines(number: int, fault: str = "") -> list[list[int]]:
+        return faulty(number, fault, height, width // lanes)
+
+    faults = ("line_short", "line_short, the last", "line_long", "line_long, no end", "frame_short")
+    for fault in (*faults, "frame_long", "no_start"):
+        kind = fault.split(",")[0]
+        scenario = {"errors": [kind]}
+        if kind == "no_start":
+            scenario |= {"lines": lines(0, fault) + lines(1), "frames": [1], "bad": [0]}
+        elif kind == "frame_long":
+            scenario |= {"lines": lines(0, fault) + lines(1), "frames": [0, 1], "bad": [0, 0]}
+        else:
+            if fault == "line_long, no end":  # the next line is what is dropped, and the frame then short
+                scenario["errors"] = ["line_long", "frame_short"]
+                images.append(np.concatenate([mild[1][:5], mild[1][6:], mild[1][-1:]]))
+                images[-1][-1] = images[-1][-2, -1]
+            else:
+                images.append(repaired(mild[1], fault, lanes))
+            twice = [len(images) - 1] * 2
+            scenario |= {
+                "lines": lines(0) + lines(1, fault) * 2 + lines(2) + lines(3),
+                "frames": [0, *twice, 2, 3],
+                "bad": [0, 1, 1, 0, 0],
+            }
+        scenarios[fault.replace(", ", "_").replace(" ", "_")] = scenario
+
+    background = len(images)
+    images.append(pipeline.background)
+    images += list(hardware.frames(255, 60, 80, 40))
+    # One pixel in the corner, which the solver does not look at, for slopes that saturate alone.
+    for values in product((0, 255), repeat=pipeline.background.shape[-1]):
+        images.append(pipeline.background.copy())
+        images[-1][0, 0] = values
+    images = np.array(images)
+    results = [pipeline.run(images)]
+    of_scene = {
+        "gradient_saturated": pipeline.scene.wants_solver,
+        "displacement_saturated": pipeline.scene.wants_force,
+    }
+    errors = [
+        tuple(name for name, wanted in of_scene.items() if wanted and getattr(results[0], name)[k])
+        for k in range(len(images))
+    ]
+    assert not any(errors[: len(MILD)])
+    for scenario in scenarios.values():
+        scenario["errors"] += {name for k in scenario["frames"] for name in errors[k]}
+    saturating = {kinds: k for k, kinds in enumerate(errors) if kinds}
+    if pipeline.scene.wants_force:
+        assert len(saturating) == 3, f"{list(saturating)}: one of each kind and both are wanted"
+
+    # From here on the second frame is the background.
+    captured = len(images)
+    images = np.concatenate([images, mild[1:4]])
+    results.append(pipeline.replace(background=mild[1]).run(np.array(mild[1:4])))
+    assert not results[1].gradient_saturated.any()
+    archive = {"frames": images}
+    for name, words in {"depth": "depth_words", "normals": "normal_words", "force": "force_raw"}.items():
+        if getattr(results[0], words) is not None:
+            archive[name] = np.concatenate([getattr(result, words) for result in results])
+    folder = hardware.folder / "faults"
+    folder.mkdir()
+    np.savez(folder / "frames.npz", **archive)
+    settings = bench_settings(hardware.top) | {
+        "timeout_cycles": 20_000,
+        "scenarios": scenarios,
+        "background": background,
+        "captured": captured,
+        "after_capture": [captured + 1, captured + 2],
+        "saturating": [[k, list(errors)] for errors, k in saturating.items()],
+    }
+    (folder / "settings.json").write_text(json.dumps(settings))
+    runner = build(hardware.source, NAME, hardware.folder / "sim" / "build", build_args=QUICK)
+    runner.test(
+        hdl_toplevel=NAME,
+        test_module="sim.bench_top_faults",
+        build_dir=hardware.folder / "sim" / "build",
+        extra_env={"BENCH": str(folder)},
+    )
+
+
+def test_depth_and_force(tmp_path):
+    """As the paper's: absolute depth, four channels, a pixel a clock."""
+    hardware = Hardware(tmp_path, outputs=("depth", "force_z"), channels="bgr+nir")
+    check_frames(hardware)
+    check_faults(hardware)
+
+
+def test_normals_and_depth(tmp_path):
+    hardware = Hardware(
+        tmp_path, outputs=("normals", "depth"), mode="difference", divergence="backward", lanes=2
+    )
+    check_frames(hardware)
+    check_faults(hardware)
+
+
+def test_force_alone(tmp_path):
+    check_frames(Hardware(tmp_path, outputs=("force_z",), mode="difference", lanes=2))
+
+
+def test_depth_alone(tmp_path):
+    """Four lanes, two of which are void at the end of each row."""
+    check_frames(Hardware(tmp_path, outputs=("depth",), divergence="backward", lanes=4))
+
+
+def test_normals_alone(tmp_path):
+    """A whole map of normals is then a frame's result."""
+    hardware = Hardware(tmp_path, outputs=("normals",), lanes=4, channels="bgr+nir")
+    check_frames(hardware)
+    check_faults(hardware)

@@ -1,0 +1,92 @@
+# amaranth: UnusedElaboratable=no
+"""The bench that all components are tested with: it finds what is right, and each kind of error."""
+
+import pytest
+from amaranth import Cat, Module, Signal
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from sim.stream import check, pack, unpack
+
+STUCK = 0xFF
+"""Behind this word the component takes no more."""
+
+
+class Delay(wiring.Component):
+    """Words, `latency` clocks later; `odd` marks the odd ones."""
+
+    def __init__(self, latency: int):
+        self.latency = latency
+        super().__init__(
+            {"i": In(stream.Signature(8)), "o": Out(stream.Signature(8)), "odd": Out(1), "stuck": Out(1)}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        valid = Signal(self.latency)
+        words = [self.i.payload, *(Signal(8, name=f"word_{k}") for k in range(self.latency))]
+        advance = self.o.ready | ~self.o.valid
+        m.d.comb += [
+            self.i.ready.eq(advance & ~self.stuck),
+            self.o.valid.eq(valid[-1]),
+            self.o.payload.eq(words[-1]),
+            self.odd.eq(self.o.valid & self.o.payload[0]),
+        ]
+        with m.If(advance):
+            m.d.sync += valid.eq(Cat(self.i.valid & self.i.ready, valid))
+            m.d.sync += [after.eq(before) for before, after in zip(words[:-1], words[1:], strict=True)]
+        with m.If(self.i.valid & self.i.ready & (self.i.payload == STUCK)):
+            m.d.sync += self.stuck.eq(1)
+        return m
+
+
+WORDS = [0x10, 0x21, 0x32, 0x43, 0x54, 0x65, 0x76]
+LATENCY = 3
+RIGHT = {
+    "inputs": WORDS,
+    "expected": WORDS,
+    "latencies": [(k, k, LATENCY) for k in range(len(WORDS))],
+    "flags": {"odd": 3},
+    "timeout_cycles": 1000,
+}
+WRONG = {
+    "a wrong value": ({"expected": [*WORDS[:-1], 0x77]}, "1 of 7 beats differ, the first is beat 6"),
+    "a wrong bit among those compared": (
+        {"expected": [word ^ 0x81 for word in WORDS], "mask": 0xF0},
+        "7 of 7 beats differ",
+    ),
+    "a wrong order": ({"expected": [WORDS[1], WORDS[0], *WORDS[2:]]}, "2 of 7 beats differ"),
+    "a missing beat": ({"expected": [*WORDS, 0x87]}, "hang: 7 of 8 after 1000 cycles"),
+    "an extra beat": ({"expected": WORDS[:-1]}, "7 beats out, expected 6"),
+    "a shorter latency": ({"latencies": [(6, 6, LATENCY + 1)]}, "[[6, 6, 3]], expected [[6, 6, 4]]"),
+    "a longer latency": ({"latencies": [(6, 6, LATENCY - 1)]}, "[[6, 6, 3]], expected [[6, 6, 2]]"),
+    "a missing flag": ({"flags": {"odd": 4}}, "flags {'odd': 3}, expected {'odd': 4}"),
+    "an extra flag": ({"flags": {"odd": 2}}, "flags {'odd': 3}, expected {'odd': 2}"),
+    "a hang": ({"inputs": [STUCK, *WORDS], "expected": [STUCK, *WORDS]}, "hang: 1 of 8"),
+    "an input that is not taken": ({"inputs": [*WORDS, STUCK, 0], "expected": [*WORDS, STUCK]}, "hang: 8 of 8"),
+}
+
+
+def test_each_error_is_detected(tmp_path, capfd):
+    """One build for all; the latency meter is calibrated on a component of known delay."""
+    delay = Delay(LATENCY)
+    check(delay, "delay", tmp_path, **RIGHT)
+    assert capfd.readouterr().out.count("PASS=3 FAIL=0") == 1
+    # What is not compared may differ.
+    check(delay, "delay", tmp_path, **RIGHT | {"expected": [word ^ 1 for word in WORDS], "mask": 0xFE})
+    capfd.readouterr()
+    for name, (changes, message) in WRONG.items():
+        with pytest.raises((RuntimeError, SystemExit)):
+            check(delay, "delay", tmp_path, stalls=(0,), **RIGHT | changes)
+            pytest.fail(f"{name} was not detected")
+        assert message in capfd.readouterr().out, name
+
+
+def test_pack_and_unpack():
+    vectors = [[-1, 2, -128], [127, 0, 1]]
+    packed = pack(vectors, 8)
+    assert packed == [0x8002FF, 0x01007F]
+    assert [unpack(payload, 8, 3) for payload in packed] == vectors
+    assert unpack(0x8002FF, 8, 3, signed=False) == [255, 2, 128]
+    # Nested layouts in C order, lane 0 lowest.
+    assert pack([[[1, 2], [3, 4]]], 4) == [0x4321]

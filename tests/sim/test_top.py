@@ -1,0 +1,100 @@
+# amaranth: UnusedElaboratable=no
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+from amaranth.back import verilog
+
+from gateware.top_zynq import TopZynq
+from models.bundle import Bundle
+from sim.bench_specimen import QUICK, frames, scene, specimen
+from sim.top import Comparison, SimulationFailure, simulate
+
+WORDS = np.arange(12).reshape(3, 4)
+
+
+@pytest.mark.parametrize(
+    ("found", "mismatches", "first"),
+    [
+        (WORDS, 0, ""),
+        (WORDS.ravel(), 0, ""),
+        (WORDS + (WORDS == 7), 1, "depth: 12 values, expected 12; value 7: 8, expected 7"),
+        (WORDS + 1, 12, "depth: 12 values, expected 12; value 0: 1, expected 0"),
+        (WORDS[:2], 4, "depth: 8 values, expected 12"),
+        (WORDS[:0], 12, "depth: 0 values, expected 12"),
+        (np.append(WORDS, [0, 0]), 2, "depth: 14 values, expected 12"),
+        (np.append(WORDS, 0)[1:], 12, "depth: 12 values, expected 12; value 0: 1, expected 0"),
+    ],
+    ids=["equal", "flat", "one", "all", "a row missing", "nothing", "too many", "shifted"],
+)
+def test_comparison(found, mismatches, first):
+    comparison = Comparison()
+    comparison.add("depth", found, WORDS)
+    assert (comparison.values, comparison.mismatches, comparison.first) == (12, mismatches, first)
+
+
+def test_comparisons_add_up_and_the_first_mismatch_stays():
+    comparison = Comparison()
+    comparison.add("normals", WORDS, WORDS)
+    comparison.add("depth", WORDS + 1, WORDS)
+    comparison.add("force", [3], [4])
+    assert (comparison.values, comparison.mismatches) == (25, 13)
+    assert comparison.first.startswith("depth:")
+
+
+@pytest.fixture(scope="module")
+def hardware(tmp_path_factory):
+    """A bundle, its Verilog, three frames and what the reference makes of them."""
+    folder = tmp_path_factory.mktemp("hardware")
+    bundle = specimen(folder / "bundle", scene(("normals", "depth", "force_z"), lanes=2))
+    source = folder / "fastac.v"
+    source.write_text(verilog.convert(TopZynq(bundle), name="fastac"))
+    images = frames(bundle.pipeline.background, (10, 40, 255))
+    return bundle, source, images, bundle.pipeline.run(images), folder / "sim"
+
+
+def run(hardware, **changes):
+    bundle, source, images, result, folder = hardware
+    result = dataclasses.replace(result, **changes)
+    return simulate(bundle, source, images, result, folder, name="fastac", build_args=QUICK)
+
+
+def changed(words: np.ndarray, *where: tuple[int, ...]) -> np.ndarray:
+    words = words.copy()
+    for index in where:
+        words[index] += 1
+    return words
+
+
+def test_corrupted_goldens_are_found(hardware):
+    """Exactly as many mismatches as words were changed, whatever the output, the first and the last too."""
+    *_, result, folder = hardware
+    found = run(hardware)
+    assert (found.mismatches, found.first_mismatch, found.frames) == (0, "", 3)
+    assert found.values_by_output == {"depth": 3 * 14**2, "normals": 3 * 16**2 * 3, "force": 3}
+    assert found.values_compared == sum(found.values_by_output.values())
+    assert found.markers_compared == 3 * (14 * 7 * 3 + 16 * 8 * 2)
+    assert json.loads(json.dumps(found.as_dict()))["latency_cycles"]["initiation_interval"] == 128
+    places = {
+        "depth_words": [(0, 0, 0), (1, 7, 3), (2, 13, 13)],
+        "normal_words": [(0, 0, 0, 0), (2, 15, 15, 2)],
+        "force_raw": [(1, 0)],
+    }
+    for name, where in places.items():
+        found = run(hardware, **{name: changed(getattr(result, name), *where)})
+        assert found.mismatches == len(where)
+        assert found.first_mismatch.startswith(name.split("_")[0].removesuffix("s"))
+        assert found.values_compared == sum(found.values_by_output.values())
+
+    # Goldens of more frames than came out.
+    found = run(hardware, depth_words=np.concatenate([result.depth_words, result.depth_words[:1]]))
+    assert found.mismatches == 14**2
+    # What an earlier run has left is never taken for a result.
+    bundle, source, images, *_ = hardware
+    other = Bundle(bundle.pipeline, bundle.floats, f"{bundle.hash_word ^ 1:016x}" + bundle.digest[16:])
+    assert (folder / "registers.json").exists()
+    with pytest.raises(SimulationFailure, match=r"simulation.log: the bench failed"):
+        simulate(other, source, images, result, folder, name="fastac", build_args=QUICK)
+    assert not (folder / "registers.json").exists()
+    assert "not that of the bundle" in (folder / "simulation.log").read_text()
