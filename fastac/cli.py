@@ -274,7 +274,8 @@ def synth(bundle, output, place_and_route, modules, progress):
 
     Yosys counts DSP48E2, block RAM, URAM and shift registers; nextpnr places and routes each module on a
     40 nm ECP5, whose clock is a conservative bound for the XCZU19EG. Results are kept; only what has changed
-    is done again. Needs the extra `synth`: pip install -e '.[synth]'.
+    is done again. `fastac report` then takes the figures into the build's report, in place of estimates.
+    Needs the extra `synth`: pip install -e '.[synth]'.
     """
     from fastac import report as reporting
     from fastac import synth as synthesis

@@ -27,6 +27,9 @@ test_grid = 2
 loads_n = [0.03, 0.06]
 ball_mm = 1.5
 
+[numbers]
+displacement_bits = 16
+
 [poisson]
 mode = "absolute"
 

@@ -113,7 +113,7 @@ class TestContent:
             "fraction_bits": last.format.fraction,
         }
         assert found["displacement"]["saturates_at_mm"] == pytest.approx(
-            4095 * pipeline.displacement_mm_per_unit
+            (2**16 - 1) * pipeline.displacement_mm_per_unit
         )
         assert found["force.accumulator"]["width_bits"] == pipeline.force.width
         for name, word in found.items():

@@ -100,7 +100,9 @@ def paper(tmp_path_factory):
 
 def at(pipeline, lanes: int, **changes) -> Datapath:
     settings = Hardware(pixels_per_clock=lanes)
-    return Datapath(pipeline.replace(scene=pipeline.scene.model_copy(update={"hardware": settings, **changes})))
+    return Datapath(
+        pipeline.replace(scene=pipeline.scene.model_copy(update={"hardware": settings, **changes}))
+    )
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 4])

