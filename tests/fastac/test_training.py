@@ -74,6 +74,11 @@ def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_dat
         np.testing.assert_array_equal(a.bias, b.bias)
     curves = {k: v for k, v in integers.items() if k.startswith("history.finetune.")}
     assert len(curves["history.finetune.epoch"]) == 3
+    # Kernels are trained once, and go on from there with each pipeline's displacements.
+    assert len(force["history.force.epoch"]) == 5
+    for name in ("float", "integer"):
+        assert len(force[f"history.force_{name}.epoch"]) == 2
+    assert (force["force.float_kernels"] != force["force.integer_kernels"]).any()
     expected = weights | curves | force
     assert set(tiny_bundle.floats) == set(expected)
     for name, array in expected.items():
