@@ -10,6 +10,10 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 CHANNELS = {"bgr": ("B", "G", "R"), "bgr+nir": ("B", "G", "R", "NIR")}
+FORCES = {"force_x": (0,), "force_y": (1,), "force_z": (2,), "force_xyz": (0, 1, 2)}
+"""The axes of each output that is a force."""
+RECURRENCE_BEATS = 5
+"""The tridiagonal solver's rows take at least as many clocks, for each row needs the one before it."""
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
 
@@ -109,16 +113,30 @@ class Poisson(Strict):
     """What is solved for: the depth itself, as in the paper, or its difference from rest: the same equation,
     but what the network finds at rest cancels exactly."""
     divergence: Literal["central", "backward"] = "central"
+    solver: Literal["dst2d", "tridiagonal", "adjoint"] = "dst2d"
+    """dst2d: sine transforms of rows and columns, the paper's. tridiagonal: of the rows alone; depth leaves
+    last row first. adjoint: no depth at all; the force is a weighted sum of the slopes."""
 
 
 class Force(Strict):
+    kernel: Literal["patch", "collapsed"] = "patch"
+    """patch: a K×K kernel at every pixel, which a force map needs. collapsed: the same resultant, to the
+    bit, from one weight a pixel."""
     kernel_size: Literal[1, 3, 5, 7] = 5
+    clamp: bool = True
+    """Whether displacement away from the camera counts as zero, as in the paper."""
+    fit: Literal["displacement", "slopes"] = "displacement"
+    """What the model is trained on: the displacement, from which the adjoint's weights of the slopes follow,
+    or, with the adjoint only, the slopes themselves."""
     hidden: Annotated[int, Field(ge=1, le=256)] = 32
     max_displacement_mm: Positive = 2.0
 
 
 class Hardware(Strict):
     pixels_per_clock: Literal[1, 2, 4] = 1
+    weights: Literal["loadable", "baked"] = "loadable"
+    """Of the pixel network. loadable: in registers, written through AXI4-Lite, two products in a DSP48E2.
+    baked: constants as shifts and additions, which need no DSP."""
     clock_mhz: Positive = 150.0
     """The clock that latencies are converted with; an assumption until a board confirms it."""
 
@@ -159,7 +177,10 @@ class Simulation(Strict):
 
 class Scene(Strict):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
-    outputs: Annotated[tuple[Literal["normals", "depth", "force_z"], ...], Field(min_length=1)]
+    outputs: Annotated[
+        tuple[Literal["normals", "depth", "force_x", "force_y", "force_z", "force_xyz", "force_map"], ...],
+        Field(min_length=1),
+    ]
     sensor: Sensor
     protocol: Protocol = Protocol()
     numbers: Numbers = Numbers()
@@ -173,6 +194,8 @@ class Scene(Strict):
     def _consistent(self):
         if len(set(self.outputs)) != len(self.outputs):
             raise ValueError("outputs: named twice")
+        if "force_xyz" in self.outputs and {"force_x", "force_y", "force_z"} & set(self.outputs):
+            raise ValueError("outputs: force_xyz has all three axes; name none beside it")
         lanes = self.hardware.pixels_per_clock
         if self.sensor.width_px % lanes:
             raise ValueError(
@@ -185,8 +208,24 @@ class Scene(Strict):
             )
         if self.wants_force and self.sensor.source == "recorded" and self.sensor.geometry == "flat":
             raise ValueError("outputs: force_z needs recorded forces, which ball presses do not carry")
-        if self.wants_force and self.force.kernel_size > self.sensor.height_px - 2:
-            raise ValueError(f"force.kernel_size: {self.force.kernel_size} is larger than the frame")
+        if self.wants_force_map and (
+            not self.wants_force or self.force.kernel != "patch" or self.poisson.solver == "adjoint"
+        ):
+            raise ValueError(
+                "outputs: force_map needs a force beside it, force.kernel 'patch' and a poisson.solver with depth"
+            )
+        if self.wants_solver and self.poisson.solver == "adjoint":
+            raise ValueError("poisson.solver: 'adjoint' finds no depth; choose dst2d or tridiagonal")
+        if self.poisson.solver == "adjoint" and self.force.clamp:
+            raise ValueError("force.clamp: the adjoint is linear and cannot clamp; set clamp = false")
+        if self.force.fit == "slopes" and self.poisson.solver != "adjoint":
+            raise ValueError("force.fit: 'slopes' needs poisson.solver 'adjoint'")
+        row_beats = -(-self.inner_px // lanes)
+        if self.wants_solver and self.poisson.solver == "tridiagonal" and row_beats < RECURRENCE_BEATS:
+            raise ValueError(
+                f"poisson.solver: 'tridiagonal' needs rows of {RECURRENCE_BEATS} beats or more;"
+                f" {self.inner_px} values at {lanes} pixels_per_clock are {row_beats}"
+            )
         if self.sensor.geometry == "fingertip":
             a, b, _ = self.sensor.ellipsoid.semi_axes_mm
             half_u = self.sensor.width_px * self.sensor.pitch_mm / 2
@@ -201,11 +240,29 @@ class Scene(Strict):
     @property
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
-        return bool({"depth", "force_z"} & set(self.outputs))
+        return "depth" in self.outputs or (self.wants_force and self.poisson.solver != "adjoint")
+
+    @property
+    def wants_adjoint(self) -> bool:
+        """Whether the force is found from the slopes, without depth."""
+        return self.wants_force and self.poisson.solver == "adjoint"
+
+    @property
+    def wants_slopes(self) -> bool:
+        return self.wants_solver or self.wants_adjoint
+
+    @property
+    def force_axes(self) -> tuple[int, ...]:
+        """The axes of force that are wanted, in order: 0, 1, 2 for x, y, z."""
+        return tuple(sorted(axis for name in self.outputs for axis in FORCES.get(name, ())))
 
     @property
     def wants_force(self) -> bool:
-        return "force_z" in self.outputs
+        return bool(self.force_axes)
+
+    @property
+    def wants_force_map(self) -> bool:
+        return "force_map" in self.outputs
 
     @property
     def inner_px(self) -> int:

@@ -22,7 +22,7 @@ from pydantic import ValidationError
 
 from fastac.scene import Scene, describe
 
-from . import bounds, fixed, integer
+from . import bounds, fixed, integer, tridiagonal
 from .pipeline import IntegerPipeline
 
 FORMAT_VERSION = 1
@@ -38,7 +38,11 @@ CLASSES = {
         integer.Depth,
         integer.DisplacementQuantiser,
         integer.PatchForce,
+        integer.WeightedSum,
         bounds.Solver,
+        tridiagonal.Elimination,
+        tridiagonal.Substitution,
+        tridiagonal.TridiagonalSolver,
         bounds.Stage,
         fixed.Fixed,
         IntegerPipeline,

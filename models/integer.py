@@ -52,13 +52,31 @@ class Layer:
     input_limit: np.ndarray  # (inputs,), the largest magnitude of each input
     weight_bits: int = 8
     requantisation: Requantisation | None = None
+    loadable: bool = False
+    """Whether the hardware takes other weights and biases later: its words must hold any of them."""
 
     def __post_init__(self):
         _fits("weight", self.weight, self.weight_bits, signed=True)
+        if self.loadable and np.abs(self.weight).max() > self.weight_limit:
+            raise ValueError(f"weight {self.weight.min()}: expected at least {-self.weight_limit}")
+        if self.loadable and np.abs(self.bias).max() > self.bias_limit:
+            raise ValueError(f"bias {np.abs(self.bias).max()}: expected at most {self.bias_limit}")
+
+    @property
+    def weight_limit(self) -> int:
+        """The largest magnitude of a loadable weight."""
+        return (1 << (self.weight_bits - 1)) - 1
+
+    @property
+    def bias_limit(self) -> int:
+        """The largest magnitude of a loadable bias: what the weights and inputs reach together."""
+        return self.weight_limit * int(self.input_limit.sum())
 
     @cached_property
     def accumulator_bound(self) -> int:
-        """max over neurons of Σ|w|·|x|max + |b|."""
+        """max over neurons of Σ|w|·|x|max + |b|; of any weights and biases where they are loadable."""
+        if self.loadable:
+            return 2 * self.bias_limit
         return int((np.abs(self.weight) @ self.input_limit + np.abs(self.bias)).max())
 
     @property
@@ -246,17 +264,25 @@ class Depth:
 
 @dataclass(frozen=True)
 class DisplacementQuantiser:
-    """`q = clip(round_shift(max(d, 0), shift), 0, 2**bits − 1)`, the paper's Q_z."""
+    """`q = clip(round_shift(max(d, 0), shift), 0, 2**bits − 1)`, the paper's Q_z.
+
+    Without the clamp q is signed: `clip(round_shift(d, shift), −t, t)`, t = 2**(bits − 1) − 1.
+    """
 
     input_width: int
     shift: int
     bits: int
+    clamp: bool = True
+
+    @property
+    def top(self) -> int:
+        """The largest word."""
+        return (1 << (self.bits if self.clamp else self.bits - 1)) - 1
 
     def __call__(self, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Displacements of any shape to unsigned words, and which of them saturated."""
-        scaled = round_shift(np.maximum(d, 0), self.shift)
-        top = (1 << self.bits) - 1
-        return np.minimum(scaled, top), scaled > top
+        """Displacements of any shape to words, and which of them saturated."""
+        scaled = round_shift(np.maximum(d, 0) if self.clamp else d, self.shift)
+        return np.clip(scaled, -self.top, self.top), np.abs(scaled) > self.top
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,9 +295,16 @@ class PatchForce:
     kernel: np.ndarray  # (axes, N, N, K, K)
     kernel_bits: int
     displacement_bits: int
+    signed: bool = False
+    """Whether displacements are, as without the clamp."""
 
     def __post_init__(self):
         _fits("kernel", self.kernel, self.kernel_bits, signed=True)
+
+    @property
+    def displacement_limit(self) -> int:
+        """The largest magnitude of a displacement."""
+        return (1 << (self.displacement_bits - 1 if self.signed else self.displacement_bits)) - 1
 
     @property
     def size(self) -> int:
@@ -280,12 +313,12 @@ class PatchForce:
 
     @cached_property
     def pixel_bound(self) -> int:
-        return int(np.abs(self.kernel).sum(axis=(-2, -1)).max()) * ((1 << self.displacement_bits) - 1)
+        return int(np.abs(self.kernel).sum(axis=(-2, -1)).max()) * self.displacement_limit
 
     @cached_property
     def bound(self) -> int:
-        """Σ|k|·(2**displacement_bits − 1) over the whole frame, the worst axis."""
-        return int(np.abs(self.kernel).sum(axis=(1, 2, 3, 4)).max()) * ((1 << self.displacement_bits) - 1)
+        """Σ|k|·displacement_limit over the whole frame, the worst axis."""
+        return int(np.abs(self.kernel).sum(axis=(1, 2, 3, 4)).max()) * self.displacement_limit
 
     @property
     def pixel_width(self) -> int:
@@ -307,3 +340,61 @@ class PatchForce:
     def __call__(self, q: np.ndarray) -> np.ndarray:
         """Displacement words (..., N, N) to raw accumulators (..., axes)."""
         return self.force_map(q).sum(axis=(-2, -1))
+
+    def collapsed(self) -> "WeightedSum":
+        """The same resultant from one weight a pixel: Σ_p Σ_m k_{p,m} v_{p+m} = Σ_p (Σ_m k_{p−m,m}) v_p."""
+        axes, n, _, k, _ = self.kernel.shape
+        half = k // 2
+        weight = np.zeros((axes, n + 2 * half, n + 2 * half), np.int64)
+        for i in range(k):
+            for j in range(k):
+                weight[:, i : i + n, j : j + n] += self.kernel[..., i, j]
+        inner = slice(half, half + n)
+        return WeightedSum(
+            weight[:, inner, inner, None], np.zeros(axes, np.int64), self.displacement_bits, self.signed
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class WeightedSum:
+    """One sum over the whole frame for each axis: A = constant + Σ_p Σ_t weight_{p,t} · x_{p,t}.
+
+    With the displacement (one term a pixel) it is the collapsed kernels' force, with the slopes p and q (two
+    terms) the adjoint's.
+    """
+
+    weight: np.ndarray  # (axes, rows, columns, terms)
+    constant: np.ndarray  # (axes,)
+    input_width: int
+    input_signed: bool
+
+    def __post_init__(self):
+        if self.weight.ndim != 4 or self.constant.shape != self.weight.shape[:1]:
+            raise ValueError(
+                f"weight {self.weight.shape}, constant {self.constant.shape}:"
+                " expected (axes, rows, columns, terms) and (axes,)"
+            )
+
+    @property
+    def input_limit(self) -> int:
+        """The largest magnitude of an input, which is never the lowest word of a signed format."""
+        return (1 << (self.input_width - 1 if self.input_signed else self.input_width)) - 1
+
+    @cached_property
+    def weight_width(self) -> int:
+        return signed_width(int(np.abs(self.weight).max()))
+
+    @cached_property
+    def bound(self) -> int:
+        """|constant| + Σ|weight|·input_limit, the worst axis."""
+        reached = np.abs(self.weight).sum(axis=(1, 2, 3)) * self.input_limit
+        return int((np.abs(self.constant) + reached).max())
+
+    @property
+    def width(self) -> int:
+        return signed_width(self.bound)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Inputs (..., rows, columns, terms) to raw accumulators (..., axes)."""
+        flat = self.weight.reshape(len(self.weight), -1)
+        return x.reshape(*x.shape[:-3], -1) @ flat.T + self.constant
