@@ -212,7 +212,8 @@ class Scene(Strict):
             not self.wants_force or self.force.kernel != "patch" or self.poisson.solver == "adjoint"
         ):
             raise ValueError(
-                "outputs: force_map needs a force beside it, force.kernel 'patch' and a poisson.solver with depth"
+                "outputs: force_map needs a force beside it, force.kernel 'patch', and a poisson.solver"
+                " with depth"
             )
         if self.wants_solver and self.poisson.solver == "adjoint":
             raise ValueError("poisson.solver: 'adjoint' finds no depth; choose dst2d or tridiagonal")

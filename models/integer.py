@@ -397,4 +397,5 @@ class WeightedSum:
     def __call__(self, x: np.ndarray) -> np.ndarray:
         """Inputs (..., rows, columns, terms) to raw accumulators (..., axes)."""
         flat = self.weight.reshape(len(self.weight), -1)
-        return x.reshape(*x.shape[:-3], -1) @ flat.T + self.constant
+        sums = exact_matmul(x.reshape(*x.shape[:-3], -1), flat.T, self.bound)
+        return sums + self.constant
