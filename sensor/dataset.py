@@ -7,10 +7,12 @@
     depth_mm        (N, H, W) float32       z, the skin's height            │ each present only
     valid           (N, H, W) bool          where normals and depth hold;   │ if it is known
                                             absent means everywhere         │
-    force_n         (N, 3) float32          z is positive in compression    │
+    force_n         (N, axes) float32       z is positive in compression    │
+    group           (N,) text               the recording of each frame     │
     rest_depth_mm   (H, W) float32          z of the untouched skin         │
     indenter/…      (N, …) numbers          pose and shape; NaN: no indenter┘
 
+`force_n` has the axes x, y, z, or those that the attribute force_axes ("z") lists: a force gauge knows one.
 Ground truth is finite, and normals are unit vectors with n_z > 0, wherever it is valid; elsewhere it means
 nothing (our importer writes NaN there, so that a forgotten mask shows).
 """
@@ -24,9 +26,9 @@ import h5py
 import numpy as np
 
 from fastac.scene import Scene
-from sensor.samples import SPLITS, Dataset, DatasetError, check
+from sensor.samples import FORCE_AXES, SPLITS, Dataset, DatasetError, check
 
-__all__ = ["SPLITS", "Dataset", "DatasetError", "read", "write"]
+__all__ = ["FORCE_AXES", "SPLITS", "Dataset", "DatasetError", "read", "write"]
 
 FORMAT_VERSION = 1
 CHUNKED = ("frames", "normals", "depth_mm", "valid")
@@ -40,6 +42,7 @@ ARRAYS = {
     "force_n": np.float32,
     "rest_depth_mm": np.float32,
 }
+TEXTS = ("split", "group")
 REQUIRED = ("background", "frames", "split")
 
 
@@ -58,6 +61,8 @@ def write(
     force_n: np.ndarray | None = None,
     indenter: dict[str, np.ndarray] | None = None,
     rest_depth_mm: np.ndarray | None = None,
+    force_axes: tuple[str, ...] = FORCE_AXES,
+    group: np.ndarray | None = None,
 ) -> None:
     """Write a dataset; the file appears complete or not at all.
 
@@ -82,8 +87,12 @@ def write(
                 raise DatasetError(f"{path}: {key} = {array.dtype}: expected {np.dtype(ARRAYS[key])}")
             arrays[key] = array.astype(ARRAYS[key], copy=False)
     poses = None if indenter is None else {key: np.asarray(array, float) for key, array in indenter.items()}
-    split = np.asarray(split, dtype=str)
-    check(Dataset(pitch_mm, tuple(channels), source, split=split, indenter=poses, **arrays), None, str(path))
+    texts = {"split": np.asarray(split, dtype=str)}
+    if group is not None:
+        texts["group"] = np.asarray(group, dtype=str)
+    axes = tuple(force_axes)
+    data = Dataset(pitch_mm, tuple(channels), source, indenter=poses, force_axes=axes, **arrays, **texts)
+    check(data, None, str(path))
     if not path.parent.is_dir():
         raise DatasetError(f"{path}: {path.parent} is not a folder")
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
@@ -94,11 +103,14 @@ def write(
             file.attrs["pitch_mm"] = pitch_mm
             file.attrs["channels"] = ",".join(channels)
             file.attrs["source"] = source
+            if force_n is not None and axes != FORCE_AXES:
+                file.attrs["force_axes"] = ",".join(axes)
             for key, array in arrays.items():
                 packed = {"compression": "lzf", "shuffle": True} if key in CHUNKED else {}
                 chunks = (1, *array.shape[1:]) if key in CHUNKED else None
                 file.create_dataset(key, data=array, chunks=chunks, **packed)
-            file.create_dataset("split", data=split.tolist(), dtype=h5py.string_dtype())
+            for key, text in texts.items():
+                file.create_dataset(key, data=text.tolist(), dtype=h5py.string_dtype())
             for key, array in (poses or {}).items():
                 file.create_dataset(f"indenter/{key}", data=array)
         os.chmod(temporary, 0o644)
@@ -136,9 +148,12 @@ def _content(file: h5py.File, path: Path) -> dict:
     """Every field of the file, with types checked before anything is converted."""
     attributes = {}
     kinds = {"format_version": np.integer, "pitch_mm": np.floating, "channels": str, "source": str}
-    for key, kind in kinds.items():
+    for key in kinds:
         if key not in file.attrs:
             raise DatasetError(f"{path}: {key}: missing attribute")
+    for key, kind in (kinds | {"force_axes": str}).items():
+        if key not in file.attrs:
+            continue
         value = file.attrs[key]
         if not isinstance(value, kind):
             raise DatasetError(f"{path}: {key} = {value!r}: expected {kind.__name__}")
@@ -156,7 +171,9 @@ def _content(file: h5py.File, path: Path) -> dict:
         "channels": tuple(attributes["channels"].split(",")),
         "source": attributes["source"],
     }
-    for key in ("split", *ARRAYS):
+    if "force_axes" in attributes:
+        content["force_axes"] = tuple(attributes["force_axes"].split(","))
+    for key in (*TEXTS, *ARRAYS):
         stored = file.get(key)
         if stored is None:
             if key in REQUIRED:
@@ -164,9 +181,9 @@ def _content(file: h5py.File, path: Path) -> dict:
             continue
         if not isinstance(stored, h5py.Dataset):
             raise DatasetError(f"{path}: {key} = a group: expected an array")
-        if key == "split":
+        if key in TEXTS:
             if h5py.check_string_dtype(stored.dtype) is None:
-                raise DatasetError(f"{path}: split = {stored.dtype}: expected text")
+                raise DatasetError(f"{path}: {key} = {stored.dtype}: expected text")
             content[key] = np.asarray(stored.asstr()[()], dtype=str)
             continue
         if stored.dtype != ARRAYS[key]:

@@ -7,6 +7,7 @@ import numpy as np
 from fastac.scene import CHANNELS, Scene
 
 SPLITS = ("train", "validation", "test")
+FORCE_AXES = ("x", "y", "z")
 PITCH_TOLERANCE = 1e-3
 UNIT_TOLERANCE = 1e-4
 """Of a normal's squared length: float32 leaves 1e-7."""
@@ -32,9 +33,26 @@ class Dataset:
     force_n: np.ndarray | None = None
     indenter: dict[str, np.ndarray] | None = None
     rest_depth_mm: np.ndarray | None = None
+    force_axes: tuple[str, ...] = FORCE_AXES
+    """What the columns of `force_n` are: a gauge may know one axis only."""
+    group: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.frames)
+
+    def knows_force(self, axes: tuple[int, ...]) -> bool:
+        """Whether the forces along all of `axes`, 0 to 2 for x to z, were measured."""
+        return self.force_n is not None and all(FORCE_AXES[axis] in self.force_axes for axis in axes)
+
+    def forces_n(self, index: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
+        """Forces of the samples `index` along `axes`, float32 (samples, axes).
+
+        Raises DatasetError if an axis was not measured.
+        """
+        for axis in axes:
+            if not self.knows_force((axis,)):
+                raise DatasetError(f"force_n: {FORCE_AXES[axis]}: not measured")
+        return self.force_n[index][:, [self.force_axes.index(FORCE_AXES[axis]) for axis in axes]]
 
     def indices(self, split: str) -> np.ndarray:
         """Indices of the samples of one split, ascending; empty if the dataset has none."""
@@ -54,6 +72,13 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
     need(data.channels in CHANNELS.values(), "channels", ",".join(data.channels), "B,G,R or B,G,R,NIR")
     need(data.frames.ndim == 4 and len(data.frames), "frames", data.frames.shape, "shape (N, H, W, C)")
     n, height, width, _ = data.frames.shape
+    ordered = tuple(axis for axis in FORCE_AXES if axis in data.force_axes)
+    need(
+        data.force_axes == ordered and ordered,
+        "force_axes",
+        repr(",".join(data.force_axes)),
+        "some of x, y, z, in this order",
+    )
     shapes = {
         "frames": (n, height, width, len(data.channels)),
         "background": (height, width, len(data.channels)),
@@ -61,7 +86,8 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
         "normals": (n, height, width, 3),
         "depth_mm": (n, height, width),
         "valid": (n, height, width),
-        "force_n": (n, 3),
+        "force_n": (n, len(data.force_axes)),
+        "group": (n,),
         "rest_depth_mm": (height, width),
     }
     for key, shape in shapes.items():
@@ -70,6 +96,7 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
             need(array.shape == shape, key, array.shape, f"shape {shape}")
     for name in np.unique(data.split):
         need(name in SPLITS, "split", repr(str(name)), f"one of {', '.join(SPLITS)}")
+    need(data.group is None or (data.group != "").all(), "group", "''", "a name")
     for key, array in (data.indenter or {}).items():
         need(array.ndim and len(array) == n, f"indenter/{key}", array.shape, f"{n} entries")
         need(not np.isinf(array).any(), f"indenter/{key}", "infinite", "numbers, or NaN for no indenter")

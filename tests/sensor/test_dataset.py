@@ -198,3 +198,59 @@ def test_refuses_to_write_what_it_would_not_read(tmp_path, key, value, message):
         write(tmp_path / "d.h5", **{**content(), key: value})
     with pytest.raises(DatasetError, match="is not a folder"):
         write(tmp_path / "none" / "d.h5", **content())
+
+
+class TestForceAxes:
+    def of_z(self, **changed):
+        return {**content(), "force_n": content()["force_n"][:, 2:], "force_axes": ("z",), **changed}
+
+    def test_all_three_unless_the_file_says_so(self, path, tmp_path):
+        data = read(path)
+        assert data.force_axes == ("x", "y", "z")
+        with h5py.File(path) as file:
+            assert "force_axes" not in file.attrs
+        np.testing.assert_array_equal(data.forces_n([0, 2], (0, 2)), data.force_n[[0, 2]][:, [0, 2]])
+        write(tmp_path / "z.h5", **self.of_z())
+        data = read(tmp_path / "z.h5")
+        assert data.force_axes == ("z",)
+        assert data.force_n.shape == (N, 1)
+
+    def test_what_was_not_measured_cannot_be_read(self, tmp_path):
+        write(tmp_path / "z.h5", **self.of_z())
+        data = read(tmp_path / "z.h5")
+        np.testing.assert_array_equal(data.forces_n([1], (2,)), data.force_n[[1]])
+        assert data.knows_force((2,))
+        assert not data.knows_force((0, 1, 2))
+        with pytest.raises(DatasetError, match="force_n: y: not measured"):
+            data.forces_n([1], (2, 1))
+
+    @pytest.mark.parametrize(
+        ("changed", "message"),
+        [
+            ({"force_axes": ("x", "z")}, r"force_n = \(3, 1\): expected shape \(3, 2\)"),
+            ({"force_axes": ("w",)}, "force_axes = 'w': expected some of x, y, z, in this order"),
+            ({"force_axes": ("z", "x")}, "force_axes = 'z,x': expected some of x, y, z, in this order"),
+            ({"force_axes": ()}, "force_axes = '': expected some of x, y, z, in this order"),
+        ],
+    )
+    def test_refuses_other_axes(self, tmp_path, changed, message):
+        with pytest.raises(DatasetError, match=message):
+            write(tmp_path / "z.h5", **self.of_z(**changed))
+
+
+class TestGroups:
+    def test_name_the_recording_of_each_frame(self, path, tmp_path):
+        assert read(path).group is None
+        write(tmp_path / "g.h5", **content(), group=np.array(["cup", "gröber Ball", "cup"]))
+        np.testing.assert_array_equal(read(tmp_path / "g.h5").group, ["cup", "gröber Ball", "cup"])
+
+    def test_refuses_other_groups(self, tmp_path):
+        with pytest.raises(DatasetError, match=r"group = \(2,\): expected shape \(3,\)"):
+            write(tmp_path / "g.h5", **content(), group=np.array(["a", "b"]))
+        with pytest.raises(DatasetError, match="group = '': expected a name"):
+            write(tmp_path / "g.h5", **content(), group=np.array(["a", "", "b"]))
+        write(tmp_path / "g.h5", **content())
+        with h5py.File(tmp_path / "g.h5", "a") as file:
+            file["group"] = np.arange(N)
+        with pytest.raises(DatasetError, match="group = int64: expected text"):
+            read(tmp_path / "g.h5")
