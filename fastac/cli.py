@@ -277,14 +277,14 @@ def synth(bundle, output, place_and_route, modules, progress):
     is done again. `fastac report` then takes the figures into the build's report, in place of estimates.
     Needs the extra `synth`: pip install -e '.[synth]'.
     """
-    from fastac import report as reporting
     from fastac import synth as synthesis
+    from gateware.platform_xczu19eg import DEVICE
 
     output = output or bundle
     content = synthesis.synthesise(
         load_bundle(bundle), output, place_and_route=place_and_route, modules=modules, progress=progress
     )
-    click.echo(synthesis.table(content, reporting.DEVICE))
+    click.echo(synthesis.table(content, DEVICE))
     click.echo(f"{output / synthesis.FILE}")
 
 

@@ -14,10 +14,10 @@ import numpy as np
 
 from fastac import accuracy, synth
 from fastac.workspace import write_json
+from gateware.platform_xczu19eg import DEVICE
 from models.bundle import Bundle
 from sensor.dataset import Dataset
 
-DEVICE = {"part": "xczu19eg-ffvc1760-2-i", "dsp48e2": 1968, "ramb36": 984, "uram288": 128}
 LATENCY_ORIGIN = (
     "counted in the Verilator simulation of the top-level; stages: the design's formulas, whose"
     " sum the simulation confirms"

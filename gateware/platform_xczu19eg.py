@@ -16,6 +16,23 @@ from amaranth.build import TemplatedPlatform
 from amaranth.vendor import XilinxPlatform
 
 MAXIMUM_CLOCK_MHZ = 775  # a fully registered DSP48E2 of this speed grade
+DEVICE = {"part": "xczu19eg-ffvc1760-2-i", "dsp48e2": 1968, "ramb36": 984, "uram288": 128}
+"""The part as Vivado writes it, and what it holds."""
+
+
+class DeviceError(ValueError):
+    """A design that the device cannot hold; the message is one line."""
+
+
+def check_multipliers(by_stage: dict[str, int]) -> None:
+    """Raise DeviceError if the DSP48E2 of all stages, {stage: number}, are more than the device has."""
+    needed = sum(by_stage.values())
+    if needed > DEVICE["dsp48e2"]:
+        stages = ", ".join(f"{name} {number:,}" for name, number in by_stage.items())
+        raise DeviceError(
+            f"{needed:,} DSP48E2 ({stages}): the {DEVICE['part']} has {DEVICE['dsp48e2']:,}; choose fewer"
+            " hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px"
+        )
 
 
 class XCZU19EGPlatform(XilinxPlatform):

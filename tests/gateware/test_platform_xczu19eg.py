@@ -2,7 +2,13 @@ import pytest
 from amaranth.back import verilog
 
 from gateware.frame_timer import FrameTimer
-from gateware.platform_xczu19eg import XCZU19EGPlatform, write_vivado_project
+from gateware.platform_xczu19eg import (
+    DEVICE,
+    DeviceError,
+    XCZU19EGPlatform,
+    check_multipliers,
+    write_vivado_project,
+)
 
 
 def component():
@@ -16,7 +22,7 @@ def test_vivado_project(tmp_path, given):
     assert all(file.is_file() for file in files)
     texts = {file.name: file.read_text() for file in files}
     tcl = texts["build.tcl"].splitlines()
-    part = "xczu19eg-ffvc1760-2-i"
+    part = DEVICE["part"]
     assert f"create_project -in_memory -part {part}" in tcl
     assert "read_verilog fastac.v" in tcl
     assert "read_xdc -mode out_of_context fastac.xdc" in tcl
@@ -58,3 +64,13 @@ def test_refuses_verilog(tmp_path, text, message):
     with pytest.raises(ValueError, match=message):
         write_vivado_project(text, tmp_path, 250, name="fastac")
     assert not list(tmp_path.iterdir())
+
+
+def test_refuses_what_the_device_cannot_hold():
+    check_multipliers({"normals": 352, "depth": 1616})
+    with pytest.raises(DeviceError) as error:
+        check_multipliers({"normals": 352, "depth": 1617})
+    assert str(error.value) == (
+        "1,969 DSP48E2 (normals 352, depth 1,617): the xczu19eg-ffvc1760-2-i has 1,968; choose fewer"
+        " hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px"
+    )
