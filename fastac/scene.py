@@ -106,6 +106,8 @@ class Numbers(Strict):
     data_bits: Annotated[int, Field(ge=12, le=26)] = 26
     displacement_bits: Annotated[int, Field(ge=4, le=16)] = 16
     kernel_bits: Annotated[int, Field(ge=3, le=12)] = 8
+    slope_weight_bits: Annotated[int, Field(ge=6, le=18)] = 16
+    """Of the adjoint's weights of the slopes."""
 
 
 class Poisson(Strict):

@@ -8,8 +8,10 @@ import torch
 
 from fastac.scene import Scene
 from models import bundle, quantise, train_force, train_normals
+from models.adjoint import displacement_mm, slope_weights
 from models.features import scales
 from models.float_pipeline import FloatPipeline
+from models.hyperforce import HyperForce, SlopeForce, collapse
 from models.normals import PixelNetwork
 from models.pipeline import IntegerPipeline
 from sensor.dataset import Dataset
@@ -37,7 +39,7 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
         )
     if scene.wants_force and data.force_n is None:
         raise TrainingError(f"{path}: force_n: missing, and scene {scene.name} wants {scene.outputs}")
-    if scene.wants_solver and scene.sensor.geometry == "fingertip" and data.rest_depth_mm is None:
+    if scene.wants_slopes and scene.sensor.geometry == "fingertip" and data.rest_depth_mm is None:
         raise TrainingError(f"{path}: rest_depth_mm: missing, and a curved skin needs its boundary prior")
     for split in ("train", "test"):
         if not len(data.indices(split)):
@@ -104,30 +106,55 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
 def force(
     data: Dataset, scene: Scene, weights: Path, integers: Path, output: Path, *, progress: bool
 ) -> None:
-    """Train HyperForce on the float pipeline's displacements, then go on with each pipeline's own.
+    """Train the force model on what the float pipeline finds, then go on with what each pipeline finds.
 
-    Both sets of kernels have seen as many epochs, so that comparing them compares the arithmetic alone.
+    Both sets of weights have seen as many epochs, so that comparing them compares the arithmetic alone.
     """
     rest, truth = rest_depth_mm(data), {}
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
     for split, index in splits.items():
-        truth[split] = data.force_n[index][:, 2:]
+        truth[split] = data.force_n[index][:, list(scene.force_axes)]
     start, arrays = None, {}
     for name, pipeline in (
         ("float", float_pipeline(load_arrays(weights), data, scene)),
         ("integer", integer_pipeline(load_arrays(integers), data, scene)),
     ):
         found = {
-            s: pipeline.run(data.frames[i], progress=progress).displacement_mm for s, i in splits.items()
+            s: force_input(pipeline, data.frames[i], data.background, progress=progress)
+            for s, i in splits.items()
         }
         if start is None:
             start, history = train_force.train(scene, rest, found, truth, progress=progress)
             arrays |= curve(history, "force")
         model, history = train_force.train(scene, rest, found, truth, start=start, progress=progress)
-        with torch.inference_mode():
-            arrays[f"force.{name}_kernels"] = model.kernels().numpy().astype(np.float32)
+        arrays[f"force.{name}_weights"] = force_weights(model, scene).astype(np.float32)
         arrays |= curve(history, f"force_{name}")
     save_arrays(output, arrays)
+
+
+def force_input(
+    pipeline: FloatPipeline | IntegerPipeline, frames: np.ndarray, background: np.ndarray, *, progress: bool
+) -> np.ndarray:
+    """What the scene's force model is trained on, as the pipeline finds it; see `train_force.train`."""
+    scene = pipeline.scene
+    found = pipeline.run(frames, progress=progress)
+    if not scene.wants_adjoint:
+        return found.displacement_mm
+    change = found.slopes - pipeline.run(background[None]).slopes
+    if scene.force.fit == "slopes":
+        return change
+    return displacement_mm(change.astype(np.float64), scene.poisson.divergence, scene.sensor.pitch_mm)
+
+
+def force_weights(model: HyperForce | SlopeForce, scene: Scene) -> np.ndarray:
+    """A trained model's kernels (axes, N, N, K, K); for the adjoint its weights of the slopes (axes, H, W, 2)."""
+    with torch.inference_mode():
+        if isinstance(model, SlopeForce):
+            return model.weights().numpy()
+        kernels = model.kernels().numpy()
+    if not scene.wants_adjoint:
+        return kernels
+    return slope_weights(collapse(kernels), scene.poisson.divergence, scene.sensor.pitch_mm)
 
 
 def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> IntegerPipeline:
@@ -148,7 +175,7 @@ def assemble(data: Dataset, scene: Scene, folder: Path, output: Path) -> bundle.
     floats |= {k: v for k, v in integer.items() if k.startswith("history.")}
     if scene.wants_force:
         kernels = load_arrays(folder / "force.npz")
-        pipeline = quantise.with_force(pipeline, kernels["force.integer_kernels"].astype(np.float64))
+        pipeline = quantise.with_force(pipeline, kernels["force.integer_weights"].astype(np.float64))
         floats |= kernels
     source = {"source": data.source, "frames": len(data), "channels": list(data.channels)}
     return bundle.save(output, replace(pipeline, provenance=source), floats)

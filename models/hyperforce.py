@@ -52,6 +52,31 @@ class HyperForce(nn.Module):
         return displacement.flatten(1) @ self.collapsed().flatten(1).T
 
 
+class SlopeForce(nn.Module):
+    """The adjoint's form learned directly: F = Σ_p a(c(p))·Δp + b(c(p))·Δq over all H×W pixels.
+
+    Δp, Δq are the slopes less those at rest; a and b come from a hypernetwork of the pixels' coordinates.
+    """
+
+    def __init__(self, coordinate: np.ndarray, *, hidden: int, axes: int = 1):
+        super().__init__()
+        self.axes = axes
+        self.field = HyperForce(coordinate, kernel_size=1, hidden=hidden, axes=2 * axes)
+
+    @property
+    def unit(self) -> torch.Tensor:
+        return self.field.unit
+
+    def weights(self) -> torch.Tensor:
+        """(axes, H, W, 2) in N."""
+        size = self.field.size
+        return self.field.kernels().reshape(self.axes, 2, size, size).permute(0, 2, 3, 1)
+
+    def forward(self, change: torch.Tensor) -> torch.Tensor:
+        """Differences of slopes (frames, H, W, 2) to forces (frames, axes) in N."""
+        return change.flatten(1) @ self.weights().flatten(1).T
+
+
 def _fold(kernels: torch.Tensor) -> torch.Tensor:
     axes, n, _, k, _ = kernels.shape
     columns = kernels.reshape(axes, n * n, k * k).transpose(1, 2)
@@ -64,3 +89,12 @@ def collapse(kernels: np.ndarray) -> np.ndarray:
     Exact algebra: swapping the sums over pixels and over the window's offsets.
     """
     return _fold(torch.from_numpy(kernels.astype(np.float64))).numpy()
+
+
+def force_map(displacement: np.ndarray, kernels: np.ndarray) -> np.ndarray:
+    """Displacements (..., N, N) in mm, kernels (axes, N, N, K, K): each pixel's force, (..., axes, N, N) in N."""
+    half = kernels.shape[-1] // 2
+    padding = [(0, 0)] * (displacement.ndim - 2) + [(half, half), (half, half)]
+    shape = kernels.shape[-2:]
+    windows = np.lib.stride_tricks.sliding_window_view(np.pad(displacement, padding), shape, axis=(-2, -1))
+    return np.einsum("...ijkl,aijkl->...aij", windows, kernels)

@@ -67,7 +67,7 @@ def depth_mae_mm(result: Result, data: Dataset, index: np.ndarray) -> float:
 
 
 def force(result: Result, data: Dataset, index: np.ndarray, axes: tuple[int, ...]) -> dict[str, float]:
-    """Errors of the force components `axes` (0, 1, 2 for x, y, z), summed over axes where there are several.
+    """Errors of the force components `axes` (0, 1, 2 for x, y, z): their mean and, of several, each one's.
 
     Normalised by each component's largest true load, as in the paper. Without a load, or where all loads are
     the same, what would divide by zero is left out.
@@ -82,6 +82,11 @@ def force(result: Result, data: Dataset, index: np.ndarray, axes: tuple[int, ...
         found["force_nmae_percent"] = float((100 * mae / largest).mean())
     if total.all():
         found["force_r2"] = float((1 - (error**2).sum(axis=0) / total).mean())
+    if len(axes) > 1:
+        for k, axis in enumerate(axes):
+            found[f"force_{'xyz'[axis]}_mae_n"] = float(mae[k])
+            if largest[k]:
+                found[f"force_{'xyz'[axis]}_nmae_percent"] = float(100 * mae[k] / largest[k])
     return found
 
 
@@ -99,5 +104,5 @@ def evaluate(
     if result.depth_mm is not None and data.depth_mm is not None and known[:, 1:-1, 1:-1].any():
         found["depth_mae_mm"] = depth_mae_mm(result, data, index)
     if result.force_n is not None and data.force_n is not None:
-        found |= force(result, data, index, (2,))
+        found |= force(result, data, index, scene.force_axes)
     return found

@@ -16,7 +16,9 @@ from .integer import (
     Layer,
     PatchForce,
     PoissonSource,
+    WeightedSum,
 )
+from .tridiagonal import TridiagonalSolver
 
 CHUNK = 16
 """Frames that are under way at once; bounds the memory."""
@@ -27,9 +29,10 @@ class Result:
     """What a pipeline finds in frames; what the scene does not want is None.
 
     normals (frames, H, W, 3) unit; slopes (frames, H, W, 2); depth_mm (frames, H, W), the prior on the
-    boundary; displacement_mm (frames, N, N) towards the camera, positive in contact; force_n (frames, axes).
-    Integer pipelines add raw words: depth_words (frames, N, N), force_raw (frames, axes), normal_words
-    (frames, H, W, 3), and how many values saturated in each frame.
+    boundary; displacement_mm (frames, N, N) away from the camera, positive in contact; force_n (frames, axes)
+    and force_map_n (frames, axes, N, N), of the scene's axes.
+    Integer pipelines add raw words: depth_words (frames, N, N), force_raw (frames, axes), force_map_raw
+    (frames, axes, N, N), normal_words (frames, H, W, 3), and how many values saturated in each frame.
     """
 
     normals: np.ndarray
@@ -37,10 +40,12 @@ class Result:
     depth_mm: np.ndarray | None = None
     displacement_mm: np.ndarray | None = None
     force_n: np.ndarray | None = None
+    force_map_n: np.ndarray | None = None
     normal_words: np.ndarray | None = None
     depth_words: np.ndarray | None = None
     displacement_words: np.ndarray | None = None
     force_raw: np.ndarray | None = None
+    force_map_raw: np.ndarray | None = None
     gradient_saturated: np.ndarray | None = None
     displacement_saturated: np.ndarray | None = None
 
@@ -90,11 +95,11 @@ class IntegerPipeline:
     background: np.ndarray  # (H, W, C) uint8
     rest_depth_mm: np.ndarray  # (H, W), the skin at rest; its rim is the boundary prior
     source: PoissonSource | None = None
-    solver: Solver | None = None
+    solver: Solver | TridiagonalSolver | None = None
     depth: Depth | None = None
     quantiser: DisplacementQuantiser | None = None
-    force: PatchForce | None = None
-    force_n_per_unit: float | None = None  # s_F
+    force: PatchForce | WeightedSum | None = None  # on the displacement or, for the adjoint, on the slopes
+    force_n_per_unit: np.ndarray | None = None  # s_F, (axes,)
     provenance: dict = field(default_factory=dict)
 
     def replace(self, **changes) -> "IntegerPipeline":
@@ -150,6 +155,15 @@ class IntegerPipeline:
             quantised, over = self.quantiser(displacement)
             found |= {"displacement_words": quantised, "displacement_saturated": over.sum(axis=(1, 2))}
         if self.force is not None:
-            raw = self.force(found["displacement_words"])
+            raw = self._force(found.get("displacement_words"), slopes)
             found |= {"force_raw": raw, "force_n": raw * self.force_n_per_unit}
+        if self.scene.wants_force_map and self.force is not None:
+            raw = self.force.force_map(found["displacement_words"])
+            in_n = raw * self.force_n_per_unit[:, None, None]
+            found |= {"force_map_raw": raw, "force_map_n": in_n.astype(np.float32)}
         return Result(**found)
+
+    def _force(self, displacement: np.ndarray | None, slopes: np.ndarray) -> np.ndarray:
+        if isinstance(self.force, PatchForce):
+            return self.force(displacement)
+        return self.force(slopes if displacement is None else displacement[..., None])

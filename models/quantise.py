@@ -8,7 +8,7 @@ from fastac.scene import Scene
 
 from .bounds import solver
 from .features import limits
-from .fixed import Fixed, signed_width, to_words
+from .fixed import Fixed, to_words
 from .integer import (
     Depth,
     DisplacementQuantiser,
@@ -17,11 +17,14 @@ from .integer import (
     PatchForce,
     PoissonSource,
     Requantisation,
+    WeightedSum,
     divergence_of,
 )
 from .pipeline import IntegerPipeline
 from .poisson import boundary_term
+from .tridiagonal import tridiagonal_solver
 
+CHOOSERS = {"dst2d": solver, "tridiagonal": tridiagonal_solver}
 MULTIPLIER_BITS = 17
 
 
@@ -87,10 +90,12 @@ def _scaled(weight: np.ndarray, bits: int, axis: int | None) -> tuple[np.ndarray
     return np.clip(np.rint(weight / scale), -top, top).astype(np.int64), scale[:, 0]
 
 
-def quantise_kernels(kernels: np.ndarray, bits: int) -> tuple[np.ndarray, float]:
-    """Kernels (axes, N, N, K, K) in N per mm to integers and s_k, integer units per N/mm."""
-    scale = ((1 << (bits - 1)) - 1) / max(float(np.abs(kernels).max()), 1e-12)
-    return np.rint(kernels * scale).astype(np.int64), scale
+def quantise_weights(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (axes, …) as integers of `bits`, and integer units per unit of the weights, (axes,)."""
+    largest = np.abs(weights).reshape(len(weights), -1).max(axis=1)
+    scale = ((1 << (bits - 1)) - 1) / np.maximum(largest, 1e-12)
+    shape = (-1,) + (1,) * (weights.ndim - 1)
+    return np.rint(weights * scale.reshape(shape)).astype(np.int64), scale
 
 
 def assemble(
@@ -100,7 +105,7 @@ def assemble(
     background: np.ndarray,
     rest_depth_mm: np.ndarray,
 ) -> IntegerPipeline:
-    """The integer pipeline up to the depth and the displacement; `with_force` adds the kernels.
+    """The integer pipeline up to the depth and the displacement; `with_force` adds the force's weights.
 
     Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
     (models/bounds.py). Raises ValueError where a bound does not fit the scene's data bits.
@@ -125,7 +130,7 @@ def assemble(
     else:
         offset = to_words(boundary_term(rest_depth_mm / pitch), unit)
     source = PoissonSource(divergence, ratio.width, offset)
-    chosen = solver(
+    chosen = CHOOSERS[scene.poisson.solver](
         offset=offset,
         source=Fixed(source.width, unit.fraction),
         slope_limit=ratio.limit * 2.0**-ratio.fraction,
@@ -141,16 +146,29 @@ def assemble(
     quantiser = None
     if scene.wants_force:
         largest = scene.force.max_displacement_mm / pitch * 2.0**chosen.depth_format.fraction
-        shift = max(signed_width(int(largest)) - 1 - numbers.displacement_bits, 0)
-        quantiser = DisplacementQuantiser(depth.width, shift, numbers.displacement_bits)
+        magnitude_bits = numbers.displacement_bits - (not scene.force.clamp)
+        shift = max(int(largest).bit_length() - magnitude_bits, 0)
+        quantiser = DisplacementQuantiser(depth.width, shift, numbers.displacement_bits, scene.force.clamp)
     return pipeline.replace(source=source, solver=chosen, depth=depth, quantiser=quantiser)
 
 
-def with_force(pipeline: IntegerPipeline, kernels: np.ndarray) -> IntegerPipeline:
-    """The pipeline with HyperForce's kernels (axes, N, N, K, K), in N per mm of displacement."""
-    numbers = pipeline.scene.numbers
-    kernel, scale = quantise_kernels(kernels, numbers.kernel_bits)
-    force = PatchForce(kernel, numbers.kernel_bits, numbers.displacement_bits)
+def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipeline:
+    """The pipeline with the force model's weights.
+
+    weights : HyperForce's kernels (axes, N, N, K, K), in N per mm of displacement; for the adjoint the
+        weights of the slopes (axes, H, W, 2), in N. Every axis has a scale of its own.
+    """
+    scene, numbers = pipeline.scene, pipeline.scene.numbers
+    if scene.wants_adjoint:
+        words, scale = quantise_weights(weights, numbers.slope_weight_bits)
+        rest, _ = pipeline.slopes(pipeline.normals(pipeline.background[None]))
+        constant = -(words * rest).sum(axis=(1, 2, 3))
+        force = WeightedSum(words, constant, pipeline.ratio.width, input_signed=True)
+        return pipeline.replace(force=force, force_n_per_unit=2.0**-pipeline.ratio.fraction / scale)
+    words, scale = quantise_weights(weights, numbers.kernel_bits)
+    force = PatchForce(words, numbers.kernel_bits, numbers.displacement_bits, not scene.force.clamp)
+    if scene.force.kernel == "collapsed":
+        force = force.collapsed()
     return pipeline.replace(force=force, force_n_per_unit=pipeline.displacement_mm_per_unit / scale)
 
 

@@ -74,6 +74,18 @@ def surface(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: f
     return normals_from_slopes(p, q), layer.rest_depth_mm - contact.displacement_mm
 
 
+def contact_force_n(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: float) -> np.ndarray:
+    """The skin's force on the ball, (3,) in N, z positive in compression.
+
+    Without friction the pressure acts along the surface's normal: a pressure P on the image's plane gives
+    (−p, −q, 1)·P, with the ball's slopes p, q. On a tilted skin a vertical press so has tangential forces.
+    """
+    touching = contact.pressure_mpa > 0
+    p, q = ball_slopes(layer.x_mm[touching] - x_mm, layer.y_mm[touching] - y_mm, ball_mm)
+    pressure = contact.pressure_mpa[touching] * layer.sensor.pitch_mm**2
+    return np.array([-(p * pressure).sum(), -(q * pressure).sum(), pressure.sum()])
+
+
 _layer: Layer | None = None
 """The elastomer of this worker process."""
 
@@ -90,7 +102,8 @@ def _press(task):
     normals, depth_mm = surface(contact, _layer, x_mm, y_mm, ball_mm)
     frame = render(normals, depth_mm, _layer.sensor, np.random.default_rng(seed))
     pose = (x_mm, y_mm, ball_mm, contact.approach_mm, contact.contact_radius_mm)
-    return frame, normals.astype(np.float32), depth_mm.astype(np.float32), pose
+    force = contact_force_n(contact, _layer, x_mm, y_mm, ball_mm)
+    return frame, normals.astype(np.float32), depth_mm.astype(np.float32), force, pose
 
 
 def generate(scene: Scene, path: Path | str, *, progress: bool = True, processes: int | None = None) -> None:
@@ -118,12 +131,12 @@ def generate(scene: Scene, path: Path | str, *, progress: bool = True, processes
     frames = np.empty((*shape, len(sensor.channel_names)), np.uint8)
     normals = np.empty((*shape, 3), np.float32)
     depth_mm = np.empty(shape, np.float32) if scene.wants_solver else None
-    poses = np.empty((len(points), 5))
+    force_n, poses = np.empty((len(points), 3)), np.empty((len(points), 5))
 
     def collect(samples):
         bar = tqdm(samples, total=len(points), desc="presses", unit="", disable=not progress)
-        for i, (frame, normal, depth, pose) in enumerate(bar):
-            frames[i], normals[i], poses[i] = frame, normal, pose
+        for i, (frame, normal, depth, force, pose) in enumerate(bar):
+            frames[i], normals[i], force_n[i], poses[i] = frame, normal, force, pose
             if depth_mm is not None:
                 depth_mm[i] = depth
 
@@ -147,7 +160,7 @@ def generate(scene: Scene, path: Path | str, *, progress: bool = True, processes
         split=np.array([split for split, _, _ in points]),
         normals=normals,
         depth_mm=depth_mm,
-        force_n=np.array([(0.0, 0.0, load) for _, _, load in points]),
+        force_n=force_n,
         indenter=dict(zip(names, poses.T, strict=True)),
-        rest_depth_mm=rest_depth_mm(sensor) if scene.wants_solver else None,
+        rest_depth_mm=rest_depth_mm(sensor) if scene.wants_slopes else None,
     )
