@@ -38,6 +38,7 @@ class FrameGuard(wiring.Component):
         at the end of each line, `tuser` at the first beat of each frame
     enable : counts as `axis` takes a start of frame: where it is low, that frame is dropped whole, without
         a flag of its own
+    hold : a frame that has not left yet waits with its start, and `axis` waits behind it
     o : stream of `lanes` pixels of `channels` unsigned(8), exactly `beats` beats for each frame
     tag : stream of one unsigned(1) a frame, offered in the clock after the frame's last beat left `o`: 1 if
         the frame is bad. It holds back the last beat of the next frame, not more, until it is taken.
@@ -78,6 +79,7 @@ class FrameGuard(wiring.Component):
             {
                 "axis": In(axis_signature(8 * channels * lanes)),
                 "enable": In(1, init=1),
+                "hold": In(1),
                 "o": Out(stream.Signature(data.ArrayLayout(pixel, lanes))),
                 "tag": Out(stream.Signature(unsigned(1))),
                 **{name: Out(1) for name in (*EVENTS, *ERRORS)},
@@ -127,7 +129,11 @@ class FrameGuard(wiring.Component):
         with m.Switch(state):
             with m.Case(State.WAIT):
                 with m.If(start & wanted):
-                    m.d.comb += [send.eq(held & room), take.eq(send), self.frame_started.eq(send)]
+                    m.d.comb += [
+                        send.eq(held & room & ~self.hold),
+                        take.eq(send),
+                        self.frame_started.eq(send),
+                    ]
                 with m.Else():
                     unexpected = held & ~start & ~reported
                     m.d.comb += [

@@ -17,7 +17,7 @@ async def start(dut):
     cocotb.start_soon(Clock(dut.clk, 10, unit="ns").start())
     for signal in (dut.axis__tvalid, dut.o__ready, dut.tag__ready):
         signal.value = 0
-    dut.enable.value = 1
+    dut.enable.value, dut.hold.value = 1, 0
     await reset(dut)
 
 
@@ -40,7 +40,7 @@ class Run:
 
     async def play(self, beats):
         dut, rng = self.dut, self.rng
-        slow_in, slow_out, slow_tag = self.stalls
+        slow_in, slow_out, slow_tag, holds = self.stalls
         offered = idle = cycle = 0
         held = None
         while idle < SET["linger"]:
@@ -54,6 +54,7 @@ class Run:
             dut.axis__tvalid.value = int(offered > len(self.taken_at))
             dut.o__ready.value = int(rng.random() >= slow_out)
             dut.tag__ready.value = int(rng.random() >= slow_tag)
+            dut.hold.value = int(rng.random() < holds)
             await ReadOnly()
             waiting = (dut.axis__tvalid, dut.o__valid, dut.tag__valid)
             done = offered == len(beats) and not any(int(signal.value) for signal in waiting)
@@ -61,6 +62,7 @@ class Run:
             took = int(dut.axis__tvalid.value) and int(dut.axis__tready.value)
             assert int(dut.accepted.value) == took
             if int(dut.frame_started.value):
+                assert not int(dut.hold.value)
                 # The beat that starts the frame is the last one accepted before: FrameTimer relies on it.
                 assert beats[len(self.taken_at) - 1][2]
             if took:
@@ -88,7 +90,9 @@ class Run:
 
 
 @cocotb.test()
-@cocotb.parametrize(stalls=[(0, 0, 0), (0.3, 0.3, 0.3), (0, 0.8, 0.95), (0.8, 0, 0.95)])
+@cocotb.parametrize(
+    stalls=[(0, 0, 0, 0), (0.3, 0.3, 0.3, 0), (0, 0.8, 0.95, 0), (0.8, 0, 0.95, 0), (0, 0, 0, 0.9)]
+)
 async def every_sequence(dut, stalls):
     rng = random.Random(1)
     await start(dut)
