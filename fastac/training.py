@@ -147,7 +147,7 @@ def force_input(
 
 
 def force_weights(model: HyperForce | SlopeForce, scene: Scene) -> np.ndarray:
-    """A trained model's kernels (axes, N, N, K, K); for the adjoint its weights of the slopes (axes, H, W, 2)."""
+    """A model's kernels (axes, N, N, K, K) or, for the adjoint, its weights of the slopes (axes, H, W, 2)."""
     with torch.inference_mode():
         if isinstance(model, SlopeForce):
             return model.weights().numpy()

@@ -30,7 +30,7 @@ class FloatPipeline:
     def from_arrays(
         cls, arrays: dict[str, np.ndarray], scene: Scene, background: np.ndarray, rest_depth_mm: np.ndarray
     ) -> "FloatPipeline":
-        """From a bundle's floats: `network.k.weight`, `network.k.bias` and, for a force, `force.float_weights`."""
+        """From a bundle's floats: `network.k.weight`, `network.k.bias`, maybe `force.float_weights`."""
         count = sum(k.startswith("network.") and k.endswith(".weight") for k in arrays)
         weights = [torch.from_numpy(arrays[f"network.{k}.weight"]) for k in range(count)]
         network = pixel_normals.PixelNetwork(

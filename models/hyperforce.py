@@ -92,7 +92,7 @@ def collapse(kernels: np.ndarray) -> np.ndarray:
 
 
 def force_map(displacement: np.ndarray, kernels: np.ndarray) -> np.ndarray:
-    """Displacements (..., N, N) in mm, kernels (axes, N, N, K, K): each pixel's force, (..., axes, N, N) in N."""
+    """Displacements (..., N, N) in mm and kernels to each pixel's force, (..., axes, N, N) in N."""
     half = kernels.shape[-1] // 2
     padding = [(0, 0)] * (displacement.ndim - 2) + [(half, half), (half, half)]
     shape = kernels.shape[-2:]
