@@ -129,6 +129,72 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
     click.echo(f"{output}: {len(written)} frames ({counts}), pitch {written.pitch_mm:.5f} mm")
 
 
+@import_.command("force")
+@click.argument("source", metavar="VIDEO|FOLDER", type=INPUT)
+@click.option(
+    "--forces", type=INPUT, required=True, help="CSV: frame, force_z_n (or x, y and z), group, maybe split."
+)
+@click.option(
+    "--background-frames", type=click.IntRange(1), required=True, help="The first so many show the rest."
+)
+@click.option(
+    "--background-per-group", is_flag=True, help="Of each group, where light or skin drifts between them."
+)
+@click.option("--pitch-mm", type=float, required=True, help="Of a resampled pixel on the skin, mm.")
+@click.option(
+    "--held-out", multiple=True, metavar="GROUP", help="Test on this group; repeatable. [default: the last]"
+)
+@click.option(
+    "--height-px", type=click.IntRange(16, 256), default=128, show_default=True, help="Rows to resample to."
+)
+@click.option(
+    "--width-px", type=click.IntRange(16, 256), default=128, show_default=True, help="Columns likewise."
+)
+@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+@progress_option
+def force_recording(
+    source,
+    forces,
+    background_frames,
+    background_per_group,
+    pitch_mm,
+    held_out,
+    height_px,
+    width_px,
+    output,
+    progress,
+):
+    """Import frames with a force gauge's readings, from a video or a folder of photographs.
+
+    The CSV file has one row per frame: `frame` is its index from 0 or its file name, z is positive in
+    compression, `group` names the recording or object, which can be held out as a whole. Of the groups that
+    are not held out, two stretches of frames, a fifth in all, are the validation split; a column `split` says
+    otherwise. Only the background frames may lack a row. Photographs are padded to the target's aspect with
+    the background and resampled by area.
+    """
+    from sensor.dataset import read
+    from sensor.force_recording import import_recording
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_recording(
+        source,
+        forces,
+        background_frames=background_frames,
+        per_group=background_per_group,
+        pitch_mm=pitch_mm,
+        held_out=held_out,
+        height_px=height_px,
+        width_px=width_px,
+        output=output,
+        progress=progress,
+    )
+    written = read(output)
+    counts = ", ".join(f"{len(written.indices(s))} {s}" for s in ("train", "validation", "test"))
+    tested = ", ".join(dict.fromkeys(written.group[written.indices("test")].tolist()))
+    click.echo(f"{output}: {len(written)} frames ({counts}), force {', '.join(written.force_axes)}")
+    click.echo(f"test: {tested}")
+
+
 @main.command()
 @click.argument("scene", type=INPUT)
 @click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")

@@ -11,31 +11,13 @@ import math
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from sensor import dataset
+from sensor.footage import CHANNELS, ImportFailure, photograph
 from sensor.geometry import ball_slopes, normals_from_slopes
 from sensor.resample import Resampling
 
 COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px", "split")
-CHANNELS = ("B", "G", "R")
-
-
-class ImportFailure(ValueError):
-    """A recording that cannot be imported; the message is one line with file, key and value."""
-
-
-def _photograph(path: Path) -> np.ndarray:
-    """An RGB photograph as (height, width, C) uint8 in the order B, G, R."""
-    try:
-        with Image.open(path) as image:
-            if image.mode != "RGB":
-                raise ImportFailure(f"{path}: mode = {image.mode}: expected an 8-bit RGB image")
-            return np.asarray(image)[..., ::-1]
-    except FileNotFoundError:
-        raise ImportFailure(f"{path}: no such file") from None
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
-        raise ImportFailure(f"{path}: not a readable image: {error}".splitlines()[0]) from None
 
 
 def _rows(labels: Path) -> list[dict]:
@@ -127,7 +109,7 @@ def import_folder(
         if not (math.isfinite(value) and value > 0):
             raise ImportFailure(f"{folder}: {key} = {value:g}: expected more than 0")
     rows = _rows(labels)
-    untouched = _photograph(background)
+    untouched = photograph(background)
     resampling = Resampling(*untouched.shape[:2], height_px, width_px)
     pitch_mm = resampling.scale / px_per_mm
     shape = (height_px, width_px)
@@ -143,7 +125,7 @@ def import_folder(
         path = folder / row["image"]
         if not path.is_file():
             raise ImportFailure(f"{row['where']}: image = {row['image']!r}: not in {folder}")
-        image = _photograph(path)
+        image = photograph(path)
         if image.shape != untouched.shape:
             raise ImportFailure(
                 f"{path}: size = {image.shape[1]} x {image.shape[0]} px:"

@@ -1,8 +1,10 @@
 """Exact area averaging of photographs onto a sensor's grid, padded to its aspect by the background."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+from scipy.sparse import csr_array
 
 
 def overlaps(source_px: int, target_px: int, scale: float) -> np.ndarray:
@@ -57,11 +59,21 @@ class Resampling:
             padded.append(weights)
         return np.einsum("iv,vuc,ju->ijc", padded[0], image.astype(float), padded[1], optimize=True)
 
+    @cached_property
+    def _sparse_overlaps(self) -> tuple[csr_array, csr_array]:
+        return tuple(map(csr_array, self._overlaps()))
+
+    def covered(self, image: np.ndarray) -> np.ndarray:
+        """The image's (height, width, C) share of every target pixel, float64: zero in the padding."""
+        rows, columns = self._sparse_overlaps
+        high = rows @ image.reshape(self.height, -1).astype(float)
+        turned = high.reshape(self.target_height, self.width, -1).swapaxes(0, 1)
+        wide = columns @ turned.reshape(self.width, -1)
+        return wide.reshape(self.target_width, self.target_height, -1).swapaxes(0, 1)
+
     def frame(self, image: np.ndarray, background: np.ndarray) -> np.ndarray:
         """A frame (height, width, C) resampled, with `background`'s padding, float64."""
-        rows, columns = self._overlaps()
-        change = image.astype(float) - background
-        return self.background(background) + np.einsum("iv,vuc,ju->ijc", rows, change, columns, optimize=True)
+        return self.background(background) + self.covered(image - background.astype(float))
 
     def points_px(self, points: np.ndarray) -> np.ndarray:
         """Positions (…, 2) as (u, v) pixel indices, of the original to the resampled image.

@@ -80,7 +80,21 @@ class TestHelp:
                 ],
             ),
             (("data",), ["SCENE", "--output", "--no-progress", "build/SCENE/data.h5"]),
-            (("import",), ["ball-press"]),
+            (("import",), ["ball-press", "force"]),
+            (
+                ("import", "force"),
+                [
+                    "VIDEO|FOLDER",
+                    "--forces",
+                    "--background-frames",
+                    "--background-per-group",
+                    "--pitch-mm",
+                    "--held-out",
+                    "--height-px",
+                    "--width-px",
+                    "--no-progress",
+                ],
+            ),
             (
                 ("import", "ball-press"),
                 [
@@ -228,6 +242,39 @@ class TestImport:
         result = run(*self.arguments(recording, "--height-px", 8))
         assert result.exit_code == 2
         assert "--height-px" in result.stderr
+
+
+class TestImportForce:
+    @pytest.fixture
+    def arguments(self, tmp_path):
+        (tmp_path / "grasps").mkdir()
+        for k in range(4):
+            Image.new("RGB", (48, 64), (90 + k, 80, 70)).save(tmp_path / "grasps" / f"{k}.png")
+        (tmp_path / "f.csv").write_text("frame,force_z_n,group\n0,0,cup\n1,1,cup\n2,2,ball\n3,3,nut\n")
+        return (
+            *("import", "force", tmp_path / "grasps", "--forces", tmp_path / "f.csv"),
+            *("--background-frames", 1, "--pitch-mm", 0.2, "--height-px", 32, "--width-px", 32),
+            *("-o", tmp_path / "out" / "d.h5", "--no-progress"),
+        )
+
+    def test_writes_a_dataset(self, arguments, tmp_path):
+        result = succeed(*arguments, "--held-out", "ball", "--held-out", "nut")
+        path = tmp_path / "out" / "d.h5"
+        assert result.stdout.splitlines() == [
+            f"{path}: 4 frames (2 train, 0 validation, 2 test), force z",
+            "test: ball, nut",
+        ]
+        data = dataset.read(path)
+        np.testing.assert_array_equal(data.force_n, [[0], [1], [2], [3]])
+        assert succeed(*arguments).stdout.endswith("test: nut\n")
+
+    def test_errors(self, arguments, tmp_path):
+        assert fail(*arguments, "--held-out", "pen").endswith(
+            "f.csv: group 'pen': expected one of cup, ball, nut"
+        )
+        (tmp_path / "f.csv").write_text("frame,force_z_n,group\n0,0,cup\n1,none,cup\n")
+        assert fail(*arguments).endswith("f.csv, line 3: force_z_n = 'none': expected a number")
+        assert run(*arguments, "--background-frames", 0).exit_code == 2
 
 
 class TestTrain:
