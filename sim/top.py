@@ -16,6 +16,9 @@ from models.pipeline import Result
 from .progress import watched
 from .runner import build
 
+LINGER = 100
+"""Clocks that the bench goes on after the last expected beat."""
+
 
 class SimulationFailure(RuntimeError):
     """The simulation did not run to its end."""
@@ -78,6 +81,8 @@ def bench_settings(top: TopZynq) -> dict:
     sensor = top.bundle.scene.sensor
     measured = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
     return {
+        "period_ps": 2 * round(0.5e6 / top.bundle.scene.hardware.clock_mhz),  # half of it is whole
+        "linger_cycles": LINGER,
         "lanes": top.lanes,
         "depth": top.datapath.wants_depth,
         "normals": top.datapath.wants_normals,
@@ -99,6 +104,11 @@ def _without_void(words: np.ndarray, size: int, lanes: int) -> np.ndarray:
     return words[:whole].reshape(-1, beats * lanes)[:, :size]
 
 
+def trace_file(folder: Path, name: str, trace: str) -> Path:
+    """Where `simulate` writes the trace of this kind."""
+    return folder / f"{name}.{trace}"
+
+
 def simulate(
     bundle: Bundle,
     source: Path,
@@ -109,6 +119,7 @@ def simulate(
     name: str,
     stall: tuple[float, float] = (0, 0),
     build_args: tuple[str, ...] = (),
+    trace: str | None = None,
     progress: bool = False,
 ) -> Report:
     """Send `frames` (frames, H, W, C), back to back, through the Verilog `source` and compare all outputs.
@@ -116,6 +127,7 @@ def simulate(
     result : of `bundle.pipeline.run(frames)`; name : the Verilog's top module
     stall : probability per clock that the source of frames pauses, and that the outputs are not ready
     build_args : further arguments of Verilator
+    trace : "saif" or "fst", written to `trace_file(folder, name, trace)`: the whole run, from reset on
     Raises SimulationFailure where the bench fails (a hang, a broken bus rule, a wrong identity).
     """
     top = TopZynq(bundle)
@@ -138,12 +150,20 @@ def simulate(
         "stall": stall,
         "timeout_cycles": int(2 * (latency + len(frames) * path.interval) / (1 - max(stall)) ** 2) + 3000,
     }
+    if trace is not None:
+        settings["linger_cycles"] = 0  # a trace ends with its last frame
     (folder / "settings.json").write_text(json.dumps(settings))
     for stale in ("outputs.npz", "registers.json", "cycle"):
         (folder / stale).unlink(missing_ok=True)
+    build_folder, test_args = folder / "build", []
+    if trace is not None:
+        build_folder = folder / f"build-{trace}"
+        traced = trace_file(folder, name, trace).resolve()
+        traced.unlink(missing_ok=True)
+        test_args = ["--trace-file", str(traced)]
     start = time.monotonic()
     with watched("building the simulator", enabled=progress):
-        runner = build(source, name, folder / "build", build_args=build_args)
+        runner = build(source, name, build_folder, build_args=build_args, trace=trace)
     built = time.monotonic()
     position = folder / "cycle"
 
@@ -156,7 +176,9 @@ def simulate(
             runner.test(
                 hdl_toplevel=name,
                 test_module="sim.bench_top",
-                build_dir=folder / "build",
+                build_dir=build_folder,
+                waves=trace is not None,
+                test_args=test_args,
                 extra_env={"BENCH": str(folder.resolve())},
                 log_file=folder / "simulation.log",
             )

@@ -1,0 +1,253 @@
+# amaranth: UnusedElaboratable=no
+"""Traces of a frame through the whole hardware, and the compressors that stand in for system libraries."""
+
+import re
+import struct
+import subprocess
+import zlib
+
+import numpy as np
+import pytest
+from amaranth.back import verilog
+
+from gateware.top_zynq import TopZynq
+from sim.bench_specimen import QUICK, frames, scene, specimen
+from sim.runner import COMPRESSORS
+from sim.top import bench_settings, simulate, trace_file
+
+NAME = "fastac"
+
+
+def lz4_decompress(block: bytes) -> bytes:
+    out, at = bytearray(), 0
+
+    def extended(count: int) -> int:
+        nonlocal at
+        while count >= 15:
+            count += block[at]
+            at += 1
+            if block[at - 1] != 255:
+                break
+        return count
+
+    while True:
+        token = block[at]
+        at += 1
+        count = extended(token >> 4)
+        out += block[at : at + count]
+        at += count
+        if at >= len(block):
+            return bytes(out)
+        distance = int.from_bytes(block[at : at + 2], "little")
+        at += 2
+        for _ in range(extended(token & 15) + 4):
+            out.append(out[-distance])
+
+
+DRIVER = r"""
+#include <cstdio>
+#include <iostream>
+#include <iterator>
+#include <string>
+#include <lz4.h>
+#include <zlib.h>
+int main(int, char** argv) {
+    const std::string in((std::istreambuf_iterator<char>(std::cin)), {});
+    std::string out;
+    if (argv[1][0] == 'l') {
+        out.resize(LZ4_compressBound(in.size()));
+        out.resize(LZ4_compress_default(in.data(), &out[0], in.size(), out.size()));
+    } else {
+        uLongf size = compressBound(in.size());
+        out.resize(size);
+        const auto* source = reinterpret_cast<const Bytef*>(in.data());
+        if (compress2(reinterpret_cast<Bytef*>(&out[0]), &size, source, in.size(), 9) != Z_OK) return 1;
+        out.resize(size);
+    }
+    std::fwrite(out.data(), 1, out.size(), stdout);
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def compress(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compressors")
+    (folder / "driver.cpp").write_text(DRIVER)
+    command = ["c++", "-std=c++14", "-Wall", "-Wextra", "-Werror", "-fsanitize=undefined", f"-I{COMPRESSORS}"]
+    subprocess.run([*command, "-o", folder / "driver", folder / "driver.cpp"], check=True)
+    return lambda kind, data: (
+        subprocess.run([folder / "driver", kind], input=data, capture_output=True, check=True).stdout
+    )
+
+
+def _samples() -> list[bytes]:
+    rng = np.random.default_rng(1)
+    noise = rng.integers(0, 256, 70_000).astype(np.uint8).tobytes()
+    return [
+        *(noise[:n] for n in (0, 1, 4, 11, 12, 13, 14, 15, 16, 269, 270, 271)),
+        noise,
+        bytes(200_000),
+        b"m_axis_depth_tdata" * 9,
+        noise + noise,  # beyond the farthest match
+        noise[:60_000] * 2,
+        rng.integers(0, 3, 5_000).astype(np.uint8).tobytes(),
+    ]
+
+
+@pytest.mark.parametrize("data", _samples(), ids=lambda data: f"{len(data)} bytes")
+def test_compressors(compress, data):
+    assert lz4_decompress(compress("lz4", data)) == data
+    assert zlib.decompress(compress("zlib", data)) == data
+
+
+def test_what_repeats_becomes_small(compress):
+    assert len(compress("lz4", bytes(200_000))) < 1000
+    assert len(compress("lz4", b"m_axis_depth_tdata" * 9)) < 40
+
+
+@pytest.fixture(scope="module")
+def traced(tmp_path_factory):
+    """A traced run of one frame: the file, the report and the folder."""
+    folder = tmp_path_factory.mktemp("traced")
+    bundle = specimen(folder / "bundle", scene(("normals",)))
+    top = TopZynq(bundle)
+    source = folder / f"{NAME}.v"
+    source.write_text(verilog.convert(top, name=NAME))
+    images = frames(bundle.pipeline.background, (40,))
+    result = bundle.pipeline.run(images)
+
+    def run(trace):
+        report = simulate(
+            bundle, source, images, result, folder / "sim", name=NAME, build_args=QUICK, trace=trace
+        )
+        assert (report.frames, report.mismatches) == (1, 0)
+        assert report.values_compared == 16 * 16 * 3
+        return trace_file(folder / "sim", NAME, trace), report, bench_settings(top)["period_ps"]
+
+    return run
+
+
+def saif_instances(text: str) -> tuple[dict, dict]:
+    """Of a SAIF file: instance path → net → T0, T1, TC, and the fields of its head."""
+    tokens = re.findall(r'"[^"]*"|[()]|[^\s()]+', re.sub(r"^//.*$", "", text, flags=re.MULTILINE))
+    stack, found = [[]], {}
+    for token in tokens:
+        if token == "(":
+            stack.append([])
+        elif token == ")":
+            stack[-2].append(stack.pop())
+        else:
+            stack[-1].append(token)
+    ((root,),) = stack
+    assert root[0] == "SAIFILE"
+
+    def walk(node, path):
+        nets = found.setdefault("/".join(path), {})
+        for part in node:
+            if isinstance(part, list) and part[0] == "NET":
+                nets.update({net[0]: {k: int(v) for k, v in net[1:]} for net in part[1:]})
+            elif isinstance(part, list) and part[0] == "INSTANCE":
+                walk(part[2:], [*path, part[1]])
+
+    walk(root[1:], [])
+    fields = {part[0]: part[1:] for part in root[1:] if isinstance(part, list) and part[0] != "INSTANCE"}
+    return found, fields
+
+
+def test_saif(traced):
+    """What Vivado's report_power reads: every net's time high and low, and how often it changed."""
+    file, report, period_ps = traced("saif")
+    instances, fields = saif_instances(file.read_text())
+    (duration,) = (int(v) for v in fields["DURATION"])
+    assert fields["TIMESCALE"] == ["1ps"]
+    clocks = duration / period_ps
+    assert report.cycles < clocks < report.cycles + 150  # reset, identity and the idle end beside the frame
+    top = instances[NAME]
+    assert abs(top["clk"]["TC"] - 2 * clocks) <= 2
+    assert abs(top["clk"]["T1"] / duration - 0.5) < 0.01
+    for path, nets in instances.items():
+        for net, activity in nets.items():
+            assert activity["T0"] + activity["T1"] == duration, (path, net)
+            assert activity["TC"] <= top["clk"]["TC"], (path, net)
+    assert f"{NAME}/datapath/mlp" in instances
+    # 256 beats were accepted one a clock; their data changed at most once a beat.
+    assert top["s_axis_tvalid"]["T1"] == 256 * period_ps
+    assert top["s_axis_tvalid"]["TC"] == 2
+    busy = [top[rf"s_axis_tdata\[{bit}\]"]["TC"] for bit in range(24)]
+    assert all(64 < count <= 256 for count in busy)
+
+
+def fst_blocks(data: bytes) -> dict[int, bytes]:
+    """Of an FST file: block type → content of the last such block."""
+    found, at = {}, 0
+    while at < len(data):
+        length = int.from_bytes(data[at + 1 : at + 9], "big")
+        found[data[at]] = data[at + 9 : at + 1 + length]
+        at += 1 + length
+    assert at == len(data)
+    return found
+
+
+def fst_names(hierarchy: bytes) -> set[str]:
+    """Paths of all variables of an FST file's hierarchy."""
+    names, path, at = set(), [], 0
+
+    def text() -> str:
+        nonlocal at
+        end = hierarchy.index(0, at)
+        at, start = end + 1, at
+        return hierarchy[start:end].decode()
+
+    def number() -> int:
+        nonlocal at
+        value = shift = 0
+        while True:
+            byte = hierarchy[at]
+            at += 1
+            value |= (byte & 127) << shift
+            shift += 7
+            if byte < 128:
+                return value
+
+    while at < len(hierarchy):
+        kind = hierarchy[at]
+        at += 1
+        if kind == 254:  # scope: type, name, component
+            at += 1
+            path.append(text())
+            text()
+        elif kind == 255:
+            path.pop()
+        elif kind == 252:  # attribute: type, subtype, name, argument
+            at += 2
+            text()
+            number()
+        elif kind == 253:
+            continue
+        else:  # variable: direction, name, bits, alias
+            at += 1
+            names.add("/".join([*path, text()]))
+            number()
+            number()
+    return names
+
+
+def test_fst(traced):
+    file, report, period_ps = traced("fst")
+    blocks = fst_blocks(file.read_bytes())
+    header, hierarchy = blocks[0], blocks[6]
+    start, end = struct.unpack(">QQ", header[:16])
+    assert struct.unpack("<d", header[16:24]) == (pytest.approx(2.718281828459045),)
+    assert start == 0
+    assert report.cycles < end / period_ps < report.cycles + 150
+    plain = lz4_decompress(hierarchy[8:])
+    assert len(plain) == int.from_bytes(hierarchy[:8], "big")
+    names = {re.sub(r" ?\[.*", "", name) for name in fst_names(plain)}
+    for signal in ("clk", "s_axis_tdata", "m_axis_normals_tvalid", "datapath/mlp/o__valid"):
+        assert f"{NAME}/{signal}" in names
+
+
+def test_traces_leave_the_other_simulators_alone(traced, tmp_path):
+    file, *_ = traced("saif")
+    assert (file.parent / "build-saif" / NAME).exists()
+    assert not (file.parent / "build").exists()
