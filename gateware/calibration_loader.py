@@ -13,6 +13,31 @@ WORD = 32
 HASH = 64
 
 
+def calibration_signature() -> wiring.Signature:
+    """What the registers and the loader have to do with each other, seen from the registers.
+
+    write, word : the host writes the next word
+    taken : the answer in the same clock: it is the next word of an image
+    idle : no frame is under way, and none starts in this clock
+    restart : the next word is a first word again
+    loading : from the first word taken until the last one; no frame may start meanwhile
+    received : words of an image that is not complete; 0: none
+    bundle_hash : of the calibration that is in force; 0 while `loading`
+    """
+    return wiring.Signature(
+        {
+            "write": Out(1),
+            "word": Out(unsigned(WORD)),
+            "taken": In(1),
+            "idle": Out(1),
+            "restart": Out(1),
+            "loading": In(1),
+            "received": In(unsigned(32)),
+            "bundle_hash": In(unsigned(HASH)),
+        }
+    )
+
+
 class Table(NamedTuple):
     """A memory of `depth` words of `fields` signed values of `bits`, field 0 lowest."""
 
@@ -104,15 +129,9 @@ class CalibrationLoader(wiring.Component):
 
     Members
     -------
-    write : the host writes `word`
-    taken : the answer in the same clock: it is the next word of an image. Refused, and without effect, are
-        words while not `idle` and a first word that is not the layout's identifier.
-    idle : no frame is under way, and none starts in this clock
-    restart : the next word is a first word again
-    loading : from the first word taken until the last one; no frame may start meanwhile
-    received : unsigned(32), words of an image that is not complete; 0: none
-    bundle_hash : unsigned(64), of the calibration that is in force; 0 while `loading`
-    one output for each register, unsigned of its bits, which keeps still but while `loading`
+    host : see `calibration_signature`. Refused, and without effect, are words while not `idle` and a first
+        word that is not the layout's identifier.
+    one output for each register, unsigned of its bits, which changes only while `host.loading`
     one write port for each table, see `Table.signature`
 
     No reset touches what was loaded, nor how far loading has come: only a complete image ends it. The
@@ -125,14 +144,7 @@ class CalibrationLoader(wiring.Component):
         self.initial = layout.chain(registers, bundle_hash)
         super().__init__(
             {
-                "write": In(1),
-                "word": In(unsigned(WORD)),
-                "taken": Out(1),
-                "idle": In(1),
-                "restart": In(1),
-                "loading": Out(1),
-                "received": Out(unsigned(32)),
-                "bundle_hash": Out(unsigned(HASH)),
+                "host": In(calibration_signature()),
                 **{name: Out(unsigned(bits)) for name, bits in layout.registers.items()},
                 **{name: Out(table.signature) for name, table in layout.tables.items()},
             }
@@ -140,6 +152,7 @@ class CalibrationLoader(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
+        host = self.host
         sections = self.layout.sections
         loading = Signal(reset_less=True)
         received = Signal(range(self.layout.words), reset_less=True)
@@ -147,19 +160,19 @@ class CalibrationLoader(wiring.Component):
         place = Signal(range(max(sections)), reset_less=True)  # within the section
         last = Signal()
         m.d.comb += [
-            self.taken.eq(
-                self.write & self.idle & ((section != 0) | (self.word == Const(self.layout.identifier, WORD)))
+            host.taken.eq(
+                host.write & host.idle & ((section != 0) | (host.word == Const(self.layout.identifier, WORD)))
             ),
-            self.loading.eq(loading),
-            self.received.eq(received),
+            host.loading.eq(loading),
+            host.received.eq(received),
         ]
         with m.Switch(section):
             for k, length in enumerate(sections):
                 with m.Case(k):
                     m.d.comb += last.eq(place == length - 1)
-        with m.If(self.restart):
+        with m.If(host.restart):
             m.d.sync += [received.eq(0), section.eq(0), place.eq(0)]
-        with m.Elif(self.taken):
+        with m.Elif(host.taken):
             complete = last & (section == len(sections) - 1)
             m.d.sync += [
                 loading.eq(~complete),
@@ -170,9 +183,9 @@ class CalibrationLoader(wiring.Component):
                 m.d.sync += section.eq(Mux(complete, 0, section + 1))
 
         chain = Signal(WORD * self.layout.chain_words, init=self.initial, reset_less=True)
-        with m.If(self.taken & (section == len(sections) - 1)):
-            m.d.sync += chain.eq(Cat(chain, self.word)[WORD:])
-        m.d.comb += self.bundle_hash.eq(Mux(loading, 0, chain[-HASH:]))
+        with m.If(host.taken & (section == len(sections) - 1)):
+            m.d.sync += chain.eq(Cat(chain, host.word)[WORD:])
+        m.d.comb += host.bundle_hash.eq(Mux(loading, 0, chain[-HASH:]))
         low = 0
         for name, bits in self.layout.registers.items():
             m.d.comb += getattr(self, name).eq(chain[low : low + bits])
@@ -182,15 +195,15 @@ class CalibrationLoader(wiring.Component):
         fields = max((table.fields for table in self.layout.tables.values()), default=0)
         values = Signal(WORD * fields, reset_less=True)
         if fields:
-            with m.If(self.taken):
-                m.d.sync += values.eq(Cat(values, self.word)[WORD:])
+            with m.If(host.taken):
+                m.d.sync += values.eq(Cat(values, host.word)[WORD:])
         for k, (name, table) in enumerate(self.layout.tables.items(), start=1):
             port, newest = getattr(self, name), Cat(values)[WORD * (fields - table.fields) :]
             shift = table.fields.bit_length() - 1
             address = Signal.like(port.addr, reset_less=True, name=f"{name}_address")
             writes = Signal(reset_less=True, name=f"{name}_writes")
             m.d.sync += [
-                writes.eq(self.taken & (section == k) & place[:shift].all()),
+                writes.eq(host.taken & (section == k) & place[:shift].all()),
                 address.eq(place >> shift),
             ]
             m.d.comb += [

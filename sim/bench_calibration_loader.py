@@ -56,10 +56,10 @@ class Run:
     async def clock(self, *, write=0, word=0, idle=1, restart=0, reset=0) -> int:
         """One clock, in which the outputs are the model's; returns `taken` in it."""
         dut = self.dut
-        dut.write.value, dut.word.value, dut.idle.value = write, word, idle
-        dut.restart.value, dut.rst.value = restart, reset
+        dut.host__write.value, dut.host__word.value, dut.host__idle.value = write, word, idle
+        dut.host__restart.value, dut.rst.value = restart, reset
         await ReadOnly()
-        taken = int(dut.taken.value)
+        taken = int(dut.host__taken.value)
         if self.known:
             self.check_outputs()
         for name, memory in self.model.memory.items():
@@ -81,12 +81,12 @@ class Run:
 
     def check_outputs(self) -> None:
         dut, model = self.dut, self.model
-        assert int(dut.loading.value) == model.loading
-        assert int(dut.received.value) == len(model.words)
+        assert int(dut.host__loading.value) == model.loading
+        assert int(dut.host__received.value) == len(model.words)
         if model.loading:
-            assert int(dut.bundle_hash.value) == 0
+            assert int(dut.host__bundle_hash.value) == 0
             return
-        assert int(dut.bundle_hash.value) == int(model.force["hash"], 16)
+        assert int(dut.host__bundle_hash.value) == int(model.force["hash"], 16)
         for name, value in model.force["registers"].items():
             assert int(getattr(dut, name).value) == int(value, 16), name
 
