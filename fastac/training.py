@@ -7,11 +7,11 @@ import numpy as np
 import torch
 
 from fastac.scene import Scene
-from models import bundle, quantise, train_force, train_normals
+from models import bundle, quantise, slope_force, train_force, train_normals
 from models.adjoint import displacement_mm, slope_weights
 from models.features import scales
 from models.float_pipeline import FloatPipeline
-from models.hyperforce import HyperForce, SlopeForce, collapse
+from models.hyperforce import HyperForce, collapse
 from models.normals import PixelNetwork
 from models.pipeline import IntegerPipeline
 from sensor.dataset import Dataset
@@ -123,11 +123,15 @@ def force(
             s: force_input(pipeline, data.frames[i], data.background, progress=progress)
             for s, i in splits.items()
         }
-        if start is None:
-            start, history = train_force.train(scene, rest, found, truth, progress=progress)
-            arrays |= curve(history, "force")
-        model, history = train_force.train(scene, rest, found, truth, start=start, progress=progress)
-        arrays[f"force.{name}_weights"] = force_weights(model, scene).astype(np.float32)
+        if scene.force.fit == "slopes":
+            fitted, history = slope_force.fit(found, truth, progress=progress)
+        else:
+            if start is None:
+                start, history = train_force.train(scene, rest, found, truth, progress=progress)
+                arrays |= curve(history, "force")
+            model, history = train_force.train(scene, rest, found, truth, start=start, progress=progress)
+            fitted = force_weights(model, scene)
+        arrays[f"force.{name}_weights"] = fitted.astype(np.float32)
         arrays |= curve(history, f"force_{name}")
     save_arrays(output, arrays)
 
@@ -135,7 +139,10 @@ def force(
 def force_input(
     pipeline: FloatPipeline | IntegerPipeline, frames: np.ndarray, background: np.ndarray, *, progress: bool
 ) -> np.ndarray:
-    """What the scene's force model is trained on, as the pipeline finds it; see `train_force.train`."""
+    """What the scene's force model is trained on, as the pipeline finds it, by frames.
+
+    Displacements (N, N) in mm or, where the slopes are fitted, their differences from rest (H, W, 2).
+    """
     scene = pipeline.scene
     found = pipeline.run(frames, progress=progress)
     if not scene.wants_adjoint:
@@ -146,11 +153,9 @@ def force_input(
     return displacement_mm(change.astype(np.float64), scene.poisson.divergence, scene.sensor.pitch_mm)
 
 
-def force_weights(model: HyperForce | SlopeForce, scene: Scene) -> np.ndarray:
+def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
     """A model's kernels (axes, N, N, K, K) or, for the adjoint, its weights of the slopes (axes, H, W, 2)."""
     with torch.inference_mode():
-        if isinstance(model, SlopeForce):
-            return model.weights().numpy()
         kernels = model.kernels().numpy()
     if not scene.wants_adjoint:
         return kernels

@@ -52,31 +52,6 @@ class HyperForce(nn.Module):
         return displacement.flatten(1) @ self.collapsed().flatten(1).T
 
 
-class SlopeForce(nn.Module):
-    """The adjoint's form learned directly: F = Σ_p a(c(p))·Δp + b(c(p))·Δq over all H×W pixels.
-
-    Δp, Δq are the slopes less those at rest; a and b come from a hypernetwork of the pixels' coordinates.
-    """
-
-    def __init__(self, coordinate: np.ndarray, *, hidden: int, axes: int = 1):
-        super().__init__()
-        self.axes = axes
-        self.field = HyperForce(coordinate, kernel_size=1, hidden=hidden, axes=2 * axes)
-
-    @property
-    def unit(self) -> torch.Tensor:
-        return self.field.unit
-
-    def weights(self) -> torch.Tensor:
-        """(axes, H, W, 2) in N."""
-        size = self.field.size
-        return self.field.kernels().reshape(self.axes, 2, size, size).permute(0, 2, 3, 1)
-
-    def forward(self, change: torch.Tensor) -> torch.Tensor:
-        """Differences of slopes (frames, H, W, 2) to forces (frames, axes) in N."""
-        return change.flatten(1) @ self.weights().flatten(1).T
-
-
 def _fold(kernels: torch.Tensor) -> torch.Tensor:
     axes, n, _, k, _ = kernels.shape
     columns = kernels.reshape(axes, n * n, k * k).transpose(1, 2)

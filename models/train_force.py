@@ -1,4 +1,4 @@
-"""Training the force model on the displacements, or on the slopes, that the pipeline finds.
+"""Training HyperForce on the displacements that the pipeline finds.
 
 Source: Lu et al., "FasTac": L1 on the resultant, AdamW; every step needs each pixel's collapsed weight only
 once, whatever the batch.
@@ -10,13 +10,11 @@ from tqdm import tqdm
 
 from fastac.scene import Scene
 
-from .hyperforce import HyperForce, SlopeForce, coordinates
+from .hyperforce import HyperForce, coordinates
 from .threads import single_thread
 
 
-def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce | SlopeForce:
-    if scene.force.fit == "slopes":
-        return SlopeForce(coordinates(rest_depth_mm), hidden=scene.force.hidden, axes=axes)
+def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:
     return HyperForce(
         coordinates(rest_depth_mm[1:-1, 1:-1]),
         kernel_size=scene.force.kernel_size,
@@ -29,26 +27,23 @@ def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperFor
 def train(
     scene: Scene,
     rest_depth_mm: np.ndarray,
-    found: dict[str, np.ndarray],
+    displacement_mm: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
     *,
-    start: HyperForce | SlopeForce | None = None,
+    start: HyperForce | None = None,
     progress: bool = False,
-) -> tuple[HyperForce | SlopeForce, list[dict]]:
-    """Fit the force model; `found` and `force_n` (frames, axes) by split name.
+) -> tuple[HyperForce, list[dict]]:
+    """Fit the kernels; `displacement_mm` (frames, N, N) and `force_n` (frames, axes) by split name.
 
-    found : displacements (frames, N, N) in mm, clamped here at zero if the scene says so, as in the paper;
-        where the scene fits the slopes, their differences from rest (frames, H, W, 2)
-    start : go on from these weights for `force_finetune_epochs`, maybe with another pipeline's displacements:
+    Displacements are clamped at zero if the scene says so, as in the paper. What is best on the validation
+    split is kept.
+    start : go on from these kernels for `force_finetune_epochs`, maybe with another pipeline's displacements:
         the clamp turns noise into force, so kernels must know the noise of the arithmetic they run on.
-
-    What is best on the validation split is kept.
     """
     settings = scene.training
-    clamp = scene.force.clamp and scene.force.fit == "displacement"
-    pressed = {
-        k: torch.from_numpy((np.maximum(v, 0) if clamp else v).astype(np.float32)) for k, v in found.items()
-    }
+    if scene.force.clamp:
+        displacement_mm = {k: np.maximum(v, 0) for k, v in displacement_mm.items()}
+    pressed = {k: torch.from_numpy(v.astype(np.float32)) for k, v in displacement_mm.items()}
     force = {k: torch.from_numpy(v.astype(np.float32)) for k, v in force_n.items()}
     torch.manual_seed(settings.seed)
     model = build(scene, rest_depth_mm, axes=force["train"].shape[1])
