@@ -297,30 +297,44 @@ def verilog(bundle, output, progress):
 @click.option("--data", type=INPUT, required=True, help="Dataset to take frames from.")
 @click.option("--split", type=SPLITS, default="test", show_default=True)
 @click.option(
-    "--frames", type=click.IntRange(min=2), help="How many, spread over the split. [default: the scene's]"
+    "--frames",
+    type=click.IntRange(min=1),
+    help="How many, spread over the split. [default: the scene's; with --trace 1]",
 )
 @click.option(
     "--verilog", "verilog_folder", type=INPUT, help="Folder of `fastac verilog`. [default: BUNDLE/verilog]"
 )
-@output_option("BUNDLE/sim", "Folder for the simulator and its logs.")
+@click.option(
+    "--trace",
+    type=click.Choice(["saif", "fst"]),
+    help="Write the signals' activity for Vivado's report_power, or their waveforms, as fastac.saif or"
+    " fastac.fst in the folder.",
+)
+@output_option("BUNDLE/sim", "Folder for the simulator, its logs and traces.")
 @progress_option
-def sim(bundle, data, split, frames, verilog_folder, output, progress):
-    """Send real frames through the simulated hardware and compare every value with the integer model."""
+def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
+    """Send real frames through the simulated hardware and compare every value with the integer model.
+
+    A trace holds the whole run: the reset, the check of the identity, the frames back to back, and what a
+    driver reads after each; it ends when the last result was read. Of one frame that is the activity of a
+    single measurement; with --frames 10 the frames overlap as in a steady stream. The clock is the scene's.
+    A simulator that traces is slower, and is built in a folder of its own.
+    """
     from fastac import accuracy, hardware
     from sensor import dataset
+    from sim.top import trace_file
 
     model = load_bundle(bundle)
     samples = dataset.read(data, model.scene)
-    index = accuracy.spread(accuracy.choose(samples, split, data), frames or model.scene.simulation.frames)
+    count = frames or (1 if trace else model.scene.simulation.frames)
+    index = accuracy.spread(accuracy.choose(samples, split, data), count)
+    output = output or bundle / "sim"
     found = hardware.simulate(
-        model,
-        samples,
-        index,
-        verilog_folder or bundle / "verilog",
-        output or bundle / "sim",
-        progress=progress,
+        model, samples, index, verilog_folder or bundle / "verilog", output, trace=trace, progress=progress
     )
     click.echo(json.dumps(found, indent=1))
+    if trace:
+        click.echo(trace_file(output, hardware.NAME, trace))
     if found["mismatches"]:
         raise click.ClickException(f"{found['mismatches']} mismatches; {found['first_mismatch']}")
 

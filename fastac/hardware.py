@@ -103,16 +103,25 @@ def check_verilog(bundle: Bundle, folder: Path) -> None:
 
 
 def simulate(
-    bundle: Bundle, data: Dataset, index: np.ndarray, verilog_folder: Path, folder: Path, *, progress: bool
+    bundle: Bundle,
+    data: Dataset,
+    index: np.ndarray,
+    verilog_folder: Path,
+    folder: Path,
+    *,
+    trace: str | None = None,
+    progress: bool,
 ) -> dict:
     """Frames `index` of a dataset through the Verilog in `verilog_folder`, back to back, all compared.
 
+    trace : "saif" or "fst": write this of the whole run to `sim.top.trace_file(folder, NAME, trace)`
     The hardware starts with the bundle's background in its memory, and so does the reference.
     """
     check_verilog(bundle, verilog_folder)
     frames = data.frames[index]
     result = bundle.pipeline.run(frames, progress=progress)
+    source = verilog_folder / f"{NAME}.v"
     found = simulation.simulate(
-        bundle, verilog_folder / f"{NAME}.v", frames, result, folder, name=NAME, progress=progress
+        bundle, source, frames, result, folder, name=NAME, trace=trace, progress=progress
     )
     return found.as_dict()

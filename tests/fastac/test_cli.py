@@ -9,10 +9,12 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
+from fastac import hardware
 from fastac.cli import main
 from models import bundle as bundles
 from models.float_pipeline import FloatPipeline
 from sensor import dataset
+from sim.top import Report as Simulated
 
 QUICK = """
 normals_epochs = 1
@@ -114,7 +116,10 @@ class TestHelp:
             (("evaluate",), ["BUNDLE", "--data", "--split", "--json", "[train|validation|test|all]"]),
             (("predict",), ["BUNDLE", "DATA", "--float", "--split", "--output", "HDF5"]),
             (("verilog",), ["BUNDLE", "--output", "XCZU19EG"]),
-            (("sim",), ["BUNDLE", "--data", "--split", "--frames", "--verilog", "--output"]),
+            (
+                ("sim",),
+                ["BUNDLE", "--data", "--split", "--frames", "--verilog", "--output", "[saif|fst]", "reset"],
+            ),
             (("synth",), ["BUNDLE", "--no-place-and-route", "--module", "--output", "without Vivado"]),
             (("build",), ["SCENE", "--data", "--output", "resumes"]),
             (("report",), ["FOLDER", "--data", "report.html"]),
@@ -151,7 +156,8 @@ class TestHelp:
             (("predict", "b", "d"), "Missing option '-o' / '--output'"),
             (("evaluate", "b"), "Missing option '--data'"),
             (("evaluate", "b", "--data", "d", "--split", "half"), "Invalid value for '--split'"),
-            (("sim", "b", "--data", "d", "--frames", "1"), "Invalid value for '--frames'"),
+            (("sim", "b", "--data", "d", "--frames", "0"), "Invalid value for '--frames'"),
+            (("sim", "b", "--data", "d", "--trace", "vcd"), "Invalid value for '--trace'"),
         ],
     )
     def test_wrong_usage_is_told_before_anything_runs(self, arguments, message):
@@ -495,6 +501,32 @@ class TestHardware:
         (tmp_path / "hardware.json").write_text(json.dumps({"bundle_sha256": "0" * 64}))
         message = fail("sim", tiny_folder, "--data", tiny_file, "--verilog", tmp_path)
         assert message.startswith(f"{tmp_path}: bundle_sha256 = {'0' * 16}…: the bundle's is ")
+
+    @pytest.mark.parametrize(
+        ("options", "frames", "trace"),
+        [
+            ((), 3, None),
+            (("--trace", "saif"), 1, "saif"),
+            (("--trace", "fst", "--frames", "2"), 2, "fst"),
+        ],
+    )
+    def test_traces_are_of_one_frame_unless_told(
+        self, tiny_folder, tiny_file, tiny_bundle, tmp_path, monkeypatch, options, frames, trace
+    ):
+        """What reaches the simulator; its traces are tested with it."""
+        given = {}
+
+        def simulate(bundle, source, images, result, folder, **settings):
+            given.update(settings, frames=len(images), results=len(result.normals))
+            return Simulated(len(images), 1, 0, "", {}, 0, 1)
+
+        monkeypatch.setattr(hardware.simulation, "simulate", simulate)
+        (tmp_path / "hardware.json").write_text(json.dumps({"bundle_sha256": tiny_bundle.digest}))
+        arguments = ("--data", tiny_file, "--verilog", tmp_path, "-o", tmp_path / "sim", *options)
+        result = succeed("sim", tiny_folder, *arguments)
+        assert (given["frames"], given["results"], given["trace"]) == (frames, frames, trace)
+        last = result.stdout.splitlines()[-1]
+        assert last == (f"{tmp_path}/sim/fastac.{trace}" if trace else "}")
 
     def test_no_results_no_report(self, tiny_folder, tiny_file, tmp_path):
         folder = shutil.copytree(tiny_folder, tmp_path / "tiny")
