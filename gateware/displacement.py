@@ -1,7 +1,7 @@
 """From the solver's rows to the depth and to the quantised displacement from rest."""
 
 import numpy as np
-from amaranth import Cat, Module, Mux, Signal, signed, unsigned
+from amaranth import Cat, Module, Mux, Shape, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -70,9 +70,8 @@ class RasterRom(wiring.Component):
 
 
 def raster_beats(table: np.ndarray, lanes: int) -> np.ndarray:
-    """A table (N, N, …) to beats (N · ceil(N/lanes), lanes, …); void lanes are zero."""
-    n = len(table)
-    padded = np.pad(table, [(0, 0), (0, -n % lanes)] + [(0, 0)] * (table.ndim - 2))
+    """A table (rows, columns, …) to beats (rows · ceil(columns/lanes), lanes, …); void lanes are zero."""
+    padded = np.pad(table, [(0, 0), (0, -table.shape[1] % lanes)] + [(0, 0)] * (table.ndim - 2))
     return padded.reshape(-1, lanes, *table.shape[2:])
 
 
@@ -158,8 +157,8 @@ class Displacement(wiring.Component):
     Members
     -------
     i : stream of `lanes` solutions, signed(depth.input_width)
-    o : stream of `lanes` displacements, unsigned(quantiser.bits)
-    saturated : high while `o` offers a beat in which a displacement is clipped to 2**bits − 1
+    o : stream of `lanes` displacements, unsigned(quantiser.bits), or signed if the quantiser does not clamp
+    saturated : high while `o` offers a beat in which a displacement is clipped to ±quantiser.top
 
     N rows of ceil(N/lanes) beats make a frame; lanes beyond N are void. `rest`, with the half unit that
     rounding adds, is a ROM, built only in absolute mode. `latency` clocks pass from a beat to its
@@ -171,10 +170,11 @@ class Displacement(wiring.Component):
         if quantiser.input_width != depth.width:
             raise ValueError(f"quantiser.input_width {quantiser.input_width}: expected {depth.width}")
         self.depth, self.quantiser, self.lanes = depth, quantiser, lanes
+        word = Shape(quantiser.bits, signed=not quantiser.clamp)
         super().__init__(
             {
                 "i": In(stream.Signature(data.ArrayLayout(signed(depth.input_width), lanes))),
-                "o": Out(stream.Signature(data.ArrayLayout(unsigned(quantiser.bits), lanes))),
+                "o": Out(stream.Signature(data.ArrayLayout(word, lanes))),
                 "saturated": Out(1),
             }
         )
@@ -206,24 +206,25 @@ class Displacement(wiring.Component):
         with m.If(advance):
             m.d.sync += valid.eq(Cat(self.i.valid, valid))
 
-        shift, bits = self.quantiser.shift, self.quantiser.bits
+        shift, top = self.quantiser.shift, self.quantiser.top
         half = 1 << shift >> 1
         if self.has_rom:
             z, rest = _beside_rest(m, self, advance, self.depth.rest + half)
         else:
             z, rest = list(self.i.payload), [half] * self.lanes
 
-        # A negative displacement rounds to 0 or below, so it may be clipped after rounding.
-        top = (1 << bits) - 1
+        # A negative displacement rounds to 0 or below, so it may be clamped after rounding.
+        low = 0 if self.quantiser.clamp else -top
         displacement = Signal(self.o.payload.shape(), reset_less=True)
         over = Signal(self.lanes, reset_less=True)
         for k in range(self.lanes):
             rounded = Signal(signed(self._rounded_width), reset_less=True, name=f"rounded_{k}")
+            above, below = rounded > top, rounded < low
             with m.If(advance):
                 m.d.sync += [
                     rounded.eq((rest[k] - z[k]) >> shift),
-                    over[k].eq(rounded > top),
-                    displacement[k].eq(Mux(rounded < 0, 0, Mux(rounded > top, top, rounded))),
+                    over[k].eq(above if self.quantiser.clamp else above | below),
+                    displacement[k].eq(Mux(below, low, Mux(above, top, rounded))),
                 ]
         m.d.comb += [
             self.o.payload.eq(displacement),

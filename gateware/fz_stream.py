@@ -1,7 +1,7 @@
 """From displacement rows to the raw force accumulators A of a frame: patches times kernels, summed."""
 
 import numpy as np
-from amaranth import Cat, Module, Mux, Signal, signed, unsigned
+from amaranth import Cat, Module, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -9,30 +9,9 @@ from models.fixed import signed_width
 from models.integer import PatchForce
 
 from .displacement import RasterRom, raster_beats
+from .frame_accumulator import FrameAccumulator, dsp_slices, sum_tree, tree_levels
 from .patch_generator import PatchGenerator, check_patches
-
-
-def tree_levels(terms: int) -> int:
-    """Registers that a value passes in `sum_tree`: ceil(log2(terms))."""
-    return (terms - 1).bit_length()
-
-
-def sum_tree(m: Module, advance, terms: list, bounds: np.ndarray, name: str):
-    """Add a registered tree of two-operand adders over `terms` to `m`; returns the sum.
-
-    `bounds` (cases, terms) holds the largest magnitude of each term in each case that can occur (here: with
-    each word of the kernel ROM). A node is as wide as the largest, over the cases, of its terms' sums.
-    """
-    for level in range(tree_levels(len(terms))):
-        pairs = [terms[k : k + 2] for k in range(0, len(terms), 2)]
-        bounds = np.add.reduceat(bounds, np.arange(0, len(terms), 2), axis=1)
-        terms = [
-            Signal(signed(signed_width(int(bound))), reset_less=True, name=f"{name}_sum{level}_{k}")
-            for k, bound in enumerate(bounds.max(axis=0))
-        ]
-        with m.If(advance):
-            m.d.sync += [s.eq(sum(pair[1:], pair[0])) for s, pair in zip(terms, pairs, strict=True)]
-    return terms[0]
+from .stream_fork import Fork
 
 
 def kernel_words(force: PatchForce, lanes: int) -> np.ndarray:
@@ -57,7 +36,7 @@ class PixelResponse(wiring.Component):
 
     Members
     -------
-    i : stream of `lanes` patches of K·K unsigned(force.displacement_bits), as `PatchGenerator` gives them
+    i : stream of `lanes` patches of K·K displacements, Shape(force.displacement_bits, force.signed)
     o : stream of axes × `lanes` responses, signed(force.pixel_width); 0 in void lanes
 
     `latency` = 3 + ceil(log2(K²)) clocks (ROM 2, product, adder tree) pass from a patch to its response.
@@ -67,7 +46,7 @@ class PixelResponse(wiring.Component):
     def __init__(self, force: PatchForce, *, lanes: int):
         self.force, self.lanes = force, lanes
         self.axes, self.words = len(force.kernel), force.size**2
-        patch = data.ArrayLayout(unsigned(force.displacement_bits), self.words)
+        patch = data.ArrayLayout(Shape(force.displacement_bits, force.signed), self.words)
         responses = data.ArrayLayout(signed(force.pixel_width), lanes)
         super().__init__(
             {
@@ -101,7 +80,7 @@ class PixelResponse(wiring.Component):
                 m.d.sync += delayed.eq(patches)
             patches = delayed
 
-        bounds = np.abs(kernels.table) * ((1 << self.force.displacement_bits) - 1)
+        bounds = np.abs(kernels.table) * self.force.displacement_limit
         for axis in range(self.axes):
             for lane in range(self.lanes):
                 name, products = f"f_{axis}_{lane}", []
@@ -121,82 +100,82 @@ class PatchForceStream(wiring.Component):
 
     Members
     -------
-    i : stream of `lanes` displacements, unsigned(force.displacement_bits); N rows of B = ceil(N/lanes) beats
-        make a frame, lanes beyond N are void
+    i : stream of `lanes` displacements, Shape(force.displacement_bits, force.signed); N rows of
+        B = ceil(N/lanes) beats make a frame, lanes beyond N are void. A signed one is never the lowest word.
     o : stream of one beat a frame, an accumulator signed(force.width) per axis
+    map : stream of axes × `lanes` responses f(p), signed(force.pixel_width), bit for bit
+        `force.force_map(q)`; N rows of B beats in raster order, 0 in void lanes. Only if `wants_map`.
 
     From the last beat of a frame to its force pass, if nothing stalls, `latency` =
     (K//2)·B + ceil((K//2)/lanes) + 7 + ceil(log2(lanes·K²)) clocks: reach of the patches, 3 of their
-    generator, 3 and a tree for the responses, a tree over the lanes and the accumulator. A new frame may
-    begin every `interval` = N·B clocks; the rules of `PatchGenerator` hold for the rest of the previous
-    one. Until a force is taken everything behind it waits.
+    generator, 3 and a tree for the responses, a tree over the lanes and the accumulator. The map's last beat
+    stands `map_latency` clocks after the frame's. A new frame may begin every `interval` = N·B clocks; the
+    rules of `PatchGenerator` hold for the rest of the previous one. Until a force, or a beat of the map, is
+    taken everything behind it waits.
     """
 
-    def __init__(self, force: PatchForce, *, lanes: int):
+    def __init__(self, force: PatchForce, *, lanes: int, wants_map: bool = False):
         shape = force.kernel.shape
         if len(shape) != 5 or shape[1] != shape[2] or shape[3] != shape[4]:
             raise ValueError(f"kernel {shape}: expected (axes, N, N, K, K)")
         check_patches(shape[1], force.size, force.displacement_bits, lanes)
-        self.force, self.lanes, self.size = force, lanes, shape[1]
-        words = data.ArrayLayout(unsigned(force.displacement_bits), lanes)
-        super().__init__(
-            {
-                "i": In(stream.Signature(words)),
-                "o": Out(stream.Signature(data.ArrayLayout(signed(force.width), shape[0]))),
-            }
-        )
+        self.force, self.lanes, self.size, self.wants_map = force, lanes, shape[1], wants_map
+        words = data.ArrayLayout(Shape(force.displacement_bits, force.signed), lanes)
+        members = {
+            "i": In(stream.Signature(words)),
+            "o": Out(stream.Signature(data.ArrayLayout(signed(force.width), shape[0]))),
+        }
+        if wants_map:
+            responses = data.ArrayLayout(signed(force.pixel_width), lanes)
+            members["map"] = Out(stream.Signature(data.ArrayLayout(responses, shape[0])))
+        super().__init__(members)
 
     @property
     def row_beats(self) -> int:
         return -(-self.size // self.lanes)
 
     @property
+    def map_latency(self) -> int:
+        """Clocks from a beat of displacements to the beat of the same pixels' responses."""
+        half = self.force.size // 2
+        return half * self.row_beats - (-half // self.lanes) + 6 + tree_levels(self.force.size**2)
+
+    @property
     def latency(self) -> int:
-        half, lanes = self.force.size // 2, self.lanes
-        reach = half * self.row_beats - (-half // lanes)
-        return reach + 7 + tree_levels(lanes * self.force.size**2)
+        return self.map_latency + tree_levels(self.lanes) + 1
 
     @property
     def interval(self) -> int:
         return self.size * self.row_beats
 
+    @property
+    def multipliers(self) -> int:
+        """DSP48E2: axes · lanes · K², times `dsp_slices` of a displacement and a kernel word, both signed."""
+        force = self.force
+        slices = dsp_slices(force.displacement_bits + (not force.signed), force.kernel_bits)
+        return len(force.kernel) * self.lanes * force.size**2 * slices
+
     def elaborate(self, platform):
         m = Module()
+        force = self.force
         m.submodules.generator = generator = PatchGenerator(
-            self.size, self.force.size, self.force.displacement_bits, lanes=self.lanes
+            self.size, force.size, force.displacement_bits, lanes=self.lanes, signed=force.signed
         )
-        m.submodules.response = response = PixelResponse(self.force, lanes=self.lanes)
-        parts = generator.latency + response.latency + tree_levels(self.lanes) + 1
+        m.submodules.response = response = PixelResponse(force, lanes=self.lanes)
+        bounds = np.abs(kernel_words(force, self.lanes)).sum(axis=-1) * force.displacement_limit
+        constant = np.zeros(len(force.kernel), np.int64)
+        m.submodules.accumulator = accumulator = FrameAccumulator(bounds, constant)
+        parts = generator.latency + response.latency + accumulator.latency
         assert parts == self.latency, f"latency {parts}: stated {self.latency}"
-        assert generator.interval == self.interval
+        assert generator.interval == accumulator.interval == self.interval
         wiring.connect(m, wiring.flipped(self.i), generator.i)
         wiring.connect(m, generator.o, response.i)
-        responses = response.o
-
-        # The last register is the accumulator: while a finished force stands in it, all before it waits.
-        advance, done = Signal(), Signal()
-        valid = Signal(tree_levels(self.lanes))
-        summed = Cat(responses.valid, valid)[-1]  # the lanes' sums stand before the accumulator
-        m.d.comb += [
-            advance.eq(self.o.ready | ~done),
-            responses.ready.eq(advance),
-            self.o.valid.eq(done),
-        ]
-
-        beat = Signal(range(self.interval))
-        fresh = Signal(init=1)  # the next responses are the first of a frame
-        last = beat == self.interval - 1
-        with m.If(advance):
-            m.d.sync += [valid.eq(Cat(responses.valid, valid)), done.eq(summed & last)]
-            with m.If(summed):
-                m.d.sync += [beat.eq(Mux(last, 0, beat + 1)), fresh.eq(last)]
-
-        magnitudes = np.abs(kernel_words(self.force, self.lanes)).sum(axis=-1)
-        bounds = magnitudes * ((1 << self.force.displacement_bits) - 1)
-        for axis, lanes in enumerate(responses.payload):
-            total = sum_tree(m, advance, list(lanes), bounds[:, axis], f"axis_{axis}")
-            accumulator = Signal(signed(self.force.width), reset_less=True, name=f"accumulator_{axis}")
-            with m.If(advance & summed):
-                m.d.sync += accumulator.eq(Mux(fresh, 0, accumulator) + total)
-            m.d.comb += self.o.payload[axis].eq(accumulator)
+        if self.wants_map:
+            m.submodules.map_fork = fork = Fork(response.o.payload.shape(), 2)
+            wiring.connect(m, response.o, fork.i)
+            wiring.connect(m, fork.o[0], accumulator.i)
+            wiring.connect(m, fork.o[1], wiring.flipped(self.map))
+        else:
+            wiring.connect(m, response.o, accumulator.i)
+        wiring.connect(m, accumulator.o, wiring.flipped(self.o))
         return m

@@ -1,6 +1,6 @@
 """From displacement rows to the K×K patch of every pixel, with K − 1 rows of memory."""
 
-from amaranth import Cat, Module, Mux, Signal, unsigned
+from amaranth import Cat, Module, Mux, Shape, Signal, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -24,11 +24,12 @@ def check_patches(size: int, kernel_size: int, bits: int, lanes: int) -> None:
 class PatchGenerator(wiring.Component):
     """The neighbourhood of every pixel of N×N frames, in raster order, `lanes` patches a beat.
 
-    Parameters: `size` N, `kernel_size` K, `bits` of a sample, `lanes`. A row takes B = ceil(N/lanes) beats.
+    Parameters: `size` N, `kernel_size` K, `bits` of a sample and whether it is `signed`, `lanes`. A row takes
+    B = ceil(N/lanes) beats.
 
     Members
     -------
-    i : stream of `lanes` samples, unsigned(bits)
+    i : stream of `lanes` samples, Shape(bits, signed)
     o : stream of `lanes` patches of K·K samples; sample K·a + b of lane l is the one `a − K//2` rows below
         and `b − K//2` columns right of pixel l. Outside the frame it is zero; patches of void lanes are void.
 
@@ -44,13 +45,14 @@ class PatchGenerator(wiring.Component):
     before a reset) is blanked.
     """
 
-    def __init__(self, size: int, kernel_size: int, bits: int, *, lanes: int):
+    def __init__(self, size: int, kernel_size: int, bits: int, *, lanes: int, signed: bool = False):
         check_patches(size, kernel_size, bits, lanes)
         self.size, self.kernel_size, self.bits, self.lanes = size, kernel_size, bits, lanes
-        patch = data.ArrayLayout(unsigned(bits), kernel_size**2)
+        sample = Shape(bits, signed)
+        patch = data.ArrayLayout(sample, kernel_size**2)
         super().__init__(
             {
-                "i": In(stream.Signature(data.ArrayLayout(unsigned(bits), lanes))),
+                "i": In(stream.Signature(data.ArrayLayout(sample, lanes))),
                 "o": Out(stream.Signature(data.ArrayLayout(patch, lanes))),
             }
         )

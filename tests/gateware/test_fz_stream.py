@@ -6,6 +6,7 @@ from amaranth.sim import Simulator
 
 from gateware.fz_stream import PatchForceStream, PixelResponse
 from models.integer import PatchForce
+from sim.amaranth_bench import transfer
 from sim.stream import check, pack
 
 
@@ -22,35 +23,41 @@ def inside(n, k):
     return near[:, None, :, None] & near[None, :, None, :]
 
 
-def extreme_force(n, k, kernel_bits, bits, axes, rng):
+def extreme_force(n, k, kernel_bits, bits, axes, rng, signed=False):
     """Axis 0: any kernel words; axis 1 the lowest, axis 2 the highest, both only inside the frame."""
     limit = 1 << (kernel_bits - 1)
     kernel = rng.integers(-limit, limit, (axes, n, n, k, k))
     for axis, word in list(enumerate((-limit, limit - 1), start=1))[: axes - 1]:
         kernel[axis] = word * inside(n, k)
-    return PatchForce(kernel, kernel_bits, bits)
+    return PatchForce(kernel, kernel_bits, bits, signed)
 
 
 def frames_of(force, rng):
     """Full scale, zero, each corner alone, then random; two by the signs of axis 0's weights."""
-    n, top = force.kernel.shape[1], (1 << force.displacement_bits) - 1
-    q = rng.integers(0, top + 1, (9, n, n))
+    n, top = force.kernel.shape[1], force.displacement_limit
+    low = -top if force.signed else 0
+    q = rng.integers(low, top + 1, (9, n, n))
     q[0], q[1:6] = top, 0
     for frame, corner in enumerate([(0, 0), (0, -1), (-1, 0), (-1, -1)], start=2):
         q[(frame, *corner)] = top
     units = np.eye(n * n, dtype=np.int64).reshape(-1, n, n)
-    q[6] = top * (force(units)[:, 0] > 0).reshape(n, n)
-    q[7] = top - q[6]
+    q[6] = np.where((force(units)[:, 0] > 0).reshape(n, n), top, low)
+    q[7] = top + low - q[6]
     return q
 
 
 @pytest.mark.parametrize(
-    ("n", "k", "kernel_bits", "bits", "lanes", "axes"),
-    [(8, 7, 8, 8, 1, 2), (9, 5, 8, 8, 4, 2), (9, 3, 6, 8, 2, 3), (11, 1, 8, 7, 4, 1)],
+    ("n", "k", "kernel_bits", "bits", "lanes", "axes", "signed"),
+    [
+        (8, 7, 8, 8, 1, 2, False),
+        (9, 5, 8, 8, 4, 2, True),
+        (9, 3, 6, 8, 2, 3, False),
+        (11, 1, 8, 7, 4, 1, True),
+    ],
 )
-def test_force_of_every_frame(tmp_path, n, k, kernel_bits, bits, lanes, axes):
+def test_force_of_every_frame(tmp_path, n, k, kernel_bits, bits, lanes, axes, signed):
     rng = np.random.default_rng(1)
-    force = extreme_force(n, k, kernel_bits, bits, axes, rng)
+    force = extreme_force(n, k, kernel_bits, bits, axes, rng, signed)
     q = frames_of(force, rng)
     expected = force(q)
     if axes > 1:
@@ -69,6 +76,67 @@ def test_force_of_every_frame(tmp_path, n, k, kernel_bits, bits, lanes, axes):
         latencies=[(b, f, dut.latency) for f, b in enumerate(last)]
         + [(0, f, dut.latency + b) for f, b in enumerate(last)],
     )
+
+
+def map_beats(force, q, lanes):
+    """The responses of frames (F, N, N) as payloads of the map; void lanes are zero."""
+    responses = np.pad(force.force_map(q), [(0, 0)] * 3 + [(0, -q.shape[-1] % lanes)])
+    frames, axes, n, columns = responses.shape
+    lined_up = responses.reshape(frames, axes, n, columns // lanes, lanes)
+    return pack(lined_up.transpose(0, 2, 3, 1, 4).reshape(-1, axes, lanes), force.pixel_width)
+
+
+@pytest.mark.parametrize("n", [7, 8])
+@pytest.mark.parametrize("k", [1, 3, 5, 7])
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.parametrize("signed", [False, True])
+def test_force_and_map_of_every_frame(n, k, lanes, signed):
+    """With no stalls, with stalls everywhere, and with a reader of the map slower than the rest."""
+    axes = 3 if k == 1 else 2 if k == 3 else 1
+    rng = np.random.default_rng(k)
+    force = extreme_force(n, k, 4, 5, axes, rng, signed)
+    q = frames_of(force, rng)
+    inputs = pack(beats(q, lanes, rng), 5)
+    expected = {"o": pack(force(q), force.width), "map": map_beats(force, q, lanes)}
+    counts = {name: len(payloads) for name, payloads in expected.items()}
+    for stalls in (0, {"i": 0.3, "o": 0.8, "map": 0.3}, {"i": 0, "o": 0, "map": 0.7}):
+        dut = PatchForceStream(force, lanes=lanes, wants_map=True)
+        payloads, taken = transfer(dut, inputs, counts, stall=stalls)
+        assert payloads == expected
+        if stalls == 0:
+            waits = [t - s for s, t in zip(taken["i"], taken["map"], strict=True)]
+            assert waits == [dut.map_latency] * len(waits)
+            last = taken["i"][dut.interval - 1 :: dut.interval]
+            assert [t - s for s, t in zip(last, taken["o"], strict=True)] == [dut.latency] * len(q)
+
+
+def test_extremes_reach_the_bounds_of_signed_responses():
+    """Every displacement at its limit, with its weight's sign."""
+    rng = np.random.default_rng(6)
+    n = 6
+    kernel = rng.integers(-7, 8, (1, n, n, 3, 3)) * inside(n, 3)
+    kernel[..., 1, 1] = 0
+    kernel[0, 2, 3] = [[-8, 7, -8], [7, -8, 7], [-8, 7, -8]]
+    force = PatchForce(kernel, 4, 6, signed=True)
+    q = np.zeros((2, n, n), int)
+    q[0, 1:4, 2:5] = 31 * np.sign(kernel[0, 2, 3])
+    q[1] = -q[0]
+    assert force.force_map(q)[:, 0, 2, 3].tolist() == [force.pixel_bound, -force.pixel_bound]
+    dut = PatchForceStream(force, lanes=2, wants_map=True)
+    payloads, _ = transfer(dut, pack(beats(q, 2, rng), 6), {"map": 36, "o": 2})
+    assert payloads["map"] == map_beats(force, q, 2)
+    assert payloads["o"] == pack(force(q), force.width)
+
+
+def test_only_a_wanted_map_is_built():
+    force = extreme_force(6, 3, 4, 5, 1, np.random.default_rng(7))
+
+    def parts(**options):
+        dut = PatchForceStream(force, lanes=2, **options)
+        return hasattr(dut, "map"), {name for _, name, _ in Fragment.get(dut, None).subfragments}
+
+    assert parts() == (False, {"generator", "response", "accumulator"})
+    assert parts(wants_map=True) == (True, {"generator", "response", "accumulator", "map_fork"})
 
 
 def run(force, lanes, actions, forces, ready=lambda clock: True, clocks=4000):
@@ -173,6 +241,11 @@ def test_paper_scale_latency_and_interval():
         dut = PatchForceStream(force, lanes=lanes)
         assert (dut.latency, dut.interval) == (latency, interval)
         assert dut.interval + dut.latency <= 16_384
+        assert dut.multipliers == 25 * lanes
+    wide = PatchForce(force.kernel, 20, 26)
+    assert PatchForceStream(wide, lanes=1).multipliers == 25
+    wide = PatchForce(force.kernel, 20, 18)
+    assert PatchForceStream(wide, lanes=1).multipliers == 50, "19 bits with their sign, and 20"
 
 
 def test_response_is_as_wide_as_stated():

@@ -1,0 +1,58 @@
+"""A bench in Amaranth's own simulator for small designs and for components with several outputs."""
+
+import random
+
+from amaranth.sim import Simulator
+
+
+def transfer(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
+    """Feed payloads to `dut.i` and take from its output streams; returns what each gave, and when.
+
+    inputs : payloads as integers.
+    expected : for each output's name how many beats it gives; it is watched for 64 clocks more.
+    stall : probability per clock that a side pauses, or one for each stream's name.
+    Returns {name: payloads} and {name: clocks in which they were taken}, the inputs' under "i".
+    """
+    stalls = dict.fromkeys(["i", *expected], stall) if isinstance(stall, float | int) else stall
+    payloads = {name: [] for name in expected}
+    taken = {name: [] for name in ["i", *expected]}
+
+    async def source(ctx):
+        rng, clock = random.Random(seed), 0
+        for payload in inputs:
+            while rng.random() < stalls["i"]:
+                await ctx.tick()
+                clock += 1
+            ctx.set(dut.i.payload.as_value(), payload)
+            ctx.set(dut.i.valid, 1)
+            moved = False
+            while not moved:
+                *_, moved = await ctx.tick().sample(dut.i.ready)
+                clock += 1
+            taken["i"].append(clock - 1)
+            ctx.set(dut.i.valid, 0)
+
+    def sink(name, beats):
+        async def take(ctx):
+            o, rng, idle = getattr(dut, name), random.Random(f"{seed}{name}"), 0
+            for clock in range(clocks):
+                ctx.set(o.ready, rng.random() >= stalls[name])
+                *_, ready, valid, payload = await ctx.tick().sample(o.ready, o.valid, o.payload.as_value())
+                if ready and valid:
+                    payloads[name].append(payload)
+                    taken[name].append(clock)
+                idle = idle + 1 if len(payloads[name]) >= beats else 0
+                if idle > 64:
+                    ctx.set(o.ready, 1)
+                    return
+            raise AssertionError(f"hang: {len(payloads[name])} of {beats} beats of {name}")
+
+        return take
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(source)
+    for name, beats in expected.items():
+        simulator.add_testbench(sink(name, beats))
+    simulator.run()
+    return payloads, taken
