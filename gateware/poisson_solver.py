@@ -46,6 +46,7 @@ class PoissonSolver(wiring.Component):
     -------
     i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), height × width in raster order
     o : stream of `lanes` solutions, signed(row_inverse.output_width): N rows of `beats` = ceil(N/lanes) beats
+    offset : as PoissonSourceStream's. Only with `loadable`.
 
     Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
     adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
@@ -65,6 +66,7 @@ class PoissonSolver(wiring.Component):
         height: int,
         width: int,
         lanes: int,
+        loadable: bool = False,
     ):
         if height != width:
             raise ValueError(f"height {height}: expected width = {width}")
@@ -83,7 +85,7 @@ class PoissonSolver(wiring.Component):
                 raise ValueError(f"{name}.input_width {stage.input_width}: expected {given}")
             given = stage.output_width
 
-        self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes)
+        self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
         self.row_forward = Dst1Engine(row_forward, lanes=lanes)
         self.to_columns = Transposer(width - 2, row_forward.output_width, lanes=lanes)
         self.column_forward = Dst1Engine(column_forward, lanes=lanes)
@@ -91,7 +93,10 @@ class PoissonSolver(wiring.Component):
         self.column_inverse = Dst1Engine(column_inverse, lanes=lanes)
         self.to_rows = Transposer(width - 2, column_inverse.output_width, lanes=lanes)
         self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
-        super().__init__({"i": In(self.source.i.signature.flip()), "o": Out(self.row_inverse.o.signature)})
+        members = {"i": In(self.source.i.signature.flip()), "o": Out(self.row_inverse.o.signature)}
+        if loadable:
+            members["offset"] = In(self.source.table.signature)
+        super().__init__(members)
         self.size, self.beats = width - 2, self.row_forward.interval
         self.interval = max(height * width // lanes, self.size * self.beats)
 
@@ -143,4 +148,6 @@ class PoissonSolver(wiring.Component):
                 connect(m, output, buffer.i)
                 output = buffer.o
         connect(m, output, wiring.flipped(self.o))
+        if self.source.loadable:
+            connect(m, wiring.flipped(self.offset), self.source.offset)
         return m

@@ -8,6 +8,8 @@ from amaranth.lib.wiring import In, Out
 from models.fixed import signed_width
 from models.integer import PoissonSource
 
+from .calibration_loader import Table
+
 
 class PoissonSourceStream(wiring.Component):
     """Form the source on the inner region of frames of `height` × `width` slopes, `lanes` pixels a clock.
@@ -20,6 +22,8 @@ class PoissonSourceStream(wiring.Component):
     -------
     i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), in raster order
     o : stream of `lanes` sources, signed(source.width): height − 2 rows of `beats` = ceil((width − 2)/lanes)
+    offset : write port of the offsets' memory, a word a beat, not to be used while a frame is inside; see
+        `Table`. Only with `loadable`, which also makes room for any offset that a source of this width has.
 
     Lanes beyond width − 2 in the last beat of a row are void. A beat is accepted every clock while `o` is
     free. `latency` clocks pass from the accepted beat with the last slope that a beat of sources needs to
@@ -29,7 +33,7 @@ class PoissonSourceStream(wiring.Component):
 
     latency = 5
 
-    def __init__(self, source: PoissonSource, *, height: int, width: int, lanes: int):
+    def __init__(self, source: PoissonSource, *, height: int, width: int, lanes: int, loadable: bool = False):
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
         if width % lanes or width < max(4, 2 * lanes):
@@ -42,13 +46,23 @@ class PoissonSourceStream(wiring.Component):
         # A beat of sources is complete so many beats and rows of slopes after the one of its own place.
         self.beats_ahead = 2 if self.central and lanes == 1 else 1
         self.rows_ahead = 2 if self.central else 1
+        own_bits = signed_width(int(np.abs(source.offset).max()))
+        self.loadable = loadable
+        self.table = Table((height - 2) * self.beats, lanes, source.width if loadable else own_bits)
         slope = signed(source.gradient_width)
-        super().__init__(
-            {
-                "i": In(stream.Signature(data.ArrayLayout(data.ArrayLayout(slope, 2), lanes))),
-                "o": Out(stream.Signature(data.ArrayLayout(signed(source.width), lanes))),
-            }
-        )
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(data.ArrayLayout(slope, 2), lanes))),
+            "o": Out(stream.Signature(data.ArrayLayout(signed(source.width), lanes))),
+        }
+        if loadable:
+            members["offset"] = In(self.table.signature)
+        super().__init__(members)
+
+    @property
+    def table_values(self) -> np.ndarray:
+        """The offsets by beats and lanes, row by row; void lanes are zero."""
+        short = self.beats * self.lanes - (self.width - 2)
+        return np.pad(self.source.offset, ((0, 0), (0, short))).reshape(-1, self.lanes)
 
     def delay(self, row: int, beat: int) -> int:
         """Clocks from a frame's first beat accepted to `beat` of inner `row` (from 0) if nothing stalls."""
@@ -114,16 +128,22 @@ class PoissonSourceStream(wiring.Component):
             m.d.sync += window.eq(Cat(window, newest)[len(newest.as_value()) :])
 
         # 3: the differences and the offset; 4: the divergence; 5: the source.
-        entries = self._table()
-        offset = signed(signed_width(int(np.abs(self.source.offset).max())))
+        offset = signed(self.table.bits)
         m.submodules.table = table = memory.Memory(
-            shape=data.ArrayLayout(offset, lanes), depth=len(entries), init=entries
+            shape=data.ArrayLayout(offset, lanes), depth=self.table.depth, init=self.table_values.tolist()
         )
         words = table.read_port()
-        beat = Signal(range(len(entries)))
+        if self.loadable:
+            port = table.write_port()
+            m.d.comb += [
+                port.en.eq(self.offset.en),
+                port.addr.eq(self.offset.addr),
+                port.data.eq(self.offset.data),
+            ]
+        beat = Signal(range(self.table.depth))
         m.d.comb += [words.addr.eq(beat), words.en.eq(advance)]
         with m.If(advance & valid[0]):
-            m.d.sync += beat.eq(Mux(beat == len(entries) - 1, 0, beat + 1))
+            m.d.sync += beat.eq(Mux(beat == self.table.depth - 1, 0, beat + 1))
         for lane in range(lanes):
             dp = Signal(signed(slope.width + 1), reset_less=True, name=f"dp_{lane}")
             dq = Signal(signed(slope.width + 1), reset_less=True, name=f"dq_{lane}")
@@ -139,8 +159,3 @@ class PoissonSourceStream(wiring.Component):
                     self.o.payload[lane].eq(divergence - known),
                 ]
         return m
-
-    def _table(self) -> list:
-        """The offsets by beats and lanes, row by row."""
-        short = self.beats * self.lanes - (self.width - 2)
-        return np.pad(self.source.offset, ((0, 0), (0, short))).reshape(-1, self.lanes).tolist()

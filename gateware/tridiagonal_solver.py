@@ -28,6 +28,7 @@ class TridiagonalPoissonSolver(wiring.Component):
     o : stream of `lanes` solutions, signed(row_inverse.output_width): N rows of `beats` = ceil(N/lanes)
         beats, last row first, each row from its first column on
     row : the inner row, 0 to N − 1, that the beat in `o` belongs to
+    offset : as PoissonSourceStream's. Only with `loadable`.
 
     Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
     adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
@@ -46,6 +47,7 @@ class TridiagonalPoissonSolver(wiring.Component):
         height: int,
         width: int,
         lanes: int,
+        loadable: bool = False,
     ):
         if height != width:
             raise ValueError(f"height {height}: expected width = {width}")
@@ -62,7 +64,7 @@ class TridiagonalPoissonSolver(wiring.Component):
                 raise ValueError(f"{name}.input_width {stage.input_width}: expected {given}")
             given = stage.output_width
 
-        self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes)
+        self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
         self.row_forward = Dst1Engine(row_forward, lanes=lanes)
         self.elimination = RowRecurrence(elimination, lanes=lanes)
         self.reversal = FrameReversal(width - 2, elimination.output_width, lanes=lanes)
@@ -70,13 +72,14 @@ class TridiagonalPoissonSolver(wiring.Component):
         self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
         self.size, self.beats = width - 2, self.row_forward.interval
         self.interval = max(height * width // lanes, self.size * self.beats)
-        super().__init__(
-            {
-                "i": In(self.source.i.signature.flip()),
-                "o": Out(self.row_inverse.o.signature),
-                "row": Out(range(self.size)),
-            }
-        )
+        members = {
+            "i": In(self.source.i.signature.flip()),
+            "o": Out(self.row_inverse.o.signature),
+            "row": Out(range(self.size)),
+        }
+        if loadable:
+            members["offset"] = In(self.source.table.signature)
+        super().__init__(members)
 
     @property
     def stages(self) -> dict[str, int]:
@@ -118,6 +121,8 @@ class TridiagonalPoissonSolver(wiring.Component):
                 connect(m, output, buffer.i)
                 output = buffer.o
         connect(m, output, wiring.flipped(self.o))
+        if self.source.loadable:
+            connect(m, wiring.flipped(self.offset), self.source.offset)
 
         beat, last_row = Signal(range(self.beats)), self.size - 1
         row = Signal(range(self.size), init=last_row)

@@ -4,6 +4,7 @@ import pytest
 
 from gateware.poisson_source import PoissonSourceStream
 from models.integer import PoissonSource, divergence_of
+from sim.preloaded import Preloaded
 from sim.stream import check, pack
 
 
@@ -58,6 +59,38 @@ def test_rtl_equals_reference(tmp_path, divergence, lanes, height, width):
             (0, dut.beats * (height - 2) - 1, dut.delay(height - 3, dut.beats - 1)),
         ],
     )
+
+
+@pytest.mark.parametrize(("divergence", "lanes", "width"), [("central", 1, 9), ("backward", 4, 12)])
+def test_loaded_offsets(tmp_path, divergence, lanes, width):
+    """Hardware that starts with small offsets computes with the widest of its format."""
+    bits, frames, height = 10, 3, 6
+    rng = np.random.default_rng(2)
+    start = PoissonSource(divergence, bits, rng.integers(4, 9, (height - 2, width - 2)))
+    source = PoissonSource(divergence, bits, rng.integers(-2040, 2041, (height - 2, width - 2)))
+    assert source.width == start.width
+    dut = PoissonSourceStream(start, height=height, width=width, lanes=lanes, loadable=True)
+    loaded = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=True)
+    assert dut.table == loaded.table
+    slopes = rng.integers(-511, 512, (frames, height, width, 2))
+    sources = source(slopes).reshape(-1, width - 2)
+    check(
+        Preloaded(dut, "offset", loaded.table_values, dut.table.bits),
+        "poisson_source",
+        tmp_path,
+        inputs=pack(slopes.reshape(-1, lanes * 2), bits),
+        expected=pack(by_beats(sources, lanes, 0), source.width),
+        mask=pack(by_beats(np.full_like(sources, -1), lanes, 0), source.width),
+        latencies=[(0, 0, dut.delay(0, 0))],
+    )
+
+
+def test_only_loadable_offsets_can_be_written():
+    source = PoissonSource("central", 10, np.zeros((7, 12), dtype=int))
+    for loadable in (False, True):
+        dut = PoissonSourceStream(source, height=9, width=14, lanes=2, loadable=loadable)
+        assert ("offset" in dut.signature.members) == loadable
+        assert dut.table == (42, 2, source.width if loadable else 1)
 
 
 def test_refusals():
