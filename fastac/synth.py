@@ -11,6 +11,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from fastac import synth_ecp5, synth_tools, synth_yosys
+from fastac.ecp5_product import Ecp5
 from fastac.synth_netlist import Part, parts
 from fastac.synth_tools import SynthError
 from fastac.workspace import digest_sources, write_json
@@ -29,10 +30,15 @@ class Task:
     tools: tuple[str, ...]
     settings: tuple
     run: Callable[[Part, Path], dict]
+    placed: bool = False
+
+    def subject(self, part: Part) -> Part:
+        """The part in the form that the task works on."""
+        return part.to_place if self.placed and part.to_place else part
 
     def key(self, part: Part) -> str:
         versions = [synth_tools.VERSIONS[name] for name in self.tools]
-        content = json.dumps([part.digest, versions, self.settings])
+        content = json.dumps([self.subject(part).digest, versions, self.settings])
         return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
@@ -45,17 +51,25 @@ PLACE = Task(
     (YOSYS, NEXTPNR),
     (CUT, synth_ecp5.SCRIPT, *synth_ecp5.ARGUMENTS, synth_ecp5.frame([], {}), synth_ecp5.MOST_HALVINGS),
     synth_ecp5.place_and_route,
+    placed=True,
 )
 TASKS = (COUNT, REGISTERS, PLACE)
 
 
 def elaborate(bundle) -> list[Part]:
-    """The parts of a bundle's top-level."""
+    """The parts of a bundle's top-level, and each as elaborated for the ECP5."""
     from amaranth.back import rtlil
 
     from gateware.top_zynq import TopZynq
 
-    return parts(rtlil.convert(TopZynq(bundle), name="fastac"), "fastac")
+    found, to_place = (
+        parts(rtlil.convert(TopZynq(bundle), name="fastac", platform=platform), "fastac")
+        for platform in (None, Ecp5())
+    )
+    by_instance = {name: part for part in to_place for name in part.instances}
+    for part in found:
+        part.to_place = by_instance[part.name]
+    return found
 
 
 def source_digest() -> str:
@@ -107,7 +121,7 @@ def perform(
             bar.set_postfix_str(f"{part.name}: {task.name}")
             with tempfile.TemporaryDirectory(prefix="fastac-synth-") as folder:
                 try:
-                    result = task.run(part, Path(folder))
+                    result = task.run(task.subject(part), Path(folder))
                     write_json(cache / f"{task.key(part)}.json", result)
                 except SynthError as error:
                     result = {"error": " ".join(str(error).split())}

@@ -24,8 +24,9 @@ ARGUMENTS = [
     *("--freq", str(AIM_MHZ), "--timing-allow-fail", "--json", "placed.json", "--report", "report.json"),
 ]
 ORIGIN = (
-    "placed and routed: nextpnr-ecp5 on LFE5UM5G-85F speed 8 (40 nm), the module by itself between registers;"
-    " a conservative bound for the XCZU19EG, not its clock"
+    "placed and routed: nextpnr-ecp5 on LFE5UM5G-85F speed 8 (40 nm), the module by itself between registers,"
+    " products in 18×18 multipliers with the module's own clocks; a conservative bound for the XCZU19EG, not"
+    " its clock"
 )
 
 

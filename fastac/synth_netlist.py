@@ -38,12 +38,14 @@ class Part:
     text : RTLIL of the module, called `UNIT`, and of its submodules
     own_logic : the submodules are black boxes, which belong to other parts
     instances : the paths of all instances
+    to_place : the part as elaborated for the device on which it is placed, where that differs
     """
 
     name: str
     text: str
     own_logic: bool
     instances: list[str] = field(default_factory=list)
+    to_place: "Part | None" = None
 
     @cached_property
     def digest(self) -> str:

@@ -7,6 +7,8 @@ from amaranth.lib.wiring import In, Out
 
 from models.integer import SineTransform
 
+from .product import LATENCY, product
+
 
 class Dst1Engine(wiring.Component):
     """Transform rows of N = `transform.size` values, `lanes` values a clock.
@@ -24,7 +26,7 @@ class Dst1Engine(wiring.Component):
 
     Rows travel in natural order as `interval` = ceil(N/lanes) beats; lanes beyond N in the last beat are
     void. While a row is transformed the next one is collected: a row every `interval` clocks.
-    `latency` = 3 + ceil(log2(half + 1)) clocks pass from a row's last beat accepted to its first beat out
+    `latency` = 4 + ceil(log2(half + 1)) clocks pass from a row's last beat accepted to its first beat out
     if nothing stalls; its other beats follow one a clock. While `o` stalls, the transform rests.
     """
 
@@ -53,8 +55,8 @@ class Dst1Engine(wiring.Component):
 
     @property
     def latency(self) -> int:
-        """The row, its folded halves, the products, then the levels of the tree: one register each."""
-        return 3 + self.levels
+        """The row's register, the products of its folded halves, then a register a level of the tree."""
+        return 1 + LATENCY + self.levels
 
     @property
     def multipliers(self) -> int:
@@ -100,7 +102,7 @@ class Dst1Engine(wiring.Component):
         with m.If(free):
             m.d.sync += active.eq(load)
 
-        # The table is read one step ahead, so that its words pass the multipliers' own registers.
+        # The table is read one step ahead, so that its words meet their operands at the multipliers.
         constant = signed(self.transform.coefficient_width)
         m.submodules.table = table = memory.Memory(
             shape=data.ArrayLayout(data.ArrayLayout(constant, self.half), self.lanes),
@@ -114,16 +116,12 @@ class Dst1Engine(wiring.Component):
 
         # A single lane alternates between odd and even k; of several, each keeps to one kind.
         kinds = [step[0]] if self.lanes == 1 else [Const(0, 1), Const(1, 1)]
-        halves = [self._fold(m, advance, operands, even) for even in kinds]
         for lane in range(self.lanes):
-            terms = []
-            for n, operand in enumerate(halves[lane % len(halves)]):
-                coefficient = Signal(constant, reset_less=True, name=f"coefficient_{lane}_{n}")
-                width = len(operand) + len(coefficient)
-                product = Signal(signed(width), reset_less=True, name=f"product_{lane}_{n}")
-                with m.If(advance):
-                    m.d.sync += [coefficient.eq(words.data[lane][n]), product.eq(operand * coefficient)]
-                terms.append(product)
+            folded = self._fold(operands, kinds[lane % len(kinds)])
+            terms = [
+                product(m, platform, advance, operand, words.data[lane][n], name=f"product_{lane}_{n}")
+                for n, operand in enumerate(folded)
+            ]
             m.d.comb += self.o.payload[lane].eq(self._rounded_sum(m, advance, terms) >> self.transform.shift)
         return m
 
@@ -133,16 +131,13 @@ class Dst1Engine(wiring.Component):
         table[: self.transform.size] = self.transform.matrix[:, : self.half]
         return table.reshape(self.interval, self.lanes, self.half).tolist()
 
-    def _fold(self, m, advance, operands, even) -> list:
-        """Registers of x_n + x_{N+1−n}, or x_n − x_{N+1−n} where `even`; the middle one stands alone."""
+    def _fold(self, operands, even) -> list:
+        """x_n + x_{N+1−n}, or x_n − x_{N+1−n} where `even`; the middle one stands alone."""
         folded = []
         for n in range(self.half):
             mirror = self.transform.size - 1 - n
             x, y = operands[n], operands[mirror] if mirror != n else Const(0)
-            both = Signal(signed(self.transform.input_width + 1), reset_less=True, name=f"folded_{n}")
-            with m.If(advance):
-                m.d.sync += both.eq(Mux(even, x - y, x + y))
-            folded.append(both)
+            folded.append(Mux(even, x - y, x + y)[: self.transform.input_width + 1].as_signed())
         return folded
 
     def _rounded_sum(self, m, advance, terms):

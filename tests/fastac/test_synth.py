@@ -133,12 +133,21 @@ def test_elements_of_arrays_do_not_look_like_bits():
 
 
 def test_modules_of_a_bundle(tiny_bundle):
-    names = [name for part in synth.elaborate(tiny_bundle) for name in part.instances]
+    found = synth.elaborate(tiny_bundle)
+    names = [name for part in found for name in part.instances]
     assert len(names) == len(set(names))
     assert {"registers", "guard", "mlp.fc0_lane0", "divider", "solver.source", "displacement"} <= set(names)
     assert {"mlp (own logic)", "force_stream.generator", "force_stream.response", "top (own logic)"} <= set(
         names
     )
+    # What is placed has the ECP5's multipliers; what is counted has products that become a DSP48E2 each.
+    engine = named(found, "solver.row_forward")
+    assert engine.text.count("cell $mul ") == 7
+    assert "MULT18X18D" not in engine.text
+    assert engine.to_place.text.count("cell \\MULT18X18D ") == 14
+    assert "cell $mul " not in engine.to_place.text
+    assert ports(engine.to_place.text) == ports(engine.text)
+    assert [task.subject(engine) for task in synth.TASKS] == [engine, engine, engine.to_place]
 
 
 def test_counts_known_by_hand(design, tmp_path):

@@ -114,7 +114,7 @@ def test_cycles_at_full_size(paper, lanes):
     normals = 2 + 3 + (4 + 5 + 5 + 5 + 3 * 3) + 1
     # The last source needs the last row but one, columns and rows ahead, and is formed in 5.
     source = 127 * 128 // lanes + (row - 1) + (2 if lanes == 1 else 1) + 5 + 1
-    transform = 3 + 6 + (row - 1)
+    transform = 4 + 6 + (row - 1)
     transposition = 3 + rows * row - 1
     stages = {
         "normals": normals,
