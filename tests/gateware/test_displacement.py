@@ -1,9 +1,12 @@
 # amaranth: UnusedElaboratable=no
 import numpy as np
 import pytest
+from amaranth import Shape
+from amaranth.sim import Simulator
 
 from gateware.displacement import DepthOutput, Displacement, RasterRom, raster_beats
 from models.integer import Depth, DisplacementQuantiser
+from sim.preloaded import Preloaded
 from sim.stream import check, pack
 
 FRAMES = 3
@@ -31,27 +34,34 @@ def masks(n, lanes, bits, frames=FRAMES):
 
 
 @pytest.mark.parametrize(
-    ("mode", "n", "lanes", "width", "shift", "bits"),
+    ("mode", "n", "lanes", "width", "shift", "bits", "clamp"),
     [
-        ("absolute", 10, 4, 16, 5, 8),
-        ("absolute", 9, 2, 12, 0, 6),
-        ("difference", 8, 1, 18, 9, 8),
+        ("absolute", 10, 4, 16, 5, 8, True),
+        ("absolute", 9, 2, 12, 0, 6, True),
+        ("difference", 8, 1, 18, 9, 8, True),
+        ("absolute", 9, 4, 16, 5, 8, False),
+        ("difference", 8, 2, 18, 9, 8, False),
     ],
 )
-def test_displacement_equals_reference(tmp_path, mode, n, lanes, width, shift, bits):
+def test_displacement_equals_reference(tmp_path, mode, n, lanes, width, shift, bits, clamp):
     rng = np.random.default_rng(1)
     rest = rng.integers(-(1 << width), 1 << width, (n, n))
     depth = Depth(mode, width, rest)
-    quantiser = DisplacementQuantiser(depth.width, shift, bits)
+    quantiser = DisplacementQuantiser(depth.width, shift, bits, clamp)
     dut = Displacement(depth, quantiser, lanes=lanes)
+    assert dut.o.payload.shape().elem_shape == Shape(bits, signed=not clamp)
     z = solutions(n, width, rng)
     # One frame around the rounding and clipping thresholds, as far as the mode can reach them.
-    edges = np.array([0, 1, 2**bits - 1, 2**bits]) << shift
+    edges = np.array([0, 1, quantiser.top, quantiser.top + 1]) << shift
+    if not clamp:
+        edges = np.concatenate([-edges, edges])
     near = rng.choice(edges, (n, n)) - (1 << shift >> 1) + rng.integers(-1, 2, (n, n))
     z = np.concatenate([z, [np.clip((rest if dut.has_rom else 0) - near, z.min(), z.max())]])
     q, saturated = quantiser(depth(z)[1])
     assert saturated.any()
     assert not saturated.all()
+    assert q.max() == quantiser.top
+    assert q.min() == (0 if clamp else -quantiser.top)
     expected = beats(q, lanes)
     check(
         dut,
@@ -87,6 +97,40 @@ def test_depth_equals_reference(tmp_path, mode, n, lanes, skin, latency):
     )
 
 
+@pytest.mark.parametrize(("n", "lanes", "width", "shift"), [(9, 2, 12, 5), (5, 1, 12, 0)])
+def test_loaded_rest(tmp_path, n, lanes, width, shift):
+    """Hardware that starts with a rest of zeros computes with the largest that its format has."""
+    rng = np.random.default_rng(4)
+    largest = (1 << (width - 1)) - 1
+    rest = rng.integers(-largest, largest + 1, (n, n))
+    rest[0, :2] = largest, -largest
+    depth, start = Depth("absolute", width, rest), Depth("absolute", width, np.zeros((n, n), dtype=int))
+    assert depth.width == start.width
+    quantiser = DisplacementQuantiser(depth.width, shift, 8)
+    dut, loaded = (Displacement(d, quantiser, lanes=lanes, loadable=True) for d in (start, depth))
+    assert dut.table == loaded.table == (n * -(-n // lanes), lanes, depth.width)
+    z = solutions(n, width, rng)
+    q, saturated = quantiser(depth(z)[1])
+    check(
+        Preloaded(dut, "rest", loaded.table_values, dut.table.bits, flags=("saturated",)),
+        "displacement",
+        tmp_path,
+        inputs=pack(beats(z, lanes, rng), width),
+        expected=pack(beats(q, lanes), 8),
+        mask=masks(n, lanes, 8),
+        flags={"saturated": int(beats(saturated, lanes).any(axis=-1).sum())},
+    )
+
+
+def test_only_a_loadable_rest_can_be_written():
+    curved = np.ones((8, 8), dtype=int)
+    for mode, loadable in (("absolute", True), ("absolute", False), ("difference", True)):
+        depth = Depth(mode, 9, curved)
+        quantiser = DisplacementQuantiser(depth.width, 0, 8)
+        dut = Displacement(depth, quantiser, lanes=1, loadable=loadable)
+        assert ("rest" in dut.signature.members) == (mode == "absolute" and loadable)
+
+
 def test_only_a_mode_that_adds_rest_has_its_table():
     flat, curved = np.zeros((8, 8), dtype=int), np.ones((8, 8), dtype=int)
     assert DepthOutput(Depth("difference", 9, curved), lanes=1).has_rom
@@ -98,10 +142,41 @@ def test_only_a_mode_that_adds_rest_has_its_table():
         assert dut.has_rom == (mode == "absolute")
 
 
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.parametrize("shift", [0, 3])
+def test_every_signed_displacement(lanes, shift):
+    """Each solution of a small format once, with the beats in which some displacement saturates."""
+    n, width, bits = 16, 8, 4
+    depth = Depth("difference", width, np.zeros((n, n), dtype=int))
+    quantiser = DisplacementQuantiser(depth.width, shift, bits, clamp=False)
+    z = np.arange(-128, 128).reshape(1, n, n)
+    q, saturated = quantiser(depth(z)[1])
+    dut = Displacement(depth, quantiser, lanes=lanes)
+
+    async def bench(ctx):
+        ctx.set(dut.o.ready, 1)
+        words, flagged = [], []
+        for payload in [*pack(beats(z, lanes), width), *[None] * dut.latency]:
+            ctx.set(dut.i.valid, payload is not None)
+            ctx.set(dut.i.payload.as_value(), payload or 0)
+            *_, valid, word, flag = await ctx.tick().sample(dut.o.valid, dut.o.payload, dut.saturated)
+            if valid:
+                words.append([word[lane] for lane in range(lanes)])
+                flagged.append(flag)
+        assert words == beats(q, lanes).tolist()
+        assert flagged == beats(saturated, lanes).any(axis=-1).tolist()
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
+
+
 def test_words_of_a_table():
     table = np.random.default_rng(3).integers(-8, 8, (5, 5))
     words = raster_beats(table, 2)
     assert words.shape == (15, 2)
+    assert raster_beats(np.ones((2, 5, 3)), 4).shape == (4, 4, 3)
     assert RasterRom(words, 4).words == pack(words, 4)
 
 

@@ -18,6 +18,7 @@ from models.integer import (
     PoissonSource,
     Requantisation,
     SineTransform,
+    WeightedSum,
     divergence_of,
 )
 
@@ -360,6 +361,20 @@ class TestDisplacementQuantiser:
             assert (word, flag) == (min(exact, top), exact > top)
         assert saturated.any()
 
+    @pytest.mark.parametrize(("shift", "bits"), [(0, 4), (1, 4), (3, 5), (12, 12)])
+    def test_without_the_clamp_both_signs_round_upwards_and_saturate(self, shift, bits):
+        top = 2 ** (bits - 1) - 1
+        edge = (top << shift) + np.arange(-20, 20)
+        d = np.concatenate([np.arange(-400, 400), edge, -edge, [-(2**30), 2**30]])
+        quantiser = DisplacementQuantiser(32, shift, bits, clamp=False)
+        assert quantiser.top == top
+        words, saturated = quantiser(d)
+        for value, word, flag in zip(d.tolist(), words, saturated, strict=True):
+            exact = nearest(Fraction(value, 2**shift))
+            assert (word, flag) == (max(-top, min(exact, top)), abs(exact) > top)
+        assert saturated[d < 0].any()
+        assert saturated[d > 0].any()
+
     def test_bulges_are_no_saturation(self):
         words, saturated = DisplacementQuantiser(10, 2, 4)(np.array([-512, -1, 0]))
         assert not words.any()
@@ -419,6 +434,32 @@ class TestPatchForce:
         np.testing.assert_array_equal(force(q), np.einsum("fij,aij->fa", q, weight))
         np.testing.assert_array_equal(collapse(force.kernel), weight)
 
+    @pytest.mark.parametrize("k", [1, 3, 5, 7])
+    @pytest.mark.parametrize("signed", [False, True])
+    @pytest.mark.parametrize("n", [7, 8])
+    def test_collapsed_kernels_are_bit_identical(self, n, signed, k):
+        """All saturated, one bright pixel in every corner, any frame."""
+        rng = np.random.default_rng(k)
+        force = PatchForce(rng.integers(-128, 128, (3, n, n, k, k)), 8, 12, signed)
+        top = force.displacement_limit
+        q = rng.integers(-top if signed else 0, top + 1, (12, n, n))
+        q[0], q[1:5], q[5] = top, 0, -top if signed else 0
+        for frame, corner in enumerate([(0, 0), (0, -1), (-1, 0), (-1, -1)], start=1):
+            q[(frame, *corner)] = top
+        collapsed = force.collapsed()
+        assert collapsed.weight.shape == (3, n, n, 1)
+        assert (collapsed.input_width, collapsed.input_signed) == (12, signed)
+        assert collapsed.input_limit == top
+        assert not collapsed.constant.any()
+        assert collapsed.bound <= force.bound, "weights of one pixel may cancel, and the rim's are dropped"
+        np.testing.assert_array_equal(collapsed(q[..., None]), force(q))
+
+    @pytest.mark.parametrize("signed", [False, True])
+    def test_largest_displacement_is_the_quantiser_s_largest_word(self, signed):
+        force = PatchForce(np.ones((1, 4, 4, 1, 1), int), 8, 9, signed)
+        assert force.displacement_limit == DisplacementQuantiser(20, 2, 9, clamp=not signed).top
+        assert force.bound == 16 * force.displacement_limit
+
     def test_bounds_are_reached_inside_and_hold_everywhere(self):
         rng = np.random.default_rng(3)
         kernel = rng.integers(0, 128, (2, 6, 6, 3, 3))
@@ -438,3 +479,45 @@ class TestPatchForce:
     def test_refuses_kernels_that_do_not_fit(self):
         with pytest.raises(ValueError, match="kernel 0 to 128: expected -128 to 127"):
             PatchForce(np.array([0, 128] * 2).reshape(1, 2, 2, 1, 1), 8, 12)
+
+
+class TestWeightedSum:
+    @pytest.mark.parametrize(("axes", "rows", "columns", "terms"), [(1, 4, 6, 1), (3, 5, 3, 2), (2, 1, 1, 3)])
+    @pytest.mark.parametrize("signed", [False, True])
+    def test_equals_the_sum_by_the_definition(self, axes, rows, columns, terms, signed):
+        rng = np.random.default_rng(axes)
+        weight = rng.integers(-(2**17), 2**17, (axes, rows, columns, terms))
+        constant = rng.integers(-(2**30), 2**30, axes)
+        weighted = WeightedSum(weight, constant, 17, signed)
+        limit = weighted.input_limit
+        assert limit == (2**16 - 1 if signed else 2**17 - 1)
+        x = rng.integers(-limit if signed else 0, limit + 1, (5, rows, columns, terms))
+        flat = weight.reshape(axes, -1).tolist()
+        expected = [
+            [
+                c + sum(w * v for w, v in zip(words, frame, strict=True))
+                for c, words in zip(constant.tolist(), flat, strict=True)
+            ]
+            for frame in x.reshape(5, -1).tolist()
+        ]
+        assert weighted(x).tolist() == expected
+        assert weighted(x[0]).tolist() == expected[0]
+
+    def test_the_worst_signs_reach_the_bound(self):
+        rng = np.random.default_rng(1)
+        weight, constant = rng.integers(-99, 100, (2, 3, 4, 2)), np.array([-5000, 70])
+        weighted = WeightedSum(weight, constant, 10, True)
+        worst = 511 * np.sign(weight * constant[:, None, None, None])  # one frame for each axis
+        assert np.abs(np.diag(weighted(worst))).max() == weighted.bound
+        assert weighted.bound < 2 ** (weighted.width - 1) <= 2 * weighted.bound
+        assert 2 ** (weighted.weight_width - 2) <= np.abs(weight).max() < 2 ** (weighted.weight_width - 1)
+
+    def test_no_weights_leave_the_constant(self):
+        weighted = WeightedSum(np.zeros((2, 3, 3, 1), int), np.array([7, -9]), 8, False)
+        assert weighted.bound == 9
+        assert weighted(np.full((4, 3, 3, 1), 255)).tolist() == [[7, -9]] * 4
+
+    @pytest.mark.parametrize(("shape", "constants"), [((2, 3, 3, 1), 1), ((2, 3, 3), 2)])
+    def test_refuses_shapes_that_do_not_belong_together(self, shape, constants):
+        with pytest.raises(ValueError, match=r"expected \(axes, rows, columns, terms\) and \(axes,\)"):
+            WeightedSum(np.ones(shape, int), np.zeros(constants, int), 8, False)
