@@ -1,11 +1,14 @@
 # amaranth: UnusedElaboratable=no
 """From pixels to depth and force: the stages that a scene wants, in a row."""
 
+from dataclasses import replace
+
 from amaranth import Cat, Module, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
 from models.features import WIDTH, coordinate_codes
+from models.integer import PatchForce, WeightedSum
 from models.pipeline import IntegerPipeline
 
 from .background import BackgroundSubtraction
@@ -16,12 +19,27 @@ from .gradient_ratio import GradientDivider
 from .normal_mlp import NormalMlp
 from .poisson_solver import Buffer, PoissonSolver
 from .stream_fork import Fork
+from .tridiagonal_solver import TridiagonalPoissonSolver
+from .weighted_sum import WeightedSumStream
+
+
+def last_row_first(stage):
+    """A stage's tables in the order of the tridiagonal solver's rows, last to first.
+
+    Depth, PatchForce or WeightedSum; a patch turns with its rows.
+    """
+    if isinstance(stage, PatchForce):
+        return replace(stage, kernel=stage.kernel[:, ::-1, :, ::-1])
+    if isinstance(stage, WeightedSum):
+        return replace(stage, weight=stage.weight[:, ::-1])
+    return replace(stage, rest=stage.rest[::-1])
 
 
 class Datapath(wiring.Component):
     """A bundle's integer pipeline as hardware, bit for bit `IntegerPipeline.run`.
 
-    Only what `pipeline.scene` wants is elaborated: no depth and no force, no solver; no force, no patches.
+    Only what `pipeline.scene` wants is elaborated: no depth and no force, no slopes; the adjoint, no solver;
+    the tridiagonal solver, no transposer; the collapsed kernel, no patches.
 
     Members
     -------
@@ -29,8 +47,10 @@ class Datapath(wiring.Component):
     tag : stream of one bit a frame, whether it is bad, offered before the frame's depth
     capture, capturing : see BackgroundSubtraction
     normals : stream of `lanes` normals (x, y, z), the network's outputs. Only if wanted.
-    depth : stream of `lanes` depths; N rows of ceil(N/lanes) beats. Only if wanted.
+    depth : stream of `lanes` depths; N rows of ceil(N/lanes) beats, `rows_reversed` tells whether the last
+        row comes first. Only if wanted.
     force : stream of one beat a frame, an accumulator per axis. Only if wanted.
+    force_map : stream of axes × `lanes` responses in the order of the depth. Only if wanted.
     gradient_saturated, displacement_saturated : in a beat that just passes
 
     `stages` gives each stage's share, in clocks, of the way from a frame's first pixel accepted to its last
@@ -68,37 +88,50 @@ class Datapath(wiring.Component):
         self.normal_layout = data.ArrayLayout(data.ArrayLayout(signed(normal_width), 3), lanes)
         self.wants_normals = "normals" in scene.outputs
         self.wants_depth = "depth" in scene.outputs
-        self.wants_force = scene.wants_force
+        self.wants_force, self.wants_force_map = scene.wants_force, scene.wants_force_map
+        self.wants_displacement = scene.wants_force and scene.wants_solver
+        self.rows_reversed = scene.wants_solver and scene.poisson.solver == "tridiagonal"
+        in_order = last_row_first if self.rows_reversed else lambda stage: stage
         if self.wants_normals:
             members["normals"] = Out(stream.Signature(self.normal_layout))
-        if scene.wants_solver:
-            solver = pipeline.solver
+        if scene.wants_slopes:
             self.divider = GradientDivider(pipeline.ratio, lanes=lanes)
-            self.solver = PoissonSolver(
-                pipeline.source,
-                solver.row_forward,
-                solver.column_forward,
-                solver.division,
-                solver.column_inverse,
-                solver.row_inverse,
-                height=height,
-                width=width,
-                lanes=lanes,
-            )
+        if scene.wants_solver:
+            self.solver = self._solver(height, width, lanes)
         if self.wants_depth:
-            self.depth_output = DepthOutput(pipeline.depth, lanes=lanes)
+            self.depth_output = DepthOutput(in_order(pipeline.depth), lanes=lanes)
             members["depth"] = Out(self.depth_output.o.signature)
+        if self.wants_displacement:
+            self.displacement = Displacement(in_order(pipeline.depth), pipeline.quantiser, lanes=lanes)
         if self.wants_force:
-            self.displacement = Displacement(pipeline.depth, pipeline.quantiser, lanes=lanes)
-            self.force_stream = PatchForceStream(pipeline.force, lanes=lanes)
+            if isinstance(pipeline.force, PatchForce):
+                self.force_stream = PatchForceStream(
+                    in_order(pipeline.force), lanes=lanes, wants_map=self.wants_force_map
+                )
+            else:
+                self.force_stream = WeightedSumStream(in_order(pipeline.force), lanes=lanes)
             members["force"] = Out(self.force_stream.o.signature)
+        if self.wants_force_map:
+            members["force_map"] = Out(self.force_stream.map.signature)
         super().__init__(members)
+
+    def _solver(self, height: int, width: int, lanes: int) -> PoissonSolver | TridiagonalPoissonSolver:
+        solver = self.pipeline.solver
+        if self.rows_reversed:
+            kind, names = TridiagonalPoissonSolver, ("row_forward", "elimination", "substitution")
+        else:
+            kind, names = PoissonSolver, ("row_forward", "column_forward", "division", "column_inverse")
+        stages = [getattr(solver, name) for name in (*names, "row_inverse")]
+        return kind(self.pipeline.source, *stages, height=height, width=width, lanes=lanes)
 
     @property
     def stages(self) -> dict[str, int]:
         scene = self.pipeline.scene
         if not scene.wants_solver:
-            return {"normals": self.first_pixel_to_normals}
+            stages = {"normals": self.first_pixel_to_normals}
+            if scene.wants_adjoint:
+                stages |= {"gradients": self.divider.latency, "force": self.force_stream.latency}
+            return stages
         stages = {"normals": self.first_pixel_to_normals - (self.beats - 1)}
         stages["gradients"] = self.divider.latency
         stages |= self.solver.stages
@@ -137,12 +170,11 @@ class Datapath(wiring.Component):
     @property
     def multipliers(self) -> dict[str, int]:
         """Products a clock, by stage, as the architecture has them."""
-        count = {"normals": self.lanes * sum(int(layer.weight.size) for layer in self.pipeline.layers)}
+        count = {"normals": self.mlp.multipliers}
         if self.pipeline.scene.wants_solver:
             count["depth"] = self.solver.multipliers
         if self.wants_force:
-            kernel = self.pipeline.force.kernel
-            count["force"] = self.lanes * len(kernel) * self.pipeline.force.size**2
+            count["force"] = self.force_stream.multipliers
         return count
 
     def elaborate(self, platform):
@@ -176,17 +208,24 @@ class Datapath(wiring.Component):
                 connect(m, output, sink)
 
         sinks = [wiring.flipped(self.normals)] if self.wants_normals else []
-        if not self.pipeline.scene.wants_solver:
-            fan_out(normals.o, sinks, "normals_fork")
+        scene = self.pipeline.scene
+        if scene.wants_slopes:
+            m.submodules.divider = divider = self.divider
+            m.d.comb += self.gradient_saturated.eq(divider.saturated)
+            sinks.append(divider.i)
+        fan_out(normals.o, sinks, "normals_fork")
+        if self.wants_force:
+            m.submodules.force_stream = force = self.force_stream
+            connect(m, force.o, wiring.flipped(self.force))
+        if scene.wants_adjoint:
+            connect(m, divider.o, force.i)
+        if not scene.wants_solver:
             return m
-        m.submodules.divider = divider = self.divider
+
         m.submodules.solver = solver = self.solver
         m.submodules.solution_buffer = solution = Buffer(solver.o.payload.shape())
-        fan_out(normals.o, [*sinks, divider.i], "normals_fork")
         connect(m, divider.o, solver.i)
         connect(m, solver.o, solution.i)
-        m.d.comb += self.gradient_saturated.eq(divider.saturated)
-
         sinks = []
         if self.wants_depth:
             m.submodules.depth_output = depth = self.depth_output
@@ -194,10 +233,10 @@ class Datapath(wiring.Component):
             sinks.append(depth.i)
         if self.wants_force:
             m.submodules.displacement = displacement = self.displacement
-            m.submodules.force_stream = force = self.force_stream
             connect(m, displacement.o, force.i)
-            connect(m, force.o, wiring.flipped(self.force))
             m.d.comb += self.displacement_saturated.eq(displacement.saturated)
             sinks.append(displacement.i)
+        if self.wants_force_map:
+            connect(m, force.map, wiring.flipped(self.force_map))
         fan_out(solution.o, sinks, "solution_fork")
         return m

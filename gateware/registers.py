@@ -5,9 +5,18 @@ from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from .axi_lite import AxiLiteSlave, Response, axi_lite_signature
+from .calibration_loader import calibration_signature
 from .frame_guard import EVENTS
 from .frame_timer import FrameTimer
-from .register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, Identity
+from .register_map import ADDRESS_WIDTH, AXES, ID, REGISTERS, Identity
+
+
+def capabilities(identity: Identity) -> int:
+    """The word of the register CAPABILITIES."""
+    values = {f"force_{axis}": axis in identity.axes for axis in AXES}
+    register = next(register for register in REGISTERS if register.name == "CAPABILITIES")
+    values |= {f.name: getattr(identity, f.name) for f in register.fields if f.name not in values}
+    return sum(int(values[field.name]) << field.low for field in register.fields)
 
 
 class RegisterBlock(wiring.Component):
@@ -19,12 +28,13 @@ class RegisterBlock(wiring.Component):
     accepted, frame_started, frame_done, frame_bad, line_short, line_long, frame_short, frame_long,
         no_start : from FrameGuard
     gradient_saturated, displacement_saturated : pulses or levels that set their error
-    force : `axes` raw accumulators, signed(force_width), of the clock in which `result_valid` is high
+    force : a raw accumulator of each axis, signed(force_width), of the clock in which `result_valid` is high
     result_valid : pulse as a frame's force is taken. Only with axes, as `force`.
     depth_done, normals_done : pulse as a frame's last beat of depth, of normals leaves. Only with them.
     background_taken : pulse as a frame that is taken as background starts. Only with background_capture.
     enable : let frames in
     capture_background : the next frame is wanted as background. Only with background_capture.
+    calibration : see `calibration_signature`. Only with a calibration that can be loaded.
     soft_reset : for one clock: reset the datapath, FrameGuard included
     interrupt : level
 
@@ -34,16 +44,20 @@ class RegisterBlock(wiring.Component):
 
     def __init__(self, identity: Identity):
         self.identity = identity
-        inputs = [*EVENTS, *(name for name in ERRORS if name != "result_overrun")]
+        # What happens elsewhere; the other errors are found here.
+        self.reported = [n for n in identity.errors if n not in ("result_overrun", "calibration_refused")]
+        inputs = [*EVENTS, *self.reported]
         outputs = ["soft_reset", "interrupt"]
         members = {"axil": In(axi_lite_signature(ADDRESS_WIDTH)), "enable": Out(1, init=1)}
         if identity.axes:
             inputs.append("result_valid")
-            members["force"] = In(data.ArrayLayout(signed(identity.force_width), identity.axes))
+            members["force"] = In(data.ArrayLayout(signed(identity.force_width), len(identity.axes)))
         inputs += [f"{name}_done" for name in ("depth", "normals") if getattr(identity, name)]
         if identity.background_capture:
             inputs.append("background_taken")
             outputs.append("capture_background")
+        if identity.calibration:
+            members["calibration"] = Out(calibration_signature())
         members |= {name: In(1) for name in inputs} | {name: Out(1) for name in outputs}
         super().__init__(members)
 
@@ -65,7 +79,7 @@ class RegisterBlock(wiring.Component):
             return bus.read & (bus.read_word == offsets[name] >> 2)
 
         m.submodules.timer = timer = FrameTimer(
-            force=identity.axes > 0, depth=identity.depth, normals=identity.normals
+            force=bool(identity.axes), depth=identity.depth, normals=identity.normals
         )
         for name in EVENTS:
             m.d.comb += getattr(timer, name).eq(getattr(self, name))
@@ -89,19 +103,33 @@ class RegisterBlock(wiring.Component):
         if identity.background_capture:
             m.d.sync += self.capture_background.eq(after[1])
 
-        errors = Signal(len(ERRORS))
+        errors = Signal(len(identity.errors))
         pending = Signal()
         result_valid = Signal()
         clear_errors = Signal.like(errors)
         clear_pending = Signal()
-        seen = [getattr(self, name) for name in ERRORS[:-1]]
+        seen = {name: getattr(self, name) for name in self.reported}
+        seen["result_overrun"] = result & pending & ~clear_pending
+        loading, refused = Const(0, 1), Const(0, 1)
+        bundle_hash = Const(identity.bundle_hash, 64)
+        if identity.calibration:
+            loader = self.calibration
+            loading, bundle_hash = loader.loading, loader.bundle_hash
+            refused = written("CALIBRATION") & ~loader.taken
+            seen["calibration_refused"] = refused
+            m.d.comb += [
+                loader.write.eq(written("CALIBRATION") & bus.write_mask.all()),
+                loader.word.eq(bus.write_data),
+                loader.idle.eq(~timer.in_flight.any() & ~self.frame_started),
+                loader.restart.eq(written("CONTROL") & ones[4]),
+            ]
         m.d.comb += [
             clear_errors.eq(Mux(written("ERRORS"), ones, 0)),
             clear_pending.eq(written("INTERRUPT_STATUS") & ones[0]),
             self.interrupt.eq(pending & interrupt_enable),
         ]
         m.d.sync += [
-            errors.eq((errors & ~clear_errors) | Cat(*seen, result & pending & ~clear_pending)),
+            errors.eq((errors & ~clear_errors) | Cat(seen[name] for name in identity.errors)),
             pending.eq((pending & ~clear_pending) | result),
             result_valid.eq((result_valid | result) & ~self.soft_reset),
         ]
@@ -109,20 +137,20 @@ class RegisterBlock(wiring.Component):
         frame_errors = Signal(32)
         m.d.sync += frame_errors.eq(frame_errors + (self.frame_done & self.frame_bad))
 
-        flags = identity.depth << 2 | identity.background_capture << 3 | identity.normals << 4
         values = {
             "ID": ID,
             "VERSION": identity.version,
-            "BUNDLE_HASH_LOW": identity.bundle_hash & 0xFFFFFFFF,
-            "BUNDLE_HASH_HIGH": identity.bundle_hash >> 32,
+            "BUNDLE_HASH_LOW": bundle_hash[:32],
+            "BUNDLE_HASH_HIGH": bundle_hash[32:],
             "GEOMETRY": identity.height | identity.width << 16,
-            "CAPABILITIES": identity.channels | identity.lanes << 8 | (identity.axes | flags) << 16,
+            "CAPABILITIES": capabilities(identity),
             "CONTROL": control,
             "STATUS": Cat(
                 timer.in_flight.any(),
                 result_valid,
                 getattr(timer, f"{identity.result}_bad"),
-                Const(0, 5),
+                loading,
+                Const(0, 4),
                 timer.in_flight,
             ),
             "ERRORS": errors,
@@ -131,6 +159,13 @@ class RegisterBlock(wiring.Component):
             "FRAME_ERRORS": frame_errors,
             "INTERVAL": timer.interval,
         }
+        if identity.calibration:
+            values |= {
+                "CALIBRATION": Const(0, 32),
+                "CALIBRATION_LAYOUT": identity.calibration_layout,
+                "CALIBRATION_WORDS": identity.calibration_words,
+                "CALIBRATION_RECEIVED": self.calibration.received,
+            }
         if identity.axes:
             values |= {
                 "LATENCY_FIRST_PIXEL_TO_FORCE": timer.first_to_force,
@@ -141,7 +176,7 @@ class RegisterBlock(wiring.Component):
             values["LATENCY_FIRST_PIXEL_TO_DEPTH"] = timer.first_to_depth
         if identity.normals:
             values["LATENCY_FIRST_PIXEL_TO_NORMALS"] = timer.first_to_normals
-        for axis, accumulator in zip(AXES[identity.axes], self.force if identity.axes else (), strict=True):
+        for axis, accumulator in zip(identity.axes, self.force if identity.axes else (), strict=True):
             force = Signal(signed(64), name=f"force_{axis}")
             held = Signal(32, name=f"force_{axis}_high")
             low, high = f"FORCE_{axis.upper()}_LOW", f"FORCE_{axis.upper()}_HIGH"
@@ -165,6 +200,8 @@ class RegisterBlock(wiring.Component):
         with m.Switch(bus.write_word):
             for register in identity.registers:
                 answer = Response.SLVERR if register.access == "ro" else Response.OKAY
+                if register.name == "CALIBRATION":
+                    answer = Mux(refused, Response.SLVERR, Response.OKAY)
                 with m.Case(register.offset >> 2):
                     m.d.comb += bus.write_response.eq(answer)
         return m

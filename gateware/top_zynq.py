@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """The top-level for the Zynq's programmable logic: AXI in, AXI out, registers and an interrupt."""
 
+from dataclasses import dataclass
+
 from amaranth import Cat, Const, Module, ResetInserter, Signal
 from amaranth.lib import fifo, wiring
 from amaranth.lib.wiring import In, Out
@@ -10,14 +12,52 @@ from models.bundle import Bundle
 from .axi_lite import axi_lite_signature
 from .datapath import Datapath
 from .frame_guard import ERRORS, EVENTS, axis_signature
-from .register_map import ADDRESS_WIDTH, Identity
+from .register_map import ADDRESS_WIDTH, AXES, Identity
 from .registers import RegisterBlock
 
-VERSION = 1
+VERSION = 2
 """Of the hardware and of its register map."""
 WORD = 32
 """Bits of one value on the output streams."""
+ROW_BITS = 8
+"""Of a row's address in tuser."""
 FRAMES_IN_FLIGHT = 8
+
+
+@dataclass(frozen=True)
+class RasterOutput:
+    """An output stream of images: `rows` × `columns` pixels of `words` values, `lanes` pixels a beat.
+
+    tagged : tuser says, beside the start of frame, whether the frame is bad and which row it is
+    rows_reversed : the last row comes first
+    """
+
+    name: str
+    rows: int
+    columns: int
+    words: int
+    lanes: int
+    tagged: bool = False
+    rows_reversed: bool = False
+
+    @property
+    def beats(self) -> int:
+        """Of a row."""
+        return -(-self.columns // self.lanes)
+
+    @property
+    def octets(self) -> int:
+        """Of a beat."""
+        return WORD // 8 * self.words * self.lanes
+
+    @property
+    def void_octets(self) -> int:
+        """Of a row's last beat."""
+        return WORD // 8 * self.words * (self.beats * self.lanes - self.columns)
+
+    @property
+    def row_order(self) -> list[int]:
+        return list(range(self.rows))[:: -1 if self.rows_reversed else 1]
 
 
 def flat(prefix: str, signature: wiring.Signature, direction) -> dict[str, wiring.Member]:
@@ -36,9 +76,12 @@ class TopZynq(wiring.Component):
     s_axil_* : AXI4-Lite, the registers of gateware/register_map.py
     m_axis_depth_* : AXI4-Stream of depth, `lanes` signed 32-bit words, N rows of N values, N = width − 2;
         tkeep: bytes of lanes that hold a value; tlast: end of row; tuser[0]: start of frame; tuser[1]: the
-        frame is bad. Only if the scene wants depth.
+        frame is bad; tuser[9:2]: the row, 0 to N − 1. The tridiagonal solver's rows come last to first.
+        Only if the scene wants depth.
+    m_axis_force_map_* : the same for the pixels' raw responses, a signed 32-bit word per axis and pixel, all
+        axes of a pixel together. Only if the scene wants the force map.
     m_axis_normals_* : the same for normals: three signed 32-bit words (x, y, z) of any length per pixel,
-        height × width pixels; tuser: start of frame. Only if the scene wants normals.
+        height × width pixels, without tkeep; tuser: start of frame. Only if the scene wants normals.
     interrupt : level, see the registers
 
     What a frame's stream could not say in time is in STATUS and ERRORS: a bad frame's force is marked there.
@@ -51,9 +94,11 @@ class TopZynq(wiring.Component):
         self.bundle = bundle
         self.datapath = Datapath(pipeline)
         self.lanes = self.datapath.lanes
+        path = self.datapath
         for name, width in (
-            ("depth", pipeline.depth.width if self.datapath.wants_depth else 0),
-            ("normals", pipeline.layers[-1].accumulator_width),
+            ("depth", pipeline.depth.width if path.wants_depth else 0),
+            ("normals", pipeline.layers[-1].accumulator_width if path.wants_normals else 0),
+            ("force_map", pipeline.force.pixel_width if path.wants_force_map else 0),
         ):
             if width > WORD:
                 raise ValueError(f"{name} of {width} bits: expected at most {WORD}, a word of the stream")
@@ -64,24 +109,40 @@ class TopZynq(wiring.Component):
             width=scene.sensor.width_px,
             channels=len(scene.sensor.channel_names),
             lanes=self.lanes,
-            axes=len(pipeline.force.kernel) if self.datapath.wants_force else 0,
-            force_width=pipeline.force.width if self.datapath.wants_force else 64,
-            depth=self.datapath.wants_depth,
+            axes="".join(AXES[axis] for axis in scene.force_axes),
+            force_width=pipeline.force.width if path.wants_force else 64,
+            depth=path.wants_depth,
             background_capture=True,
-            normals=self.datapath.wants_normals,
+            normals=path.wants_normals,
+            force_map=path.wants_force_map,
+            rows_reversed=path.rows_reversed,
         )
+        self.outputs = self._outputs()
         members = {
             **flat("s_axis", self.datapath.axis.signature.flip(), In),
             **flat("s_axil", axi_lite_signature(ADDRESS_WIDTH), In),
             "interrupt": Out(1),
         }
-        if self.datapath.wants_depth:
-            members |= flat("m_axis_depth", axis_signature(WORD * self.lanes), Out)
-            members["m_axis_depth_tuser"] = Out(2)
-            members["m_axis_depth_tkeep"] = Out(WORD // 8 * self.lanes)
-        if self.datapath.wants_normals:
-            members |= flat("m_axis_normals", axis_signature(3 * WORD * self.lanes), Out)
+        for output in self.outputs:
+            members |= flat(f"m_axis_{output.name}", axis_signature(8 * output.octets), Out)
+            if output.tagged:
+                members[f"m_axis_{output.name}_tuser"] = Out(2 + ROW_BITS)
+                members[f"m_axis_{output.name}_tkeep"] = Out(output.octets)
         super().__init__(members)
+
+    def _outputs(self) -> tuple[RasterOutput, ...]:
+        identity, path, lanes = self.identity, self.datapath, self.lanes
+        inner = identity.width - 2
+        found = []
+        if path.wants_normals:
+            found.append(RasterOutput("normals", identity.height, identity.width, 3, lanes))
+        for name, wanted, words in (
+            ("depth", path.wants_depth, 1),
+            ("force_map", path.wants_force_map, len(identity.axes)),
+        ):
+            if wanted:
+                found.append(RasterOutput(name, inner, inner, words, lanes, True, path.rows_reversed))
+        return tuple(found)
 
     def elaborate(self, platform):
         m = Module()
@@ -113,42 +174,35 @@ class TopZynq(wiring.Component):
                 registers.result_valid.eq(path.force.valid),
                 registers.force.eq(path.force.payload),
             ]
-        if path.wants_depth:
-            m.submodules.tags = tags = ResetInserter(registers.soft_reset)(
-                fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT)
-            )
-            size, lanes = self.identity.width - 2, self.lanes
-            rows = {"rows": size, "beats": -(-size // lanes)}
-            first, last, done = self._raster(m, "depth", path.depth, registers.soft_reset, **rows)
-            void = -size % lanes
-            full = (1 << (WORD // 8 * lanes)) - 1
+        tags = []
+        for output in self.outputs:
+            done, tag = self._raster(m, output, registers.soft_reset)
+            if output.tagged:
+                tags.append(tag)
+            if output.name in ("depth", "normals"):
+                m.d.comb += getattr(registers, f"{output.name}_done").eq(done)
+        # A frame's tag goes to every stream that carries it, or to none yet.
+        m.d.comb += path.tag.ready.eq(Cat(tag.w_rdy for tag in tags).all())
+        for tag in tags:
             m.d.comb += [
-                tags.w_data.eq(path.tag.payload),
-                tags.w_en.eq(path.tag.valid),
-                path.tag.ready.eq(tags.w_rdy),
-                tags.r_en.eq(done),
-                self.m_axis_depth_tuser.eq(Cat(first, tags.r_data & tags.r_rdy)),
-                self.m_axis_depth_tkeep.eq(Const(full)),
-                registers.depth_done.eq(done),
+                tag.w_data.eq(path.tag.payload),
+                tag.w_en.eq(path.tag.valid & path.tag.ready),
             ]
-            with m.If(last):
-                m.d.comb += self.m_axis_depth_tkeep.eq(full >> (WORD // 8 * void))
-        else:
-            m.d.comb += path.tag.ready.eq(1)
-        if path.wants_normals:
-            rows = {"rows": self.identity.height, "beats": self.identity.width // self.lanes}
-            first, _, done = self._raster(m, "normals", path.normals, registers.soft_reset, **rows)
-            m.d.comb += [self.m_axis_normals_tuser.eq(first), registers.normals_done.eq(done)]
         return m
 
-    def _raster(self, m, name: str, source, reset, *, rows: int, beats: int):
-        """Connect a stream to `m_axis_name`; returns start of frame, end of line, and whole frame taken."""
-        port = {k: getattr(self, f"m_axis_{name}_{k}") for k in ("tdata", "tvalid", "tready", "tlast")}
-        x, y = Signal(range(beats), name=f"{name}_x"), Signal(range(rows), name=f"{name}_y")
+    def _raster(self, m, output: RasterOutput, reset) -> tuple[Signal, fifo.SyncFIFO | None]:
+        """Connect an output to its port; returns whole frame taken, and where its frames' tags go."""
+        name, source = output.name, getattr(self.datapath, output.name)
+        members = ("tdata", "tvalid", "tready", "tlast", "tuser")
+        port = {member: getattr(self, f"m_axis_{name}_{member}") for member in members}
+        x, y = Signal(range(output.beats), name=f"{name}_x"), Signal(range(output.rows), name=f"{name}_y")
         first, last, done = (Signal(name=f"{name}_{k}") for k in ("first", "last", "done"))
-        words = []
-        for lane in source.payload:
-            words += [lane] if name == "depth" else list(lane)
+        if name == "depth":
+            words = list(source.payload)
+        elif name == "normals":
+            words = [word for lane in source.payload for word in lane]
+        else:
+            words = [axis[lane] for lane in range(output.lanes) for axis in source.payload]
         extended = [Signal(WORD, name=f"{name}_word_{k}") for k in range(len(words))]
         m.d.comb += [word.eq(value) for word, value in zip(extended, words, strict=True)]
         m.d.comb += [
@@ -156,16 +210,31 @@ class TopZynq(wiring.Component):
             port["tvalid"].eq(source.valid),
             source.ready.eq(port["tready"]),
             port["tlast"].eq(last),
+            port["tuser"].eq(first),
             first.eq((x == 0) & (y == 0)),
-            last.eq(x == beats - 1),
-            done.eq(source.valid & source.ready & last & (y == rows - 1)),
+            last.eq(x == output.beats - 1),
+            done.eq(source.valid & source.ready & last & (y == output.rows - 1)),
         ]
         with m.If(source.valid & source.ready):
             m.d.sync += x.eq(x + 1)
             with m.If(last):
                 m.d.sync += [x.eq(0), y.eq(y + 1)]
-                with m.If(y == rows - 1):
+                with m.If(y == output.rows - 1):
                     m.d.sync += y.eq(0)
         with m.If(reset):
             m.d.sync += [x.eq(0), y.eq(0)]
-        return first, last, done
+        if not output.tagged:
+            return done, None
+        tags = fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT)
+        m.submodules[f"{name}_tags"] = ResetInserter(reset)(tags)
+        row = Signal(ROW_BITS, name=f"{name}_row")
+        keep, full = getattr(self, f"m_axis_{name}_tkeep"), (1 << output.octets) - 1
+        m.d.comb += [
+            row.eq(output.rows - 1 - y if output.rows_reversed else y),
+            tags.r_en.eq(done),
+            port["tuser"].eq(Cat(first, tags.r_data & tags.r_rdy, row)),
+            keep.eq(Const(full)),
+        ]
+        with m.If(last):
+            m.d.comb += keep.eq(full >> output.void_octets)
+        return done, tags

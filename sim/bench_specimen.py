@@ -35,9 +35,15 @@ def scene(
     lanes: int = 1,
     channels: str = "bgr",
     kernel_size: int = 3,
+    kernel: str = "patch",
+    clamp: bool | None = None,
+    solver: str = "dst2d",
+    weights: str = "loadable",
     numbers: dict | None = None,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
+    if clamp is None:
+        clamp = solver != "adjoint"
     return Scene.model_validate(
         {
             "name": "specimen",
@@ -49,9 +55,14 @@ def scene(
                 "channels": channels,
             },
             "numbers": NUMBERS if numbers is None else numbers,
-            "poisson": {"mode": mode, "divergence": divergence},
-            "force": {"kernel_size": kernel_size, "max_displacement_mm": 0.01},
-            "hardware": {"pixels_per_clock": lanes},
+            "poisson": {"mode": mode, "divergence": divergence, "solver": solver},
+            "force": {
+                "kernel": kernel,
+                "kernel_size": kernel_size,
+                "clamp": clamp,
+                "max_displacement_mm": 0.01,
+            },
+            "hardware": {"pixels_per_clock": lanes, "weights": weights},
         }
     )
 
@@ -88,7 +99,7 @@ def layers(
 def specimen(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
     """A bundle in `folder` with random tables for everything that `scene` wants."""
     rng = np.random.default_rng(seed)
-    sensor, axes = scene.sensor, 1
+    sensor, axes = scene.sensor, len(scene.force_axes)
     size = sensor.width_px
     background = rng.integers(80, 170, (size, size, len(sensor.channel_names))).astype(np.uint8)
     x = np.linspace(-1, 1, size)
@@ -99,6 +110,8 @@ def specimen(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed
         rest_depth_mm=size / 40 * (2 - x**2 - x[:, None] ** 2),
     )
     if scene.wants_force:
-        kernels = rng.normal(size=(axes, *2 * (size - 2,), *2 * (scene.force.kernel_size,)))
-        pipeline = with_force(pipeline, kernels)
+        inner = scene.inner_px
+        kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
+        shape = (axes, size, size, 2) if scene.wants_adjoint else kernels
+        pipeline = with_force(pipeline, rng.normal(size=shape))
     return bundle.save(folder, pipeline, {})

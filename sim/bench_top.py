@@ -23,7 +23,6 @@ from sim.axi_lite import read, write
 FOLDER = Path(os.environ["BENCH"])
 SET = json.loads((FOLDER / "settings.json").read_text())
 ADDRESS = {register.name: register.offset for register in REGISTERS}
-WORD = 32
 LINGER = SET["linger_cycles"]
 """Clocks after the last expected beat in which no other may come."""
 
@@ -81,8 +80,8 @@ class Sink:
         return {
             f"{name}_words": np.frombuffer(bytes(self.data), dtype="<i4"),
             f"{name}_last": np.array(self.last, np.int8),
-            f"{name}_user": np.array(self.user, np.int8),
-            f"{name}_keep": np.array(self.keep, np.int32),
+            f"{name}_user": np.array(self.user, np.int32),
+            f"{name}_keep": np.array(self.keep, np.int64),
             f"{name}_at": np.array(self.at, np.int64),
         }
 
@@ -100,11 +99,7 @@ class Streams:
         self.taken_at: list[int] = []  # the clock in which each was accepted
         self.interrupt_at: list[int] = []  # the clocks in which the interrupt rose
         self.cycle, self.limit, self.closed = 0, sys.maxsize, False
-        self.sinks = {}
-        if SET["depth"]:
-            self.sinks["depth"] = Sink(dut, "m_axis_depth", WORD // 8 * SET["lanes"])
-        if SET["normals"]:
-            self.sinks["normals"] = Sink(dut, "m_axis_normals", 3 * WORD // 8 * SET["lanes"])
+        self.sinks = {name: Sink(dut, f"m_axis_{name}", octets) for name, octets in SET["outputs"].items()}
         for name in ("tdata", "tvalid", "tlast", "tuser"):
             getattr(dut, f"s_axis_{name}").value = 0
 

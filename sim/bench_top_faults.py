@@ -13,8 +13,9 @@ from sim.bench_top import FOLDER, LINGER, SET, frame_beats, start
 
 with np.load(FOLDER / "frames.npz", allow_pickle=False) as archive:
     FRAMES = {name: archive[name] for name in archive.files}
-ROWS = {"depth": FRAMES["frames"].shape[1] - 2, "normals": FRAMES["frames"].shape[1]}
-COLUMNS = {"depth": FRAMES["frames"].shape[2] - 2, "normals": FRAMES["frames"].shape[2]}
+HEIGHT, WIDTH = FRAMES["frames"].shape[1:3]
+ROWS = {"normals": HEIGHT, "depth": HEIGHT - 2, "force_map": HEIGHT - 2}
+COLUMNS = {"normals": WIDTH, "depth": WIDTH - 2, "force_map": WIDTH - 2}
 LINE_BEATS = FRAMES["frames"].shape[2] // SET["lanes"]
 FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
 RESULT_VALID, LAST_FRAME_BAD = 2, 4
@@ -110,8 +111,8 @@ class Run:
         last[..., -1] = 1
         user = np.zeros(shape, int)
         user[:, 0, 0] = 1
-        if name == "depth":
-            user += 2 * np.array(bad, int).reshape(-1, 1, 1)
+        if name != "normals":
+            user += 2 * np.array(bad, int).reshape(-1, 1, 1) + 4 * np.array(SET["row_order"])[:, None]
         expected = {"last": last.ravel(), "user": user.ravel()}
         if prefix:
             assert 0 < len(found) < len(words), f"{name}: {len(found)} beats are no part of {len(words)}"
@@ -132,7 +133,8 @@ class Run:
         wanted = len(frames) if self.serving else 0
         await self.until(
             lambda: (
-                len(host.forces) - self.results_since >= wanted
+                len(streams.taken_at) == len(streams.beats)
+                and len(host.forces) - self.results_since >= wanted
                 and all(len(s.at) - self.since[n] >= full[n] for n, s in streams.sinks.items())
             )
         )
@@ -181,10 +183,11 @@ async def reset_inside_a_frame(dut, kind, cut, closed, stall):
     run.streams.beats += beats(0, 1, 2, 3, 4)
     await run.taken(2 * FRAME_BEATS + cut)
     sinks = run.streams.sinks
-    name = "depth" if "depth" in sinks else "normals"
-    row = -(-COLUMNS[name] // SET["lanes"])
-    enough = 5 * row + row // 2 if name == "depth" else 2 * FRAME_BEATS + 1
-    await run.until(lambda: len(sinks[name].at) >= enough)
+    name = next((name for name in ("depth", "normals") if name in sinks), None)
+    if name is not None:
+        row = -(-COLUMNS[name] // SET["lanes"])
+        enough = 5 * row + row // 2 if name == "depth" else 2 * FRAME_BEATS + 1
+        await run.until(lambda: len(sinks[name].at) >= enough)
     run.streams.closed = closed
     if closed and name == "depth":
         await run.until(lambda: int(sinks[name].valid.value))

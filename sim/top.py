@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gateware.register_map import AXES, ID
-from gateware.top_zynq import TopZynq
+from gateware.register_map import ID
+from gateware.top_zynq import RasterOutput, TopZynq
 from models.bundle import Bundle
 from models.pipeline import Result
 
@@ -68,12 +68,12 @@ class Report:
 
 def expected_words(top: TopZynq, result: Result) -> dict[str, np.ndarray]:
     """What the output streams must carry, lane by lane, as the reference computes it."""
-    expected = {}
-    if top.datapath.wants_depth:
-        expected["depth"] = result.depth_words
-    if top.datapath.wants_normals:
-        expected["normals"] = result.normal_words
-    return expected
+    in_order = {
+        "normals": lambda: result.normal_words,
+        "depth": lambda: result.depth_words,
+        "force_map": lambda: np.moveaxis(result.force_map_raw, 1, -1),
+    }
+    return {output.name: in_order[output.name]()[:, output.row_order] for output in top.outputs}
 
 
 def bench_settings(top: TopZynq) -> dict:
@@ -84,9 +84,8 @@ def bench_settings(top: TopZynq) -> dict:
         "period_ps": 2 * round(0.5e6 / top.bundle.scene.hardware.clock_mhz),  # half of it is whole
         "linger_cycles": LINGER,
         "lanes": top.lanes,
-        "depth": top.datapath.wants_depth,
-        "normals": top.datapath.wants_normals,
-        "axes": AXES[top.identity.axes],
+        "outputs": {output.name: output.octets for output in top.outputs},
+        "axes": list(top.identity.axes),
         "registers": [*measured, "STATUS"],
         "identity": {
             "ID": ID,
@@ -97,11 +96,11 @@ def bench_settings(top: TopZynq) -> dict:
     }
 
 
-def _without_void(words: np.ndarray, size: int, lanes: int) -> np.ndarray:
-    """Rows of N values from rows of ceil(N/lanes) beats."""
-    beats = -(-size // lanes)
-    whole = len(words) // (beats * lanes) * beats * lanes
-    return words[:whole].reshape(-1, beats * lanes)[:, :size]
+def _without_void(words: np.ndarray, output: RasterOutput) -> np.ndarray:
+    """Rows of pixels from rows of beats."""
+    row = output.beats * output.lanes * output.words
+    whole = len(words) // row * row
+    return words[:whole].reshape(-1, row)[:, : output.columns * output.words]
 
 
 def trace_file(folder: Path, name: str, trace: str) -> Path:
@@ -131,15 +130,10 @@ def simulate(
     Raises SimulationFailure where the bench fails (a hang, a broken bus rule, a wrong identity).
     """
     top = TopZynq(bundle)
-    path, lanes = top.datapath, top.lanes
-    size = bundle.scene.inner_px
+    path = top.datapath
     folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / "frames.npy", frames)
-    octets = {}
-    if path.wants_depth:
-        octets["depth"] = len(frames) * size * -(-size // lanes) * lanes * 4
-    if path.wants_normals:
-        octets["normals"] = len(frames) * path.beats * lanes * 12
+    octets = {o.name: len(frames) * o.rows * o.beats * o.octets for o in top.outputs}
     latency = max(
         path.first_pixel_to_force if path.wants_force else 0,
         path.first_pixel_to_depth if path.wants_depth else 0,
@@ -193,12 +187,11 @@ def simulate(
 
     comparison, markers = Comparison(), Comparison()
     per_output = {}
-    found = {"normals": outputs.get("normals_words")}
-    if path.wants_depth:
-        found["depth"] = _without_void(outputs["depth_words"], size, lanes)
-    for output, words in expected_words(top, result).items():
-        comparison.add(output, found[output], words)
-        per_output[output] = int(words.size)
+    expected = expected_words(top, result)
+    for output in top.outputs:
+        words = expected[output.name]
+        comparison.add(output.name, _without_void(outputs[f"{output.name}_words"], output), words)
+        per_output[output.name] = int(words.size)
     if path.wants_force:
         comparison.add("force", outputs["force_raw"], result.force_raw)
         per_output["force"] = int(result.force_raw.size)
@@ -218,24 +211,20 @@ def simulate(
 
 
 def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, frames: int) -> None:
-    """Start of frame, end of line, the bad-frame mark and the lanes that hold values, beat by beat."""
-    shapes = {}
-    if top.datapath.wants_depth:
-        size = top.identity.width - 2
-        shapes["depth"] = (size, -(-size // top.lanes))
-    if top.datapath.wants_normals:
-        shapes["normals"] = (top.identity.height, top.identity.width // top.lanes)
-    for name, (rows, beats) in shapes.items():
-        last = np.zeros((frames, rows, beats), np.int8)
+    """Start of frame, end of line, bad-frame mark, row and the lanes that hold values, beat by beat."""
+    for output in top.outputs:
+        last = np.zeros((frames, output.rows, output.beats), np.int8)
         last[..., -1] = 1
-        user = np.zeros_like(last)
+        user = np.zeros(last.shape, np.int32)
         user[:, 0, 0] = 1
-        comparison.add(f"{name}.tlast", outputs[f"{name}_last"], last)
-        comparison.add(f"{name}.tuser", outputs[f"{name}_user"], user)
-        if name == "depth":
-            octets = np.array([4 * top.lanes] * (beats - 1) + [4 * (size - (beats - 1) * top.lanes)])
+        if output.tagged:
+            user += 4 * np.array(output.row_order)[:, None]
+            octets = np.full(output.beats, output.octets)
+            octets[-1] -= output.void_octets
             keep = np.broadcast_to((1 << octets) - 1, last.shape)
-            comparison.add(f"{name}.tkeep", outputs[f"{name}_keep"], keep)
+            comparison.add(f"{output.name}.tkeep", outputs[f"{output.name}_keep"], keep)
+        comparison.add(f"{output.name}.tlast", outputs[f"{output.name}_last"], last)
+        comparison.add(f"{output.name}.tuser", outputs[f"{output.name}_user"], user)
 
 
 def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dict:
@@ -273,5 +262,5 @@ def stage_latencies(path) -> dict[str, int]:
         if path.wants_depth and not path.wants_force:
             share["depth"] += path.depth_output.latency
     if path.wants_force:
-        share["force"] = stages["force"]
+        share["force"] = stages["force"] + (stages["gradients"] if "depth" not in share else 0)
     return share

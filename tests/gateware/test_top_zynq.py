@@ -5,13 +5,15 @@ import json
 from itertools import product
 
 import numpy as np
+import pytest
 from amaranth.back import verilog
 
 from gateware.register_map import ERRORS
 from gateware.top_zynq import TopZynq
+from models.pipeline import join
 from sim.bench_specimen import QUICK, frames, scene, specimen
 from sim.runner import build
-from sim.top import Report, bench_settings, simulate
+from sim.top import Report, bench_settings, expected_words, simulate
 
 NAME = "fastac"
 MILD = (10, 5, 15, 20, 25)
@@ -44,16 +46,18 @@ def check_frames(hardware: Hardware) -> None:
     """Every word of every frame, and every latency that the design states, from its own meters and ours."""
     path, images = hardware.top.datapath, hardware.frames(*MILD, 120, 255)
     count, size, lanes = len(images), hardware.bundle.scene.inner_px, path.lanes
+    axes = len(hardware.bundle.scene.force_axes)
     values = {
         "depth": count * size**2 if path.wants_depth else None,
+        "force_map": count * size**2 * axes if path.wants_force_map else None,
         "normals": count * (size + 2) ** 2 * 3 if path.wants_normals else None,
-        "force": count if path.wants_force else None,
+        "force": count * axes,
     }
     values = {name: number for name, number in values.items() if number}
     result = hardware.pipeline.run(images)
     saturated = {
-        "gradient_saturated": path.pipeline.scene.wants_solver and result.gradient_saturated.any(),
-        "displacement_saturated": path.wants_force and result.displacement_saturated.any(),
+        "gradient_saturated": path.pipeline.scene.wants_slopes and result.gradient_saturated.any(),
+        "displacement_saturated": path.wants_displacement and result.displacement_saturated.any(),
     }
     errors = sum(1 << ERRORS.index(name) for name, seen in saturated.items() if seen)
     for stall in ((0, 0), (0.5, 0.3), (0, 0.8)):
@@ -179,8 +183,8 @@ def check_faults(hardware: Hardware) -> None:
     images = np.array(images)
     results = [pipeline.run(images)]
     of_scene = {
-        "gradient_saturated": pipeline.scene.wants_solver,
-        "displacement_saturated": pipeline.scene.wants_force,
+        "gradient_saturated": pipeline.scene.wants_slopes,
+        "displacement_saturated": pipeline.scene.wants_force and pipeline.scene.wants_solver,
     }
     errors = [
         tuple(name for name, wanted in of_scene.items() if wanted and getattr(results[0], name)[k])
@@ -190,7 +194,7 @@ def check_faults(hardware: Hardware) -> None:
     for scenario in scenarios.values():
         scenario["errors"] += {name for k in scenario["frames"] for name in errors[k]}
     saturating = {kinds: k for k, kinds in enumerate(errors) if kinds}
-    if pipeline.scene.wants_force:
+    if all(of_scene.values()):
         assert len(saturating) == 3, f"{list(saturating)}: one of each kind and both are wanted"
 
     # From here on the second frame is the background.
@@ -198,15 +202,16 @@ def check_faults(hardware: Hardware) -> None:
     images = np.concatenate([images, mild[1:4]])
     results.append(pipeline.replace(background=mild[1]).run(np.array(mild[1:4])))
     assert not results[1].gradient_saturated.any()
-    archive = {"frames": images}
-    for name, words in {"depth": "depth_words", "normals": "normal_words", "force": "force_raw"}.items():
-        if getattr(results[0], words) is not None:
-            archive[name] = np.concatenate([getattr(result, words) for result in results])
+    result = join(results)
+    archive = {"frames": images, **expected_words(hardware.top, result)}
+    if pipeline.scene.wants_force:
+        archive["force"] = result.force_raw
     folder = hardware.folder / "faults"
     folder.mkdir()
     np.savez(folder / "frames.npz", **archive)
     settings = bench_settings(hardware.top) | {
         "timeout_cycles": 20_000,
+        "row_order": next((o.row_order for o in hardware.top.outputs if o.tagged), None),
         "scenarios": scenarios,
         "background": background,
         "captured": captured,
@@ -230,21 +235,36 @@ def test_depth_and_force(tmp_path):
     check_faults(hardware)
 
 
-def test_normals_and_depth(tmp_path):
+def test_tridiagonal_depth_and_three_axes(tmp_path):
+    """Rows last to first."""
     hardware = Hardware(
-        tmp_path, outputs=("normals", "depth"), mode="difference", divergence="backward", lanes=2
+        tmp_path,
+        outputs=("depth", "force_xyz"),
+        channels="bgr+nir",
+        solver="tridiagonal",
+        kernel="collapsed",
+        weights="baked",
+        lanes=2,
     )
     check_frames(hardware)
     check_faults(hardware)
 
 
-def test_force_alone(tmp_path):
-    check_frames(Hardware(tmp_path, outputs=("force_z",), mode="difference", lanes=2))
+def test_adjoint_force(tmp_path):
+    hardware = Hardware(tmp_path, outputs=("force_xyz",), solver="adjoint", lanes=2)
+    check_frames(hardware)
+    check_faults(hardware)
 
 
-def test_depth_alone(tmp_path):
-    """Four lanes, two of which are void at the end of each row."""
-    check_frames(Hardware(tmp_path, outputs=("depth",), divergence="backward", lanes=4))
+def test_normals_depth_and_force_map(tmp_path):
+    hardware = Hardware(
+        tmp_path,
+        outputs=("normals", "depth", "force_x", "force_z", "force_map"),
+        channels="bgr+nir",
+        lanes=2,
+    )
+    check_frames(hardware)
+    check_faults(hardware)
 
 
 def test_normals_alone(tmp_path):
@@ -252,3 +272,37 @@ def test_normals_alone(tmp_path):
     hardware = Hardware(tmp_path, outputs=("normals",), lanes=4, channels="bgr+nir")
     check_frames(hardware)
     check_faults(hardware)
+
+
+PAPER = [
+    (lanes, weights, mode, (1, 3, 5, 7)[(k + shift) % 4])
+    for shift, lanes in enumerate((1, 2, 4))
+    for k, (weights, mode) in enumerate(product(("loadable", "baked"), ("absolute", "difference")))
+]
+"""Lanes × weights × mode, and every kernel size with each number of lanes."""
+
+
+@pytest.mark.parametrize(("lanes", "weights", "mode", "kernel_size"), PAPER)
+def test_lanes_weights_modes_and_kernels(tmp_path, lanes, weights, mode, kernel_size):
+    settings = {"lanes": lanes, "weights": weights, "mode": mode, "kernel_size": kernel_size}
+    check_frames(Hardware(tmp_path, outputs=("depth", "force_z"), **settings))
+
+
+BEYOND = [
+    (lanes, solver, kernel, size)
+    for solver, kernel, sizes in (
+        ("tridiagonal", "patch", (16, 16, 24)),
+        ("tridiagonal", "collapsed", (16, 20, 24)),
+        ("dst2d", "collapsed", (16, 16, 16)),
+        ("adjoint", "collapsed", (16, 16, 16)),
+    )
+    for lanes, size in zip((1, 2, 4), sizes, strict=True)
+]
+
+
+@pytest.mark.parametrize(("lanes", "solver", "kernel", "size"), BEYOND)
+def test_lanes_solvers_and_kernels(tmp_path, lanes, solver, kernel, size):
+    outputs = ("force_xyz",) if solver == "adjoint" else ("depth", "force_y", "force_z")
+    settings = {"lanes": lanes, "solver": solver, "kernel": kernel, "size": size}
+    settings |= {"mode": "difference", "weights": "baked", "clamp": solver == "tridiagonal"}
+    check_frames(Hardware(tmp_path, outputs=outputs, **settings))
