@@ -90,11 +90,14 @@ class FrameTimer(wiring.Component):
         for name in (*(("force",) if self.force else ()), *self.maps):
             pulse = self.result_valid if name == "force" else getattr(self, f"{name}_done")
             given = Signal(32, name=f"{name}_given")
+            behind = Signal(8, name=f"{name}_behind")  # frame_count − given
             entry = stamps.read_port(domain="comb")
             m.d.comb += entry.addr.eq(given[: len(entry.addr)])
             with m.If(self.flush):
-                m.d.sync += given.eq(self.frame_count)
-            with m.Elif(pulse):
+                m.d.sync += [given.eq(self.frame_count), behind.eq(0)]
+            with m.Else():
+                m.d.sync += behind.eq(behind + self.frame_done - pulse)
+            with m.If(pulse & ~self.flush):
                 m.d.sync += [
                     given.eq(given + 1),
                     getattr(self, f"first_to_{name}").eq(now - entry.data.first),
@@ -105,7 +108,7 @@ class FrameTimer(wiring.Component):
                         self.last_to_force.eq(now - entry.data.last),
                         self.force_number.eq(given + 1),
                     ]
-            waiting.append((self.frame_count - given)[:8])
+            waiting.append(behind)
         most = waiting[0]
         for count in waiting[1:]:
             most = Mux(count > most, count, most)
