@@ -12,7 +12,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fastac import accuracy, synth
+from fastac import accuracy, energy, synth
 from fastac.workspace import write_json
 from gateware.platform_xczu19eg import DEVICE
 from models.bundle import Bundle
@@ -81,6 +81,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
         "accuracy": {k: errors[k] for k in ("float", "integer", "growth_percent", "saturated_values")},
         "bounds": bounds(bundle),
         "resources": resources,
+        **energy.estimate(bundle.pipeline),
         "device": DEVICE,
         "paper": PAPER,
     }
@@ -107,11 +108,12 @@ def bounds(bundle: Bundle) -> dict:
                 "width_bits": stage.format.width,
                 "fraction_bits": stage.format.fraction,
             }
-    if pipeline.force is not None:
+    if pipeline.quantiser is not None:
         found["displacement"] = {
-            "saturates_at_mm": ((1 << pipeline.quantiser.bits) - 1) * pipeline.displacement_mm_per_unit,
+            "saturates_at_mm": pipeline.quantiser.top * pipeline.displacement_mm_per_unit,
             "width_bits": pipeline.quantiser.bits,
         }
+    if pipeline.force is not None:
         found["force.accumulator"] = {"bound": pipeline.force.bound, "width_bits": pipeline.force.width}
     return found
 
@@ -128,8 +130,8 @@ def _picture(frame: np.ndarray) -> np.ndarray:
     return frame[..., 2::-1]
 
 
-def frames_figure(data: Dataset, index: np.ndarray, results: dict) -> str:
-    """A row per frame: input, NIR, normals, depth found, depth error or displacement."""
+def frames_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tuple[int, ...] = ()) -> str:
+    """A row per frame: input, NIR, normals, depth found, displacement, depth error, force map."""
     rows = []
     for k, sample in enumerate(index):
         frame = data.frames[sample]
@@ -144,6 +146,9 @@ def frames_figure(data: Dataset, index: np.ndarray, results: dict) -> str:
             if data.depth_mm is not None:
                 error = found.depth_mm[k] - data.depth_mm[sample]
                 panels.append(("depth error, mm", error, {"cmap": "coolwarm"}))
+        if found.force_map_n is not None:
+            for axis, image in zip(force_axes, found.force_map_n[k], strict=True):
+                panels.append((f"F_{'xyz'[axis]} map, N", image, {"cmap": "coolwarm"}))
         rows.append(panels)
     figure, axes = plt.subplots(
         len(rows), len(rows[0]), figsize=(2.6 * len(rows[0]), 2.5 * len(rows)), squeeze=False
@@ -154,22 +159,23 @@ def frames_figure(data: Dataset, index: np.ndarray, results: dict) -> str:
             axis.set_title(f"frame {index[k]}: {title}", fontsize=7)
             axis.set_xticks([])
             axis.set_yticks([])
-            if "mm" in title:
+            if "mm" in title or title.endswith("N"):
                 figure.colorbar(shown, ax=axis, shrink=0.75).ax.tick_params(labelsize=6)
     return _png(figure)
 
 
-def force_figure(data: Dataset, index: np.ndarray, results: dict) -> str:
-    """Force found against true force."""
-    figure, axis = plt.subplots(figsize=(4, 4))
-    truth = data.force_n[index][:, 2]
-    for name, marker in (("float", "o"), ("integer", "x")):
-        axis.plot(truth, results[name].force_n[:, 0], marker, markersize=4, label=name, alpha=0.6)
-    limit = truth.max() * 1.15
-    axis.plot([0, limit], [0, limit], "k--", linewidth=0.8)
-    axis.set_xlabel("true F_z, N")
-    axis.set_ylabel("found F_z, N")
-    axis.legend()
+def force_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tuple[int, ...]) -> str:
+    """Force found against true force, axis by axis."""
+    figure, panels = plt.subplots(1, len(force_axes), figsize=(4 * len(force_axes), 4), squeeze=False)
+    for k, (panel, force_axis) in enumerate(zip(panels[0], force_axes, strict=True)):
+        truth = data.forces_n(index, (force_axis,))[:, 0]
+        for name, marker in (("float", "o"), ("integer", "x")):
+            panel.plot(truth, results[name].force_n[:, k], marker, markersize=4, label=name, alpha=0.6)
+        ends = 1.15 * min(truth.min(), 0), 1.15 * max(truth.max(), 0)
+        panel.plot(ends, ends, "k--", linewidth=0.8)
+        panel.set_xlabel(f"true F_{'xyz'[force_axis]}, N")
+        panel.set_ylabel(f"found F_{'xyz'[force_axis]}, N")
+    panels[0, 0].legend()
     return _png(figure)
 
 
@@ -192,29 +198,47 @@ def curves_figure(bundle: Bundle) -> str:
     names = sorted({key.split(".")[1] for key in bundle.floats if key.startswith("history.")})
     figure, axes = plt.subplots(1, max(len(names), 1), figsize=(4 * max(len(names), 1), 3), squeeze=False)
     for axis, name in zip(axes[0], names, strict=False):
-        for key, values in bundle.floats.items():
-            if key.startswith(f"history.{name}.") and not key.endswith(".epoch"):
-                axis.semilogy(bundle.floats[f"history.{name}.epoch"], values, label=key.split(".")[-1])
+        curves = {
+            key.removeprefix(f"history.{name}."): values
+            for key, values in bundle.floats.items()
+            if key.startswith(f"history.{name}.")
+        }
         axis.set_title(name, fontsize=9)
-        axis.set_xlabel("epoch")
+        if "cosines" in curves:
+            _choice(axis, curves)
+        else:
+            epochs = curves.pop("epoch")
+            for key, values in curves.items():
+                axis.semilogy(epochs, values, label=key)
+            axis.set_xlabel("epoch")
         axis.legend(fontsize=7)
     return _png(figure)
+
+
+def _choice(axis, curves: dict[str, np.ndarray]) -> None:
+    """What ridge regression tried: the error over the regularisation, a line for each number of cosines."""
+    for size in np.unique(curves["cosines"]):
+        part = curves["cosines"] == size
+        axis.loglog(curves["regularisation"][part], curves["validation_mae_n"][part], label=f"{size} cosines")
+    axis.set_xlabel("regularisation")
+    axis.set_ylabel("validation MAE, N")
 
 
 def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
     """Write report.json and report.html into the build folder."""
     report = content(folder, bundle)
     shown = np.array(report["rtl_vs_integer"]["frame_indices"])
+    axes = bundle.scene.force_axes
     _, results = accuracy.compare(bundle, data, shown, progress=False)
     figures = [
-        ("The frames that went through the hardware", frames_figure(data, shown, results)),
+        ("The frames that went through the hardware", frames_figure(data, shown, results, axes)),
         ("Where the cycles go", cycles_figure(report)),
         ("Training", curves_figure(bundle)),
     ]
     if bundle.scene.wants_force:
         index = data.indices("test")
         _, everything = accuracy.compare(bundle, data, index, progress=False)
-        figures.insert(1, ("Force on the held-out grid", force_figure(data, index, everything)))
+        figures.insert(1, ("Force on the held-out grid", force_figure(data, index, everything, axes)))
     template = jinja2.Environment(
         loader=jinja2.PackageLoader("fastac", "."), autoescape=True, undefined=jinja2.StrictUndefined
     ).get_template("report.html.j2")
@@ -266,6 +290,8 @@ def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
             value = resources[key]["value"]
             share = 100 * value / report["device"][key]
             rows.append((key, f"{value:g} ({share:.1f}%)", "not stated", resources[key]["origin"]))
+    uj = report["energy_estimate_uj_per_frame"]
+    rows.append(("energy of a frame, estimate, µJ", f"{uj['value']:.3g}", "not stated", uj["origin"]))
     if "ecp5_clock_mhz" in resources:
         clock = resources["ecp5_clock_mhz"]
         rows.append(("clock of the slowest module on ECP5, MHz", f"{clock['value']:g}", "", clock["origin"]))

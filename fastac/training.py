@@ -113,7 +113,7 @@ def force(
     rest, truth = rest_depth_mm(data), {}
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
     for split, index in splits.items():
-        truth[split] = data.force_n[index][:, list(scene.force_axes)]
+        truth[split] = data.forces_n(index, scene.force_axes)
     start, arrays = None, {}
     for name, pipeline in (
         ("float", float_pipeline(load_arrays(weights), data, scene)),

@@ -72,7 +72,7 @@ def force(result: Result, data: Dataset, index: np.ndarray, axes: tuple[int, ...
     Normalised by each component's largest true load, as in the paper. Without a load, or where all loads are
     the same, what would divide by zero is left out.
     """
-    truth = data.force_n[index][:, list(axes)].astype(np.float64)
+    truth = data.forces_n(index, axes).astype(np.float64)
     error = result.force_n - truth
     largest = np.abs(truth).max(axis=0)
     mae = np.abs(error).mean(axis=0)
@@ -103,6 +103,6 @@ def evaluate(
             found["contact_gradient_angle_mae_rad"] = angle
     if result.depth_mm is not None and data.depth_mm is not None and known[:, 1:-1, 1:-1].any():
         found["depth_mae_mm"] = depth_mae_mm(result, data, index)
-    if result.force_n is not None and data.force_n is not None:
+    if result.force_n is not None and data.knows_force(scene.force_axes):
         found |= force(result, data, index, scene.force_axes)
     return found
