@@ -11,6 +11,8 @@ from models.integer import PatchForce
 from .displacement import RasterRom, raster_beats
 from .frame_accumulator import FrameAccumulator, dsp_slices, sum_tree, tree_levels
 from .patch_generator import PatchGenerator, check_patches
+from .product import LATENCY as PRODUCT_LATENCY
+from .product import product
 from .stream_fork import Fork
 
 
@@ -39,7 +41,7 @@ class PixelResponse(wiring.Component):
     i : stream of `lanes` patches of K·K displacements, Shape(force.displacement_bits, force.signed)
     o : stream of axes × `lanes` responses, signed(force.pixel_width); 0 in void lanes
 
-    `latency` = 3 + ceil(log2(K²)) clocks (ROM 2, product, adder tree) pass from a patch to its response.
+    `latency` = 5 + ceil(log2(K²)) clocks (ROM 2, product 3, adder tree) pass from a patch to its response.
     One multiplier per axis, lane and kernel word, with the registers of a DSP slice around it.
     """
 
@@ -57,7 +59,7 @@ class PixelResponse(wiring.Component):
 
     @property
     def latency(self) -> int:
-        return KernelRom.latency + 1 + tree_levels(self.words)
+        return KernelRom.latency + PRODUCT_LATENCY + tree_levels(self.words)
 
     def elaborate(self, platform):
         m = Module()
@@ -85,11 +87,9 @@ class PixelResponse(wiring.Component):
             for lane in range(self.lanes):
                 name, products = f"f_{axis}_{lane}", []
                 for k, bound in enumerate(bounds[:, axis, lane].max(axis=0)):
-                    shape = signed(signed_width(int(bound)))
-                    product = Signal(shape, reset_less=True, name=f"{name}_product_{k}")
-                    with m.If(advance):
-                        m.d.sync += product.eq(kernels.word[axis][lane][k] * patches[lane][k])
-                    products.append(product)
+                    a, b = patches[lane][k], kernels.word[axis][lane][k]
+                    whole = product(m, platform, advance, a, b, name=f"{name}_product_{k}")
+                    products.append(whole[: signed_width(int(bound))].as_signed())
                 response = sum_tree(m, advance, products, bounds[:, axis, lane], name)
                 m.d.comb += self.o.payload[axis][lane].eq(response)
         return m
@@ -107,8 +107,8 @@ class PatchForceStream(wiring.Component):
         `force.force_map(q)`; N rows of B beats in raster order, 0 in void lanes. Only if `wants_map`.
 
     From the last beat of a frame to its force pass, if nothing stalls, `latency` =
-    (K//2)·B + ceil((K//2)/lanes) + 7 + ceil(log2(lanes·K²)) clocks: reach of the patches, 3 of their
-    generator, 3 and a tree for the responses, a tree over the lanes and the accumulator. The map's last beat
+    (K//2)·B + ceil((K//2)/lanes) + 9 + ceil(log2(lanes·K²)) clocks: reach of the patches, 3 of their
+    generator, 5 and a tree for the responses, a tree over the lanes and the accumulator. The map's last beat
     stands `map_latency` clocks after the frame's. A new frame may begin every `interval` = N·B clocks; the
     rules of `PatchGenerator` hold for the rest of the previous one. Until a force, or a beat of the map, is
     taken everything behind it waits.
@@ -138,7 +138,7 @@ class PatchForceStream(wiring.Component):
     def map_latency(self) -> int:
         """Clocks from a beat of displacements to the beat of the same pixels' responses."""
         half = self.force.size // 2
-        return half * self.row_beats - (-half // self.lanes) + 6 + tree_levels(self.force.size**2)
+        return half * self.row_beats - (-half // self.lanes) + 8 + tree_levels(self.force.size**2)
 
     @property
     def latency(self) -> int:

@@ -129,7 +129,7 @@ def test_cycles_at_full_size(paper, lanes):
         "row_inverse": transform,
         "solution_buffer": 1,
         # Subtraction from rest with its ROM; patches reach two rows and two columns; trees over K² and lanes.
-        "force": 4 + 2 * row + -(-2 // lanes) + 3 + (3 + 5) + (lanes.bit_length() - 1) + 1,
+        "force": 4 + 2 * row + -(-2 // lanes) + 3 + (5 + 5) + (lanes.bit_length() - 1) + 1,
     }
     assert path.stages == stages
     total = sum(stages.values())

@@ -237,12 +237,12 @@ def test_an_untaken_force_stops_everything_and_loses_nothing(small):
 def test_paper_scale_latency_and_interval():
     """The whole frame's budget at one pixel a clock is 16,384 clocks (128×128 pixels)."""
     force = PatchForce(np.ones((1, 126, 126, 5, 5), dtype=np.int64), 8, 8)
-    for lanes, latency, interval in ((1, 266, 15_876), (2, 140, 7_938), (4, 79, 4_032)):
+    for lanes, latency, interval in ((1, 268, 15_876), (2, 142, 7_938), (4, 81, 4_032)):
         dut = PatchForceStream(force, lanes=lanes)
         assert (dut.latency, dut.interval) == (latency, interval)
         assert dut.interval + dut.latency <= 16_384
         assert dut.multipliers == 25 * lanes
-    wide = PatchForce(force.kernel, 20, 26)
+    wide = PatchForce(force.kernel, 20, 17)
     assert PatchForceStream(wide, lanes=1).multipliers == 25
     wide = PatchForce(force.kernel, 20, 18)
     assert PatchForceStream(wide, lanes=1).multipliers == 50, "19 bits with their sign, and 20"
@@ -253,7 +253,7 @@ def test_response_is_as_wide_as_stated():
     dut = PixelResponse(force, lanes=2)
     Fragment.get(dut, None)
     assert dut.o.payload.shape().size == 3 * 2 * force.pixel_width
-    assert dut.latency == 3 + 5
+    assert dut.latency == 5 + 5
 
 
 def test_refusals():
