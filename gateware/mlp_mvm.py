@@ -1,22 +1,26 @@
-"""The matrix-vector tile of a fully connected layer, fully unrolled."""
+# amaranth: UnusedElaboratable=no
+"""The matrix-vector tile of a fully connected layer, fully unrolled, with weights loadable or baked in."""
 
-from functools import reduce
-from operator import add
+from functools import cached_property
 
-from amaranth import Cat, Const, Module, Shape, Signal, signed
+import numpy as np
+from amaranth import Cat, Const, Module, Shape, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from models.fixed import signed_width
 from models.integer import Layer
 
+from .packed_products import Packing, packing
+from .shift_add import Register, Term, constant_product, registers, tree
 
-def adder_levels(inputs: int, group: int) -> list[int]:
-    """How many terms an adder takes at each registered level: a group of products, then pairs of sums."""
-    if group < 1:
-        raise ValueError(f"group {group}: expected at least 1")
-    groups = -(-inputs // group)
-    return [group] + [2] * (groups - 1).bit_length()
+PRODUCT_STAGES = 3
+"""Registers of a product: operand (B), product (M, P) of a DSP48E2, or levels of additions."""
+
+
+def tile_latency(inputs: int) -> int:
+    """Of a tile, in either weight mode: input, product, the levels of the adder tree, the bias."""
+    return 1 + PRODUCT_STAGES + (inputs - 1).bit_length() + 1
 
 
 def tile_layouts(
@@ -41,63 +45,178 @@ class MvmCore(wiring.Component):
     advance : the registers move in clocks in which it is high
     i : inputs, Shape(input_width, input_signed) each, |i[j]| <= layer.input_limit[j]
     o : biased accumulators, signed(layer.accumulator_width) each
+    parameters : the tables, as `parameter_image` gives them; constant while vectors are under way. Only if
+        `layer.loadable`.
 
-    One multiplier per neuron and input. The input (A, B), the product (M) and every sum (P) are registered:
-    sums of `group` products, then a tree of two-operand adders, whose last one also adds the bias. A product
-    or sum has signed_width(Σ|w|·input_limit) bits, over its own weights only.
+    Loadable: two neurons share a multiplier of 27×18 bits where `packing` finds that their products fit, and
+    a neuron left over, or each where they do not, has its own. The operand (B) of each pair, its product
+    (M, P) and every sum are registered. Products are summed in packed words as far as these hold them, then
+    split, where the first also get the biases, then summed neuron by neuron.
+    Baked: each product is a sum of its weight's signed digits, without a multiplier; weights of 0 are absent.
 
-    The accumulators stand in `o` after `latency` = 3 + ceil(log2(ceil(inputs/group))) advances.
+    A product or sum has signed_width(Σ|w|·input_limit) bits, over its own weights only; loadable ones are
+    any up to layer.weight_limit. There is one addition between registers.
+    The accumulators stand in `o` after `latency` = 5 + ceil(log2(inputs)) advances in either mode.
     """
 
-    def __init__(self, layer: Layer, *, input_width: int, input_signed: bool, group: int = 4):
+    def __init__(self, layer: Layer, *, input_width: int, input_signed: bool):
         self.layer = layer
-        self.levels = adder_levels(layer.weight.shape[1], group)
+        self.input_width, self.input_signed = input_width, input_signed
+        self.latency = tile_latency(layer.weight.shape[1])
         i, o = tile_layouts(layer, input_width=input_width, input_signed=input_signed)
-        super().__init__({"advance": In(1), "i": In(i), "o": Out(o)})
+        members = {"advance": In(1), "i": In(i), "o": Out(o)}
+        if layer.loadable:
+            members["parameters"] = In(unsigned(self.parameter_bits))
+        super().__init__(members)
+
+    @cached_property
+    def packing(self) -> Packing | None:
+        """How pairs of neurons share multipliers; None where they do not."""
+        width = self.input_width if self.input_signed else self.input_width + 1
+        return packing(self.layer.weight_limit, self.layer.input_limit, width)
 
     @property
-    def latency(self) -> int:
-        """The input, its product, then the levels of adders: one register each."""
-        return 2 + len(self.levels)
+    def units(self) -> list[tuple[int, ...]]:
+        """The neurons that share multipliers: pairs, and what is left over."""
+        neurons = len(self.layer.weight)
+        together = 2 if self.packing else 1
+        return [tuple(range(k, min(k + together, neurons))) for k in range(0, neurons, together)]
+
+    def word_width(self, unit: tuple[int, ...]) -> int:
+        """Bits of a multiplier's weight operand."""
+        return self.packing.width if len(unit) == 2 else self.layer.weight_bits
 
     @property
-    def weights(self) -> list[list[Const]]:
-        """One multiplier operand per neuron and input, each of signed(layer.weight_bits)."""
-        word = signed(self.layer.weight_bits)
-        return [[Const(int(w), word) for w in row] for row in self.layer.weight]
+    def bias_width(self) -> int:
+        return signed_width(self.layer.bias_limit)
+
+    @property
+    def multipliers(self) -> int:
+        """Multipliers, each one DSP48E2; 0 if the weights are baked in."""
+        return len(self.units) * self.layer.weight.shape[1] if self.layer.loadable else 0
+
+    @property
+    def parameter_bits(self) -> int:
+        """Bits of `parameters`; 0 if the weights are baked in."""
+        neurons, inputs = self.layer.weight.shape
+        if not self.layer.loadable:
+            return 0
+        return inputs * sum(map(self.word_width, self.units)) + neurons * self.bias_width
+
+    def parameter_image(self, layer: Layer) -> int:
+        """What `parameters` is for `layer`, which may be any of the same shape and limits.
+
+        From bit 0: unit by unit a word for each input, then the biases. Raises ValueError for other layers.
+        """
+        own = self.layer
+        if not own.loadable or not layer.loadable:
+            raise ValueError("loadable False: expected True, baked weights are no parameters")
+        if layer.weight.shape != own.weight.shape:
+            raise ValueError(f"weight {layer.weight.shape}: expected {own.weight.shape}")
+        if layer.weight_bits != own.weight_bits:
+            raise ValueError(f"weight_bits {layer.weight_bits}: expected {own.weight_bits}")
+        if not np.array_equal(layer.input_limit, own.input_limit):
+            raise ValueError(f"input_limit {layer.input_limit}: expected {own.input_limit}")
+        image, low = 0, 0
+
+        def append(word: int, width: int) -> None:
+            nonlocal image, low
+            image |= (word & ((1 << width) - 1)) << low
+            low += width
+
+        for unit in self.units:
+            for weights in layer.weight[list(unit)].T.tolist():
+                append(self.packing.word(*weights) if len(unit) == 2 else weights[0], self.word_width(unit))
+        for bias in layer.bias.tolist():
+            append(bias, self.bias_width)
+        return image
 
     def elaborate(self, platform):
         m = Module()
-
-        def register(value, bound: int, name: str) -> tuple[Signal, int]:
-            """`value`, at most ±`bound`, one advance later; data has no reset."""
-            signal = Signal(signed(signed_width(bound)), reset_less=True, name=name)
-            with m.If(self.advance):
-                m.d.sync += signal.eq(value)
-            return signal, bound
-
-        inputs = Signal(self.i.shape(), reset_less=True)
-        with m.If(self.advance):
-            m.d.sync += inputs.eq(self.i)
-
-        for k, weights in enumerate(self.weights):
-            bounds = abs(self.layer.weight[k]) * self.layer.input_limit
-            terms = [
-                register(x * w, int(bound), f"product_{k}_{j}")
-                for j, (x, w, bound) in enumerate(zip(inputs, weights, bounds, strict=True))
-            ]
-            bias = int(self.layer.bias[k])
-            for level, size in enumerate(self.levels):
-                groups = [terms[start : start + size] for start in range(0, len(terms), size)]
-                if level == len(self.levels) - 1:
-                    groups[0].append((bias, abs(bias)))
-                terms = []
-                for j, group in enumerate(groups):
-                    values, bounds = zip(*group, strict=True)
-                    terms.append(register(reduce(add, values), sum(bounds), f"sum{level}_{k}_{j}"))
-            [(accumulator, _)] = terms
-            m.d.comb += self.o[k].eq(accumulator)
+        register = registers(m, self.advance)
+        inputs = [
+            register(Term(x, int(limit)), f"input_{j}")
+            for j, (x, limit) in enumerate(zip(self.i, self.layer.input_limit, strict=True))
+        ]
+        accumulators = self._loadable if self.layer.loadable else self._baked
+        for k, accumulator in enumerate(accumulators(inputs, register)):
+            m.d.comb += self.o[k].eq(accumulator.value)
         return m
+
+    @property
+    def _levels(self) -> int:
+        return (self.layer.weight.shape[1] - 1).bit_length()
+
+    def _loadable(self, inputs: list[Term], register: Register) -> list[Term]:
+        """Every neuron's accumulator, from `parameters`."""
+        low = 0
+
+        def parameter(width: int) -> Value:
+            nonlocal low
+            low += width
+            return self.parameters[low - width : low].as_signed()
+
+        words = [[parameter(self.word_width(unit)) for _ in inputs] for unit in self.units]
+        limit = self.layer.bias_limit
+        biases = [Term(parameter(self.bias_width), limit) for _ in self.layer.weight]
+        accumulators = []
+        for unit, weights in zip(self.units, words, strict=True):
+            packed, name = len(unit) == 2, f"{unit[0]}"
+            largest = self.packing.limit if packed else self.layer.weight_limit
+            terms = []
+            for j, (x, weight) in enumerate(zip(inputs, weights, strict=True)):
+                operand = register(x, f"operand_{name}_{j}")
+                product = Term(operand.value * weight, largest * x.bound)
+                for stage in ("m", "p"):
+                    product = register(product, f"product_{stage}_{name}_{j}")
+                terms.append(product)
+            if packed:
+                accumulators += self._split_sum(terms, [biases[k] for k in unit], register, name)
+            else:
+                accumulators.append(self._biased_sum(terms, biases[unit[0]], register, name))
+        return accumulators
+
+    def _baked(self, inputs: list[Term], register: Register) -> list[Term]:
+        """Every neuron's accumulator, from constants."""
+        taps = [inputs]
+        for stage in range(1, PRODUCT_STAGES + 1):
+            taps.append([register(x, f"input_{j}_at{stage}") for j, x in enumerate(taps[-1])])
+        delayed = [[x.value for x in line] for line in zip(*taps, strict=True)]
+        accumulators = []
+        for k, (weights, bias) in enumerate(
+            zip(self.layer.weight.tolist(), self.layer.bias.tolist(), strict=True)
+        ):
+            terms = [
+                constant_product(weight, delayed[j], inputs[j].bound, register, f"product_{k}_{j}")
+                for j, weight in enumerate(weights)
+                if weight
+            ]
+            accumulators.append(self._biased_sum(terms, Term(Const(bias), abs(bias)), register, f"{k}"))
+        return accumulators
+
+    def _biased_sum(self, terms: list[Term], bias: Term, register: Register, name: str) -> Term:
+        """A neuron's products, summed over all levels, and its bias."""
+        if not terms:
+            return bias
+        [total] = tree(terms, self._levels, register, f"sum_{name}")
+        return register(total.plus(bias, total.bound + bias.bound), f"biased_{name}")
+
+    def _split_sum(self, terms: list[Term], biases: list[Term], register: Register, name: str) -> list[Term]:
+        """Two neurons' packed products, summed as far as the words hold them, split, and summed on."""
+        nothing = Term(Const(0, signed(1)), 0)
+        halves = [[], []]
+        totals = tree(terms, self.packing.levels, register, f"packed_{name}")
+        for j, total in enumerate(totals):
+            added = biases if j == 0 else [nothing, nothing]
+            reached = total.bound // self.packing.limit * self.packing.weight_limit
+            values = self.packing.split(total.value, *(bias.value for bias in added))
+            for half, value, bias, field in zip(halves, values, added, ("lower", "upper"), strict=True):
+                half.append(register(Term(value, reached + bias.bound), f"{field}_{name}_{j}"))
+        levels = self._levels - self.packing.levels
+        return [
+            tree(half, levels, register, f"sum_{field}_{name}")[0]
+            for half, field in zip(halves, ("lower", "upper"), strict=True)
+        ]
 
 
 class MvmTile(wiring.Component):
@@ -107,24 +226,24 @@ class MvmTile(wiring.Component):
     -------
     i : stream of inputs, Shape(input_width, input_signed) each, |i[j]| <= layer.input_limit[j]
     o : stream of biased accumulators, signed(layer.accumulator_width) each
+    parameters : see MvmCore. Only if `layer.loadable`.
 
-    `latency` = 3 + ceil(log2(ceil(inputs/group))) clocks pass from an accepted vector to its accumulators if
-    nothing stalls.
+    `latency` = 5 + ceil(log2(inputs)) clocks pass from an accepted vector to its accumulators if nothing
+    stalls.
     """
 
-    def __init__(self, layer: Layer, *, input_width: int, input_signed: bool, group: int = 4):
-        self.layer, self.input_width, self.input_signed = layer, input_width, input_signed
-        self.group = group
-        self.latency = 2 + len(adder_levels(layer.weight.shape[1], group))
+    def __init__(self, layer: Layer, *, input_width: int, input_signed: bool):
+        self.core = MvmCore(layer, input_width=input_width, input_signed=input_signed)
+        self.latency = self.core.latency
         i, o = tile_layouts(layer, input_width=input_width, input_signed=input_signed)
-        super().__init__({"i": In(stream.Signature(i)), "o": Out(stream.Signature(o))})
+        members = {"i": In(stream.Signature(i)), "o": Out(stream.Signature(o))}
+        if layer.loadable:
+            members["parameters"] = In(unsigned(self.core.parameter_bits))
+        super().__init__(members)
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.core = core = MvmCore(
-            self.layer, input_width=self.input_width, input_signed=self.input_signed, group=self.group
-        )
-        assert self.latency == core.latency, f"latency {core.latency}: stated {self.latency}"
+        m.submodules.core = core = self.core
 
         # The core never stalls by itself; it moves whenever its last register may move.
         valid = Signal(self.latency)
@@ -135,6 +254,8 @@ class MvmTile(wiring.Component):
             self.o.payload.eq(core.o),
             self.o.valid.eq(valid[-1]),
         ]
+        if core.layer.loadable:
+            m.d.comb += core.parameters.eq(self.parameters)
         with m.If(core.advance):
             m.d.sync += valid.eq(Cat(self.i.valid, valid))
         return m

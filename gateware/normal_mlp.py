@@ -1,15 +1,17 @@
+# amaranth: UnusedElaboratable=no
+# amaranth: UnusedElaboratable=no
 """The pixel network: features to surface normals, a chain of tiles for every lane."""
 
 from collections.abc import Sequence
 from itertools import pairwise
 
-from amaranth import Cat, Module, Signal, signed
+from amaranth import Cat, Module, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from models.integer import Layer
 
-from .mlp_mvm import MvmCore, adder_levels
+from .mlp_mvm import MvmCore, tile_latency
 from .requantise import RequantiseCore
 
 LANES = (1, 2, 4)
@@ -18,6 +20,11 @@ LANES = (1, 2, 4)
 def _check_chain(layers: Sequence[Layer]) -> None:
     if len(layers[-1].weight) != 3 or layers[-1].requantisation is not None:
         raise ValueError(f"layers[-1] of {len(layers[-1].weight)} neurons: expected 3, not requantised")
+    for k, layer in enumerate(layers):
+        if layer.loadable != layers[0].loadable:
+            raise ValueError(
+                f"layers[{k}].loadable {layer.loadable}: expected {not layer.loadable}, as the first"
+            )
     for k, (layer, following) in enumerate(pairwise(layers)):
         neurons, scale = len(layer.weight), layer.requantisation
         if scale is None or len(scale.multiplier) != neurons:
@@ -37,29 +44,61 @@ class NormalMlp(wiring.Component):
     i : stream of `lanes` feature vectors, signed(input_width) each, |i[lane][j]| <= layers[0].input_limit[j]
     o : stream of `lanes` normals (x, y, z) of any length, signed(layers[-1].accumulator_width) each
 
-    Every lane has tiles of its own. All move with one `advance`, so the lanes are in lockstep and `ready`
-    passes a single gate, whatever the number of layers.
-    `latency` = Σ over layers of (3 + ceil(log2(ceil(inputs/group)))) + 3·(layers − 1) clocks pass from an
-    accepted beat to its normals if nothing stalls.
+    parameters : tables of all layers, as `parameter_image` gives them; constant while pixels are under way.
+        Only if the layers are loadable.
+
+    Every lane has tiles of its own; they share the parameters. All move with one `advance`, so the lanes are
+    in lockstep and `ready` passes a single gate, whatever the number of layers.
+    `latency` = Σ over layers of (5 + ceil(log2(inputs))) + 6·(layers − 1) clocks pass from an accepted beat
+    to its normals if nothing stalls, in either weight mode.
     """
 
-    def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int, group: int = 4):
+    def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int):
         if lanes not in LANES:
             raise ValueError(f"lanes {lanes}: expected one of {LANES}")
         _check_chain(layers)
-        self.layers, self.input_width, self.lanes, self.group = tuple(layers), input_width, lanes, group
+        self.layers, self.input_width, self.lanes = tuple(layers), input_width, lanes
+        self.loadable = layers[0].loadable
         self.latency = (
-            sum(2 + len(adder_levels(layer.weight.shape[1], group)) for layer in layers)
+            sum(tile_latency(layer.weight.shape[1]) for layer in layers)
             + (len(layers) - 1) * RequantiseCore.latency
         )
+        self.cores = [self._lane() for _ in range(lanes)]
         features = data.ArrayLayout(signed(input_width), layers[0].weight.shape[1])
         normal = data.ArrayLayout(signed(layers[-1].accumulator_width), 3)
-        super().__init__(
-            {
-                "i": In(stream.Signature(data.ArrayLayout(features, lanes))),
-                "o": Out(stream.Signature(data.ArrayLayout(normal, lanes))),
-            }
-        )
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(features, lanes))),
+            "o": Out(stream.Signature(data.ArrayLayout(normal, lanes))),
+        }
+        if self.loadable:
+            members["parameters"] = In(unsigned(self.parameter_bits))
+        super().__init__(members)
+
+    @property
+    def multipliers(self) -> int:
+        """Multipliers of all lanes; 0 if the weights are baked in."""
+        return sum(core.multipliers for lane in self.cores for core in lane.values())
+
+    @property
+    def parameter_bits(self) -> int:
+        """Bits of `parameters`; 0 if the weights are baked in."""
+        return sum(core.parameter_bits for core in self.cores[0].values())
+
+    def parameter_image(self, layers: Sequence[Layer]) -> int:
+        """What `parameters` is for `layers`, which may be any of the same shapes and limits.
+
+        From bit 0: layer by layer what MvmCore takes, then what RequantiseCore takes.
+        Raises ValueError for other layers.
+        """
+        if len(layers) != len(self.layers):
+            raise ValueError(f"{len(layers)} layers: expected {len(self.layers)}")
+        _check_chain(layers)
+        tables = [table for layer in layers for table in (layer, layer.requantisation) if table is not None]
+        image, low = 0, 0
+        for core, table in zip(self.cores[0].values(), tables, strict=True):
+            image |= core.parameter_image(table) << low
+            low += core.parameter_bits
+        return image
 
     def elaborate(self, platform):
         m = Module()
@@ -73,25 +112,27 @@ class NormalMlp(wiring.Component):
         with m.If(advance):
             m.d.sync += valid.eq(Cat(self.i.valid, valid))
 
-        for lane in range(self.lanes):
-            x, latency = self.i.payload[lane], 0
-            for name, core in self._cores():
+        for lane, cores in enumerate(self.cores):
+            x, latency, low = self.i.payload[lane], 0, 0
+            for name, core in cores.items():
                 m.submodules[f"{name}_lane{lane}"] = core
                 m.d.comb += [core.advance.eq(advance), core.i.eq(x)]
-                x, latency = core.o, latency + core.latency
+                if self.loadable:
+                    m.d.comb += core.parameters.eq(self.parameters[low : low + core.parameter_bits])
+                x, latency, low = core.o, latency + core.latency, low + core.parameter_bits
             m.d.comb += self.o.payload[lane].eq(x)
             assert latency == self.latency, f"latency {latency} of lane {lane}: stated {self.latency}"
         return m
 
-    def _cores(self):
-        """One lane's cores with their names, in order."""
-        width, signed_input = self.input_width, True
+    def _lane(self) -> dict[str, MvmCore | RequantiseCore]:
+        """One lane's cores by name, in order."""
+        cores, width, signed_input = {}, self.input_width, True
         for k, layer in enumerate(self.layers):
-            yield (
-                f"fc{k}",
-                MvmCore(layer, input_width=width, input_signed=signed_input, group=self.group),
-            )
+            cores[f"fc{k}"] = MvmCore(layer, input_width=width, input_signed=signed_input)
             if layer.requantisation is not None:
                 scale = layer.requantisation
-                yield f"requantise{k}", RequantiseCore(scale, width=layer.accumulator_width)
+                cores[f"requantise{k}"] = RequantiseCore(
+                    scale, width=layer.accumulator_width, loadable=layer.loadable
+                )
                 width, signed_input = scale.bits, False
+        return cores

@@ -1,10 +1,24 @@
-"""From a layer's accumulators to the next layer's activations."""
+# amaranth: UnusedElaboratable=no
+"""From a layer's accumulators to the next layer's activations, with multipliers loadable or baked in."""
 
-from amaranth import Cat, Module, Mux, Signal, signed, unsigned
+from amaranth import Cat, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from models.integer import Requantisation
+
+from .shift_add import Register, Term, constant_product, registers
+
+MULTIPLIER_BITS, SHIFT_BITS = 17, 6
+COARSE = 3
+"""Low bits of the shift that its second stage is left with."""
+SCALE_STAGES = 4
+"""Registers of product and shift: two each, or levels of additions."""
+
+
+def magnitude(term: Term) -> Value:
+    """A term that is never negative, without its sign."""
+    return (term.value << term.shift)[:-1]
 
 
 class RequantiseCore(wiring.Component):
@@ -15,69 +29,120 @@ class RequantiseCore(wiring.Component):
     advance : the registers move in clocks in which it is high
     i : `len(scale.multiplier)` accumulators, signed(width)
     o : as many activations, unsigned(scale.bits)
+    parameters : multipliers and shift, as `parameter_image` gives them; constant while accumulators are under
+        way. Only if `loadable`.
 
-    The activations stand in `o` after `latency` = 3 advances.
+    Loadable: a multiplier for every neuron, one DSP48E2 where width <= 27, with the registers before (A, B)
+    and behind it (M, P); then the shift by multiples of 8, and by 0 … 7. Baked: the product is a sum of the
+    multiplier's signed digits, and the shift a choice of bits.
+    The activations stand in `o` after `latency` = 6 advances in either mode: the positive part, four
+    registers of product and shift, the clip.
     """
 
-    latency = 3
+    latency = 2 + SCALE_STAGES
 
-    def __init__(self, scale: Requantisation, *, width: int):
-        self.scale, self.width = scale, width
+    def __init__(self, scale: Requantisation, *, width: int, loadable: bool = False):
+        self.scale, self.width, self.loadable = scale, width, loadable
         neurons = len(scale.multiplier)
-        super().__init__(
-            {
-                "advance": In(1),
-                "i": In(data.ArrayLayout(signed(width), neurons)),
-                "o": Out(data.ArrayLayout(unsigned(scale.bits), neurons)),
-            }
-        )
+        members = {
+            "advance": In(1),
+            "i": In(data.ArrayLayout(signed(width), neurons)),
+            "o": Out(data.ArrayLayout(unsigned(scale.bits), neurons)),
+        }
+        if loadable:
+            members["parameters"] = In(unsigned(self.parameter_bits))
+        super().__init__(members)
+
+    @property
+    def multipliers(self) -> int:
+        """Multipliers; 0 if they are baked in."""
+        return len(self.scale.multiplier) if self.loadable else 0
+
+    @property
+    def parameter_bits(self) -> int:
+        """Bits of `parameters`; 0 if the multipliers are baked in."""
+        return MULTIPLIER_BITS * len(self.scale.multiplier) + SHIFT_BITS if self.loadable else 0
+
+    def parameter_image(self, scale: Requantisation) -> int:
+        """What `parameters` is for `scale`, of as many neurons and bits: the multipliers, then the shift.
+
+        Raises ValueError for others.
+        """
+        if not self.loadable:
+            raise ValueError("loadable False: expected True, baked multipliers are no parameters")
+        if len(scale.multiplier) != len(self.scale.multiplier):
+            raise ValueError(
+                f"multiplier of {len(scale.multiplier)} neurons: expected {len(self.scale.multiplier)}"
+            )
+        if scale.bits != self.scale.bits:
+            raise ValueError(f"bits {scale.bits}: expected {self.scale.bits}")
+        words = [*map(int, scale.multiplier), scale.shift]
+        return sum(word << (k * MULTIPLIER_BITS) for k, word in enumerate(words))
 
     def elaborate(self, platform):
         m = Module()
+        register = registers(m, self.advance)
+        largest = (1 << (self.width - 1)) - 1
         top = (1 << self.scale.bits) - 1
-        for k, multiplier in enumerate(map(int, self.scale.multiplier)):
-            a = self.i[k]
-            # A register before and after the product, where the DSP slice has them; no reset on data.
-            positive = Signal(self.width - 1, reset_less=True, name=f"positive_{k}")
-            product = Signal(self.width - 1 + multiplier.bit_length(), reset_less=True, name=f"product_{k}")
-            activation = Signal(self.scale.bits, reset_less=True, name=f"activation_{k}")
-            scaled = product[self.scale.shift :]
-            with m.If(self.advance):
-                m.d.sync += [
-                    positive.eq(Mux(a < 0, 0, a)),
-                    product.eq(positive * multiplier),
-                    activation.eq(Mux(scaled > top, top, scaled)),
-                ]
-            m.d.comb += self.o[k].eq(activation)
+        for k, a in enumerate(self.i):
+            positive = register(Term(Mux(a < 0, 0, a), largest), f"positive_{k}")
+            scaled = (self._loadable if self.loadable else self._baked)(k, positive, register)
+            clipped = Term(Mux(scaled[self.scale.bits :].any(), top, scaled[: self.scale.bits]), top)
+            m.d.comb += self.o[k].eq(register(clipped, f"activation_{k}").value)
         return m
+
+    def _loadable(self, k: int, positive: Term, register: Register) -> Value:
+        """Neuron `k`'s positive part, multiplied and shifted."""
+        multiplier = self.parameters.word_select(k, MULTIPLIER_BITS)
+        shift = self.parameters[-SHIFT_BITS:]
+        bound = positive.bound * ((1 << MULTIPLIER_BITS) - 1)
+        product = Term(positive.value * multiplier, bound)
+        for stage in ("m", "p"):
+            product = register(product, f"product_{stage}_{k}")
+        coarse = magnitude(product) >> (shift[COARSE:] << COARSE)
+        coarse = register(Term(coarse, bound), f"coarse_{k}")
+        return magnitude(register(Term(magnitude(coarse) >> shift[:COARSE], bound), f"shifted_{k}"))
+
+    def _baked(self, k: int, positive: Term, register: Register) -> Value:
+        """Neuron `k`'s positive part, multiplied and shifted."""
+        taps = [positive]
+        for stage in range(1, SCALE_STAGES + 1):
+            taps.append(register(taps[-1], f"positive_{k}_at{stage}"))
+        multiplier = int(self.scale.multiplier[k])
+        product = constant_product(
+            multiplier, [tap.value for tap in taps], positive.bound, register, f"product_{k}"
+        )
+        return magnitude(product).shift_right(self.scale.shift)
 
 
 class Requantise(wiring.Component):
-    """Requantise one accumulator of every neuron a clock.
+    """Requantise one accumulator of every neuron a clock: `RequantiseCore` between two streams.
 
     Members
     -------
     i : stream of `len(scale.multiplier)` accumulators, signed(width)
     o : stream of as many activations, unsigned(scale.bits)
+    parameters : see RequantiseCore. Only if `loadable`.
 
     `latency` clocks pass from an accepted vector to its activations if nothing stalls.
     """
 
     latency = RequantiseCore.latency
 
-    def __init__(self, scale: Requantisation, *, width: int):
-        self.scale, self.width = scale, width
+    def __init__(self, scale: Requantisation, *, width: int, loadable: bool = False):
+        self.core = RequantiseCore(scale, width=width, loadable=loadable)
         neurons = len(scale.multiplier)
-        super().__init__(
-            {
-                "i": In(stream.Signature(data.ArrayLayout(signed(width), neurons))),
-                "o": Out(stream.Signature(data.ArrayLayout(unsigned(scale.bits), neurons))),
-            }
-        )
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(signed(width), neurons))),
+            "o": Out(stream.Signature(data.ArrayLayout(unsigned(scale.bits), neurons))),
+        }
+        if loadable:
+            members["parameters"] = In(unsigned(self.core.parameter_bits))
+        super().__init__(members)
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.core = core = RequantiseCore(self.scale, width=self.width)
+        m.submodules.core = core = self.core
 
         # The core never stalls by itself; it moves whenever its last register may move.
         valid = Signal(self.latency)
@@ -88,6 +153,8 @@ class Requantise(wiring.Component):
             self.o.payload.eq(core.o),
             self.o.valid.eq(valid[-1]),
         ]
+        if core.loadable:
+            m.d.comb += core.parameters.eq(self.parameters)
         with m.If(core.advance):
             m.d.sync += valid.eq(Cat(self.i.valid, valid))
         return m

@@ -1,86 +1,176 @@
 # amaranth: UnusedElaboratable=no
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from amaranth.back import rtlil
 
-from gateware.mlp_mvm import MvmTile
+from gateware.mlp_mvm import MvmCore, MvmTile
 from models.integer import Layer
 from sim.stream import check, pack
 
 
-def vectors(layer, low, high, rng, count=200):
+def vectors(layer, low, high, rng, count=100):
     """Inputs that drive every neuron to its largest and smallest sum, zero, the limits, then anything."""
     worst = np.where(layer.weight > 0, high, low), np.where(layer.weight > 0, low, high)
     plain = np.broadcast_to(0 * high, (1, len(high))), high[None], low[None]
     return np.concatenate([*worst, *plain, rng.integers(low, high + 1, (count, len(high)))])
 
 
-@pytest.mark.parametrize(
-    ("neurons", "inputs", "group", "width", "input_signed", "latency"),
-    [(3, 16, 4, 7, False, 5), (2, 11, 3, 8, True, 5), (2, 3, 4, 9, True, 3)],
-)
-def test_rtl_equals_reference(tmp_path, neurons, inputs, group, width, input_signed, latency):
-    rng = np.random.default_rng(1)
-    weight = rng.integers(-128, 128, (neurons, inputs))
-    # One neuron reaches the accumulator's bound exactly; some weights of another are 0.
-    weight[0] = 127 if not input_signed else rng.choice([-128, 127], inputs)
-    weight[1, ::2] = 0
-    bias = rng.integers(-(1 << 12), 1 << 12, neurons)
-    bias[0] = 1 << 12
-    low, high = (-(1 << (width - 1)), (1 << (width - 1)) - 1) if input_signed else (0, (1 << width) - 1)
-    # Limits that differ: the widths follow each input's own.
-    limit = np.maximum(high - 20 * np.arange(inputs), 3)
-    low, high = (-limit if input_signed else 0 * limit), limit
-    layer = Layer(weight, bias, limit)
-    dut = MvmTile(layer, input_width=width, input_signed=input_signed, group=group)
-    assert dut.latency == latency
-
-    x = vectors(layer, low, high, rng)
-    a = layer.accumulate(x)
-    assert np.abs(a).max() == layer.accumulator_bound
+def compare(dut, layer, x, folder):
+    """Every accumulator of `x`, with its latency, and with stalls."""
+    width = dut.core.input_width if hasattr(dut, "core") else dut.component.core.input_width
+    latency = 5 + (layer.weight.shape[1] - 1).bit_length()
     check(
         dut,
         "mvm_tile",
-        tmp_path,
+        folder,
         inputs=pack(x, width),
-        expected=pack(a, layer.accumulator_width),
+        expected=pack(layer.accumulate(x), layer.accumulator_width),
         latencies=[(k, k, latency) for k in range(len(x))],
     )
 
 
-def test_most_negative_words(tmp_path):
-    """−2**8 · −2**7 = 2**15 in every product: the bound reached from both most negative words."""
-    layer = Layer(np.full((2, 5), -128), np.array([7, -7]), np.full(5, 256))
-    x = np.array([[-256] * 5, [255] * 5, [0] * 5])
-    a = layer.accumulate(x)
-    assert np.abs(a).max() == layer.accumulator_bound
-    check(
-        MvmTile(layer, input_width=9, input_signed=True, group=1),
-        "mvm_tile",
-        tmp_path,
-        inputs=pack(x, 9),
-        expected=pack(a, layer.accumulator_width),
-        stalls=[0],
-    )
-
-
-def test_latency_grows_with_the_logarithm_of_the_groups():
-    def latency(inputs, group):
-        layer = Layer(np.ones((1, inputs), dtype=int), np.zeros(1, dtype=int), np.ones(inputs, dtype=int))
-        return MvmTile(layer, input_width=4, input_signed=True, group=group).latency
-
-    assert [latency(n, 4) for n in (1, 4, 5, 8, 9, 16, 17)] == [3, 3, 4, 4, 5, 5, 6]
-    assert [latency(16, g) for g in (1, 2, 4, 8, 16)] == [7, 6, 5, 4, 3]
+def multiplications(core) -> int:
+    return rtlil.convert(core).count("cell $mul ")
 
 
 @pytest.mark.parametrize(
-    ("limit", "options", "message"),
-    [
-        (255, {"input_width": 9, "input_signed": True, "group": 0}, "group 0: expected at least 1"),
-        (257, {"input_width": 9, "input_signed": True}, "input_limit 257: expected at most 256"),
-        (127, {"input_width": 6, "input_signed": False}, "input_limit 127: expected at most 63"),
-    ],
+    ("neurons", "inputs", "width", "input_signed"),
+    [(3, 16, 7, False), (2, 11, 8, True), (1, 1, 3, False)],
 )
-def test_refusals(limit, options, message):
-    layer = Layer(np.ones((2, 3), dtype=int), np.zeros(2, dtype=int), np.full(3, limit))
-    with pytest.raises(ValueError, match=message):
-        MvmTile(layer, **options)
+def test_baked_weights(tmp_path, neurons, inputs, width, input_signed):
+    rng = np.random.default_rng(1)
+    weight = rng.integers(-128, 128, (neurons, inputs))
+    # One neuron reaches the accumulator's bound exactly; another's weights are 0, or powers of two, or both
+    # largest in digits and negative.
+    weight[0] = 127 if not input_signed else rng.choice([-128, 127], inputs)
+    weight[-1, ::2] = 0
+    weight[-1, 1::4] = -85
+    weight[0, 0] = -64 if input_signed else 64
+    bias = rng.integers(-(1 << 12), 1 << 12, neurons)
+    bias[0] = 1 << 12
+    high = (1 << (width - 1)) - 1 if input_signed else (1 << width) - 1
+    # Limits that differ: the widths follow each input's own.
+    limit = np.maximum(high - 20 * np.arange(inputs), 3)
+    layer = Layer(weight, bias, limit)
+    dut = MvmTile(layer, input_width=width, input_signed=input_signed)
+    assert (dut.core.multipliers, dut.core.parameter_bits) == (0, 0)
+    assert multiplications(dut.core) == 0
+    x = vectors(layer, -limit if input_signed else 0 * limit, limit, rng)
+    assert np.abs(layer.accumulate(x)).max() == layer.accumulator_bound
+    compare(dut, layer, x, tmp_path)
+
+
+def test_baked_signs(tmp_path):
+    """Sums of nothing but subtractions, with and without a bias; neurons of zeros; 12-bit weights."""
+    weight = np.array([[-1, -5, -1365], [-2048, -1, -8], [-4, 0, 0], [0, 0, 0], [0, 0, 0], [683, -1023, 7]])
+    layer = Layer(weight, np.array([0, 9, 0, 0, -5, 0]), np.full(3, 256), 12)
+    x = vectors(layer, np.full(3, -256), np.full(3, 255), np.random.default_rng(2))
+    assert np.abs(layer.accumulate(x)).max() == layer.accumulator_bound
+    dut = MvmTile(layer, input_width=9, input_signed=True)
+    assert multiplications(dut.core) == 0
+    compare(dut, layer, x, tmp_path)
+
+
+def extreme_layer(layer, rng):
+    """The same shape with every weight and bias at a limit, so that both fields reach theirs, or all 0."""
+    neurons = len(layer.weight)
+    weight = layer.weight_limit * rng.choice([-1, 1], layer.weight.shape)
+    weight[0] = layer.weight_limit
+    bias = layer.bias_limit * rng.choice([-1, 1], neurons)
+    bias[0] = layer.bias_limit
+    if neurons > 4:
+        # Pairs of opposite signs, of nothing below something and of something below nothing.
+        weight[1], weight[2], weight[3] = -weight[0], 0, weight[4]
+        bias[2] = 0
+    return replace(layer, weight=weight, bias=bias)
+
+
+LOADABLE = [
+    # Two neurons a multiplier, with one left over; sums of 2, 8 and 16 products in a word.
+    (5, 16, 10, False, 8, 3),
+    (4, 6, 9, True, 8, 2),
+    (3, 16, 7, False, 8, 2),
+    # As many products as inputs, and one.
+    (5, 1, 3, False, 8, 3),
+    # Two products do not fit.
+    (3, 5, 10, False, 12, 3),
+]
+
+
+@pytest.mark.parametrize(("neurons", "inputs", "width", "input_signed", "bits", "units"), LOADABLE)
+def test_loadable_weights(tmp_path, with_parameters, neurons, inputs, width, input_signed, bits, units):
+    rng = np.random.default_rng(3)
+    limit = np.full(inputs, (1 << (width - input_signed)) - 1)
+    top = (1 << (bits - 1)) - 1
+    built = Layer(
+        rng.integers(-top, top + 1, (neurons, inputs)),
+        rng.integers(-5000, 5001, neurons),
+        limit,
+        bits,
+        loadable=True,
+    )
+    built = replace(built, bias=np.clip(built.bias, -built.bias_limit, built.bias_limit))
+    low = -limit if input_signed else 0 * limit
+
+    def tile():
+        return MvmTile(built, input_width=width, input_signed=input_signed)
+
+    assert tile().core.multipliers == units * inputs
+    assert multiplications(tile().core) == units * inputs
+    # Other networks than the one it was built for, through its port.
+    extreme = extreme_layer(built, rng)
+    x = vectors(extreme, low, limit, rng)
+    assert np.abs(extreme.accumulate(x)).max() == built.accumulator_bound
+    networks = [extreme]
+    if (inputs, bits) == (6, 8):
+        networks += [built, replace(built, weight=0 * built.weight, bias=0 * built.bias)]
+    for k, layer in enumerate(networks):
+        dut = tile()
+        image = dut.core.parameter_image(layer)
+        assert image.bit_length() <= dut.core.parameter_bits
+        compare(with_parameters(dut, image), layer, x, tmp_path / str(k))
+
+
+def test_multipliers_of_the_papers_tiles():
+    def multipliers(inputs, neurons, weight_bits, limit, signed):
+        weight, bias = np.zeros((neurons, inputs), int), np.zeros(neurons, int)
+        layer = Layer(weight, bias, np.full(inputs, limit), weight_bits, loadable=True)
+        core = MvmCore(layer, input_width=9 if signed else 10, input_signed=signed)
+        return core.multipliers
+
+    assert multipliers(6, 16, 8, 255, True) == 48
+    assert multipliers(16, 16, 8, 1023, False) == 128
+    assert multipliers(16, 3, 12, 1023, False) == 48
+    # Two and one neuron.
+    assert multipliers(16, 3, 8, 1023, False) == 32
+
+
+def test_latency_grows_with_the_logarithm_of_the_inputs():
+    def latency(inputs, loadable):
+        ones = np.ones((1, inputs), dtype=int)
+        layer = Layer(ones, np.zeros(1, dtype=int), ones[0], loadable=loadable)
+        return MvmTile(layer, input_width=4, input_signed=True).latency
+
+    for loadable in (False, True):
+        assert [latency(n, loadable) for n in (1, 2, 3, 6, 8, 16, 17)] == [5, 6, 7, 8, 8, 9, 10]
+
+
+def test_refusals():
+    layer = Layer(np.ones((2, 3), dtype=int), np.zeros(2, dtype=int), np.full(3, 100), loadable=True)
+    core = MvmCore(layer, input_width=8, input_signed=True)
+    baked = MvmCore(replace(layer, loadable=False), input_width=8, input_signed=True)
+
+    def refused(message, core=core, **changes):
+        with pytest.raises(ValueError, match=message):
+            core.parameter_image(replace(layer, **changes))
+
+    refused(r"loadable False: expected True", loadable=False)
+    refused(r"loadable False: expected True", core=baked)
+    refused(r"weight \(2, 4\): expected \(2, 3\)", weight=np.ones((2, 4), dtype=int))
+    refused(r"weight_bits 9: expected 8", weight_bits=9)
+    refused(r"input_limit \[99 99 99\]: expected \[100 100 100\]", input_limit=np.full(3, 99))
+    for width, input_signed, largest in ((7, True, 64), (6, False, 63)):
+        with pytest.raises(ValueError, match=f"input_limit 100: expected at most {largest}"):
+            MvmTile(layer, input_width=width, input_signed=input_signed)
