@@ -3,7 +3,8 @@
 
 from dataclasses import replace
 
-from amaranth import Cat, Module, signed
+import numpy as np
+from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
@@ -12,6 +13,7 @@ from models.integer import PatchForce, WeightedSum
 from models.pipeline import IntegerPipeline
 
 from .background import BackgroundSubtraction
+from .calibration_loader import Table
 from .displacement import DepthOutput, Displacement
 from .frame_guard import ERRORS, EVENTS, FrameGuard
 from .fz_stream import PatchForceStream
@@ -52,7 +54,13 @@ class Datapath(wiring.Component):
     force : stream of one beat a frame, an accumulator per axis. Only if wanted.
     force_map : stream of axes × `lanes` responses in the order of the depth. Only if wanted.
     gradient_saturated, displacement_saturated : in a beat that just passes
+    hold : see FrameGuard. Only if the network is loadable, as what follows.
+    network : the network's parameters, see NormalMlp
+    offset : write port of the source's offsets. Only in difference mode.
+    rest : write port of the depth at rest. Only in absolute mode with a force.
+    constant : of the adjoint, an accumulator per axis. Only with it.
 
+    What is loadable must not change while a frame is under way.
     `stages` gives each stage's share, in clocks, of the way from a frame's first pixel accepted to its last
     value, if nothing stalls and no other frame is in the way.
     """
@@ -75,6 +83,7 @@ class Datapath(wiring.Component):
         )
         self.mlp = NormalMlp(pipeline.layers, input_width=WIDTH, lanes=lanes)
         normal_width = pipeline.layers[-1].accumulator_width
+        self.loadable = pipeline.layers[0].loadable
         members = {
             "axis": In(self.guard.axis.signature.flip()),
             "enable": In(1, init=1),
@@ -102,18 +111,48 @@ class Datapath(wiring.Component):
             self.depth_output = DepthOutput(in_order(pipeline.depth), lanes=lanes)
             members["depth"] = Out(self.depth_output.o.signature)
         if self.wants_displacement:
-            self.displacement = Displacement(in_order(pipeline.depth), pipeline.quantiser, lanes=lanes)
+            self.displacement = Displacement(
+                in_order(pipeline.depth), pipeline.quantiser, lanes=lanes, loadable=self.loadable
+            )
         if self.wants_force:
             if isinstance(pipeline.force, PatchForce):
                 self.force_stream = PatchForceStream(
                     in_order(pipeline.force), lanes=lanes, wants_map=self.wants_force_map
                 )
             else:
-                self.force_stream = WeightedSumStream(in_order(pipeline.force), lanes=lanes)
+                self.force_stream = WeightedSumStream(
+                    in_order(pipeline.force), lanes=lanes, loadable=self.loadable and scene.wants_adjoint
+                )
             members["force"] = Out(self.force_stream.o.signature)
         if self.wants_force_map:
             members["force_map"] = Out(self.force_stream.map.signature)
+        if self.loadable:
+            members["hold"] = In(1)
+            members |= {name: In(unsigned(bits)) for name, (bits, _) in self.loadable_registers.items()}
+            members |= {name: In(table.signature) for name, (table, _) in self.loadable_tables.items()}
         super().__init__(members)
+
+    @property
+    def loadable_registers(self) -> dict[str, tuple[int, int]]:
+        """Bits, and value for this pipeline, of each register that a calibration brings."""
+        if not self.loadable:
+            return {}
+        registers = {"network": (self.mlp.parameter_bits, self.mlp.parameter_image(self.pipeline.layers))}
+        if self.pipeline.scene.wants_adjoint:
+            force, mask = self.pipeline.force, (1 << self.pipeline.force.width) - 1
+            words = [(int(c) & mask) << (k * force.width) for k, c in enumerate(force.constant)]
+            registers["constant"] = (len(words) * force.width, sum(words))
+        return registers
+
+    @property
+    def loadable_tables(self) -> dict[str, tuple[Table, np.ndarray]]:
+        """Format, and values (depth, fields) for this pipeline, of each table that a calibration brings."""
+        tables, scene = {}, self.pipeline.scene
+        if self.loadable and scene.wants_solver and scene.poisson.mode == "difference":
+            tables["offset"] = self.solver.source.table, self.solver.source.table_values
+        if self.wants_displacement and self.displacement.loadable:
+            tables["rest"] = self.displacement.table, self.displacement.table_values
+        return tables
 
     def _solver(self, height: int, width: int, lanes: int) -> PoissonSolver | TridiagonalPoissonSolver:
         solver = self.pipeline.solver
@@ -122,7 +161,8 @@ class Datapath(wiring.Component):
         else:
             kind, names = PoissonSolver, ("row_forward", "column_forward", "division", "column_inverse")
         stages = [getattr(solver, name) for name in (*names, "row_inverse")]
-        return kind(self.pipeline.source, *stages, height=height, width=width, lanes=lanes)
+        loadable = self.loadable and self.pipeline.scene.poisson.mode == "difference"
+        return kind(self.pipeline.source, *stages, height=height, width=width, lanes=lanes, loadable=loadable)
 
     @property
     def stages(self) -> dict[str, int]:
@@ -197,6 +237,9 @@ class Datapath(wiring.Component):
             ),
         ]
 
+        if self.loadable:
+            m.d.comb += [guard.hold.eq(self.hold), mlp.parameters.eq(self.network)]
+
         def fan_out(source, sinks, name):
             """Connect one stream to one or several."""
             if len(sinks) == 1:
@@ -219,6 +262,8 @@ class Datapath(wiring.Component):
             connect(m, force.o, wiring.flipped(self.force))
         if scene.wants_adjoint:
             connect(m, divider.o, force.i)
+            if self.loadable:
+                m.d.comb += force.constant.as_value().eq(self.constant)
         if not scene.wants_solver:
             return m
 
@@ -226,6 +271,8 @@ class Datapath(wiring.Component):
         m.submodules.solution_buffer = solution = Buffer(solver.o.payload.shape())
         connect(m, divider.o, solver.i)
         connect(m, solver.o, solution.i)
+        if "offset" in self.loadable_tables:
+            connect(m, wiring.flipped(self.offset), solver.offset)
         sinks = []
         if self.wants_depth:
             m.submodules.depth_output = depth = self.depth_output
@@ -236,6 +283,8 @@ class Datapath(wiring.Component):
             connect(m, displacement.o, force.i)
             m.d.comb += self.displacement_saturated.eq(displacement.saturated)
             sinks.append(displacement.i)
+            if displacement.loadable:
+                connect(m, wiring.flipped(self.rest), displacement.rest)
         if self.wants_force_map:
             connect(m, force.map, wiring.flipped(self.force_map))
         fan_out(solution.o, sinks, "solution_fork")

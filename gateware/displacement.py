@@ -9,6 +9,8 @@ from amaranth.lib.wiring import In, Out
 from models.fixed import signed_width
 from models.integer import Depth, DisplacementQuantiser
 
+from .calibration_loader import Table
+
 LANES = (1, 2, 4)
 
 
@@ -23,6 +25,7 @@ class RasterRom(wiring.Component):
     advance : the pipeline around the table moves
     take : the beat that enters the pipeline consumes a word
     word : nested ArrayLayouts of signed(bits), of the shape of `table[0]`
+    write : write port, not to be used while a table is read; see `Table`. Only if `loadable`.
 
     The word of a taken beat stands in `word` after `latency` = 2 advances: the memory's read, and its
     output register.
@@ -30,12 +33,15 @@ class RasterRom(wiring.Component):
 
     latency = 2
 
-    def __init__(self, table: np.ndarray, bits: int):
-        self.table, self.bits = table, bits
+    def __init__(self, table: np.ndarray, bits: int, *, loadable: bool = False):
+        self.table, self.bits, self.loadable = table, bits, loadable
         layout = signed(bits)
         for fields in reversed(table.shape[1:]):
             layout = data.ArrayLayout(layout, fields)
-        super().__init__({"advance": In(1), "take": In(1), "word": Out(layout)})
+        members = {"advance": In(1), "take": In(1), "word": Out(layout)}
+        if loadable:
+            members["write"] = In(Table(len(table), table[0].size, bits).signature)
+        super().__init__(members)
 
     @property
     def words(self) -> list[int]:
@@ -52,9 +58,16 @@ class RasterRom(wiring.Component):
             shape=unsigned(self.word.as_value().shape().width),
             depth=depth,
             init=self.words,
-            attrs={"rom_style": "block"},
+            attrs={"ram_style" if self.loadable else "rom_style": "block"},
         )
         read = memory.read_port()
+        if self.loadable:
+            port = memory.write_port()
+            m.d.comb += [
+                port.en.eq(self.write.en),
+                port.addr.eq(self.write.addr),
+                port.data.eq(self.write.data),
+            ]
         address = Signal(range(depth))
         output = Signal(read.data.shape(), reset_less=True)
         m.d.comb += [
@@ -82,10 +95,9 @@ def _check(depth: Depth, lanes: int) -> None:
         raise ValueError(f"rest {depth.rest.shape}: expected square")
 
 
-def _beside_rest(m: Module, component, advance, table: np.ndarray) -> tuple[list[Signal], list]:
-    """The input lanes of `component`, delayed like the words of `table` (N, N), and these words' lanes."""
-    beats = raster_beats(table, component.lanes)
-    m.submodules.rest = rest = RasterRom(beats, signed_width(int(np.abs(table).max())))
+def _beside(m: Module, component, advance, rest: RasterRom) -> tuple[list[Signal], list]:
+    """The input lanes of `component`, delayed like the words of its table, and these words' lanes."""
+    m.submodules.rest = rest
     m.d.comb += [rest.advance.eq(advance), rest.take.eq(component.i.valid)]
     z = list(component.i.payload)
     for stage in range(RasterRom.latency):
@@ -139,7 +151,9 @@ class DepthOutput(wiring.Component):
             m.d.sync += valid.eq(Cat(self.i.valid, valid))
 
         if self.has_rom:
-            z, rest = _beside_rest(m, self, advance, self.depth.rest)
+            bits = signed_width(int(np.abs(self.depth.rest).max()))
+            rom = RasterRom(raster_beats(self.depth.rest, self.lanes), bits)
+            z, rest = _beside(m, self, advance, rom)
         else:
             z, rest = list(self.i.payload), [0] * self.lanes
         depth = Signal(self.o.payload.shape(), reset_less=True)
@@ -159,25 +173,29 @@ class Displacement(wiring.Component):
     i : stream of `lanes` solutions, signed(depth.input_width)
     o : stream of `lanes` displacements, unsigned(quantiser.bits), or signed if the quantiser does not clamp
     saturated : high while `o` offers a beat in which a displacement is clipped to ±quantiser.top
+    rest : write port of the memory of `rest`, not to be used while a frame is inside; see `Table`. Only in
+        absolute mode with `loadable`, which also makes room for any rest that a depth of this width has.
 
     N rows of ceil(N/lanes) beats make a frame; lanes beyond N are void. `rest`, with the half unit that
     rounding adds, is a ROM, built only in absolute mode. `latency` clocks pass from a beat to its
     displacement if nothing stalls: 2 (difference, clip), and 2 more with the ROM.
     """
 
-    def __init__(self, depth: Depth, quantiser: DisplacementQuantiser, *, lanes: int):
+    def __init__(self, depth: Depth, quantiser: DisplacementQuantiser, *, lanes: int, loadable: bool = False):
         _check(depth, lanes)
         if quantiser.input_width != depth.width:
             raise ValueError(f"quantiser.input_width {quantiser.input_width}: expected {depth.width}")
         self.depth, self.quantiser, self.lanes = depth, quantiser, lanes
         word = Shape(quantiser.bits, signed=not quantiser.clamp)
-        super().__init__(
-            {
-                "i": In(stream.Signature(data.ArrayLayout(signed(depth.input_width), lanes))),
-                "o": Out(stream.Signature(data.ArrayLayout(word, lanes))),
-                "saturated": Out(1),
-            }
-        )
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(signed(depth.input_width), lanes))),
+            "o": Out(stream.Signature(data.ArrayLayout(word, lanes))),
+            "saturated": Out(1),
+        }
+        self.loadable = loadable and self.has_rom
+        if self.loadable:
+            members["rest"] = In(self.table.signature)
+        super().__init__(members)
 
     @property
     def has_rom(self) -> bool:
@@ -188,10 +206,24 @@ class Displacement(wiring.Component):
         return 2 + (RasterRom.latency if self.has_rom else 0)
 
     @property
+    def table_values(self) -> np.ndarray:
+        """`rest` and the half unit by beats and lanes, row by row; void lanes are zero."""
+        return raster_beats(self.depth.rest + (1 << self.quantiser.shift >> 1), self.lanes)
+
+    @property
+    def table(self) -> Table:
+        """If loadable, of depth.width bits, which hold `rest` with any solution, so with the half unit."""
+        values = self.table_values
+        own_bits = signed_width(int(np.abs(values).max()))
+        return Table(len(values), self.lanes, self.depth.width if self.loadable else own_bits)
+
+    @property
     def _rounded_width(self) -> int:
         """Bits of the displacement plus the half unit, less the `shift` bits that rounding drops."""
         half = 1 << self.quantiser.shift >> 1
         rest = int(np.abs(self.depth.rest).max()) if self.has_rom else 0
+        if self.loadable:
+            rest = 1 << (self.depth.width - 1)
         return signed_width((1 << (self.depth.input_width - 1)) + rest + half) - self.quantiser.shift
 
     def elaborate(self, platform):
@@ -209,7 +241,10 @@ class Displacement(wiring.Component):
         shift, top = self.quantiser.shift, self.quantiser.top
         half = 1 << shift >> 1
         if self.has_rom:
-            z, rest = _beside_rest(m, self, advance, self.depth.rest + half)
+            rom = RasterRom(self.table_values, self.table.bits, loadable=self.loadable)
+            if self.loadable:
+                wiring.connect(m, wiring.flipped(self.rest), rom.write)
+            z, rest = _beside(m, self, advance, rom)
         else:
             z, rest = list(self.i.payload), [half] * self.lanes
 

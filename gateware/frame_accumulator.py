@@ -54,22 +54,26 @@ class FrameAccumulator(wiring.Component):
     -------
     i : stream of axes × words, signed(`word_width`) each; `interval` = beats of them make a frame
     o : stream of one beat a frame, a sum signed(`width`) per axis
+    start : in place of `constant`, as wide as the sums, and never larger than they allow for. Only with
+        `loadable`.
 
     `latency` = ceil(log2(words)) + 1 clocks (adder tree, accumulator) pass from the last beat of a frame to
     its sums if nothing stalls; the next frame may follow without a gap. The last register is the
     accumulator: while finished sums stand in it, all before it waits.
     """
 
-    def __init__(self, bounds: np.ndarray, constant: np.ndarray):
-        self.bounds, self.constant = bounds, constant
+    def __init__(self, bounds: np.ndarray, constant: np.ndarray, *, loadable: bool = False):
+        self.bounds, self.constant, self.loadable = bounds, constant, loadable
         self.interval, self.axes, self.words = bounds.shape
         words = data.ArrayLayout(signed(self.word_width), self.words)
-        super().__init__(
-            {
-                "i": In(stream.Signature(data.ArrayLayout(words, self.axes))),
-                "o": Out(stream.Signature(data.ArrayLayout(signed(self.width), self.axes))),
-            }
-        )
+        sums = data.ArrayLayout(signed(self.width), self.axes)
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(words, self.axes))),
+            "o": Out(stream.Signature(sums)),
+        }
+        if loadable:
+            members["start"] = In(sums)
+        super().__init__(members)
 
     @property
     def word_width(self) -> int:
@@ -106,7 +110,8 @@ class FrameAccumulator(wiring.Component):
         for axis, words in enumerate(self.i.payload):
             total = sum_tree(m, advance, list(words), self.bounds[:, axis], f"axis_{axis}")
             accumulator = Signal(signed(self.width), reset_less=True, name=f"accumulator_{axis}")
+            start = self.start[axis] if self.loadable else int(self.constant[axis])
             with m.If(advance & summed):
-                m.d.sync += accumulator.eq(Mux(fresh, int(self.constant[axis]), accumulator) + total)
+                m.d.sync += accumulator.eq(Mux(fresh, start, accumulator) + total)
             m.d.comb += self.o.payload[axis].eq(accumulator)
         return m

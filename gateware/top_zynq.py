@@ -10,6 +10,7 @@ from amaranth.lib.wiring import In, Out
 from models.bundle import Bundle
 
 from .axi_lite import axi_lite_signature
+from .calibration import image_layout, loader
 from .datapath import Datapath
 from .frame_guard import ERRORS, EVENTS, axis_signature
 from .register_map import ADDRESS_WIDTH, AXES, Identity
@@ -85,6 +86,8 @@ class TopZynq(wiring.Component):
     interrupt : level, see the registers
 
     What a frame's stream could not say in time is in STATUS and ERRORS: a bad frame's force is marked there.
+    With a loadable network, CALIBRATION takes another one between frames, which resets do not touch; see
+    gateware/calibration.py.
     A soft reset ends the frames under way where they are, also on the output streams, which then begin anew
     with a start of frame.
     """
@@ -102,6 +105,7 @@ class TopZynq(wiring.Component):
         ):
             if width > WORD:
                 raise ValueError(f"{name} of {width} bits: expected at most {WORD}, a word of the stream")
+        layout = image_layout(path) if path.loadable else None
         self.identity = Identity(
             bundle_hash=bundle.hash_word,
             version=VERSION,
@@ -116,6 +120,8 @@ class TopZynq(wiring.Component):
             normals=path.wants_normals,
             force_map=path.wants_force_map,
             rows_reversed=path.rows_reversed,
+            calibration_words=layout.words if layout else 0,
+            calibration_layout=layout.identifier if layout else 0,
         )
         self.outputs = self._outputs()
         members = {
@@ -164,6 +170,13 @@ class TopZynq(wiring.Component):
                 Cat(getattr(path, n) for n in (*EVENTS, *ERRORS))
             ),
         ]
+        if path.loadable:
+            m.submodules.calibration = calibration = loader(path, self.bundle.hash_word)
+            wiring.connect(m, registers.calibration, calibration.host)
+            m.d.comb += path.hold.eq(calibration.host.loading)
+            m.d.comb += [getattr(path, n).eq(getattr(calibration, n)) for n in path.loadable_registers]
+            for name in path.loadable_tables:
+                wiring.connect(m, getattr(calibration, name), getattr(path, name))
         captured = Signal()
         m.d.sync += captured.eq(path.capturing)
         m.d.comb += registers.background_taken.eq(path.capturing & ~captured)

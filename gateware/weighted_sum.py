@@ -10,6 +10,8 @@ from models.integer import WeightedSum
 
 from .displacement import LANES, RasterRom, raster_beats
 from .frame_accumulator import FrameAccumulator, dsp_slices, tree_levels
+from .product import LATENCY as PRODUCT_LATENCY
+from .product import product
 
 
 def weight_words(weighted: WeightedSum, lanes: int) -> np.ndarray:
@@ -30,34 +32,37 @@ class WeightedSumStream(wiring.Component):
         Shape(weighted.input_width, weighted.input_signed); `rows` of ceil(columns/lanes) beats make a frame,
         lanes beyond `columns` are void. A signed word is never the lowest of its format.
     o : stream of one beat a frame, an accumulator signed(weighted.width) per axis
+    constant : in place of the weighted sum's own, still while a frame is inside. Only with `loadable`.
 
     From the last beat of a frame to its force pass, if nothing stalls, `latency` =
-    5 + ceil(log2(lanes·terms)) clocks: 2 of the weights' ROM, operands (A, B), product (M), a tree over lanes
-    and terms, whose first sum is a slice's P, and the accumulator. The next frame may follow without a gap:
+    6 + ceil(log2(lanes·terms)) clocks: 2 of the weights' ROM, 3 of the products, a tree over lanes and terms,
+    and the accumulator. The next frame may follow without a gap:
     one begins every `interval` = rows · ceil(columns/lanes) clocks. Until a force is taken everything behind
     it waits.
     """
 
-    def __init__(self, weighted: WeightedSum, *, lanes: int):
+    def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False):
         if lanes not in LANES:
             raise ValueError(f"lanes {lanes}: expected one of {LANES}")
-        self.weighted, self.lanes = weighted, lanes
+        self.weighted, self.lanes, self.loadable = weighted, lanes, loadable
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
         if self.interval < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 beats")
         pixel = Shape(weighted.input_width, weighted.input_signed)
         if self.terms > 1:
             pixel = data.ArrayLayout(pixel, self.terms)
-        super().__init__(
-            {
-                "i": In(stream.Signature(data.ArrayLayout(pixel, lanes))),
-                "o": Out(stream.Signature(data.ArrayLayout(signed(weighted.width), self.axes))),
-            }
-        )
+        sums = data.ArrayLayout(signed(weighted.width), self.axes)
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(pixel, lanes))),
+            "o": Out(stream.Signature(sums)),
+        }
+        if loadable:
+            members["constant"] = In(sums)
+        super().__init__(members)
 
     @property
     def latency(self) -> int:
-        return RasterRom.latency + 3 + tree_levels(self.lanes * self.terms)
+        return RasterRom.latency + PRODUCT_LATENCY + tree_levels(self.lanes * self.terms) + 1
 
     @property
     def interval(self) -> int:
@@ -75,8 +80,12 @@ class WeightedSumStream(wiring.Component):
         words = weight_words(self.weighted, self.lanes)
         bounds = np.abs(words) * self.weighted.input_limit
         m.submodules.weights = weights = RasterRom(words, self.weighted.weight_width)
-        m.submodules.accumulator = accumulator = FrameAccumulator(bounds, self.weighted.constant)
-        valid = Signal(RasterRom.latency + 2)
+        m.submodules.accumulator = accumulator = FrameAccumulator(
+            bounds, self.weighted.constant, loadable=self.loadable
+        )
+        if self.loadable:
+            m.d.comb += accumulator.start.eq(self.constant)
+        valid = Signal(RasterRom.latency + PRODUCT_LATENCY)
         parts = len(valid) + accumulator.latency
         assert parts == self.latency, f"latency {parts}: stated {self.latency}"
         assert accumulator.interval == self.interval
@@ -93,24 +102,16 @@ class WeightedSumStream(wiring.Component):
             m.d.sync += valid.eq(Cat(self.i.valid, valid))
         wiring.connect(m, accumulator.o, wiring.flipped(self.o))
 
-        def register(value, name: str) -> Signal:
-            """`value` one advance later; data has no reset."""
-            signal = Signal(value.shape(), reset_less=True, name=name)
-            with m.If(advance):
-                m.d.sync += signal.eq(value)
-            return signal
-
         inputs = self.i.payload
         for stage in range(RasterRom.latency):
-            inputs = register(inputs, f"inputs_{stage}")
+            delayed = Signal(inputs.shape(), reset_less=True, name=f"inputs_{stage}")
+            with m.If(advance):
+                m.d.sync += delayed.eq(inputs)
+            inputs = delayed
         pixels = [[lane] if self.terms == 1 else list(lane) for lane in inputs]
-        operands = [register(x, f"x_{k}") for k, x in enumerate(x for pixel in pixels for x in pixel)]
         for axis, weight in enumerate(weights.word):
-            for k, x in enumerate(operands):
-                factor = register(weight[k], f"weight_{axis}_{k}")
+            for k, x in enumerate(x for pixel in pixels for x in pixel):
+                whole = product(m, platform, advance, x, weight[k], name=f"product_{axis}_{k}")
                 width = signed_width(int(bounds[:, axis, k].max()))
-                product = Signal(signed(width), reset_less=True, name=f"product_{axis}_{k}")
-                with m.If(advance):
-                    m.d.sync += product.eq(factor * x)
-                m.d.comb += products.payload[axis][k].eq(product)
+                m.d.comb += products.payload[axis][k].eq(whole[:width].as_signed())
         return m
