@@ -64,7 +64,7 @@ def test_force_of_every_frame(tmp_path, axes, rows, columns, terms, lanes, bits,
     expected = weighted(x)
     assert np.abs(expected).max() == weighted.bound, "the bound is reached exactly"
     dut = WeightedSumStream(weighted, lanes=lanes)
-    assert dut.latency == 5 + (lanes * terms - 1).bit_length()
+    assert dut.latency == 6 + (lanes * terms - 1).bit_length()
     assert dut.interval == rows * -(-columns // lanes)
     last = [(f + 1) * dut.interval - 1 for f in range(len(x))]
     check(
@@ -158,10 +158,10 @@ def test_connects_to_displacements_and_slopes(clamp):
 
 
 def test_scale_of_a_real_sensor():
-    """128×128 slopes at 4 a clock, three axes: 8 clocks from the last pixel to the force, 24 products."""
+    """128×128 slopes at 4 a clock, three axes: 9 clocks from the last pixel to the force, 24 products."""
     weight = np.full((3, 128, 128, 2), 1 << 16)
     dut = WeightedSumStream(WeightedSum(weight, np.zeros(3, int), 17, True), lanes=4)
-    assert (dut.latency, dut.interval, dut.multipliers) == (8, 4096, 24)
+    assert (dut.latency, dut.interval, dut.multipliers) == (9, 4096, 24)
     wide = WeightedSum(weight * 4, np.zeros(3, int), 17, True)  # 20-bit weights go to the 27-bit port
     assert WeightedSumStream(wide, lanes=4).multipliers == 24
     assert WeightedSumStream(WeightedSum(weight * 4, np.zeros(3, int), 19, True), lanes=4).multipliers == 48
