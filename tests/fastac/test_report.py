@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastac import report
+from fastac import energy, report
 from models import quantise
 from models.bundle import Bundle
 
@@ -94,6 +94,20 @@ class TestContent:
         assert content["resources"]["dsp48e2"]["value"] == 197
         for resource in content["resources"].values():
             assert resource["origin"].startswith("estimated: ")
+
+    def test_energy_is_called_an_estimate(self, content, tiny_bundle):
+        assert content["energy_estimate_uj_per_frame"] == {
+            "value": pytest.approx(
+                sum(w.total_pj for stage in energy.works(tiny_bundle.pipeline).values() for w in stage) * 1e-6
+            ),
+            "origin": energy.ORIGIN,
+        }
+        assert {"normals", "row_inverse", "force"} <= set(
+            content["energy_estimate_uj_per_frame_by_stage"]["value"]
+        )
+        ours, _, origin = rows(content)["energy of a frame, estimate, µJ"]
+        assert float(ours) > 0
+        assert origin.startswith("estimated: ")
 
     def test_every_word_has_its_worst_case_and_width(self, content, tiny_bundle):
         found, pipeline = content["bounds"], tiny_bundle.pipeline
@@ -192,6 +206,9 @@ class TestPage:
         assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in pictures)
         assert tiny_bundle.digest[:16] in page
         assert "row_inverse" in page
+        by_stage = stored["energy_estimate_uj_per_frame_by_stage"]["value"]
+        for name, uj in by_stage.items():
+            assert f'<td>{name.replace("_", " ")}</td><td class="n">{uj:.4f}</td>' in page
         assert not re.search(r"https?://|src=\"(?!data:)", page)  # it must open without a network
         assert sorted(p.name for p in folder.iterdir()) == [
             "accuracy.json",
