@@ -36,9 +36,8 @@ class WeightedSumStream(wiring.Component):
 
     From the last beat of a frame to its force pass, if nothing stalls, `latency` =
     6 + ceil(log2(lanes·terms)) clocks: 2 of the weights' ROM, 3 of the products, a tree over lanes and terms,
-    and the accumulator. The next frame may follow without a gap:
-    one begins every `interval` = rows · ceil(columns/lanes) clocks. Until a force is taken everything behind
-    it waits.
+    and the accumulator. The next frame may follow without a gap: one begins every `interval` =
+    rows · ceil(columns/lanes) clocks. Until a force is taken everything behind it waits.
     """
 
     def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False):
