@@ -6,7 +6,7 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test unit lint bench synth clean
+.PHONY: all build test unit lint bench synth verify clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -39,6 +39,23 @@ $(SYNTH): $(READY)
 
 synth: $(SYNTH)
 	$(FASTAC) synth build/$(SCENE)
+
+# The campaign: both scenes at 1, 2 and 4 pixels a clock, half of the frames photographs of ball presses.
+PHOTOGRAPHS ?= ../shared/data/fots
+PRESSES := build/photographs.h5
+
+$(PRESSES): | $(READY)
+	$(FASTAC) import ball-press $(PHOTOGRAPHS)/press --labels $(PHOTOGRAPHS)/press.csv \
+		--background $(PHOTOGRAPHS)/background.png --ball-mm 4.70 --px-per-mm 19.58 -o $@
+
+verify: $(READY)
+	$(FASTAC) verify scenes/paper.toml
+	@if [ -d "$(PHOTOGRAPHS)" ]; then \
+		$(MAKE) $(PRESSES) && $(FASTAC) verify scenes/gelsight.toml --data $(PRESSES); \
+	else \
+		echo "verify: no photographs in $(PHOTOGRAPHS); give their folder with PHOTOGRAPHS=FOLDER." \
+			"Only simulated frames were verified."; \
+	fi
 
 clean:
 	rm -rf build

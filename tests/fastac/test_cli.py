@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 from PIL import Image
 
-from fastac import hardware
+from fastac import hardware, verify
 from fastac.cli import main
 from models import bundle as bundles
 from models.float_pipeline import FloatPipeline
@@ -76,6 +76,7 @@ class TestHelp:
                     "predict",
                     "verilog",
                     "sim",
+                    "verify",
                     "synth",
                     "build",
                     "report",
@@ -120,6 +121,18 @@ class TestHelp:
                 ("sim",),
                 ["BUNDLE", "--data", "--split", "--frames", "--verilog", "--output", "[saif|fst]", "reset"],
             ),
+            (
+                ("verify",),
+                [
+                    "SCENE|BUNDLE",
+                    "--data",
+                    "--lanes",
+                    "[default: 1,2,4]",
+                    "--frames",
+                    "verify.json",
+                    "stalls",
+                ],
+            ),
             (("synth",), ["BUNDLE", "--no-place-and-route", "--module", "--output", "without Vivado"]),
             (("build",), ["SCENE", "--data", "--output", "resumes"]),
             (("report",), ["FOLDER", "--data", "report.html"]),
@@ -157,6 +170,8 @@ class TestHelp:
             (("evaluate", "b"), "Missing option '--data'"),
             (("evaluate", "b", "--data", "d", "--split", "half"), "Invalid value for '--split'"),
             (("sim", "b", "--data", "d", "--frames", "0"), "Invalid value for '--frames'"),
+            (("verify", "b", "--lanes", "1,two"), "'1,two': expected numbers separated by commas"),
+            (("verify", "b", "--lanes", "2,2"), "'2,2': a number is there twice"),
             (("sim", "b", "--data", "d", "--trace", "vcd"), "Invalid value for '--trace'"),
         ],
     )
@@ -484,6 +499,19 @@ class TestPredict:
         assert message == f"{path}: channels = R,G,B,NIR: expected B,G,R or B,G,R,NIR"
 
 
+VERIFIED = {
+    "lanes": 2,
+    "weights": "baked",
+    "note": "",
+    "stalls": False,
+    "frames": 7,
+    "values_compared": 50,
+    "mismatches": 0,
+    "first_mismatch": "",
+    "cycles": 99,
+}
+
+
 class TestHardware:
     """As far as it goes without elaborating: the rest is tested with the gateware and the simulation."""
 
@@ -527,6 +555,52 @@ class TestHardware:
         assert (given["frames"], given["results"], given["trace"]) == (frames, frames, trace)
         last = result.stdout.splitlines()[-1]
         assert last == (f"{tmp_path}/sim/fastac.{trace}" if trace else "}")
+
+    @pytest.fixture
+    def campaign(self, monkeypatch):
+        """What `fastac verify` asks for; the campaign itself has tests of its own."""
+        given = {}
+
+        def run(bundle, data, index, lanes, folder, *, progress):
+            given.update(digest=bundle.digest, index=index.tolist(), lanes=lanes, folder=folder)
+            return {"rows": [VERIFIED | given.get("row", {})]}
+
+        monkeypatch.setattr(verify, "run", run)
+        return given
+
+    def test_campaign(self, tiny_folder, tiny_file, tiny_bundle, campaign):
+        options = ("--data", tiny_file, "--lanes", "2,1", "--frames", 3, "--split", "test", "--no-progress")
+        result = succeed("verify", tiny_folder, *options)
+        assert campaign["digest"] == tiny_bundle.digest
+        assert campaign["lanes"] == (2, 1)
+        assert len(campaign["index"]) == 3
+        assert set(campaign["index"]) <= set(dataset.read(tiny_file).indices("test"))
+        assert campaign["folder"] == tiny_folder / "verify"
+        lines = result.stdout.splitlines()
+        assert lines[0].split()[:2] == ["lanes", "weights"]
+        assert lines[1].split() == ["2", "baked", "7", "50", "0", "99"]
+        assert lines[2] == str(tiny_folder / "verify" / "verify.json")
+
+    def test_campaign_that_finds_something(self, tiny_folder, tiny_file, campaign, tmp_path):
+        campaign["row"] = {"mismatches": 3, "first_mismatch": "depth: value 7"}
+        message = fail("verify", tiny_folder, "--data", tiny_file, "-o", tmp_path)
+        assert message == "3 mismatches; depth: value 7"
+        assert campaign["lanes"] == (1, 2, 4)
+
+    def test_campaign_of_a_scene_builds_its_bundle(self, campaign, monkeypatch, tmp_path, tiny_folder, toml):
+        """In the build folder, whose dataset then serves."""
+        monkeypatch.chdir(tmp_path)
+        built = []
+
+        def build(scene, folder, data, progress, until):
+            built.append((scene.name, until))
+            shutil.copytree(tiny_folder, folder)
+
+        monkeypatch.setattr("fastac.cli.run_build", build)
+        message = fail("verify", toml)
+        assert built == [("tiny", "bundle")]
+        assert message.startswith("build/tiny/data.h5: ")
+        assert campaign == {}
 
     def test_no_results_no_report(self, tiny_folder, tiny_file, tmp_path):
         folder = shutil.copytree(tiny_folder, tmp_path / "tiny")
