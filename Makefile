@@ -6,7 +6,7 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test unit lint bench synth verify clean
+.PHONY: all build test unit lint bench synth verify verify-photographs clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -51,11 +51,14 @@ $(PRESSES): | $(READY)
 verify: $(READY)
 	$(FASTAC) verify scenes/paper.toml
 	@if [ -d "$(PHOTOGRAPHS)" ]; then \
-		$(MAKE) $(PRESSES) && $(FASTAC) verify scenes/gelsight.toml --data $(PRESSES); \
+		$(MAKE) verify-photographs; \
 	else \
 		echo "verify: no photographs in $(PHOTOGRAPHS); give their folder with PHOTOGRAPHS=FOLDER." \
 			"Only simulated frames were verified."; \
 	fi
+
+verify-photographs: $(PRESSES)
+	$(FASTAC) verify scenes/gelsight.toml --data $(PRESSES)
 
 clean:
 	rm -rf build
