@@ -1,6 +1,7 @@
 """From float weights to the integer model: scales, multipliers, kernels, and every word's width."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -70,21 +71,29 @@ def quantise_layers(
         out = np.maximum(into @ weight.T + bias, 0)
         largest = np.percentile(out, percentile, axis=0)
         activation_unit = np.maximum(largest, largest.max() * 1e-3 + 1e-9) / top_activation
-        integer_weight, scale = _scaled(weight * unit, weight_bits, axis=1)
-        integer_bias = np.rint((bias + activation_unit / 2) / scale).astype(np.int64)
+        bias = bias + activation_unit / 2
+        integer_weight, scale = _scaled(weight * unit, bias, limit, weight_bits, axis=1)
+        integer_bias = np.rint(bias / scale).astype(np.int64)
         multiplier = requantisation(scale / activation_unit, activation_bits)
         layers.append(Layer(integer_weight, integer_bias, limit, weight_bits, multiplier))
         into, unit, limit = out, activation_unit, np.full(len(weight), top_activation)
-    integer_weight, scale = _scaled(weights[-1] * unit, last_weight_bits, axis=None)
+    integer_weight, scale = _scaled(weights[-1] * unit, biases[-1], limit, last_weight_bits, axis=None)
     integer_bias = np.rint(biases[-1] / scale).astype(np.int64)
     return (*layers, Layer(integer_weight, integer_bias, limit, last_weight_bits))
 
 
-def _scaled(weight: np.ndarray, bits: int, axis: int | None) -> tuple[np.ndarray, np.ndarray]:
-    """Weights (neurons, inputs) as integers of `bits`, and each neuron's scale; one for all if no axis."""
+def _scaled(
+    weight: np.ndarray, bias: np.ndarray, limit: np.ndarray, bits: int, axis: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (neurons, inputs) as integers of `bits`, and each neuron's scale; one for all if no axis.
+
+    No bias (neurons,) is then larger than the weights could make the sum over inputs up to `limit`: so much
+    room a loadable one has.
+    """
     top = (1 << (bits - 1)) - 1
     magnitude = np.abs(weight)
-    scale = magnitude.max(axis=axis, keepdims=True) / top
+    largest = np.hstack([magnitude, np.abs(bias)[:, None] / limit.sum()])
+    scale = largest.max(axis=axis, keepdims=True) / top
     # A neuron whose weights have died keeps a scale that its multiplier can express.
     scale = np.broadcast_to(np.maximum(scale, magnitude.max() * 1e-4 / top), (len(weight), 1))
     return np.clip(np.rint(weight / scale), -top, top).astype(np.int64), scale[:, 0]
@@ -108,9 +117,11 @@ def assemble(
     """The integer pipeline up to the depth and the displacement; `with_force` adds the force's weights.
 
     Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
-    (models/bounds.py). Raises ValueError where a bound does not fit the scene's data bits.
+    (models/bounds.py), of any weights where the scene's are loadable. Raises ValueError where a bound does
+    not fit the scene's data bits.
     """
     numbers, pitch = scene.numbers, scene.sensor.pitch_mm
+    layers = tuple(replace(layer, loadable=scene.hardware.weights == "loadable") for layer in layers)
     ratio = GradientRatio(
         normal_width=layers[-1].accumulator_width,
         width=numbers.gradient_fraction_bits + numbers.slope_limit.bit_length(),
