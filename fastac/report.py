@@ -204,7 +204,7 @@ def curves_figure(bundle: Bundle) -> str:
             if key.startswith(f"history.{name}.")
         }
         axis.set_title(name, fontsize=9)
-        if "cosines" in curves:
+        if "regularisation" in curves:
             _choice(axis, curves)
         else:
             epochs = curves.pop("epoch")
@@ -216,10 +216,12 @@ def curves_figure(bundle: Bundle) -> str:
 
 
 def _choice(axis, curves: dict[str, np.ndarray]) -> None:
-    """What ridge regression tried: the error over the regularisation, a line for each number of cosines."""
-    for size in np.unique(curves["cosines"]):
-        part = curves["cosines"] == size
-        axis.loglog(curves["regularisation"][part], curves["validation_mae_n"][part], label=f"{size} cosines")
+    """What ridge regression tried: the error over the regularisation, a line for each basis."""
+    sizes = curves.get("cosines", np.zeros(len(curves["regularisation"])))
+    for size in np.unique(sizes):
+        part = sizes == size
+        label = f"{size:.0f} cosines" if size else "validation"
+        axis.loglog(curves["regularisation"][part], curves["validation_mae_n"][part], label=label)
     axis.set_xlabel("regularisation")
     axis.set_ylabel("validation MAE, N")
 

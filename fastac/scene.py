@@ -144,6 +144,9 @@ class Hardware(Strict):
 
 
 class Training(Strict):
+    labels: Literal["geometry", "force"] = "geometry"
+    """What the pixel network learns from. geometry: normals. force: the force alone; network and weights of
+    the slopes are then learned together, and the slopes mean nothing by themselves."""
     seed: Annotated[int, Field(ge=0)] = 1
     normals_epochs: Count = 30
     normals_batch_px: Count = 8192
@@ -165,8 +168,6 @@ class Training(Strict):
     finetune_learning_rate: Positive = 0.05
     """In units of the last place of the integer weights."""
     force_epochs: Count = 60
-    force_finetune_epochs: Annotated[int, Field(ge=0)] = 30
-    """Of the kernels, on the displacements that the integers find."""
     force_batch: Count = 8
     force_learning_rate: Positive = 1e-3
     force_weight_decay: Annotated[float, Field(ge=0)] = 1e-3
@@ -208,8 +209,6 @@ class Scene(Strict):
                 f"sensor.height_px: {self.sensor.height_px} differs from width_px {self.sensor.width_px};"
                 " the DST engine shares one matrix between rows and columns, so depth needs square images"
             )
-        if self.wants_force and self.sensor.source == "recorded" and self.sensor.geometry == "flat":
-            raise ValueError("outputs: force_z needs recorded forces, which ball presses do not carry")
         if self.wants_force_map and (
             not self.wants_force or self.force.kernel != "patch" or self.poisson.solver == "adjoint"
         ):
@@ -223,6 +222,8 @@ class Scene(Strict):
             raise ValueError("force.clamp: the adjoint is linear and cannot clamp; set clamp = false")
         if self.force.fit == "slopes" and self.poisson.solver != "adjoint":
             raise ValueError("force.fit: 'slopes' needs poisson.solver 'adjoint'")
+        if self.training.labels == "force":
+            self._force_alone()
         row_beats = -(-self.inner_px // lanes)
         if self.wants_solver and self.poisson.solver == "tridiagonal" and row_beats < RECURRENCE_BEATS:
             raise ValueError(
@@ -239,6 +240,18 @@ class Scene(Strict):
                     f" ({2 * half_u:g} x {2 * half_v:g} mm)"
                 )
         return self
+
+    def _force_alone(self) -> None:
+        """Raise ValueError unless forces alone can train what is wanted."""
+        if not self.wants_adjoint or "normals" in self.outputs or self.force.fit != "slopes":
+            raise ValueError(
+                "training.labels: 'force' gives forces only, no normals or depth, and needs poisson.solver"
+                " 'adjoint' and force.fit 'slopes'"
+            )
+        for key in ("teachers", "flat_fraction", "position_noise"):
+            value = getattr(self.training, key)
+            if value:
+                raise ValueError(f"training.{key}: {value} needs training.labels 'geometry'")
 
     @property
     def wants_solver(self) -> bool:

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from fastac.scene import Scene
-from models import bundle, quantise, slope_force, train_force, train_normals
+from models import bundle, quantise, slope_force, train_force, train_force_labels, train_normals
 from models.adjoint import displacement_mm, slope_weights
 from models.features import scales
 from models.float_pipeline import FloatPipeline
@@ -33,13 +33,19 @@ def rest_depth_mm(data: Dataset) -> np.ndarray:
 
 def require(data: Dataset, scene: Scene, path: Path) -> None:
     """Raise TrainingError where the dataset lacks what the scene's outputs are trained from."""
-    if data.normals is None:
+    by_geometry = scene.training.labels == "geometry"
+    if by_geometry and data.normals is None:
         raise TrainingError(
             f"{path}: normals: missing, and scene {scene.name} trains the pixel network on them"
         )
     if scene.wants_force and data.force_n is None:
         raise TrainingError(f"{path}: force_n: missing, and scene {scene.name} wants {scene.outputs}")
-    if scene.wants_slopes and scene.sensor.geometry == "fingertip" and data.rest_depth_mm is None:
+    for axis in scene.force_axes:
+        if not data.knows_force((axis,)):
+            raise TrainingError(
+                f"{path}: force_n: no {'xyz'[axis]} axis, and scene {scene.name} wants {scene.outputs}"
+            )
+    if by_geometry and scene.wants_slopes and scene.sensor.geometry == "fingertip" and data.rest_depth_mm is None:
         raise TrainingError(f"{path}: rest_depth_mm: missing, and a curved skin needs its boundary prior")
     for split in ("train", "test"):
         if not len(data.indices(split)):
@@ -73,7 +79,10 @@ def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
 
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
     """Train the float pixel network; writes its arrays and learning curve."""
-    network, history = train_normals.train(data, scene.training, progress=progress)
+    if scene.training.labels == "force":
+        network, history = train_force_labels.train(data, scene, progress=progress)
+    else:
+        network, history = train_normals.train(data, scene.training, progress=progress)
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
 
 
@@ -85,9 +94,12 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     """Quantise the pixel network and fine-tune it bit-true; writes the integer layers."""
     arrays = load_arrays(weights)
     count = len([k for k in arrays if k.startswith("network.") and k.endswith(".weight")])
-    x, _ = train_normals.labelled_pixels(
-        data, "train", flat_fraction=scene.training.flat_fraction, seed=scene.training.seed
-    )
+    network = float_pipeline(arrays, data, scene).network
+    if scene.training.labels == "force":
+        split = train_force_labels.labelled_by(network, data, seed=scene.training.seed)
+    else:
+        split = train_normals.labelled(data, scene.training)
+    x, _ = split["train"]
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
     layers = quantise.quantise_layers(
         [arrays[f"network.{k}.weight"] for k in range(count)],
@@ -98,18 +110,14 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         activation_bits=scene.numbers.activation_bits,
         last_weight_bits=scene.numbers.last_weight_bits,
     )
-    network = float_pipeline(arrays, data, scene).network
-    layers, history = train_normals.finetune(data, layers, network, scene.training, progress=progress)
+    layers, history = train_normals.finetune(split, layers, network, scene.training, progress=progress)
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
 
 
 def force(
     data: Dataset, scene: Scene, weights: Path, integers: Path, output: Path, *, progress: bool
 ) -> None:
-    """Train the force model on what the float pipeline finds, then go on with what each pipeline finds.
-
-    Both sets of weights have seen as many epochs, so that comparing them compares the arithmetic alone.
-    """
+    """Train the force model on what the float pipeline finds, then fit it to what each pipeline finds."""
     rest, truth = rest_depth_mm(data), {}
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
     for split, index in splits.items():
@@ -129,7 +137,7 @@ def force(
             if start is None:
                 start, history = train_force.train(scene, rest, found, truth, progress=progress)
                 arrays |= curve(history, "force")
-            model, history = train_force.train(scene, rest, found, truth, start=start, progress=progress)
+            model, history = train_force.refit(scene, start, found, truth)
             fitted = force_weights(model, scene)
         arrays[f"force.{name}_weights"] = fitted.astype(np.float32)
         arrays |= curve(history, f"force_{name}")

@@ -29,7 +29,7 @@ class Result:
     """What a pipeline finds in frames; what the scene does not want is None.
 
     normals (frames, H, W, 3) unit; slopes (frames, H, W, 2); depth_mm (frames, H, W), the prior on the
-    boundary; displacement_mm (frames, N, N) away from the camera, positive in contact; force_n (frames, axes)
+    boundary; displacement_mm (frames, N, N) towards the camera, positive in contact; force_n (frames, axes)
     and force_map_n (frames, axes, N, N), of the scene's axes.
     Integer pipelines add raw words: depth_words (frames, N, N), force_raw (frames, axes), force_map_raw
     (frames, axes, N, N), normal_words (frames, H, W, 3), and how many values saturated in each frame.

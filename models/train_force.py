@@ -4,12 +4,15 @@ Source: Lu et al., "FasTac": L1 on the resultant, AdamW; every step needs each p
 once, whatever the batch.
 """
 
+import copy
+
 import numpy as np
 import torch
 from tqdm import tqdm
 
 from fastac.scene import Scene
 
+from . import ridge
 from .hyperforce import HyperForce, coordinates
 from .threads import single_thread
 
@@ -30,36 +33,23 @@ def train(
     displacement_mm: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
     *,
-    start: HyperForce | None = None,
     progress: bool = False,
 ) -> tuple[HyperForce, list[dict]]:
     """Fit the kernels; `displacement_mm` (frames, N, N) and `force_n` (frames, axes) by split name.
 
     Displacements are clamped at zero if the scene says so, as in the paper. What is best on the validation
     split is kept.
-    start : go on from these kernels for `force_finetune_epochs`, maybe with another pipeline's displacements:
-        the clamp turns noise into force, so kernels must know the noise of the arithmetic they run on.
     """
     settings = scene.training
-    if scene.force.clamp:
-        displacement_mm = {k: np.maximum(v, 0) for k, v in displacement_mm.items()}
-    pressed = {k: torch.from_numpy(v.astype(np.float32)) for k, v in displacement_mm.items()}
+    pressed = {k: torch.from_numpy(v.astype(np.float32)) for k, v in _pressed(scene, displacement_mm).items()}
     force = {k: torch.from_numpy(v.astype(np.float32)) for k, v in force_n.items()}
     torch.manual_seed(settings.seed)
     model = build(scene, rest_depth_mm, axes=force["train"].shape[1])
-    if start is None:
-        epochs, rate, label = settings.force_epochs, settings.force_learning_rate, "force, float"
-        # Weights of order one give forces of the right order.
-        volume = pressed["train"].abs().flatten(1).sum(dim=1).mean()
-        model.unit.fill_(
-            float(force["train"].abs().mean() / volume.clamp(min=1e-9)) / scene.force.kernel_size
-        )
-    else:
-        epochs, rate = settings.force_finetune_epochs, settings.force_learning_rate
-        label = "force, fine-tuning"
-        model.load_state_dict(start.state_dict())
-    if not epochs:
-        return model, []
+    # Weights of order one give forces of the right order.
+    volume = pressed["train"].abs().flatten(1).sum(dim=1).mean()
+    unit = float(force["train"].abs().mean() / volume.clamp(min=1e-9))
+    model.unit.fill_(unit / scene.force.kernel_size)
+    epochs, rate = settings.force_epochs, settings.force_learning_rate
     optimiser = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=settings.force_weight_decay)
     count = len(pressed["train"])
     steps = epochs * -(-count // settings.force_batch)
@@ -69,9 +59,7 @@ def train(
     )
     generator = torch.Generator().manual_seed(settings.seed)
     best, best_state, history = np.inf, None, []
-    if "validation" in pressed:  # what it starts from counts too: fine-tuning must not lose it
-        best, best_state = _error(model, pressed, force, "validation"), _copy(model.state_dict())
-    bar = tqdm(total=steps, desc=label, unit="step", disable=not progress, leave=False)
+    bar = tqdm(total=steps, desc="force", unit="step", disable=not progress, leave=False)
     for epoch in range(epochs):
         total = 0.0
         for index in torch.randperm(count, generator=generator).split(settings.force_batch):
@@ -93,6 +81,45 @@ def train(
     if best_state is not None:
         model.load_state_dict(best_state)
     return model, history
+
+
+def refit(
+    scene: Scene, model: HyperForce, displacement_mm: dict[str, np.ndarray], force_n: dict[str, np.ndarray]
+) -> tuple[HyperForce, list[dict]]:
+    """The hypernetwork's last layer anew, by ridge regression, and the errors of all that was tried.
+
+    With the other layers fixed the force is linear in the last one's weights, so that they have a best
+    solution, for any pipeline's displacements: the clamp turns noise into force, so kernels must know the
+    noise of the arithmetic they run on. Parameters as of `train`; `model` stays as it is.
+    """
+    last, k = model.layers[-1], model.kernel_size
+    with torch.inference_mode():
+        hidden = model.layers[:-1](model.coordinate).double().numpy()
+    hidden = np.concatenate([hidden, np.ones((len(hidden), 1))], axis=1)  # one more for the bias
+
+    def features(frame: np.ndarray) -> np.ndarray:
+        patches = np.lib.stride_tricks.sliding_window_view(np.pad(frame, k // 2), (k, k))
+        return (hidden.T @ patches.reshape(len(hidden), k * k)).ravel()
+
+    pressed = _pressed(scene, displacement_mm)
+    x = {split: np.array([features(frame) for frame in frames]) for split, frames in pressed.items()}
+    history = ridge.attempts(x, force_n)
+    found = ridge.fit(x["train"], force_n["train"], ridge.best(history)) / model.unit.item()
+    weights = (
+        found.reshape(hidden.shape[1], k * k, model.axes).transpose(2, 1, 0).reshape(-1, hidden.shape[1])
+    )
+    fitted = copy.deepcopy(model)
+    with torch.no_grad():
+        fitted.layers[-1].weight.copy_(torch.from_numpy(weights[:, :-1]).to(last.weight.dtype))
+        fitted.layers[-1].bias.copy_(torch.from_numpy(weights[:, -1]).to(last.bias.dtype))
+    return fitted, history
+
+
+def _pressed(scene: Scene, displacement_mm: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Clamped at zero if the scene says so."""
+    if not scene.force.clamp:
+        return displacement_mm
+    return {split: np.maximum(frames, 0) for split, frames in displacement_mm.items()}
 
 
 def _error(model: HyperForce, pressed: dict, force: dict, split: str) -> float:

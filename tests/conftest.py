@@ -38,7 +38,6 @@ normals_epochs = 15
 normals_batch_px = 256
 finetune_epochs = 3
 force_epochs = 5
-force_finetune_epochs = 2
 """
 
 

@@ -152,8 +152,8 @@ class TestOnlyWhatIsWanted:
             raise AssertionError("nobody asked for depth or force")
 
         monkeypatch.setattr(train_force, "train", refuse)
-        monkeypatch.setattr(quantise, "solver", refuse)
-        monkeypatch.setattr(quantise, "quantise_kernels", refuse)
+        monkeypatch.setitem(quantise.CHOOSERS, "dst2d", refuse)
+        monkeypatch.setattr(quantise, "quantise_weights", refuse)
         monkeypatch.setattr(float_pipeline, "solve", refuse)
         scene = make_scene(outputs=["normals"], training=QUICK)
         announced = run(scene, tmp_path, tiny_file, until="evaluate")
@@ -170,7 +170,7 @@ class TestOnlyWhatIsWanted:
             raise AssertionError("nobody asked for force")
 
         monkeypatch.setattr(train_force, "train", refuse)
-        monkeypatch.setattr(quantise, "quantise_kernels", refuse)
+        monkeypatch.setattr(quantise, "quantise_weights", refuse)
         monkeypatch.setattr(quantise, "DisplacementQuantiser", refuse)
         scene = make_scene(outputs=["normals", "depth"], training=QUICK)
         announced = run(scene, tmp_path, tiny_file, until="evaluate")

@@ -23,7 +23,7 @@ def pair(tiny_bundle, make_scene):
         whole = FloatPipeline.from_arrays(tiny_bundle.floats, scene, background, rest)
         integer = quantise.assemble(scene, layers=trained.layers, background=background, rest_depth_mm=rest)
         if scene.wants_force:
-            integer = quantise.with_force(integer, tiny_bundle.floats["force.float_kernels"].astype(float))
+            integer = quantise.with_force(integer, tiny_bundle.floats["force.float_weights"].astype(float))
         return whole, integer
 
     return pipelines
@@ -61,7 +61,7 @@ def test_depth_and_force_are_those_of_a_direct_solver(pair, tiny_bundle, tiny_da
     at_rest = pipeline.run(pipeline.background[None])
     found = pipeline.run(tiny_data.frames[:4])
     source_at_rest = source_px(at_rest.slopes[0], divergence)
-    kernels = tiny_bundle.floats["force.float_kernels"].astype(float)
+    kernels = tiny_bundle.floats["force.float_weights"].astype(float)
     for k in range(4):
         source = source_px(found.slopes[k], divergence)
         if mode == "absolute":
@@ -141,7 +141,7 @@ def test_from_bundle_has_the_bundle_s_parts(tiny_bundle, tiny_data):
     for k, layer in enumerate(pipeline.network.linears):
         np.testing.assert_array_equal(layer.weight.detach(), tiny_bundle.floats[f"network.{k}.weight"])
         np.testing.assert_array_equal(layer.bias.detach(), tiny_bundle.floats[f"network.{k}.bias"])
-    assert pipeline.collapsed.shape == (1, 14, 14)
+    assert pipeline.force_weights.shape == (1, 14, 14, 5, 5)
     np.testing.assert_array_equal(pipeline.background, tiny_data.background)
 
 

@@ -1,3 +1,4 @@
+import dataclasses
 from itertools import pairwise
 
 import numpy as np
@@ -79,6 +80,19 @@ def test_layers_point_where_the_float_network_does(seed):
     assert min(errors[1:]) > 1.3 * errors[0]  # every word length counts
 
 
+@pytest.mark.parametrize("bias", [1e3, -1e3])
+@pytest.mark.parametrize("layer", [0, 2, 3])
+def test_a_bias_beyond_its_weights_is_loadable_too(layer, bias):
+    """So large a bias takes the scale from the weights, whose neuron is always or never active."""
+    weights, biases = network(5)
+    weights[layer][1] *= 1e-3
+    biases[layer][1] = bias
+    layers = layers_of(weights, biases)
+    chosen = dataclasses.replace(layers[layer], loadable=True)
+    assert abs(chosen.bias[1]) == chosen.bias_limit
+    assert not chosen.weight[1].any()
+
+
 def test_layers_use_their_words():
     weights, biases = network(4)
     layers = layers_of(weights, biases)
@@ -128,18 +142,19 @@ def test_dead_neurons_do_no_harm():
 
 
 def test_kernels_use_their_range_and_are_to_the_nearest():
-    kernels = np.random.default_rng(1).normal(size=(1, 4, 4, 3, 3))
-    words, scale = quantise.quantise_kernels(kernels, 8)
-    assert np.abs(words).max() == 127
+    kernels = np.random.default_rng(1).normal(size=(2, 4, 4, 3, 3)) * np.array([1, 7]).reshape(2, 1, 1, 1, 1)
+    words, scale = quantise.quantise_weights(kernels, 8)
     assert words.dtype == np.int64
-    assert np.abs(words / scale - kernels).max() <= 0.5 / scale
-    assert scale == pytest.approx(127 / np.abs(kernels).max())
+    for axis in range(2):
+        assert np.abs(words[axis]).max() == 127
+        assert np.abs(words[axis] / scale[axis] - kernels[axis]).max() <= 0.5 / scale[axis]
+        assert scale[axis] == pytest.approx(127 / np.abs(kernels[axis]).max())
 
 
 def test_kernels_of_nothing_stay_nothing():
-    words, scale = quantise.quantise_kernels(np.zeros((1, 2, 2, 1, 1)), 8)
+    words, scale = quantise.quantise_weights(np.zeros((1, 2, 2, 1, 1)), 8)
     assert not words.any()
-    assert np.isfinite(scale)
+    assert np.isfinite(scale).all()
 
 
 def test_layers_survive_a_file():
@@ -235,7 +250,7 @@ def test_force_units(make_scene):
     for i, j in np.ndindex(14, 14):
         exact = exact + (kernels[0, i, j] * padded[i : i + 5, j : j + 5]).sum()
     scale = np.abs(kernels).sum() * mm.mean()
-    assert found.force(words)[0] * found.force_n_per_unit == pytest.approx(float(exact), abs=2e-3 * scale)
+    assert found.force(words)[0] * found.force_n_per_unit[0] == pytest.approx(float(exact), abs=2e-3 * scale)
     assert pipeline.force is None  # the first one is left as it was
 
 

@@ -65,8 +65,12 @@ def test_ground_truth_fits_together(tmp_path):
     assert data.channels == ("B", "G", "R", "NIR")
     assert data.source.startswith("simulated")
     assert [len(data.indices(split)) for split in ("train", "validation", "test")] == [8, 2, 8]
-    np.testing.assert_array_equal(data.force_n[:, :2], 0)
-    assert set(data.force_n[:, 2]) == {0.5, 1.0}
+    np.testing.assert_allclose(data.force_n[:, 2], np.tile([0.5, 1.0], len(data) // 2), rtol=1e-6)
+    # A ball right of the middle lies on skin that falls to the right, and is pushed that way.
+    position = np.stack([data.indenter["x_mm"], data.indenter["y_mm"]], axis=-1)
+    aside = np.abs(position) > 0.5
+    np.testing.assert_array_equal(np.sign(data.force_n[:, :2])[aside], np.sign(position)[aside])
+    assert np.all(np.abs(data.force_n[:, :2]) < data.force_n[:, 2:])
     displacement = data.rest_depth_mm - data.depth_mm
     for edge in (displacement[:, [0, -1]], displacement[:, :, [0, -1]]):
         np.testing.assert_array_equal(edge, 0)
