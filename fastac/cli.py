@@ -300,6 +300,28 @@ def verilog(bundle, output, progress):
 
 @main.command()
 @click.argument("bundle", type=INPUT)
+@click.option("--for", "hardware", type=INPUT, required=True, help="Bundle that the hardware was made from.")
+@click.option("-o", "--output", type=INPUT, required=True, help="The file to write.")
+def calibration(bundle, hardware, output):
+    """BUNDLE's pixel network, and what follows from it, as words for hardware that already runs.
+
+    The hardware's register CALIBRATION takes them, 32 bits each, little-endian, one after another, while no
+    frame is in flight. What a calibration does not bring must be the same in both bundles: formats, solver,
+    kernels. The background is not part of it: let the hardware capture its own.
+    """
+    from gateware.calibration import calibration_words
+
+    model = load_bundle(bundle)
+    words = calibration_words(model, load_bundle(hardware))
+    output.parent.mkdir(parents=True, exist_ok=True)
+    temporary = output.with_name(f".{output.name}.part")
+    temporary.write_bytes(words.astype("<u4").tobytes())
+    temporary.replace(output)
+    click.echo(f"{output}: {len(words)} words, layout {words[0]:#010x}, sha256 {model.digest}")
+
+
+@main.command()
+@click.argument("bundle", type=INPUT)
 @click.option("--data", type=INPUT, required=True, help="Dataset to take frames from.")
 @click.option("--split", type=SPLITS, default="test", show_default=True)
 @click.option(

@@ -1,0 +1,166 @@
+# amaranth: UnusedElaboratable=no
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from gateware.calibration import CalibrationError, calibration_words, difference, identifier, image_layout
+from gateware.datapath import Datapath
+from models import bundle
+from models.bounds import Stage
+from models.pipeline import IntegerPipeline
+from sim.bench_specimen import recalibrated, scene, specimen
+
+WANTED = {
+    "absolute": {"outputs": ("depth", "force_z"), "mode": "absolute", "lanes": 4},
+    "difference": {"outputs": ("depth", "force_z"), "mode": "difference", "solver": "tridiagonal"},
+    "adjoint": {"outputs": ("force_xyz",), "mode": "difference", "solver": "adjoint", "lanes": 2},
+    "normals": {"outputs": ("normals",)},
+    "depth": {"outputs": ("depth",), "mode": "absolute"},
+}
+
+
+@pytest.fixture(scope="module")
+def bundles(tmp_path_factory):
+    """Of every kind a bundle and one with another network."""
+    folder, found = tmp_path_factory.mktemp("bundles"), {}
+    for name, wanted in WANTED.items():
+        own = specimen(folder / name, scene(**wanted))
+        found[name] = own, recalibrated(folder / f"{name}_other", own)
+    return found
+
+
+@pytest.mark.parametrize("name", WANTED)
+def test_words(bundles, name):
+    """The network's parameters, the adjoint's constants and the hash, behind the tables."""
+    own, other = bundles[name]
+    words = calibration_words(other, own)
+    layout = image_layout(Datapath(own.pipeline))
+    assert words.shape == (layout.words,)
+    assert words[0] == identifier(own.pipeline) == identifier(other.pipeline)
+    assert list(layout.tables) == {"absolute": ["rest"], "difference": ["offset"]}.get(name, [])
+    chain = int.from_bytes(words[-layout.chain_words :].astype("<u4").tobytes(), "little")
+    assert chain >> (32 * layout.chain_words - 64) == other.hash_word
+    bits = layout.registers["network"]
+    assert chain % (1 << bits) == Datapath(own.pipeline).mlp.parameter_image(other.pipeline.layers)
+    assert list(layout.registers) == ["network"] + ["constant"] * (name == "adjoint")
+    if name == "adjoint":
+        force = other.pipeline.force
+        for axis in range(3):
+            word = chain >> (bits + axis * force.width) & ((1 << force.width) - 1)
+            assert word - (word >> (force.width - 1) << force.width) == force.constant[axis]
+    values = words[1 : -layout.chain_words].astype(np.int32)
+    if name == "absolute":
+        half = 1 << other.pipeline.quantiser.shift >> 1
+        found = values.reshape(14, 16)
+        assert np.array_equal(found[:, :14], other.pipeline.depth.rest + half)
+        assert not found[:, 14:].any()
+    elif name == "difference":
+        assert np.array_equal(values.reshape(14, 14), other.pipeline.source.offset)
+    else:
+        assert not len(values)
+
+
+def test_formats_are_of_any_calibration(bundles):
+    """Tables hold what their format allows, not what the first bundle needs."""
+    for name, table in (("absolute", "rest"), ("difference", "offset")):
+        own, _ = bundles[name]
+        width = own.pipeline.depth.width if table == "rest" else own.pipeline.source.width
+        assert image_layout(Datapath(own.pipeline)).tables[table].bits == width
+
+
+def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
+    """One thing that a calibration cannot bring."""
+    if what == "kernel":
+        kernel = pipeline.force.kernel.copy()
+        kernel[0, 3, 5, 1, 2] += 1 if kernel[0, 3, 5, 1, 2] < 0 else -1
+        return pipeline.replace(force=replace(pipeline.force, kernel=kernel))
+    if what == "offset":
+        return pipeline.replace(source=replace(pipeline.source, offset=pipeline.source.offset + 1))
+    if what == "rest":
+        return pipeline.replace(depth=replace(pipeline.depth, rest=pipeline.depth.rest - 1))
+    if what == "lanes":
+        content = pipeline.scene.model_dump()
+        content["hardware"]["pixels_per_clock"] = 2
+        return pipeline.replace(scene=type(pipeline.scene).model_validate(content))
+    if what == "fraction":
+        return pipeline.replace(ratio=replace(pipeline.ratio, fraction=7))
+    if what == "shape":
+        first = pipeline.layers[0]
+        scale = replace(first.requantisation, multiplier=np.ones(3, int))
+        first = replace(first, weight=first.weight[:3], bias=first.bias[:3], requantisation=scale)
+        return pipeline.replace(layers=(first, *pipeline.layers[1:]))
+    if what == "depth":
+        return pipeline.replace(layers=pipeline.layers[:1])
+    if what == "baked":
+        layers = tuple(replace(layer, loadable=False) for layer in pipeline.layers)
+        return pipeline.replace(layers=layers)
+    raise AssertionError(what)
+
+
+@pytest.mark.parametrize(
+    ("name", "what", "message"),
+    [
+        (
+            "absolute",
+            "kernel",
+            "force.kernel: 1 of 1764 values are not the hardware's, the first in (0, 3, 5",
+        ),
+        (
+            "absolute",
+            "offset",
+            "source.offset: 196 of 196 values are not the hardware's, the first in (0, 0)",
+        ),
+        ("difference", "rest", "depth.rest: 196 of 196 values are not the hardware's"),
+        ("difference", "lanes", "scene.hardware.pixels_per_clock = 2: the hardware's is 1"),
+        ("normals", "fraction", "ratio.fraction = 7: the hardware's is 8"),
+        ("normals", "shape", "layers.0.weight.shape = (3, 5): the hardware's is (4, 5)"),
+        ("normals", "depth", "layers.length = 1: the hardware's is 2"),
+        ("normals", "baked", "layers.0.loadable = False: the hardware's is True"),
+    ],
+)
+def test_other_hardware_is_refused(bundles, tmp_path, name, what, message):
+    own, other = bundles[name]
+    pipeline = changed(other.pipeline, what)
+    assert difference(pipeline, own.pipeline).startswith(message)
+    assert identifier(pipeline) != identifier(own.pipeline)
+    with pytest.raises(CalibrationError) as refusal:
+        calibration_words(replace(other, pipeline=pipeline), own)
+    assert str(refusal.value).startswith(message)
+    assert "\n" not in str(refusal.value)
+
+
+def test_every_kind_of_hardware_has_its_own_images(bundles):
+    assert len({identifier(own.pipeline) for own, _ in bundles.values()}) == len(WANTED)
+
+
+def test_what_only_explains_a_format_may_differ(bundles):
+    own, other = bundles["absolute"]
+    solver = own.pipeline.solver
+    stages = tuple(Stage(s.name, s.bound_px * 0.99, s.format) for s in solver.stages)
+    pipeline = other.pipeline.replace(
+        solver=replace(solver, stages=stages), background=own.pipeline.background // 2, provenance={"a": 1}
+    )
+    assert difference(pipeline, own.pipeline) is None
+    assert identifier(pipeline) == identifier(own.pipeline)
+
+
+def test_wider_source_is_refused(bundles):
+    """Offsets so large that the hardware's words cannot hold them."""
+    own, other = bundles["difference"]
+    source = other.pipeline.source
+    beyond = replace(source, offset=source.offset + (1 << source.width))
+    assert difference(other.pipeline.replace(source=beyond), own.pipeline).startswith("source.width = ")
+
+
+def test_baked_hardware_takes_none(tmp_path):
+    own = specimen(tmp_path / "baked", scene(("normals",), weights="baked"))
+    with pytest.raises(CalibrationError, match=r"hardware.weights = 'baked': the hardware takes no calib"):
+        calibration_words(own, own)
+
+
+def test_the_bundle_on_disk_gives_the_same_words(bundles, tmp_path):
+    own, other = bundles["difference"]
+    bundle.save(tmp_path / "bundle", other.pipeline, {})
+    loaded = bundle.load(tmp_path / "bundle")
+    assert np.array_equal(calibration_words(loaded, own), calibration_words(other, own))
