@@ -520,6 +520,28 @@ class TestHardware:
         assert "is a bundle folder?" in message.replace(f"{tmp_path} a", "a")
         assert not (tmp_path / "verilog").exists()
 
+    def test_calibration_of_a_network_that_was_trained_anew(self, tiny_folder, tiny_bundle, tmp_path):
+        pipeline = tiny_bundle.pipeline
+        first = replace(pipeline.layers[0], bias=pipeline.layers[0].bias + 1)
+        changed = pipeline.replace(layers=(first, *pipeline.layers[1:]))
+        bundles.save(tmp_path / "new", changed, tiny_bundle.floats)
+        output = tmp_path / "folder" / "new.bin"
+        printed = succeed("calibration", tmp_path / "new", "--for", tiny_folder, "-o", output).output
+        words = np.fromfile(output, "<u4")
+        digest = bundles.load(tmp_path / "new").digest
+        stated = f"{output}: {len(words)} words, layout {words[0]:#010x}, sha256 {digest}"
+        assert printed.strip() == stated
+        assert f"{words[-1]:08x}{words[-2]:08x}" == digest[:16]
+        assert list(output.parent.iterdir()) == [output]
+
+    def test_calibration_that_does_not_fit(self, tiny_folder, tiny_bundle, tmp_path):
+        pipeline = tiny_bundle.pipeline
+        force = replace(pipeline.force, kernel=-pipeline.force.kernel)
+        bundles.save(tmp_path / "new", pipeline.replace(force=force), {})
+        message = fail("calibration", tmp_path / "new", "--for", tiny_folder, "-o", tmp_path / "new.bin")
+        assert message.startswith("force.kernel: ")
+        assert not (tmp_path / "new.bin").exists()
+
     def test_no_verilog_no_simulation(self, tiny_folder, tiny_file, tmp_path):
         message = fail("sim", tiny_folder, "--data", tiny_file, "--verilog", tmp_path)
         assert message.startswith(f"{tmp_path}/hardware.json: ")
