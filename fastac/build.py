@@ -86,6 +86,7 @@ class Build:
         source = settings("protocol")
         if self.data_file is not None:  # what it must hold depends on the scene
             source = settings() | {"file": digest_file(self.data_file)}
+        network = ("training", "numbers") if scene.training.labels == "force" else ("training",)
         weights, integers = folder / "normals.npz", folder / "integers.npz"
         steps = [
             Step(
@@ -98,7 +99,7 @@ class Build:
             Step(
                 "normals",
                 lambda: training.normals(self.data, scene, weights, progress=progress),
-                settings("training"),
+                settings(*network),
                 TRAINING_SOURCES,
                 ("normals.npz",),
                 ("data",),

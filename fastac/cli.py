@@ -222,16 +222,33 @@ def print_errors(errors: dict) -> None:
 @click.argument("bundle", type=INPUT)
 @click.option("--data", type=INPUT, required=True, help="Dataset with ground truth.")
 @click.option("--split", type=SPLITS, default="test", show_default=True)
+@click.option(
+    "--leave-one-group-out",
+    is_flag=True,
+    help="Train again without each group of a recording, and test on it.",
+)
 @click.option("--json", "json_file", type=INPUT, help="Write the errors here too.")
 @progress_option
-def evaluate(bundle, data, split, json_file, progress):
-    """Errors of the float and the integer model of BUNDLE against ground truth."""
-    from fastac import accuracy
+def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
+    """Errors of the float and the integer model of BUNDLE against ground truth.
+
+    With --leave-one-group-out, of models like BUNDLE's, each trained from the forces of all groups but one;
+    beside them a linear ridge on the pixels and a quadratic in the summed difference, which show what the
+    network is worth. The trainings are kept beside the bundle, in leave_one_out, and resumed.
+    """
+    from fastac import accuracy, leave_one_out
     from fastac.workspace import write_json
     from sensor import dataset
 
     model = load_bundle(bundle)
     samples = dataset.read(data, model.scene)
+    if leave_one_group_out:
+        folder = (bundle if (bundle / "bundle").is_dir() else bundle.parent) / "leave_one_out"
+        content = leave_one_out.evaluate(samples, model.scene, data, folder, progress=progress)
+        if json_file:
+            write_json(json_file, content)
+        click.echo(leave_one_out.table(content))
+        return
     index = accuracy.choose(samples, split, data)
     errors, _ = accuracy.compare(model, samples, index, progress=progress)
     if json_file:

@@ -144,20 +144,34 @@ class ScaledNetwork(torch.nn.Module):
         return self.network(x * self.scales)
 
 
-def _validation(data: Dataset, limit: int, seed: int):
-    """A fixed sample of the validation split's pixels as tensors, or None where there is no such split."""
-    if not len(data.indices("validation")):
+def labelled(data: Dataset, settings: Training) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The labelled pixels, features and normals, that the network is trained on, by split name.
+
+    The validation split is a fixed sample, or absent where there is none.
+    """
+    seed = settings.seed
+    found = {"train": labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=seed)}
+    if len(data.indices("validation")):
+        x, y = labelled_pixels(data, "validation")
+        chosen = np.random.default_rng(seed).permutation(len(x))[:VALIDATION_PX]
+        found["validation"] = x[chosen], y[chosen]
+    return found
+
+
+def _tensors(pixels: dict[str, tuple[np.ndarray, np.ndarray]]) -> tuple[torch.Tensor, torch.Tensor] | None:
+    """The validation split's pixels, or None where there are none."""
+    if "validation" not in pixels:
         return None
-    x, y = labelled_pixels(data, "validation")
-    chosen = np.random.default_rng(seed).permutation(len(x))[:limit]
-    return torch.from_numpy(x[chosen].astype(np.float32)), torch.from_numpy(y[chosen])
+    x, y = pixels["validation"]
+    return torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y)
 
 
 def train(data: Dataset, settings: Training, *, progress: bool = False) -> tuple[PixelNetwork, list[dict]]:
     """Fit the float network to a dataset's train split; returns it and its learning curve."""
-    x, y = labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=settings.seed)
+    pixels = labelled(data, settings)
+    x, y = pixels["train"]
     unit = scales(x.shape[1] - 2)
-    validation = _validation(data, VALIDATION_PX, settings.seed)
+    validation = _tensors(pixels)
     torch.manual_seed(settings.seed)
     teacher = None
     if settings.teachers:
@@ -218,9 +232,9 @@ class BitTrueNetwork(torch.nn.Module):
 
     def _integers(self, index: int) -> tuple[torch.Tensor, torch.Tensor]:
         """Weights and biases of a layer, rounded, with gradients."""
-        top = (1 << (self.layers[index].weight_bits - 1)) - 1
-        weight = self.weights[index].clamp(-top, top)
-        bias = self.biases[index] * self.BIAS_UNIT
+        layer = self.layers[index]
+        weight = self.weights[index].clamp(-layer.weight_limit, layer.weight_limit)
+        bias = (self.biases[index] * self.BIAS_UNIT).clamp(-layer.bias_limit, layer.bias_limit)
         return weight + (weight.round() - weight).detach(), bias + (bias.round() - bias).detach()
 
     def _multiplier(self, index: int) -> torch.Tensor:
@@ -256,7 +270,7 @@ class BitTrueNetwork(torch.nn.Module):
 
 
 def finetune(
-    data: Dataset,
+    pixels: dict[str, tuple[np.ndarray, np.ndarray]],
     layers: tuple[Layer, ...],
     network: PixelNetwork,
     settings: Training,
@@ -265,6 +279,7 @@ def finetune(
 ) -> tuple[tuple[Layer, ...], list[dict]]:
     """Bit-true fine-tuning of quantised layers; returns the tuned layers and the learning curve.
 
+    pixels : features and normals by split name, as of `labelled`
     network : the float network that the layers were quantised from; it teaches the integers. The labels would
         also teach them, but with their noise, which moves the integers by more than the quantisation does.
 
@@ -274,7 +289,7 @@ def finetune(
     """
     if not settings.finetune_epochs:
         return layers, []
-    x, y = labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=settings.seed)
+    x, y = pixels["train"]
     teacher = torch.nn.Sequential(ScaledNetwork(network, scales(x.shape[1] - 2)), Unit())
     model = BitTrueNetwork(layers, hidden_weights=settings.finetune_weights)
     history = Fit(
@@ -290,7 +305,7 @@ def finetune(
         model,
         x,
         y,
-        validation=_validation(data, VALIDATION_PX, settings.seed),
+        validation=_tensors(pixels),
         teacher=teacher,
         progress=progress,
     )

@@ -8,7 +8,7 @@ from models.features import integer_features, scales
 from models.integer import Layer, Requantisation
 from models.normals import predict
 from models.quantise import quantise_layers
-from models.train_normals import BitTrueNetwork, finetune, labelled_pixels, train
+from models.train_normals import BitTrueNetwork, finetune, labelled, labelled_pixels, train
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:
@@ -278,7 +278,7 @@ class TestFinetune:
         learn = {"finetune_epochs": 15, "finetune_weights": True, "finetune_learning_rate": 0.05}
         settings = make_scene(training=learn).training
         network, before = self.quantised(tiny_data, settings, weight_bits=3)
-        after, history = finetune(tiny_data, before, network, settings)
+        after, history = finetune(labelled(tiny_data, settings), before, network, settings)
         x, y = pixels(tiny_data, "validation")
         found = loss_of(by_integers(after, x), y)
         assert found < 0.8 * loss_of(by_integers(before, x), y)
@@ -290,7 +290,7 @@ class TestFinetune:
         wild = {"finetune_epochs": 2, "finetune_weights": True, "finetune_learning_rate": 3000.0}
         settings = make_scene(training=wild).training
         network, before = self.quantised(tiny_data, settings)
-        after, history = finetune(tiny_data, before, network, settings)
+        after, history = finetune(labelled(tiny_data, settings), before, network, settings)
         x, y = pixels(tiny_data, "validation")
         loss = loss_of(by_integers(before, x), y)
         assert min(entry["validation_loss"] for entry in history) > loss
@@ -313,13 +313,13 @@ class TestFinetune:
     def test_no_epochs_change_nothing(self, tiny_data, make_scene):
         settings = make_scene(training={"normals_epochs": 1, "finetune_epochs": 0}).training
         network, layers = self.quantised(tiny_data, settings)
-        after, history = finetune(tiny_data, layers, network, settings)
+        after, history = finetune(labelled(tiny_data, settings), layers, network, settings)
         assert after is layers
         assert history == []
 
     def test_integers_are_about_as_good_as_the_float_network(self, tiny_data, tiny_scene):
         network, before = self.quantised(tiny_data, tiny_scene.training)
-        layers, _ = finetune(tiny_data, before, network, tiny_scene.training)
+        layers, _ = finetune(labelled(tiny_data, tiny_scene.training), before, network, tiny_scene.training)
         x, y = pixels(tiny_data, "test")
         assert loss_of(by_integers(layers, x), y) < 1.05 * loss_of(predict(network, x), y)
 
@@ -328,8 +328,8 @@ class TestFinetune:
         settings = make_scene(training={"finetune_epochs": 1}).training
         network, layers = self.quantised(tiny_data, settings)
         mirrored = replace(tiny_data, normals=tiny_data.normals * np.float32([-1, -1, 1]))
-        _, from_these = finetune(mirrored, layers, network, settings)
-        _, from_those = finetune(tiny_data, layers, network, settings)
+        _, from_these = finetune(labelled(mirrored, settings), layers, network, settings)
+        _, from_those = finetune(labelled(tiny_data, settings), layers, network, settings)
         assert from_these[0]["train_loss"] == from_those[0]["train_loss"]
         x, _ = pixels(tiny_data, "train")
         target = predict(network, x)

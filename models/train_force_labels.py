@@ -1,0 +1,245 @@
+"""Training the pixel network from forces alone: its slopes and the weights of the slopes learned together.
+
+Without normals nobody says what the slopes are. They become whatever two numbers per pixel, functions of its
+colour change and its place, explain the force best as Σ (a·Δp + b·Δq); the hardware is the same. The start is
+the best linear model, a ridge on the pixels' differences from the background: its fields of weights, one for
+each channel, are reduced to the two mixtures of channels that carry most of it, and the network begins as
+these mixtures. From there network and fields, sums of cosines, descend the L1 distance of the force. Steps
+see a lattice of every few pixels, at a new place each time: contacts are smooth, and it is many times faster.
+The fields are fitted once more afterwards, by models/slope_force.py, to what each arithmetic finds.
+"""
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from fastac.scene import Scene
+from sensor.dataset import Dataset
+
+from . import slope_force
+from .features import DIFFERENCE_SCALE, coordinate_codes, integer_features, scales
+from .normals import PixelNetwork
+from .threads import single_thread
+from .train_normals import ScaledNetwork, Unit
+
+LATTICE_PX = 32
+"""A step sees about so many pixels along the shorter side of the image."""
+STEEPEST = 1.0
+"""The linear model's slopes reach this in one pixel of ten thousand: a quarter of the default limit."""
+LEAST_N_Z = 1e-2
+DISTILLED_PX = 1 << 20
+"""Pixels of the training frames from which the integers learn the float network."""
+
+
+def differences(data: Dataset, index: np.ndarray) -> np.ndarray:
+    """Frames `index` less the background, (frames, H, W, C) float32."""
+    return data.frames[index].astype(np.float32) - data.background
+
+
+def linear_fields(
+    pixels: dict[str, np.ndarray], force_n: dict[str, np.ndarray], *, progress: bool = False
+) -> tuple[np.ndarray, int]:
+    """The linear model of pixels (frames, H, W, C): its fields of weights (axes, H, W, C).
+
+    Also how many cosines along each axis they are made of. Both arguments by split name.
+    """
+    fields, history = slope_force.fit(pixels, force_n, progress=progress)
+    return fields, min(history, key=lambda entry: entry["validation_mae_n"])["cosines"]
+
+
+def mixtures_of(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """The two mixtures of channels (2, C) that carry most of Σ fields · change, by reduced-rank regression.
+
+    fields (axes, H, W, C); change (frames, H, W, C). A mixture reaches STEEPEST in one pixel of ten thousand.
+    Source: Izenman, "Modern Multivariate Statistical Techniques", section 6.3.
+    """
+    channels = fields.shape[-1]
+    flat = change.reshape(-1, channels).astype(np.float64)
+    covariance = flat.T @ flat / len(flat)
+    covariance[np.diag_indices(channels)] += 1e-6 * np.trace(covariance) + 1e-12
+    root = np.linalg.cholesky(covariance)
+    right = np.linalg.svd(fields.reshape(-1, channels) @ root, full_matrices=False).Vh[:2]
+    mixtures = right @ np.linalg.inv(root)
+    return mixtures * STEEPEST / np.quantile(np.abs(flat @ mixtures.T), 1 - 1e-4, axis=0)[:, None]
+
+
+def linear_network(mixtures: np.ndarray) -> PixelNetwork:
+    """A network whose slopes are `mixtures` (2, C) of the scaled differences: a linear model.
+
+    The first four neurons of each layer carry both mixtures, each as two rectified halves; the others are
+    random, and their way out starts at zero.
+    """
+    network = PixelNetwork(mixtures.shape[1] + 2)
+    halves = torch.tensor(np.stack([mixtures[0], -mixtures[0], mixtures[1], -mixtures[1]]))
+    first, *middle, last = network.linears
+    with torch.no_grad():
+        for layer in (first, *middle):
+            layer.weight[:4] = 0
+            layer.bias[:4] = 0
+        first.weight[:4, :-2] = halves
+        for layer in middle:
+            layer.weight[:4, :4] = torch.eye(4)
+        last.weight[:] = 0
+        last.weight[0, :2] = last.weight[1, 2:4] = torch.tensor([-1.0, 1.0])
+    return network
+
+
+class ForceFromPixels(torch.nn.Module):
+    """Frames to forces on a lattice of pixels, through a pixel network's slopes and fields of weights."""
+
+    def __init__(self, network: PixelNetwork, background: np.ndarray, fields: np.ndarray, slope_limit: float):
+        """fields (axes, m, m, 2): the lowest cosines of the slopes' weights, in N."""
+        super().__init__()
+        height, width, channels = background.shape
+        self.network, self.slope_limit = network, slope_limit
+        self.unit = float(np.abs(fields).mean())
+        self.fields = torch.nn.Parameter(torch.tensor(fields / self.unit, dtype=torch.float32))
+        self.register_buffer("background", torch.from_numpy(background.astype(np.float32)))
+        codes = np.stack(np.meshgrid(coordinate_codes(width), coordinate_codes(height)), axis=-1)
+        self.register_buffer("codes", torch.tensor(codes, dtype=torch.float32))
+        self.register_buffer("scales", torch.tensor(scales(channels), dtype=torch.float32))
+        for name, size in (("rows", height), ("columns", width)):
+            waves = slope_force.waves(size, fields.shape[1])
+            self.register_buffer(name, torch.tensor(waves, dtype=torch.float32))
+
+    def slopes(self, features: torch.Tensor) -> torch.Tensor:
+        normal = self.network(features * self.scales)
+        slopes = -normal[..., :2] / normal[..., 2:].clamp(min=LEAST_N_Z)
+        return slopes.clamp(-self.slope_limit, self.slope_limit)
+
+    def forward(
+        self, frames: torch.Tensor, *, stride: int, row: int, column: int, noise: torch.Tensor | None = None
+    ) -> torch.Tensor:
+        """Frames (frames, H, W, C) uint8 to forces (frames, axes) in N, each pixel for stride² of them.
+
+        noise : added to the differences on the lattice
+        """
+        rows, columns = slice(row, None, stride), slice(column, None, stride)
+        change = frames[:, rows, columns].float() - self.background[rows, columns]
+        if noise is not None:
+            change = change + noise
+        change = torch.cat([change, torch.zeros_like(change[:1])])  # the last is the rest
+        codes = self.codes[rows, columns].expand(*change.shape[:3], 2)
+        slopes = self.slopes(torch.cat([change, codes], dim=-1))
+        weights = torch.einsum(
+            "ik,jl,aklt->aijt", self.rows[rows], self.columns[columns], self.fields * self.unit
+        )
+        return torch.einsum("nijt,aijt->na", slopes[:-1] - slopes[-1:], weights) * stride**2
+
+
+def start(data: Dataset, scene: Scene, *, progress: bool = False) -> ForceFromPixels:
+    """The linear model, of the two best mixtures of channels, as a network and fields."""
+    splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
+    change = {split: differences(data, index) for split, index in splits.items()}
+    force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
+    fields, _ = linear_fields(change, force, progress=progress)
+    mixtures = mixtures_of(fields, change["train"])
+    mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
+    fields, cosines = linear_fields(mixed, force, progress=progress)
+    lowest = slope_force.spectra(fields, cosines)
+    network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32))
+    return ForceFromPixels(network, data.background, lowest, scene.numbers.slope_limit)
+
+
+@single_thread()
+def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[PixelNetwork, list[dict]]:
+    """Fit network and fields to the train split's forces; returns the network and the learning curve.
+
+    What is best on the validation split is kept, the linear start included; without one, the last.
+    """
+    settings = scene.training
+    torch.manual_seed(settings.seed)
+    generator = torch.Generator().manual_seed(settings.seed)
+    model = start(data, scene, progress=progress)
+    stride = max(min(data.frames.shape[1:3]) // LATTICE_PX, 1)
+    splits = {split: data.indices(split) for split in ("train", "validation")}
+    frames = {split: torch.from_numpy(data.frames[index]) for split, index in splits.items()}
+    force = {
+        split: torch.from_numpy(data.forces_n(index, scene.force_axes)) for split, index in splits.items()
+    }
+    spread = differences(data, splits["train"]).std(axis=(0, 1, 2)) * settings.input_noise
+    rates = [settings.normals_learning_rate, settings.force_learning_rate]
+    optimiser = torch.optim.AdamW(
+        [
+            {"params": model.network.parameters(), "weight_decay": 0.0},
+            {"params": [model.fields], "weight_decay": settings.force_weight_decay},
+        ]
+    )
+    count = len(frames["train"])
+    steps = settings.force_epochs * -(-count // settings.force_batch)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, rates, total_steps=steps, pct_start=0.1 if steps > 10 else 0.05
+    )
+    history = []
+    best, best_state = np.inf, None
+    if len(frames["validation"]):  # what it starts from counts too: training must not lose it
+        best, best_state = _error(model, frames, force, stride), _copy(model.state_dict())
+        history.append({"epoch": 0, "train_mae_n": np.nan, "validation_mae_n": best})
+    bar = tqdm(total=steps, desc="slopes from forces", unit="step", disable=not progress, leave=False)
+    for epoch in range(settings.force_epochs):
+        total = 0.0
+        for index in torch.randperm(count, generator=generator).split(settings.force_batch):
+            row, column = torch.randint(stride, (2,), generator=generator).tolist()
+            batch = frames["train"][index]
+            noise = None
+            if settings.input_noise:
+                shape = batch[:, row::stride, column::stride].shape
+                noise = torch.from_numpy(spread) * torch.randn(shape, generator=generator)
+            found = model(batch, stride=stride, row=row, column=column, noise=noise)
+            loss = (found - force["train"][index]).abs().sum(dim=1).mean()
+            optimiser.zero_grad(set_to_none=True)
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+            total += loss.item() * len(index)
+            bar.update()
+        entry = {"epoch": epoch + 1, "train_mae_n": total / count}
+        if len(frames["validation"]):
+            entry["validation_mae_n"] = _error(model, frames, force, stride)
+            if entry["validation_mae_n"] < best:
+                best, best_state = entry["validation_mae_n"], _copy(model.state_dict())
+        history.append(entry)
+        bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
+    bar.close()
+    if best_state is not None:
+        model.load_state_dict(best_state)
+    return model.network, history
+
+
+def _error(model: ForceFromPixels, frames: dict, force: dict, stride: int) -> float:
+    """Of the validation split, on a lattice of half the stride."""
+    stride = max(stride // 2, 1)
+    with torch.inference_mode():
+        found = [model(part, stride=stride, row=0, column=0) for part in frames["validation"].split(32)]
+        return (torch.cat(found) - force["validation"]).abs().sum(dim=1).mean().item()
+
+
+def _copy(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    return {k: v.clone() for k, v in state.items()}
+
+
+def labelled_by(
+    network: PixelNetwork, data: Dataset, *, limit: int = DISTILLED_PX, seed: int = 0
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Features (pixels, inputs) and the normals that the network finds there, by split name.
+
+    Up to `limit` pixels of a split, as many from each frame: the integers learn from the float network.
+    """
+    teacher = torch.nn.Sequential(ScaledNetwork(network, scales(data.frames.shape[-1])), Unit())
+    height, width = data.frames.shape[1:3]
+    rng = np.random.default_rng(seed)
+    found = {}
+    for split in ("train", "validation"):
+        index = data.indices(split)
+        if not len(index):
+            continue
+        each = max(min(limit // len(index), height * width), 1)
+        chosen = []
+        for frame in index:
+            features = integer_features(data.frames[frame], data.background).reshape(height * width, -1)
+            chosen.append(features[rng.choice(height * width, each, replace=False)])
+        x = np.concatenate(chosen)
+        with torch.inference_mode():
+            y = [teacher(part).numpy() for part in torch.from_numpy(x.astype(np.float32)).split(1 << 16)]
+        found[split] = x, np.concatenate(y)
+    return found
