@@ -15,9 +15,9 @@ class Dst1Engine(wiring.Component):
 
     The sine's symmetry halves every product: with u_n = x_n + x_{N+1−n} for odd k and v_n = x_n − x_{N+1−n}
     for even k (all counted from 1), a value is a sum of `half` = ceil(N/2) products. Each lane forms one
-    whole value a clock: `half` multipliers and an adder tree. So no value waits for another, values leave in
-    natural order without being collected, and the sum or difference is the multiplier's own pre-adder.
-    A multiplier is one DSP48E2 where input_width <= 26 and coefficient_width <= 18.
+    whole value a clock: `half` multipliers and an adder tree. So no value waits for another, and values leave
+    in natural order without being collected. A multiplier is one DSP48E2 where input_width <= 26 and
+    coefficient_width <= 18.
 
     Members
     -------
@@ -26,7 +26,7 @@ class Dst1Engine(wiring.Component):
 
     Rows travel in natural order as `interval` = ceil(N/lanes) beats; lanes beyond N in the last beat are
     void. While a row is transformed the next one is collected: a row every `interval` clocks.
-    `latency` = 4 + ceil(log2(half + 1)) clocks pass from a row's last beat accepted to its first beat out
+    `latency` = 5 + ceil(log2(half + 1)) clocks pass from a row's last beat accepted to its first beat out
     if nothing stalls; its other beats follow one a clock. While `o` stalls, the transform rests.
     """
 
@@ -55,8 +55,8 @@ class Dst1Engine(wiring.Component):
 
     @property
     def latency(self) -> int:
-        """The row's register, the products of its folded halves, then a register a level of the tree."""
-        return 1 + LATENCY + self.levels
+        """The row, its folded halves, their products, then the levels of the tree: one register each."""
+        return 2 + LATENCY + self.levels
 
     @property
     def multipliers(self) -> int:
@@ -89,38 +89,39 @@ class Dst1Engine(wiring.Component):
         # One step for each beat out; everything from here on moves with `advance`.
         advance = Signal()
         active = Signal()
-        step, following = Signal(range(self.interval)), Signal(range(self.interval))
+        step = Signal(range(self.interval))
         valid = Signal(self.latency - 1)
         m.d.comb += [
             advance.eq(self.o.ready | ~self.o.valid),
             free.eq(~active | (advance & (step == last))),
-            following.eq(Mux(active & (step != last), step + 1, 0)),
             self.o.valid.eq(valid[-1]),
         ]
         with m.If(advance):
-            m.d.sync += [step.eq(following), valid.eq(Cat(active, valid))]
+            m.d.sync += [
+                step.eq(Mux(active & (step != last), step + 1, 0)),
+                valid.eq(Cat(active, valid)),
+            ]
         with m.If(free):
             m.d.sync += active.eq(load)
 
-        # The table is read one step ahead, so that its words meet their operands at the multipliers.
+        # The table's words meet the folded halves at the multipliers' own registers.
         constant = signed(self.transform.coefficient_width)
         m.submodules.table = table = memory.Memory(
             shape=data.ArrayLayout(data.ArrayLayout(constant, self.half), self.lanes),
             depth=self.interval,
             init=self._table(),
-            # Shallow and wide, so of logic: in Yosys's words and, in capitals that it ignores, in Vivado's.
-            attrs={"logic_block": 1, "ROM_STYLE": "distributed"},
+            attrs={"rom_style": "block"},
         )
         words = table.read_port()
-        m.d.comb += [words.addr.eq(following), words.en.eq(advance)]
+        m.d.comb += [words.addr.eq(step), words.en.eq(advance)]
 
         # A single lane alternates between odd and even k; of several, each keeps to one kind.
         kinds = [step[0]] if self.lanes == 1 else [Const(0, 1), Const(1, 1)]
+        halves = [self._fold(m, advance, operands, even) for even in kinds]
         for lane in range(self.lanes):
-            folded = self._fold(operands, kinds[lane % len(kinds)])
             terms = [
                 product(m, platform, advance, operand, words.data[lane][n], name=f"product_{lane}_{n}")
-                for n, operand in enumerate(folded)
+                for n, operand in enumerate(halves[lane % len(halves)])
             ]
             m.d.comb += self.o.payload[lane].eq(self._rounded_sum(m, advance, terms) >> self.transform.shift)
         return m
@@ -131,13 +132,16 @@ class Dst1Engine(wiring.Component):
         table[: self.transform.size] = self.transform.matrix[:, : self.half]
         return table.reshape(self.interval, self.lanes, self.half).tolist()
 
-    def _fold(self, operands, even) -> list:
-        """x_n + x_{N+1−n}, or x_n − x_{N+1−n} where `even`; the middle one stands alone."""
+    def _fold(self, m, advance, operands, even) -> list:
+        """Registers of x_n + x_{N+1−n}, or x_n − x_{N+1−n} where `even`; the middle one stands alone."""
         folded = []
         for n in range(self.half):
             mirror = self.transform.size - 1 - n
             x, y = operands[n], operands[mirror] if mirror != n else Const(0)
-            folded.append(Mux(even, x - y, x + y)[: self.transform.input_width + 1].as_signed())
+            both = Signal(signed(self.transform.input_width + 1), reset_less=True, name=f"folded_{n}")
+            with m.If(advance):
+                m.d.sync += both.eq(Mux(even, x - y, x + y))
+            folded.append(both)
         return folded
 
     def _rounded_sum(self, m, advance, terms):

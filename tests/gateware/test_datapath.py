@@ -12,51 +12,88 @@ from gateware.top_zynq import TopZynq
 from sim.bench_specimen import scene, specimen
 
 EVERYTHING = ("normals", "depth", "force_z")
+BEYOND = {"solver": "tridiagonal", "kernel": "collapsed", "weights": "baked"}
 WANTED = {
     "depth": {"outputs": ("depth",)},
-    "depth, difference": {"outputs": ("depth",), "mode": "difference"},
+    "depth, difference": {"outputs": ("depth",), "mode": "difference", "weights": "baked"},
     "force": {"outputs": ("force_z",)},
-    "force, difference": {"outputs": ("force_z",), "mode": "difference"},
+    "force, difference": {"outputs": ("force_z",), "mode": "difference", "weights": "baked"},
     "normals and depth": {"outputs": ("normals", "depth")},
     "normals": {"outputs": ("normals",)},
     "everything": {"outputs": EVERYTHING},
+    "force map": {"outputs": ("force_z", "force_map"), "solver": "tridiagonal"},
+    "collapsed": {"outputs": ("force_z",), "kernel": "collapsed"},
+    "fast": {"outputs": ("depth", "force_xyz"), "mode": "difference", **BEYOND},
+    "adjoint": {"outputs": ("force_xyz",), "solver": "adjoint", "weights": "baked"},
+    "adjoint, loadable": {"outputs": ("normals", "force_x"), "solver": "adjoint"},
 }
 """Scenes that differ in what must be there. Of each part below, those scenes that need it."""
-SOLVER = set(WANTED) - {"normals"}
-FORCE = {"force", "force, difference", "everything"}
-DEPTH = SOLVER - {"force", "force, difference"}
+ADJOINT = {"adjoint", "adjoint, loadable"}
+SLOPES = set(WANTED) - {"normals"}
+SOLVER = SLOPES - ADJOINT
+TRIDIAGONAL = {"force map", "fast"}
+DEPTH = {"depth", "depth, difference", "normals and depth", "everything", "fast"}
+DISPLACEMENT = {"force", "force, difference", "everything", "force map", "collapsed", "fast"}
+FORCE = DISPLACEMENT | ADJOINT
+PATCH = DISPLACEMENT - {"collapsed", "fast"}
+LOADABLE = {name for name, wanted in WANTED.items() if wanted.get("weights") != "baked"}
+NORMALS = {"normals and depth", "normals", "everything", "adjoint, loadable"}
 NEEDED = {
     "datapath.guard": set(WANTED),
     "datapath.background": set(WANTED),
     "datapath.mlp": set(WANTED),
-    "datapath.divider": SOLVER,
+    "datapath.divider": SLOPES,
     "datapath.solver": SOLVER,
     "datapath.solver.row_forward": SOLVER,
+    "datapath.solver.to_columns": SOLVER - TRIDIAGONAL,
+    "datapath.solver.division": SOLVER - TRIDIAGONAL,
+    "datapath.solver.elimination": TRIDIAGONAL,
+    "datapath.solver.reversal": TRIDIAGONAL,
     "datapath.depth_output": DEPTH,
-    "datapath.depth_output.rest": {"depth, difference"},
-    "tags": DEPTH,
-    "datapath.displacement": FORCE,
-    "datapath.displacement.rest": FORCE - {"force, difference"},
+    "datapath.depth_output.rest": {"depth, difference", "fast"},
+    "depth_tags": DEPTH,
+    "force_map_tags": {"force map"},
+    "datapath.displacement": DISPLACEMENT,
+    "datapath.displacement.rest": DISPLACEMENT - {"force, difference", "fast"},
     "datapath.force_stream": FORCE,
-    "datapath.force_stream.generator": FORCE,
-    "datapath.force_stream.response.kernels": FORCE,
-    "datapath.normals_fork": {"normals and depth", "everything"},
-    "datapath.solution_fork": {"everything"},
+    "datapath.force_stream.generator": PATCH,
+    "datapath.force_stream.response.kernels": PATCH,
+    "datapath.force_stream.weights": FORCE - PATCH,
+    "datapath.normals_fork": NORMALS - {"normals"},
+    "datapath.solution_fork": {"everything", "fast"},
     "registers.timer": set(WANTED),
 }
+ABSENT = {
+    "transposer": SOLVER - TRIDIAGONAL,
+    "to_columns": SOLVER - TRIDIAGONAL,
+    "to_rows": SOLVER - TRIDIAGONAL,
+    "column_": SOLVER - TRIDIAGONAL,
+    "elimination": TRIDIAGONAL,
+    "generator": PATCH,
+    "kernels": PATCH,
+    "response": PATCH,
+    "displacement": DISPLACEMENT,
+    "force": FORCE,
+    "solver": SOLVER,
+    "divider": SLOPES,
+    "calibration": LOADABLE,
+}
+"""Words that no module's name may have elsewhere: nothing of an absent part is left below another name."""
 PORTS = {
     "s_axis": set(WANTED),
     "s_axil": set(WANTED),
     "m_axis_depth": DEPTH,
-    "m_axis_normals": {"normals and depth", "normals", "everything"},
+    "m_axis_normals": NORMALS,
+    "m_axis_force_map": {"force map"},
 }
 WORDS = {
-    r"\bforce_z\b": FORCE,
-    r"\bforce_z_high\b": FORCE,
-    r"\baccumulator_0\b": FORCE,
+    r"\bforce_z\b": FORCE - {"adjoint, loadable"},
+    r"\bforce_x\b": ADJOINT | {"fast"},
+    r"\bforce_y\b": {"adjoint", "fast"},
+    r"\bforce_z_high\b": FORCE - {"adjoint, loadable"},
     r"\bfirst_to_force\b": FORCE,
     r"\bfirst_to_depth\b": DEPTH,
-    r"\bfirst_to_normals\b": PORTS["m_axis_normals"],
+    r"\bfirst_to_normals\b": NORMALS,
 }
 """Registers, by the names of their signals anywhere in the Verilog."""
 
@@ -72,9 +109,8 @@ def test_only_what_the_scene_requires_is_built(tmp_path, name):
     }
     for part, needed in NEEDED.items():
         assert (part in modules) == (name in needed), part
-    # Nothing of a part that is absent is left over below another name.
-    for part in ("generator", "kernels", "response", "displacement", "force"):
-        assert any(part in module for module in modules) == (name in FORCE), part
+    for part, needed in ABSENT.items():
+        assert name in needed or not any(part in module for module in modules), part
     ports = re.search(r"^module fastac\((.*?)\);", text, re.MULTILINE | re.DOTALL)[1].split(", ")
     for prefix, needed in PORTS.items():
         assert any(port.startswith(f"{prefix}_") for port in ports) == (name in needed), prefix
@@ -84,10 +120,12 @@ def test_only_what_the_scene_requires_is_built(tmp_path, name):
         assert bool(re.search(word, text)) == (name in needed), word
 
     registers = {register.name for register in top.identity.registers}
-    for kind, needed in (("FORCE", FORCE), ("DEPTH", DEPTH), ("NORMALS", PORTS["m_axis_normals"])):
+    needed_by = {"FORCE": FORCE, "DEPTH": DEPTH, "NORMALS": NORMALS, "CALIBRATION": LOADABLE}
+    for kind, needed in needed_by.items():
         assert any(kind in register for register in registers) == (name in needed), kind
-    multipliers = set(top.datapath.multipliers)
+    multipliers = top.datapath.multipliers
     assert ("depth" in multipliers, "force" in multipliers) == (name in SOLVER, name in FORCE)
+    assert bool(multipliers["normals"]) == (name in LOADABLE)
 
 
 @pytest.fixture(scope="module")
@@ -110,11 +148,11 @@ def test_cycles_at_full_size(paper, lanes):
     """The architecture's formulas, written out by hand for W = 128, N = 126, K = 5 and B beats a row."""
     path, rows, row = at(paper, lanes), 126, -(-126 // lanes)
     frame = 128 * 128 // lanes
-    # Guard; background; four tiles with an adder tree over groups of 4 and three requantisations; buffer.
-    normals = 2 + 3 + (4 + 5 + 5 + 5 + 3 * 3) + 1
+    # Guard; background; four tiles, each with an adder tree over its inputs, and three requantisations; buffer.
+    normals = 2 + 3 + (5 + 3) + 3 * (5 + 4) + 3 * 6 + 1
     # The last source needs the last row but one, columns and rows ahead, and is formed in 5.
     source = 127 * 128 // lanes + (row - 1) + (2 if lanes == 1 else 1) + 5 + 1
-    transform = 4 + 6 + (row - 1)
+    transform = 5 + 6 + (row - 1)
     transposition = 3 + rows * row - 1
     stages = {
         "normals": normals,
@@ -138,7 +176,8 @@ def test_cycles_at_full_size(paper, lanes):
     assert path.first_pixel_to_normals == normals + frame - 1
     assert path.interval == frame
     assert path.multipliers == {
-        "normals": lanes * (6 * 16 + 16 * 16 + 16 * 16 + 16 * 3),
+        # Two products in a DSP48E2 but for the last layer's 12 bits, and one for each activation.
+        "normals": lanes * ((6 * 16 + 16 * 16 + 16 * 16) // 2 + 16 * 3 + 3 * 16),
         "depth": lanes * (4 * 63 + 1),
         "force": lanes * 25,
     }

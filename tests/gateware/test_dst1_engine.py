@@ -56,7 +56,7 @@ def test_rtl_equals_reference(tmp_path, size, lanes, input_width):
 
 
 @pytest.mark.parametrize(
-    ("lanes", "interval", "latency", "multipliers"), [(1, 126, 10, 63), (2, 63, 10, 126), (4, 32, 10, 252)]
+    ("lanes", "interval", "latency", "multipliers"), [(1, 126, 11, 63), (2, 63, 11, 126), (4, 32, 11, 252)]
 )
 def test_cost_of_the_paper_s_rows(lanes, interval, latency, multipliers):
     dut = Dst1Engine(sine_transform(126, input_width=20), lanes=lanes)
