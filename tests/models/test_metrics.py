@@ -109,6 +109,40 @@ class TestContactAngle:
         assert metrics.contact_angle(result(FLAT, (0, 0)), rest, poses, np.arange(2)) is None
 
 
+class TestContactDepth:
+    @staticmethod
+    def pressed(radius: float = 6.0) -> tuple[Dataset, np.ndarray]:
+        """Two presses of a ball of 8 mm at a pitch of 0.5 mm, and the exact depth up to a constant."""
+        data = TestContactAngle.labelled(radius)
+        data.indenter["ball_mm"] = np.full(2, 8.0)
+        v, u = np.indices((SIZE, SIZE))
+        r = 0.5 * np.hypot(u - 9, v - 6)
+        return data, np.stack([7 - np.sqrt(np.maximum(16 - r**2, 0))] * 2)
+
+    def of(self, depth_mm: np.ndarray, data: Dataset) -> float | None:
+        return metrics.contact_depth_mae_mm(Result(None, None, depth_mm=depth_mm), data, np.arange(2), 0.5)
+
+    def test_the_ball_s_own_shape_at_any_height(self):
+        data, depth = self.pressed()
+        assert self.of(depth, data) < 1e-12
+        depth[1] -= 3
+        assert self.of(depth, data) < 1e-12
+
+    def test_by_hand(self):
+        """A radius of 3.1 px less 2 leaves five pixels; one of them 1 mm too high, in one of two images."""
+        data, depth = self.pressed(3.1)
+        depth[0, 6, 9] += 1
+        assert self.of(depth, data) == pytest.approx((0.8 + 4 * 0.2) / 5 / 2)
+        depth[0, 0, 0] = 99  # outside
+        assert self.of(depth, data) == pytest.approx(0.16)
+
+    def test_no_ball_no_figure(self):
+        data, depth = self.pressed()
+        del data.indenter["ball_mm"]
+        assert self.of(depth, data) is None
+        assert self.of(depth, dataset()) is None
+
+
 class TestDepth:
     def test_leaves_out_the_boundary_and_what_is_not_valid(self):
         truth = np.zeros((2, SIZE, SIZE), np.float32)
