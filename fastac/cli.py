@@ -318,18 +318,24 @@ def verilog(bundle, output, progress):
 @main.command()
 @click.argument("bundle", type=INPUT)
 @click.option("--for", "hardware", type=INPUT, required=True, help="Bundle that the hardware was made from.")
+@click.option(
+    "--keep-force", type=INPUT, help="Keep the hardware's force; the bundle with it goes to this folder."
+)
 @click.option("-o", "--output", type=INPUT, required=True, help="The file to write.")
-def calibration(bundle, hardware, output):
+def calibration(bundle, hardware, keep_force, output):
     """BUNDLE's pixel network, and what follows from it, as words for hardware that already runs.
 
     The hardware's register CALIBRATION takes them, 32 bits each, little-endian, one after another, while no
     frame is in flight. What a calibration does not bring must be the same in both bundles: formats, solver,
-    kernels. The background is not part of it: let the hardware capture its own.
+    weights of the force, which differ from training to training unless --keep-force takes the hardware's. The
+    background is not part of it: let the hardware capture its own.
     """
-    from gateware.calibration import calibration_words
+    from gateware import calibration as images
 
-    model = load_bundle(bundle)
-    words = calibration_words(model, load_bundle(hardware))
+    model, known = load_bundle(bundle), load_bundle(hardware)
+    if keep_force:
+        model = images.keep_force(model, known, keep_force)
+    words = images.calibration_words(model, known)
     output.parent.mkdir(parents=True, exist_ok=True)
     temporary = output.with_name(f".{output.name}.part")
     temporary.write_bytes(words.astype("<u4").tobytes())

@@ -9,13 +9,15 @@ be as in the bundle that the hardware was made from.
 import dataclasses
 import hashlib
 from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 
 from models.bounds import Stage
-from models.bundle import Bundle
+from models.bundle import Bundle, save
 from models.integer import Depth, Layer, PoissonSource, Requantisation, WeightedSum
 from models.pipeline import IntegerPipeline
+from models.quantise import with_force_of
 
 from .calibration_loader import CalibrationLoader, ImageLayout
 from .datapath import Datapath
@@ -44,7 +46,7 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
     """Everything in the hardware that a calibration leaves as it is, by name: plain values and arrays."""
     scene, loaded = pipeline.scene, _loaded_fields(pipeline)
     yield "scene.outputs", sorted(scene.outputs)
-    for name in ("height_px", "width_px", "channels"):
+    for name in ("height_px", "width_px", "pitch_mm", "channels"):
         yield f"scene.sensor.{name}", getattr(scene.sensor, name)
     for name in ("mode", "solver"):
         yield f"scene.poisson.{name}", getattr(scene.poisson, name)
@@ -102,6 +104,15 @@ def difference(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> str | No
     return None
 
 
+def _require(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> None:
+    weights = hardware.scene.hardware.weights
+    if weights != "loadable":
+        raise CalibrationError(f"hardware.weights = {weights!r}: the hardware takes no calibration")
+    found = difference(pipeline, hardware)
+    if found:
+        raise CalibrationError(found)
+
+
 def image_layout(path: Datapath) -> ImageLayout:
     """Of the images for the hardware with `path`, which is loadable."""
     return ImageLayout(
@@ -117,18 +128,26 @@ def loader(path: Datapath, bundle_hash: int) -> CalibrationLoader:
     return CalibrationLoader(image_layout(path), registers, bundle_hash)
 
 
+def keep_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundle:
+    """`bundle` with the force of `hardware`, which a calibration cannot bring; written to `folder`.
+
+    Training fits the force to what its own pixel network finds, so that each training has other weights.
+    Raises CalibrationError where that is not all that keeps `bundle` from the hardware.
+    """
+    if hardware.pipeline.force is None:
+        raise CalibrationError(f"scene.outputs = {hardware.scene.outputs}: the hardware has no force to keep")
+    _require(bundle.pipeline.replace(force=hardware.pipeline.force), hardware.pipeline)
+    floats = {k: v for k, v in bundle.floats.items() if "force" not in k}
+    floats |= {k: v for k, v in hardware.floats.items() if "force" in k}
+    return save(folder, with_force_of(bundle.pipeline, hardware.pipeline), floats)
+
+
 def calibration_words(bundle: Bundle, hardware: Bundle) -> np.ndarray:
     """The image, uint32 words, that makes the hardware of bundle `hardware` compute as `bundle` does.
 
     Raises CalibrationError, naming the first thing that differs, where a calibration cannot do that.
     """
-    if hardware.scene.hardware.weights != "loadable":
-        raise CalibrationError(
-            f"hardware.weights = {hardware.scene.hardware.weights!r}: the hardware takes no calibration"
-        )
-    found = difference(bundle.pipeline, hardware.pipeline)
-    if found:
-        raise CalibrationError(found)
+    _require(bundle.pipeline, hardware.pipeline)
     path = Datapath(bundle.pipeline)
     return image_layout(path).image(
         {name: values for name, (_, values) in path.loadable_tables.items()},

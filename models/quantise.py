@@ -172,15 +172,27 @@ def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipelin
     scene, numbers = pipeline.scene, pipeline.scene.numbers
     if scene.wants_adjoint:
         words, scale = quantise_weights(weights, numbers.slope_weight_bits)
-        rest, _ = pipeline.slopes(pipeline.normals(pipeline.background[None]))
-        constant = -(words * rest).sum(axis=(1, 2, 3))
-        force = WeightedSum(words, constant, pipeline.ratio.width, input_signed=True)
+        force = WeightedSum(words, _constant(pipeline, words), pipeline.ratio.width, input_signed=True)
         return pipeline.replace(force=force, force_n_per_unit=2.0**-pipeline.ratio.fraction / scale)
     words, scale = quantise_weights(weights, numbers.kernel_bits)
     force = PatchForce(words, numbers.kernel_bits, numbers.displacement_bits, not scene.force.clamp)
     if scene.force.kernel == "collapsed":
         force = force.collapsed()
     return pipeline.replace(force=force, force_n_per_unit=pipeline.displacement_mm_per_unit / scale)
+
+
+def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerPipeline:
+    """The pipeline with the integers of another one's force, as the hardware of that one has them."""
+    force = known.force
+    if pipeline.scene.wants_adjoint:
+        force = replace(force, constant=_constant(pipeline, force.weight))
+    return pipeline.replace(force=force, force_n_per_unit=known.force_n_per_unit)
+
+
+def _constant(pipeline: IntegerPipeline, weight: np.ndarray) -> np.ndarray:
+    """Per axis, what the adjoint's weights of the slopes (axes, H, W, 2) must add for no force at rest."""
+    rest, _ = pipeline.slopes(pipeline.normals(pipeline.background[None]))
+    return -(weight * rest).sum(axis=(1, 2, 3))
 
 
 def layers_to_arrays(layers: Sequence[Layer]) -> dict[str, np.ndarray]:

@@ -10,7 +10,7 @@ from models import bundle
 from models.bundle import Bundle
 from models.features import integer_features, scales
 from models.integer import Layer
-from models.quantise import assemble, quantise_layers, with_force
+from models.quantise import assemble, quantise_layers, with_force, with_force_of
 
 QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
 """Arguments of Verilator for short simulations: half the time to build."""
@@ -115,3 +115,16 @@ def specimen(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed
         shape = (axes, size, size, 2) if scene.wants_adjoint else kernels
         pipeline = with_force(pipeline, rng.normal(size=shape))
     return bundle.save(folder, pipeline, {})
+
+
+def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
+    """A bundle with another random network than `known`, and what follows from it; all else is the same."""
+    old = known.pipeline
+    hidden = tuple(len(layer.weight) for layer in old.layers[:-1])
+    pipeline = assemble(
+        old.scene,
+        layers=layers(old.scene, old.background, np.random.default_rng(seed), hidden),
+        background=old.background,
+        rest_depth_mm=old.rest_depth_mm,
+    )
+    return bundle.save(folder, with_force_of(pipeline, old), {})

@@ -4,7 +4,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateware.calibration import CalibrationError, calibration_words, difference, identifier, image_layout
+from gateware.calibration import (
+    CalibrationError,
+    calibration_words,
+    difference,
+    identifier,
+    image_layout,
+    keep_force,
+)
 from gateware.datapath import Datapath
 from models import bundle
 from models.bounds import Stage
@@ -151,6 +158,30 @@ def test_wider_source_is_refused(bundles):
     source = other.pipeline.source
     beyond = replace(source, offset=source.offset + (1 << source.width))
     assert difference(other.pipeline.replace(source=beyond), own.pipeline).startswith("source.width = ")
+
+
+def test_the_hardwares_force_can_be_kept(bundles, tmp_path):
+    """Of both bundles' arrays each its own; the adjoint's constants follow the new network."""
+    own, other = bundles["adjoint"]
+    weight = -other.pipeline.force.weight
+    trained = replace(
+        other, pipeline=other.pipeline.replace(force=replace(own.pipeline.force, weight=weight))
+    )
+    trained.floats.update({"network.0.bias": np.ones(4), "force.float_weights": np.ones(3)})
+    own.floats.update({"network.0.bias": np.zeros(4), "force.float_weights": np.zeros(3)})
+    kept = keep_force(trained, own, tmp_path / "kept")
+    assert np.array_equal(calibration_words(kept, own)[:-2], calibration_words(other, own)[:-2])
+    loaded = bundle.load(tmp_path / "kept")
+    assert loaded.digest == kept.digest
+    assert {k: v.tolist() for k, v in loaded.floats.items()} == {
+        "network.0.bias": [1] * 4,
+        "force.float_weights": [0] * 3,
+    }
+    with pytest.raises(CalibrationError, match=r"scene.outputs = \('normals',\): the hardware has no force"):
+        keep_force(other, bundles["normals"][0], tmp_path / "none")
+    with pytest.raises(CalibrationError, match=r"scene\.outputs = "):
+        keep_force(bundles["absolute"][1], own, tmp_path / "none")
+    assert not (tmp_path / "none").exists()
 
 
 def test_baked_hardware_takes_none(tmp_path):

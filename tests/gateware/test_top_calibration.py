@@ -1,0 +1,78 @@
+# amaranth: UnusedElaboratable=no
+"""Hardware made from one bundle computes as another one does, once its calibration is loaded."""
+
+import json
+
+import numpy as np
+import pytest
+from amaranth.back import verilog
+
+from gateware.calibration import calibration_words
+from gateware.top_zynq import TopZynq
+from models.pipeline import join
+from sim.bench_specimen import QUICK, frames, recalibrated, scene, specimen
+from sim.runner import build
+from sim.top import bench_settings, expected_words
+
+NAME = "fastac"
+SPANS = (10, 5, 60)
+"""How far the frames differ from the background."""
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        {"outputs": ("depth", "force_z"), "mode": "absolute", "lanes": 2},
+        {"outputs": ("normals", "depth", "force_z"), "mode": "difference", "solver": "tridiagonal"},
+        {"outputs": ("force_x", "force_z"), "mode": "difference", "solver": "adjoint", "lanes": 4},
+    ],
+    ids=["absolute depth", "difference from the background", "adjoint"],
+)
+def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
+    own = specimen(tmp_path / "own", scene(**wanted))
+    other = recalibrated(tmp_path / "other", own)
+    top = TopZynq(own)
+    source = tmp_path / f"{NAME}.v"
+    source.write_text(verilog.convert(top, name=NAME))
+
+    images = frames(own.pipeline.background, SPANS)
+    results = [bundle.pipeline.run(images) for bundle in (own, other)]
+    for name in ("normal_words", "depth_words", "force_raw"):
+        found = [getattr(result, name) for result in results]
+        assert found[0] is None or (found[0] != found[1]).any(axis=tuple(range(1, found[0].ndim))).all()
+    result = join(results)
+    archive = {"frames": np.concatenate([images, images]), **expected_words(top, result)}
+    np.savez(tmp_path / "frames.npz", **archive, force=result.force_raw)
+    settings = bench_settings(top) | {
+        "timeout_cycles": 60_000,
+        "row_order": next((o.row_order for o in top.outputs if o.tagged), None),
+        "own": [0, 1, 2],
+        "other": [3, 4, 5],
+        "hash": {"own": own.hash_word, "other": other.hash_word},
+        "words": {
+            "own": calibration_words(own, own).tolist(),
+            "other": calibration_words(other, own).tolist(),
+        },
+    }
+    (tmp_path / "settings.json").write_text(json.dumps(settings))
+    runner = build(source, NAME, tmp_path / "build", build_args=QUICK)
+    runner.test(
+        hdl_toplevel=NAME,
+        test_module="sim.bench_top_calibration",
+        build_dir=tmp_path / "build",
+        extra_env={"BENCH": str(tmp_path)},
+    )
+
+
+@pytest.mark.parametrize("mode", ["absolute", "difference"])
+def test_baked_hardware_has_nothing_of_it(tmp_path, mode):
+    outputs = ("depth", "force_z")
+    baked = TopZynq(specimen(tmp_path / "baked", scene(outputs, mode=mode, weights="baked")))
+    loadable = TopZynq(specimen(tmp_path / "loadable", scene(outputs, mode=mode)))
+    for top, found in ((baked, False), (loadable, True)):
+        path = top.datapath
+        assert any("CALIBRATION" in register.name for register in top.identity.registers) == found
+        assert bool(path.loadable_tables) == bool(path.loadable_registers) == found
+        ports = {"hold", "network", "constant", "offset", "rest"} & set(path.signature.members)
+        assert ports == ({"hold", "network", *path.loadable_tables} if found else set())
+        assert ("calibration" in verilog.convert(top, name=NAME)) == found
