@@ -4,8 +4,8 @@ Without normals nobody says what the slopes are. They become whatever two number
 colour change and its place, explain the force best as Σ (a·Δp + b·Δq); the hardware is the same. The start is
 the best linear model, a ridge on the pixels' differences from the background: its fields of weights, one for
 each channel, are reduced to the two mixtures of channels that carry most of it, and the network begins as
-these mixtures. From there network and fields, sums of cosines, descend the L1 distance of the force. Steps
-see a lattice of every few pixels, at a new place each time: contacts are smooth, and it is many times faster.
+these mixtures. From there network and fields, sums of cosines, descend the L1 distance of the force, on
+frames averaged over small blocks: contacts are smooth, and it is many times faster.
 The fields are fitted once more afterwards, by models/slope_force.py, to what each arithmetic finds.
 """
 
@@ -22,8 +22,8 @@ from .normals import PixelNetwork
 from .threads import single_thread
 from .train_normals import ScaledNetwork, Unit
 
-LATTICE_PX = 32
-"""A step sees about so many pixels along the shorter side of the image."""
+LEAST_PX = 32
+"""Averaged frames keep at least so many pixels along each side."""
 STEEPEST = 1.0
 """The linear model's slopes reach this in one pixel of ten thousand: a quarter of the default limit."""
 LEAST_N_Z = 1e-2
@@ -84,47 +84,53 @@ def linear_network(mixtures: np.ndarray) -> PixelNetwork:
     return network
 
 
-class ForceFromPixels(torch.nn.Module):
-    """Frames to forces on a lattice of pixels, through a pixel network's slopes and fields of weights."""
+def block_of(height: int, width: int) -> int:
+    """Pixels along each side of the blocks that are averaged."""
+    block = 1
+    while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < LEAST_PX):
+        block *= 2
+    return block
 
-    def __init__(self, network: PixelNetwork, background: np.ndarray, fields: np.ndarray, slope_limit: float):
-        """fields (axes, m, m, 2): the lowest cosines of the slopes' weights, in N."""
+
+def averaged(images: np.ndarray, block: int) -> np.ndarray:
+    """Images (..., H, W, terms) averaged over blocks, (..., H / block, W / block, terms)."""
+    *outer, height, width, terms = images.shape
+    split = images.reshape(*outer, height // block, block, width // block, block, terms)
+    return split.mean(axis=(-4, -2))
+
+
+class ForceFromPixels(torch.nn.Module):
+    """Differences from the background to forces, through a pixel network's slopes and fields of weights."""
+
+    def __init__(self, network: PixelNetwork, fields: np.ndarray, shape: tuple[int, int, int], limit: float):
+        """fields (axes, m, m, 2): the lowest cosines of the slopes' weights, in N; shape (H, W, C)."""
         super().__init__()
-        height, width, channels = background.shape
-        self.network, self.slope_limit = network, slope_limit
-        self.unit = float(np.abs(fields).mean())
-        self.fields = torch.nn.Parameter(torch.tensor(fields / self.unit, dtype=torch.float32))
-        self.register_buffer("background", torch.from_numpy(background.astype(np.float32)))
+        height, width, channels = shape
+        block = block_of(height, width)
+        self.network, self.limit = network, limit
+        self.unit = float(np.abs(fields).mean()) * block**2
+        self.fields = torch.nn.Parameter(torch.tensor(fields * block**2 / self.unit, dtype=torch.float32))
         codes = np.stack(np.meshgrid(coordinate_codes(width), coordinate_codes(height)), axis=-1)
-        self.register_buffer("codes", torch.tensor(codes, dtype=torch.float32))
-        self.register_buffer("scales", torch.tensor(scales(channels), dtype=torch.float32))
+        buffers = {"codes": averaged(codes, block), "scales": scales(channels)}
         for name, size in (("rows", height), ("columns", width)):
-            waves = slope_force.waves(size, fields.shape[1])
-            self.register_buffer(name, torch.tensor(waves, dtype=torch.float32))
+            buffers[name] = (
+                slope_force.waves(size, fields.shape[1]).reshape(-1, block, fields.shape[1]).mean(1)
+            )
+        for name, values in buffers.items():
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
 
     def slopes(self, features: torch.Tensor) -> torch.Tensor:
         normal = self.network(features * self.scales)
         slopes = -normal[..., :2] / normal[..., 2:].clamp(min=LEAST_N_Z)
-        return slopes.clamp(-self.slope_limit, self.slope_limit)
+        return slopes.clamp(-self.limit, self.limit)
 
-    def forward(
-        self, frames: torch.Tensor, *, stride: int, row: int, column: int, noise: torch.Tensor | None = None
-    ) -> torch.Tensor:
-        """Frames (frames, H, W, C) uint8 to forces (frames, axes) in N, each pixel for stride² of them.
-
-        noise : added to the differences on the lattice
-        """
-        rows, columns = slice(row, None, stride), slice(column, None, stride)
-        change = frames[:, rows, columns].float() - self.background[rows, columns]
-        if noise is not None:
-            change = change + noise
+    def forward(self, change: torch.Tensor) -> torch.Tensor:
+        """Averaged differences (frames, H / block, W / block, C), float32, to forces (frames, axes) in N."""
         change = torch.cat([change, torch.zeros_like(change[:1])])  # the last is the rest
-        codes = self.codes[rows, columns].expand(*change.shape[:3], 2)
+        codes = self.codes.expand(*change.shape[:3], 2)
         slopes = self.slopes(torch.cat([change, codes], dim=-1))
-        weights = torch.einsum(
-            "ik,jl,aklt->aijt", self.rows[rows], self.columns[columns], self.fields * self.unit
-        )
-        return torch.einsum("nijt,aijt->na", slopes[:-1] - slopes[-1:], weights) * stride**2
+        weights = torch.einsum("ik,jl,aklt->aijt", self.rows, self.columns, self.fields * self.unit)
+        return torch.einsum("nijt,aijt->na", slopes[:-1] - slopes[-1:], weights)
 
 
 def start(data: Dataset, scene: Scene, *, progress: bool = False) -> ForceFromPixels:
@@ -138,7 +144,7 @@ def start(data: Dataset, scene: Scene, *, progress: bool = False) -> ForceFromPi
     fields, cosines = linear_fields(mixed, force, progress=progress)
     lowest = slope_force.spectra(fields, cosines)
     network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32))
-    return ForceFromPixels(network, data.background, lowest, scene.numbers.slope_limit)
+    return ForceFromPixels(network, lowest, data.background.shape, scene.numbers.slope_limit)
 
 
 @single_thread()
@@ -151,13 +157,15 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     torch.manual_seed(settings.seed)
     generator = torch.Generator().manual_seed(settings.seed)
     model = start(data, scene, progress=progress)
-    stride = max(min(data.frames.shape[1:3]) // LATTICE_PX, 1)
+    block = block_of(*data.frames.shape[1:3])
     splits = {split: data.indices(split) for split in ("train", "validation")}
-    frames = {split: torch.from_numpy(data.frames[index]) for split, index in splits.items()}
+    change = {
+        split: torch.from_numpy(averaged(differences(data, index), block)) for split, index in splits.items()
+    }
     force = {
         split: torch.from_numpy(data.forces_n(index, scene.force_axes)) for split, index in splits.items()
     }
-    spread = differences(data, splits["train"]).std(axis=(0, 1, 2)) * settings.input_noise
+    spread = change["train"].std(dim=(0, 1, 2)) * settings.input_noise
     rates = [settings.normals_learning_rate, settings.force_learning_rate]
     optimiser = torch.optim.AdamW(
         [
@@ -165,28 +173,24 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
             {"params": [model.fields], "weight_decay": settings.force_weight_decay},
         ]
     )
-    count = len(frames["train"])
+    count = len(change["train"])
     steps = settings.force_epochs * -(-count // settings.force_batch)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimiser, rates, total_steps=steps, pct_start=0.1 if steps > 10 else 0.05
     )
     history = []
     best, best_state = np.inf, None
-    if len(frames["validation"]):  # what it starts from counts too: training must not lose it
-        best, best_state = _error(model, frames, force, stride), _copy(model.state_dict())
+    if len(change["validation"]):  # what it starts from counts too: training must not lose it
+        best, best_state = _error(model, change, force), _copy(model.state_dict())
         history.append({"epoch": 0, "train_mae_n": np.nan, "validation_mae_n": best})
     bar = tqdm(total=steps, desc="slopes from forces", unit="step", disable=not progress, leave=False)
     for epoch in range(settings.force_epochs):
         total = 0.0
         for index in torch.randperm(count, generator=generator).split(settings.force_batch):
-            row, column = torch.randint(stride, (2,), generator=generator).tolist()
-            batch = frames["train"][index]
-            noise = None
+            batch = change["train"][index]
             if settings.input_noise:
-                shape = batch[:, row::stride, column::stride].shape
-                noise = torch.from_numpy(spread) * torch.randn(shape, generator=generator)
-            found = model(batch, stride=stride, row=row, column=column, noise=noise)
-            loss = (found - force["train"][index]).abs().sum(dim=1).mean()
+                batch = batch + spread * torch.randn(batch.shape, generator=generator)
+            loss = (model(batch) - force["train"][index]).abs().sum(dim=1).mean()
             optimiser.zero_grad(set_to_none=True)
             loss.backward()
             optimiser.step()
@@ -194,8 +198,8 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
             total += loss.item() * len(index)
             bar.update()
         entry = {"epoch": epoch + 1, "train_mae_n": total / count}
-        if len(frames["validation"]):
-            entry["validation_mae_n"] = _error(model, frames, force, stride)
+        if len(change["validation"]):
+            entry["validation_mae_n"] = _error(model, change, force)
             if entry["validation_mae_n"] < best:
                 best, best_state = entry["validation_mae_n"], _copy(model.state_dict())
         history.append(entry)
@@ -206,12 +210,10 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     return model.network, history
 
 
-def _error(model: ForceFromPixels, frames: dict, force: dict, stride: int) -> float:
-    """Of the validation split, on a lattice of half the stride."""
-    stride = max(stride // 2, 1)
+def _error(model: ForceFromPixels, change: dict, force: dict) -> float:
     with torch.inference_mode():
-        found = [model(part, stride=stride, row=0, column=0) for part in frames["validation"].split(32)]
-        return (torch.cat(found) - force["validation"]).abs().sum(dim=1).mean().item()
+        found = torch.cat([model(part) for part in change["validation"].split(64)])
+        return (found - force["validation"]).abs().sum(dim=1).mean().item()
 
 
 def _copy(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:

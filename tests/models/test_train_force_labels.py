@@ -57,39 +57,42 @@ def test_mixtures_span_what_fields_of_rank_two_use():
     np.testing.assert_allclose(steepest, train_force_labels.STEEPEST)
 
 
+def test_blocks_leave_enough_of_a_frame():
+    sizes = [(16, 16), (64, 64), (128, 128), (256, 256), (96, 128), (100, 128), (66, 66)]
+    assert [train_force_labels.block_of(*size) for size in sizes] == [1, 2, 4, 8, 2, 2, 2]
+
+
 class TestForceFromPixels:
+    SHAPE = (64, 64, 3)
+
     @pytest.fixture
     def model(self):
         rng = np.random.default_rng(1)
-        background = rng.integers(80, 120, (16, 16, 3), dtype=np.uint8)
         torch.manual_seed(1)
         network = linear_network(rng.normal(size=(2, 3)).astype(np.float32))
-        return ForceFromPixels(network, background, rng.normal(size=(2, 4, 4, 2)), 4)
+        return ForceFromPixels(network, rng.normal(size=(2, 4, 4, 2)), self.SHAPE, 1e3)
 
     def test_rest_is_no_force(self, model):
-        rest = model.background.to(torch.uint8)[None]
-        with torch.inference_mode():
-            assert not model(rest, stride=1, row=0, column=0).any()
+        with torch.no_grad():
+            for layer in model.network.linears:
+                layer.weight += 0.1
+            assert not model(torch.zeros(1, 32, 32, 3)).any()
+            assert model(torch.ones(1, 32, 32, 3)).any()
 
-    def test_is_the_sum_of_weighted_slopes(self, model):
-        frames = np.random.default_rng(2).integers(80, 120, (3, 16, 16, 3), dtype=np.uint8)
-        background = model.background.numpy().astype(np.uint8)
-        slopes = slopes_of(predict(model.network, integer_features(frames, background)), 4)
-        rest = slopes_of(predict(model.network, integer_features(background[None], background)), 4)
-        fields = model.fields.detach().numpy() * model.unit
-        waves = slope_force.waves(16, 4)
+    def test_averaged_frames_have_the_force_of_whole_ones_where_all_is_linear(self, model):
+        """Exact where the frames are as smooth as the blocks."""
+        background = np.full(self.SHAPE, 100, np.uint8)
+        coarse = np.random.default_rng(2).integers(80, 120, (3, 32, 32, 3), dtype=np.uint8)
+        frames = coarse.repeat(2, axis=1).repeat(2, axis=2)
+        slopes = slopes_of(predict(model.network, integer_features(frames, background)), 1e3)
+        waves = slope_force.waves(64, 4)
+        fields = model.fields.detach().numpy() * model.unit / 4
         weights = np.einsum("ik,jl,aklt->aijt", waves, waves, fields)
-        expected = np.einsum("nijt,aijt->na", slopes - rest, weights)
+        change = train_force_labels.averaged(frames.astype(np.float32) - background, 2)
+        np.testing.assert_array_equal(change, coarse.astype(np.float32) - 100)
         with torch.inference_mode():
-            found = model(torch.from_numpy(frames), stride=1, row=0, column=0).numpy()
-        np.testing.assert_allclose(found, expected, atol=1e-3)
-
-    def test_lattices_together_are_the_image(self, model):
-        frames = torch.randint(80, 120, (2, 16, 16, 3), dtype=torch.uint8)
-        with torch.inference_mode():
-            whole = model(frames, stride=1, row=0, column=0)
-            parts = [model(frames, stride=2, row=v, column=u) for v in (0, 1) for u in (0, 1)]
-        torch.testing.assert_close(sum(parts) / 4, whole, rtol=1e-4, atol=1e-3)
+            found = model(torch.from_numpy(change)).numpy()
+        np.testing.assert_allclose(found, np.einsum("nijt,aijt->na", slopes, weights), rtol=1e-3, atol=1e-3)
 
 
 def test_forces_of_unseen_presses_are_found(forces_only, scene):

@@ -302,9 +302,8 @@ class TestFinetune:
         settings = make_scene(training=tune).training
         network, before = self.quantised(tiny_data, settings, weight_bits=5, last_weight_bits=8)
         split = np.where(tiny_data.split == "validation", "train", tiny_data.split)
-        after, _ = finetune(
-            replace(tiny_data, split=split), before, network, settings
-        )  # keeps the last epoch
+        pixels = labelled(replace(tiny_data, split=split), settings)
+        after, _ = finetune(pixels, before, network, settings)  # keeps the last epoch
         moved = [(a.weight != b.weight).any() for a, b in zip(before, after, strict=True)]
         assert moved == [weights] * 3 + [True]
         for a, b in zip(before[:-1], after[:-1], strict=True):
