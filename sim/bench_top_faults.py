@@ -1,35 +1,26 @@
 """cocotb bench of the whole hardware when things go wrong, and of what a host can tell it to do.
 
-Settings are in the folder BENCH: `settings.json`, and in `frames.npz` every image that reaches the pixel
-network, good or repaired, with what the integer reference makes of it. See tests/gateware/test_top_zynq.py.
+Settings and frames, good or repaired, are in the folder BENCH, see sim/top_run.py and
+tests/gateware/test_top_zynq.py.
 """
 
 import cocotb
-import numpy as np
-from cocotb.triggers import ClockCycles, RisingEdge
+from cocotb.triggers import RisingEdge
 
-from gateware.register_map import ERRORS
-from sim.bench_top import FOLDER, LINGER, SET, frame_beats, start
-
-with np.load(FOLDER / "frames.npz", allow_pickle=False) as archive:
-    FRAMES = {name: archive[name] for name in archive.files}
-HEIGHT, WIDTH = FRAMES["frames"].shape[1:3]
-ROWS = {"normals": HEIGHT, "depth": HEIGHT - 2, "force_map": HEIGHT - 2}
-COLUMNS = {"normals": WIDTH, "depth": WIDTH - 2, "force_map": WIDTH - 2}
-LINE_BEATS = FRAMES["frames"].shape[2] // SET["lanes"]
-FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
-RESULT_VALID, LAST_FRAME_BAD = 2, 4
-ENABLE, CAPTURE, SOFT_RESET, INTERRUPT = 1, 2, 4, 8
-TEST = {"timeout_time": SET["timeout_cycles"] * SET["period_ps"], "timeout_unit": "ps"}
-STALLS = [[0, 0], [0.3, 0.4]]
-
-
-def flags(*names: str) -> int:
-    return sum(1 << ERRORS.index(name) for name in names)
-
-
-def beats(*indices: int) -> list[tuple[int, int, int]]:
-    return [beat for k in indices for beat in frame_beats(FRAMES["frames"][k], SET["lanes"])]
+from sim.bench_top import SET
+from sim.top_run import (
+    CAPTURE,
+    COLUMNS,
+    ENABLE,
+    FRAME_BEATS,
+    INTERRUPT,
+    LINE_BEATS,
+    STALLS,
+    TEST,
+    Run,
+    beats,
+    flags,
+)
 
 
 def line(frame: int, row: int, length: int, last: int, first: int) -> list[tuple[int, int, int]]:
@@ -37,123 +28,6 @@ def line(frame: int, row: int, length: int, last: int, first: int) -> list[tuple
     begin = row * LINE_BEATS
     words = [word for word, *_ in beats(frame)][begin : begin + length]
     return [(word, last * (k == length - 1), first * (k == 0)) for k, word in enumerate(words)]
-
-
-class Run:
-    """The hardware from reset on, and where in what came out the comparison begins."""
-
-    def __init__(self, dut, streams, host):
-        self.dut, self.streams, self.host = dut, streams, host
-        self.serving = None
-        self.mark()
-
-    @classmethod
-    async def begin(cls, dut, stall=(0, 0), *, serve: bool = True) -> "Run":
-        run = cls(dut, *await start(dut, stall))
-        if serve:
-            run.serve()
-        return run
-
-    def serve(self) -> None:
-        self.serving = cocotb.start_soon(self.host.serve())
-
-    def mark(self) -> None:
-        """What came so far is not compared."""
-        self.since = {name: len(sink.at) for name, sink in self.streams.sinks.items()}
-        self.results_since = len(self.host.forces)
-
-    async def until(self, condition) -> None:
-        while not condition():
-            await RisingEdge(self.dut.clk)
-
-    async def taken(self, beats: int) -> None:
-        """Send so many beats in all, no more, and wait until the hardware has them."""
-        self.streams.limit = beats
-        await self.until(lambda: len(self.streams.taken_at) == beats)
-
-    async def hard_reset(self) -> None:
-        for sink in self.streams.sinks.values():
-            sink.lenient = True
-        self.dut.rst.value = 1
-        await ClockCycles(self.dut.clk, 3)
-        self.dut.rst.value = 0
-        await self.settle()
-        await self.host.write("CONTROL", ENABLE | INTERRUPT)
-
-    async def soft_reset(self) -> None:
-        for sink in self.streams.sinks.values():
-            sink.lenient = True
-        await self.host.write("CONTROL", ENABLE | INTERRUPT | SOFT_RESET)
-        await self.settle()
-
-    async def settle(self) -> None:
-        """After a reset nothing is offered until something new comes in."""
-        for _ in range(LINGER):
-            await RisingEdge(self.dut.clk)
-            assert not any(int(sink.valid.value) for sink in self.streams.sinks.values())
-        for sink in self.streams.sinks.values():
-            sink.lenient = False
-        self.streams.closed = False
-
-    def check(self, name: str, frames, bad, *, prefix: bool = False) -> None:
-        """Words and markers of a stream since the mark; `prefix`: the beginning of what `frames` give."""
-        sink, rows, columns = self.streams.sinks[name], ROWS[name], COLUMNS[name]
-        arrays = {k.removeprefix(f"{name}_"): v for k, v in sink.arrays(name).items()}
-        found = arrays["words"].reshape(len(sink.at), SET["lanes"], -1)[self.since[name] :]
-        line = -(-columns // SET["lanes"])
-        shape = (len(frames), rows, line)
-        words = FRAMES[name][list(frames)].reshape(len(frames), rows, columns, -1)
-        padding = line * SET["lanes"] - columns
-        words = np.pad(words, ((0, 0), (0, 0), (0, padding), (0, 0))).reshape(-1, *found.shape[1:])
-        here = np.pad(np.ones((*shape[:2], columns), bool), ((0, 0), (0, 0), (0, padding)))
-        here = here.reshape(-1, SET["lanes"])
-        last = np.zeros(shape, int)
-        last[..., -1] = 1
-        user = np.zeros(shape, int)
-        user[:, 0, 0] = 1
-        if name != "normals":
-            user += 2 * np.array(bad, int).reshape(-1, 1, 1) + 4 * np.array(SET["row_order"])[:, None]
-        expected = {"last": last.ravel(), "user": user.ravel()}
-        if prefix:
-            assert 0 < len(found) < len(words), f"{name}: {len(found)} beats are no part of {len(words)}"
-            words, here = words[: len(found)], here[: len(found)]
-            expected = {k: v[: len(found)] for k, v in expected.items()}
-        assert len(found) == len(words), f"{name}: {len(found)} beats, expected {len(words)}"
-        wrong = np.argwhere((found != words).any(axis=2) & here)
-        assert not len(wrong), f"{name}: {len(wrong)} values differ, the first in (beat, lane) {wrong[0]}"
-        for k, values in expected.items():
-            wrong = np.flatnonzero(arrays[k][self.since[name] :] != values)
-            assert not len(wrong), f"{name}.t{k}: {len(wrong)} differ, the first in beat {wrong[0]}"
-
-    async def finish(self, frames, bad=None) -> None:
-        """Wait for everything that `frames` (indices) give since the mark, and compare it all."""
-        bad = bad or [0] * len(frames)
-        host, streams = self.host, self.streams
-        full = {name: len(frames) * ROWS[name] * -(-COLUMNS[name] // SET["lanes"]) for name in streams.sinks}
-        wanted = len(frames) if self.serving else 0
-        await self.until(
-            lambda: (
-                len(streams.taken_at) == len(streams.beats)
-                and len(host.forces) - self.results_since >= wanted
-                and all(len(s.at) - self.since[n] >= full[n] for n, s in streams.sinks.items())
-            )
-        )
-        await ClockCycles(self.dut.clk, LINGER)
-        for name in streams.sinks:
-            self.check(name, frames, bad)
-        if self.serving:
-            forces = host.forces[self.results_since :]
-            expected = FRAMES["force"][list(frames)].tolist() if SET["axes"] else [[]] * len(frames)
-            assert forces == expected, f"forces {forces}, expected {expected}"
-            marks = [word["STATUS"] for word in host.registers[self.results_since :]]
-            marks = [mark & (RESULT_VALID | LAST_FRAME_BAD) for mark in marks]
-            assert marks == [RESULT_VALID | LAST_FRAME_BAD * b for b in bad], f"STATUS {marks}"
-        assert not await host.read("STATUS") & ~(RESULT_VALID | LAST_FRAME_BAD), "frames are in flight"
-
-    async def expect(self, **registers: int) -> None:
-        for name, value in registers.items():
-            found = await self.host.read(name)
-            assert found == value, f"{name}: {found:#x}, expected {value:#x}"
 
 
 @cocotb.test(**TEST)
