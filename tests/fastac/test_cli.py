@@ -537,10 +537,17 @@ class TestHardware:
     def test_calibration_that_does_not_fit(self, tiny_folder, tiny_bundle, tmp_path):
         pipeline = tiny_bundle.pipeline
         force = replace(pipeline.force, kernel=-pipeline.force.kernel)
-        bundles.save(tmp_path / "new", pipeline.replace(force=force), {})
+        bundles.save(tmp_path / "new", pipeline.replace(force=force, force_n_per_unit=None), {})
         message = fail("calibration", tmp_path / "new", "--for", tiny_folder, "-o", tmp_path / "new.bin")
         assert message.startswith("force.kernel: ")
         assert not (tmp_path / "new.bin").exists()
+        # Unless the hardware's kernels are kept; what results is a bundle like any other.
+        arguments = ("--for", tiny_folder, "-o", tmp_path / "new.bin", "--keep-force", tmp_path / "kept")
+        succeed("calibration", tmp_path / "new", *arguments)
+        kept, words = bundles.load(tmp_path / "kept"), np.fromfile(tmp_path / "new.bin", "<u4")
+        assert f"{words[-1]:08x}{words[-2]:08x}" == kept.digest[:16]
+        np.testing.assert_array_equal(kept.pipeline.force.kernel, pipeline.force.kernel)
+        np.testing.assert_array_equal(kept.pipeline.force_n_per_unit, pipeline.force_n_per_unit)
 
     def test_no_verilog_no_simulation(self, tiny_folder, tiny_file, tmp_path):
         message = fail("sim", tiny_folder, "--data", tiny_file, "--verilog", tmp_path)
