@@ -45,7 +45,8 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
             raise TrainingError(
                 f"{path}: force_n: no {'xyz'[axis]} axis, and scene {scene.name} wants {scene.outputs}"
             )
-    if by_geometry and scene.wants_slopes and scene.sensor.geometry == "fingertip" and data.rest_depth_mm is None:
+    curved = scene.sensor.geometry == "fingertip"
+    if by_geometry and curved and scene.wants_slopes and data.rest_depth_mm is None:
         raise TrainingError(f"{path}: rest_depth_mm: missing, and a curved skin needs its boundary prior")
     for split in ("train", "test"):
         if not len(data.indices(split)):
