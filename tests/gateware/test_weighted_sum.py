@@ -1,6 +1,11 @@
 # amaranth: UnusedElaboratable=no
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from amaranth import Const, Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
 
 from gateware.displacement import Displacement
 from gateware.fz_stream import PatchForceStream
@@ -110,6 +115,37 @@ def test_an_untaken_force_stops_everything_and_loses_nothing():
     for k, clock in enumerate(taken["o"]):
         waiting = sum(t < clock for t in taken["i"]) - k * dut.interval
         assert waiting <= dut.interval + dut.latency
+
+
+class WithConstant(wiring.Component):
+    """`component` between its streams, `constant` (axes,) standing at its port."""
+
+    def __init__(self, component, constant):
+        self.component, self.constant = component, constant
+        super().__init__({"i": In(component.i.signature.flip()), "o": Out(component.o.signature)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.component = component = self.component
+        wiring.connect(m, wiring.flipped(self.i), component.i)
+        wiring.connect(m, component.o, wiring.flipped(self.o))
+        [image] = pack([self.constant], component.weighted.width)
+        m.d.comb += component.constant.as_value().eq(Const(image, len(component.constant.as_value())))
+        return m
+
+
+@pytest.mark.parametrize("lanes", [1, 2])
+def test_a_loadable_constant_takes_the_place_of_its_own(lanes):
+    rng = np.random.default_rng(6)
+    start = weighted_sum(3, 3, 4, 2, 6, True, 5, rng)
+    weighted = replace(start, constant=start.constant[::-1] // 2 + np.array([1, -1, 0]))
+    assert weighted.width == start.width
+    x = rng.integers(-31, 32, (4, 3, 4, 2))
+    dut = WeightedSumStream(start, lanes=lanes, loadable=True)
+    assert "constant" not in WeightedSumStream(start, lanes=lanes).signature.members
+    inputs = beats(x, lanes, 6, rng)
+    payloads, _ = transfer(WithConstant(dut, weighted.constant), inputs, {"o": len(x)}, stall=0.3)
+    assert payloads["o"] == pack(weighted(x), weighted.width) != pack(start(x), start.width)
 
 
 def test_no_weights_leave_the_constant():
