@@ -114,10 +114,6 @@ SENSOR = "[sensor]\ngeometry = "
             " and columns, so depth needs square images",
         ),
         (
-            MINIMAL.replace("depth", "force_z") + 'source = "recorded"',
-            "outputs: force_z needs recorded forces, which ball presses do not carry",
-        ),
-        (
             MINIMAL.replace("flat", "fingertip") + "[sensor.ellipsoid]\nsemi_axes_mm = [8, 14, 9]",
             "sensor.ellipsoid.semi_axes_mm: 8.0 x 14.0 do not span the image (16 x 16 mm)",
         ),
@@ -128,6 +124,43 @@ SENSOR = "[sensor]\ngeometry = "
 )
 def test_errors_name_the_key_in_one_line(text, message):
     assert error(text).startswith(message)
+
+
+BY_FORCE = """name = "x"
+outputs = ["force_z"]
+poisson.solver = "adjoint"
+force = { clamp = false, fit = "slopes" }
+training = { labels = "force" }
+sensor = { geometry = "flat", source = "recorded" }
+"""
+
+
+def test_forces_alone_train_a_flat_recorded_sensor():
+    assert parse(BY_FORCE, origin="x").wants_adjoint
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('["force_z"]', '["force_z", "normals"]', "training.labels: 'force' gives forces only, no normals"),
+        ('["force_z"]', '["normals"]', "training.labels: 'force' gives forces only, no normals"),
+        (', fit = "slopes"', "", "training.labels: 'force' gives forces only, no normals"),
+        ('"force" }', '"force", teachers = 4 }', "training.teachers: 4 needs training.labels 'geometry'"),
+        (
+            '"force" }',
+            '"force", flat_fraction = 0.2 }',
+            "training.flat_fraction: 0.2 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
+            '"force", position_noise = 0.1 }',
+            "training.position_noise: 0.1 needs training.labels 'geometry'",
+        ),
+    ],
+)
+def test_forces_alone_train_nothing_else(old, new, message):
+    assert old in BY_FORCE
+    assert error(BY_FORCE.replace(old, new)).startswith(message)
 
 
 def test_not_square_is_fine_without_depth():
