@@ -234,6 +234,17 @@ class TestBitTrueNetwork:
                 np.testing.assert_array_equal(a.requantisation.multiplier, b.requantisation.multiplier)
                 assert a.requantisation.shift == b.requantisation.shift
 
+    def test_what_it_learns_can_be_loaded(self):
+        network = BitTrueNetwork(random_layers(6))
+        with torch.no_grad():
+            for sign, k in ((1, 0), (-1, 1)):
+                network.weights[k][0], network.biases[k][0] = sign * 1e4, sign * 1e9
+        for layer in network.quantised():
+            replace(layer, loadable=True)  # refuses what hardware for any weights could not hold
+        for sign, layer in zip((1, -1), network.quantised(), strict=False):
+            assert layer.weight[0].tolist() == [sign * layer.weight_limit] * layer.weight.shape[1]
+            assert layer.bias[0] == sign * layer.bias_limit
+
     def test_inputs_with_noise_are_rounded_as_a_camera_would(self):
         network = BitTrueNetwork(random_layers(4))
         x = torch.from_numpy(random_features(4).astype(np.float32))
