@@ -105,9 +105,8 @@ def difference(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> str | No
 
 
 def _require(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> None:
-    weights = hardware.scene.hardware.weights
-    if weights != "loadable":
-        raise CalibrationError(f"hardware.weights = {weights!r}: the hardware takes no calibration")
+    if not hardware.layers[0].loadable:
+        raise CalibrationError("hardware.weights: baked, the hardware takes no calibration")
     found = difference(pipeline, hardware)
     if found:
         raise CalibrationError(found)

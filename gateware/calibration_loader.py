@@ -18,7 +18,7 @@ def calibration_signature() -> wiring.Signature:
 
     write, word : the host writes the next word
     taken : the answer in the same clock: it is the next word of an image
-    idle : no frame is under way, and none starts in this clock
+    idle : no frame is under way; none may start in a clock with `write`
     restart : the next word is a first word again
     loading : from the first word taken until the last one; no frame may start meanwhile
     received : words of an image that is not complete; 0: none

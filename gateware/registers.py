@@ -120,7 +120,7 @@ class RegisterBlock(wiring.Component):
             m.d.comb += [
                 loader.write.eq(written("CALIBRATION") & bus.write_mask.all()),
                 loader.word.eq(bus.write_data),
-                loader.idle.eq(~timer.in_flight.any() & ~self.frame_started),
+                loader.idle.eq(~timer.in_flight.any()),
                 loader.restart.eq(written("CONTROL") & ones[4]),
             ]
         m.d.comb += [

@@ -173,7 +173,8 @@ class TopZynq(wiring.Component):
         if path.loadable:
             m.submodules.calibration = calibration = loader(path, self.bundle.hash_word)
             wiring.connect(m, registers.calibration, calibration.host)
-            m.d.comb += path.hold.eq(calibration.host.loading)
+            # A word holds frames back in its own clock already: none can start beside it.
+            m.d.comb += path.hold.eq(calibration.host.loading | calibration.host.write)
             m.d.comb += [getattr(path, n).eq(getattr(calibration, n)) for n in path.loadable_registers]
             for name in path.loadable_tables:
                 wiring.connect(m, getattr(calibration, name), getattr(path, name))
