@@ -18,6 +18,8 @@ PORT = re.compile(r"^  wire (.*?)\b(input|output) \d+ .*?(\\\S+)$", re.MULTILINE
 ELEMENT = re.compile(r"(?<=\S)\[(\d+)\]")
 """In a name; a slice of a signal has a space before it. nextpnr takes `o[2]` for bit 2 of `o`."""
 PORT_NUMBER = re.compile(r"\b(input|output) \d+ ")
+SERIAL = re.compile(r"(?<=\\port\$)\d+(?=\$)")
+"""Of a port that Amaranth names itself, counted through the whole design."""
 SOURCE_LINE = re.compile(r"^ *attribute \\src [^\n]*\n", re.MULTILINE)
 
 
@@ -91,6 +93,8 @@ def _renamed(bodies: Iterable[str], name: str) -> str:
     """The modules with `name` called `UNIT`, and nothing left of where it stood."""
     text = "".join(_sorted(SOURCE_LINE.sub("", body).replace("attribute \\top 1\n", "")) for body in bodies)
     text = ELEMENT.sub(r".\1", text)
+    serials = list(dict.fromkeys(SERIAL.findall(text)))
+    text = SERIAL.sub(lambda found: str(serials.index(found[0])), text)
     return text.replace(f"{name}.", f"{UNIT}.").replace(f"{name}\n", f"{UNIT}\n")
 
 
