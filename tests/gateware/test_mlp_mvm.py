@@ -104,14 +104,14 @@ def test_loadable_weights(tmp_path, with_parameters, neurons, inputs, width, inp
     rng = np.random.default_rng(3)
     limit = np.full(inputs, (1 << (width - input_signed)) - 1)
     top = (1 << (bits - 1)) - 1
+    largest = min(5000, top * int(limit.sum()))
     built = Layer(
         rng.integers(-top, top + 1, (neurons, inputs)),
-        rng.integers(-5000, 5001, neurons),
+        rng.integers(-largest, largest + 1, neurons),
         limit,
         bits,
         loadable=True,
     )
-    built = replace(built, bias=np.clip(built.bias, -built.bias_limit, built.bias_limit))
     low = -limit if input_signed else 0 * limit
 
     def tile():

@@ -25,7 +25,7 @@ def network(sizes, rng, bits=7, loadable=False):
         reached = layer.accumulator_width
         layer = replace(layer, loadable=loadable)
         if k < len(sizes) - 2:
-            shift = 17 + reached - bits - 2
+            shift = 17 + reached - bits - 3
             layer = replace(
                 layer, requantisation=Requantisation(rng.integers(1 << 16, 1 << 17, neurons), shift, bits)
             )
