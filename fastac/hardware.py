@@ -13,7 +13,7 @@ from amaranth.back import verilog
 
 from fastac.synth import source_digest
 from fastac.workspace import write_json
-from gateware.platform_xczu19eg import write_vivado_project
+from gateware.platform_xczu19eg import DeviceError, check_multipliers, write_vivado_project
 from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
 from sensor.dataset import Dataset
@@ -33,9 +33,14 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
     """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, the map.
 
     The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
-    waivers in gateware/lint.vlt. Raises HardwareError with its first finding otherwise.
+    waivers in gateware/lint.vlt. Raises HardwareError with its first finding otherwise, and, before anything
+    is elaborated, where the device has fewer multipliers than the design needs.
     """
     top = TopZynq(bundle)
+    try:
+        check_multipliers(top.datapath.multipliers)
+    except DeviceError as error:
+        raise HardwareError(f"{bundle.scene.name}: {error}") from None
     with watched("elaborating Verilog", enabled=progress):
         text = verilog.convert(top, name=NAME)
     folder.parent.mkdir(parents=True, exist_ok=True)

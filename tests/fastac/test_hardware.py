@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 import json
 import re
 
@@ -5,6 +6,8 @@ import pytest
 
 from fastac import hardware
 from fastac.hardware import HardwareError, check_verilog, lint, write_verilog
+from gateware.platform_xczu19eg import DEVICE
+from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
 from sim.bench_specimen import scene, specimen
 
@@ -49,6 +52,18 @@ def test_everything_that_vivado_and_a_driver_need_is_there(bundle, written):
     assert registers["FORCE_Z_LOW"]["offset"] == 0x60
     assert registers["ERRORS"]["access"] == "w1c"
     assert all(register["meaning"] for register in registers.values())
+
+
+def test_more_multipliers_than_the_device_has_are_refused(bundle, tmp_path, monkeypatch):
+    needed = sum(TopZynq(bundle).datapath.multipliers.values())
+    monkeypatch.setitem(DEVICE, "dsp48e2", needed - 1)
+    monkeypatch.setattr(hardware.verilog, "convert", lambda top, name: pytest.fail("elaborated"))
+    with pytest.raises(
+        HardwareError, match=rf"{bundle.scene.name}: {needed} DSP48E2 \(normals \d+,"
+    ) as error:
+        write_verilog(bundle, tmp_path / "verilog", progress=False)
+    assert "hardware.pixels_per_clock" in one_line(error)
+    assert not list(tmp_path.iterdir())
 
 
 def test_verilog_of_another_bundle_is_refused(bundle, written, tmp_path):
