@@ -474,17 +474,22 @@ def verify(source, data, split, lanes, frames, output, progress):
 def synth(bundle, output, place_and_route, modules, progress):
     """Count what the hardware of BUNDLE needs and find the clock that each module reaches, without Vivado.
 
-    Yosys counts DSP48E2, block RAM, URAM and shift registers; nextpnr places and routes each module on a
-    40 nm ECP5, whose clock is a conservative bound for the XCZU19EG. Results are kept; only what has changed
-    is done again. `fastac report` then takes the figures into the build's report, in place of estimates.
-    Needs the extra `synth`: pip install -e '.[synth]'.
+    Yosys counts DSP48E2, block RAM, URAM, shift registers and look-up tables; nextpnr places and routes each
+    module on a 40 nm ECP5, whose clock is a conservative bound for the XCZU19EG. Results are kept; only what
+    has changed is done again. `fastac report` then takes the figures into the build's report, in place of
+    estimates. Needs the extra `synth`: pip install -e '.[synth]'.
     """
     from fastac import synth as synthesis
     from gateware.platform_xczu19eg import DEVICE
 
     output = output or bundle
     content = synthesis.synthesise(
-        load_bundle(bundle), output, place_and_route=place_and_route, modules=modules, progress=progress
+        load_bundle(bundle),
+        output,
+        device=DEVICE,
+        place_and_route=place_and_route,
+        modules=modules,
+        progress=progress,
     )
     click.echo(synthesis.table(content, DEVICE))
     click.echo(f"{output / synthesis.FILE}")

@@ -287,7 +287,7 @@ def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
             stated = f"{paper['float'][key]} → {paper['integer'][key]}"
         rows.append((f"{key}, float → integer", f"{value:.5g} → {whole:.5g}{change}", stated, frames))
     resources = report["resources"]
-    for key in ("dsp48e2", "ramb36", "uram288"):
+    for key in ("lut", "dsp48e2", "ramb36", "uram288"):
         if key in resources:
             value = resources[key]["value"]
             share = 100 * value / report["device"][key]

