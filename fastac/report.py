@@ -13,6 +13,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac import accuracy, energy, synth
+from fastac.scene import Scene
 from fastac.workspace import write_json
 from gateware.platform_xczu19eg import DEVICE
 from models.bundle import Bundle
@@ -130,7 +131,7 @@ def _picture(frame: np.ndarray) -> np.ndarray:
     return frame[..., 2::-1]
 
 
-def frames_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tuple[int, ...] = ()) -> str:
+def frames_figure(data: Dataset, index: np.ndarray, results: dict, scene: Scene) -> str:
     """A row per frame: input, NIR, normals, depth found, displacement, depth error, force map."""
     rows = []
     for k, sample in enumerate(index):
@@ -139,7 +140,8 @@ def frames_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: t
         if frame.shape[-1] == 4:
             panels.append(("NIR", frame[..., 3], {"cmap": "gray", "vmin": 0, "vmax": 255}))
         found = results["integer"]
-        panels.append(("normals, integer", (found.normals[k] + 1) / 2, {}))
+        if scene.training.labels == "geometry":  # of forces alone it learns no normals that mean anything
+            panels.append(("normals, integer", (found.normals[k] + 1) / 2, {}))
         if found.depth_mm is not None:
             panels.append(("depth, integer, mm", found.depth_mm[k], {"cmap": "viridis"}))
             panels.append(("displacement, mm", found.displacement_mm[k], {"cmap": "magma"}))
@@ -147,7 +149,7 @@ def frames_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: t
                 error = found.depth_mm[k] - data.depth_mm[sample]
                 panels.append(("depth error, mm", error, {"cmap": "coolwarm"}))
         if found.force_map_n is not None:
-            for axis, image in zip(force_axes, found.force_map_n[k], strict=True):
+            for axis, image in zip(scene.force_axes, found.force_map_n[k], strict=True):
                 panels.append((f"F_{'xyz'[axis]} map, N", image, {"cmap": "coolwarm"}))
         rows.append(panels)
     figure, axes = plt.subplots(
@@ -233,7 +235,7 @@ def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
     axes = bundle.scene.force_axes
     _, results = accuracy.compare(bundle, data, shown, progress=False)
     figures = [
-        ("The frames that went through the hardware", frames_figure(data, shown, results, axes)),
+        ("The frames that went through the hardware", frames_figure(data, shown, results, bundle.scene)),
         ("Where the cycles go", cycles_figure(report)),
         ("Training", curves_figure(bundle)),
     ]
