@@ -6,7 +6,7 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test unit lint bench synth verify verify-photographs clean
+.PHONY: all build test unit lint bench identities synth verify verify-photographs clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -31,6 +31,11 @@ unit: $(READY)
 
 bench: $(READY)
 	$(VENV)/bin/python -m fastac.benchmark build/$(SCENE)
+
+# The figures of docs/mathematics.md.
+identities: $(READY)
+	$(FASTAC) train scenes/fast.toml
+	$(VENV)/bin/python -m fastac.identities build/fast
 
 # The synthesis tools are an extra of their own: 250 MB that only this target needs.
 $(SYNTH): $(READY)

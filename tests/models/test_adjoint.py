@@ -85,10 +85,11 @@ def force_n(tiny_bundle, tiny_data, make_scene, kernels):
 @DIVERGENCES
 @pytest.mark.parametrize("solver", ["dst2d", "tridiagonal"])
 def test_the_float_pipeline_finds_the_same_force_without_depth(force_n, solver, divergence, mode):
+    """But for single precision."""
     expected = force_n(solver, divergence=divergence, mode=mode)
     found = force_n("adjoint", divergence=divergence, mode=mode)
     assert found.shape == (len(expected), 3)
-    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
 
 
 def test_the_clamp_is_what_the_adjoint_cannot_do(force_n):

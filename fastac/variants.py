@@ -1,0 +1,51 @@
+"""Other scenes on the same sensor: a bundle's pixel network under another solver or another force."""
+
+from dataclasses import replace
+
+import numpy as np
+from pydantic import ValidationError
+from tqdm import tqdm
+
+from fastac.scene import Scene, SceneError, describe
+from models import quantise
+from models.bundle import Bundle
+from models.float_pipeline import FloatPipeline
+from models.pipeline import CHUNK, IntegerPipeline
+
+
+def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> Scene:
+    """The scene with another solver: with depth unless it is the adjoint, whose force does not clamp.
+
+    Raises SceneError where that is impossible.
+    """
+    content = scene.model_dump(mode="json")
+    forces = [name for name in content["outputs"] if name.startswith("force") and name != "force_map"]
+    adjoint = {"clamp": False} if solver == "adjoint" else {"fit": "displacement"}
+    content["outputs"] = forces if solver == "adjoint" else ["depth", *forces]
+    content["poisson"] |= {"solver": solver, "mode": mode or scene.poisson.mode}
+    content["force"] |= adjoint | force
+    content["hardware"]["pixels_per_clock"] = 1
+    try:
+        return Scene.model_validate(content)
+    except ValidationError as error:
+        raise SceneError(f"scene {scene.name}: {describe(error)}") from None
+
+
+def integer_variant(bundle: Bundle, scene: Scene) -> IntegerPipeline:
+    """The bundle's pixel network under another scene, up to the displacement."""
+    known = bundle.pipeline
+    return quantise.assemble(
+        scene, layers=known.layers, background=known.background, rest_depth_mm=known.rest_depth_mm
+    )
+
+
+def float_variant(bundle: Bundle, scene: Scene, weights: np.ndarray | None = None) -> FloatPipeline:
+    return replace(FloatPipeline.from_bundle(bundle), scene=scene, force_weights=weights)
+
+
+def slope_words(pipeline: IntegerPipeline, frames: np.ndarray, *, progress: bool) -> np.ndarray:
+    """Frames to the integer slopes (frames, H, W, 2)."""
+    starts = tqdm(range(0, len(frames), CHUNK), desc="slopes", disable=not progress, leave=False)
+    return np.concatenate(
+        [pipeline.slopes(pipeline.normals(frames[start : start + CHUNK]))[0] for start in starts]
+    )
