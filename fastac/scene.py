@@ -109,6 +109,11 @@ class Numbers(Strict):
     slope_weight_bits: Annotated[int, Field(ge=6, le=18)] = 16
     """Of the adjoint's weights of the slopes."""
 
+    @property
+    def slope_bits(self) -> int:
+        """Of a slope with its sign: what `slope_limit` needs before the point, and the fraction behind it."""
+        return self.gradient_fraction_bits + self.slope_limit.bit_length()
+
 
 class Poisson(Strict):
     mode: Literal["absolute", "difference"] = "difference"

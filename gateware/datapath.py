@@ -15,6 +15,7 @@ from models.pipeline import IntegerPipeline
 from .background import BackgroundSubtraction
 from .calibration_loader import Table
 from .displacement import DepthOutput, Displacement
+from .frame_cycles import FrameCycles
 from .frame_guard import ERRORS, EVENTS, FrameGuard
 from .fz_stream import PatchForceStream
 from .gradient_ratio import GradientDivider
@@ -37,7 +38,7 @@ def last_row_first(stage):
     return replace(stage, rest=stage.rest[::-1])
 
 
-class Datapath(wiring.Component):
+class Datapath(FrameCycles, wiring.Component):
     """A bundle's integer pipeline as hardware, bit for bit `IntegerPipeline.run`.
 
     Only what `pipeline.scene` wants is elaborated: no depth and no force, no slopes; the adjoint, no solver;
@@ -61,16 +62,14 @@ class Datapath(wiring.Component):
     constant : of the adjoint, an accumulator per axis. Only with it.
 
     What is loadable must not change while a frame is under way.
-    `stages` gives each stage's share, in clocks, of the way from a frame's first pixel accepted to its last
-    value, if nothing stalls and no other frame is in the way.
+    Its cycles are FrameCycles'.
     """
 
     def __init__(self, pipeline: IntegerPipeline):
         scene = pipeline.scene
         sensor, lanes = scene.sensor, scene.hardware.pixels_per_clock
         height, width, channels = sensor.height_px, sensor.width_px, len(sensor.channel_names)
-        self.pipeline, self.lanes = pipeline, lanes
-        self.beats = height * width // lanes
+        self.pipeline, self.scene, self.lanes = pipeline, scene, lanes
         self.guard = FrameGuard(height, width, channels, lanes=lanes)
         self.background = BackgroundSubtraction(
             height,
@@ -163,59 +162,6 @@ class Datapath(wiring.Component):
         stages = [getattr(solver, name) for name in (*names, "row_inverse")]
         loadable = self.loadable and self.pipeline.scene.poisson.mode == "difference"
         return kind(self.pipeline.source, *stages, height=height, width=width, lanes=lanes, loadable=loadable)
-
-    @property
-    def stages(self) -> dict[str, int]:
-        scene = self.pipeline.scene
-        if not scene.wants_solver:
-            stages = {"normals": self.first_pixel_to_normals}
-            if scene.wants_adjoint:
-                stages |= {"gradients": self.divider.latency, "force": self.force_stream.latency}
-            return stages
-        stages = {"normals": self.first_pixel_to_normals - (self.beats - 1)}
-        stages["gradients"] = self.divider.latency
-        stages |= self.solver.stages
-        stages["solution_buffer"] = Buffer.latency
-        if self.wants_force:
-            stages["force"] = self.displacement.latency + self.force_stream.latency
-        return stages
-
-    @property
-    def first_pixel_to_normals(self) -> int:
-        """Clocks from the first pixel accepted to the last normals offered."""
-        first = self.guard.latency + self.background.latency + self.mlp.latency + Buffer.latency
-        return first + self.beats - 1
-
-    @property
-    def first_pixel_to_depth(self) -> int:
-        """Clocks from the first pixel accepted to the last depth offered."""
-        before = sum(v for k, v in self.stages.items() if k != "force")
-        return before + self.depth_output.latency
-
-    @property
-    def first_pixel_to_force(self) -> int:
-        """Clocks from the first pixel accepted to the force offered."""
-        return sum(self.stages.values())
-
-    @property
-    def interval(self) -> int:
-        """Clocks between frames when they follow each other without a gap."""
-        intervals = [self.beats]
-        if self.pipeline.scene.wants_solver:
-            intervals.append(self.solver.interval)
-        if self.wants_force:
-            intervals.append(self.force_stream.interval)
-        return max(intervals)
-
-    @property
-    def multipliers(self) -> dict[str, int]:
-        """Products a clock, by stage, as the architecture has them."""
-        count = {"normals": self.mlp.multipliers}
-        if self.pipeline.scene.wants_solver:
-            count["depth"] = self.solver.multipliers
-        if self.wants_force:
-            count["force"] = self.force_stream.multipliers
-        return count
 
     def elaborate(self, platform):
         m = Module()

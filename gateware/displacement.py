@@ -134,9 +134,13 @@ class DepthOutput(wiring.Component):
     def has_rom(self) -> bool:
         return self.depth.mode == "difference" and bool(self.depth.rest.any())
 
+    @staticmethod
+    def latency_of(*, has_rom: bool) -> int:
+        return 1 + (RasterRom.latency if has_rom else 0)
+
     @property
     def latency(self) -> int:
-        return 1 + (RasterRom.latency if self.has_rom else 0)
+        return self.latency_of(has_rom=self.has_rom)
 
     def elaborate(self, platform):
         m = Module()
@@ -201,9 +205,13 @@ class Displacement(wiring.Component):
     def has_rom(self) -> bool:
         return self.depth.mode == "absolute"
 
+    @staticmethod
+    def latency_of(*, has_rom: bool) -> int:
+        return 2 + (RasterRom.latency if has_rom else 0)
+
     @property
     def latency(self) -> int:
-        return 2 + (RasterRom.latency if self.has_rom else 0)
+        return self.latency_of(has_rom=self.has_rom)
 
     @property
     def table_values(self) -> np.ndarray:

@@ -39,7 +39,7 @@ class Dst1Engine(wiring.Component):
         if not np.array_equal(transform.matrix, parity * transform.matrix[:, ::-1]):
             raise ValueError("matrix: expected rows even and odd about the middle in turn, as a sine's are")
         self.transform, self.lanes = transform, lanes
-        self.half = (transform.size + 1) // 2
+        self.half = self.half_of(transform.size)
         self.interval = -(-transform.size // lanes)
         super().__init__(
             {
@@ -48,19 +48,36 @@ class Dst1Engine(wiring.Component):
             }
         )
 
+    @staticmethod
+    def half_of(size: int) -> int:
+        """Products that make up a value of a row of `size`."""
+        return (size + 1) // 2
+
+    @classmethod
+    def levels_of(cls, size: int) -> int:
+        """Of the adder tree, whose leaves are the products and the half unit that rounds."""
+        return cls.half_of(size).bit_length()
+
+    @classmethod
+    def latency_of(cls, size: int) -> int:
+        """The row, its folded halves, their products, then the levels of the tree: one register each."""
+        return 2 + LATENCY + cls.levels_of(size)
+
+    @classmethod
+    def multipliers_of(cls, size: int, lanes: int) -> int:
+        return cls.half_of(size) * lanes
+
     @property
     def levels(self) -> int:
-        """Of the adder tree, whose leaves are the products and the half unit that rounds."""
-        return self.half.bit_length()
+        return self.levels_of(self.transform.size)
 
     @property
     def latency(self) -> int:
-        """The row, its folded halves, their products, then the levels of the tree: one register each."""
-        return 2 + LATENCY + self.levels
+        return self.latency_of(self.transform.size)
 
     @property
     def multipliers(self) -> int:
-        return self.half * self.lanes
+        return self.multipliers_of(self.transform.size, self.lanes)
 
     def elaborate(self, platform):
         m = Module()

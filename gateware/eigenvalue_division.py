@@ -29,7 +29,8 @@ class EigenvalueDivider(wiring.Component):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
         self.division, self.lanes = division, lanes
         self.shift_low = int(division.shift.min())
-        self.distance_bits = int(division.shift.max() - self.shift_low).bit_length()
+        self.distance = int(division.shift.max() - self.shift_low)
+        self.distance_bits = self.distance.bit_length()
         super().__init__(
             {
                 "i": In(stream.Signature(data.ArrayLayout(signed(division.input_width), lanes))),
@@ -37,14 +38,25 @@ class EigenvalueDivider(wiring.Component):
             }
         )
 
+    @staticmethod
+    def latency_of(distance: int) -> int:
+        """The table's read, the operands, the product, its sign, two bits of the shift each, rounding.
+
+        distance : of the largest from the lowest shift
+        """
+        return 5 + -(-distance.bit_length() // 2)
+
     @property
     def latency(self) -> int:
-        """The table's read, the operands, the product, its sign, two bits of the shift each, rounding."""
-        return 5 + -(-self.distance_bits // 2)
+        return self.latency_of(self.distance)
+
+    @staticmethod
+    def multipliers_of(lanes: int) -> int:
+        return lanes
 
     @property
     def multipliers(self) -> int:
-        return self.lanes
+        return self.multipliers_of(self.lanes)
 
     def elaborate(self, platform):
         m = Module()

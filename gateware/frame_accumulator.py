@@ -31,6 +31,11 @@ def sum_tree(m: Module, advance, terms: list, bounds: np.ndarray, name: str):
     return terms[0]
 
 
+def raster_interval(rows: int, columns: int, lanes: int) -> int:
+    """Beats of a frame whose rows each take ceil(columns/lanes)."""
+    return rows * -(-columns // lanes)
+
+
 def dsp_slices(a: int, b: int) -> int:
     """DSP48E2 for a product of signed words of `a` and `b` bits: 27×18 bits each, signed.
 

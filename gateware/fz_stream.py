@@ -9,7 +9,7 @@ from models.fixed import signed_width
 from models.integer import PatchForce
 
 from .displacement import RasterRom, raster_beats
-from .frame_accumulator import FrameAccumulator, dsp_slices, sum_tree, tree_levels
+from .frame_accumulator import FrameAccumulator, dsp_slices, raster_interval, sum_tree, tree_levels
 from .patch_generator import PatchGenerator, check_patches
 from .product import LATENCY as PRODUCT_LATENCY
 from .product import product
@@ -134,26 +134,44 @@ class PatchForceStream(wiring.Component):
     def row_beats(self) -> int:
         return -(-self.size // self.lanes)
 
+    @staticmethod
+    def map_latency_of(size: int, kernel_size: int, lanes: int) -> int:
+        """`map_latency` for frames of `size` × `size` displacements."""
+        half = kernel_size // 2
+        return half * -(-size // lanes) - (-half // lanes) + 8 + tree_levels(kernel_size**2)
+
+    @classmethod
+    def latency_of(cls, size: int, kernel_size: int, lanes: int) -> int:
+        return cls.map_latency_of(size, kernel_size, lanes) + tree_levels(lanes) + 1
+
+    @staticmethod
+    def multipliers_of(axes: int, kernel_size: int, lanes: int, *, input_bits: int, kernel_bits: int) -> int:
+        """DSP48E2: axes · lanes · K², times `dsp_slices` of a displacement and a kernel word, both signed."""
+        return axes * lanes * kernel_size**2 * dsp_slices(input_bits, kernel_bits)
+
     @property
     def map_latency(self) -> int:
         """Clocks from a beat of displacements to the beat of the same pixels' responses."""
-        half = self.force.size // 2
-        return half * self.row_beats - (-half // self.lanes) + 8 + tree_levels(self.force.size**2)
+        return self.map_latency_of(self.size, self.force.size, self.lanes)
 
     @property
     def latency(self) -> int:
-        return self.map_latency + tree_levels(self.lanes) + 1
+        return self.latency_of(self.size, self.force.size, self.lanes)
 
     @property
     def interval(self) -> int:
-        return self.size * self.row_beats
+        return raster_interval(self.size, self.size, self.lanes)
 
     @property
     def multipliers(self) -> int:
-        """DSP48E2: axes · lanes · K², times `dsp_slices` of a displacement and a kernel word, both signed."""
         force = self.force
-        slices = dsp_slices(force.displacement_bits + (not force.signed), force.kernel_bits)
-        return len(force.kernel) * self.lanes * force.size**2 * slices
+        return self.multipliers_of(
+            len(force.kernel),
+            force.size,
+            self.lanes,
+            input_bits=force.displacement_bits + (not force.signed),
+            kernel_bits=force.kernel_bits,
+        )
 
     def elaborate(self, platform):
         m = Module()

@@ -50,9 +50,14 @@ class GradientDivider(wiring.Component):
             }
         )
 
+    @staticmethod
+    def latency_of(width: int) -> int:
+        """Of slopes in words of `width` bits."""
+        return width + 2
+
     @property
     def latency(self) -> int:
-        return self.ratio.width + 2
+        return self.latency_of(self.ratio.width)
 
     def elaborate(self, platform):
         m = Module()

@@ -23,6 +23,11 @@ def tile_latency(inputs: int) -> int:
     return 1 + PRODUCT_STAGES + (inputs - 1).bit_length() + 1
 
 
+def tile_multipliers(neurons: int, inputs: int, *, packed: bool) -> int:
+    """Of a loadable tile: one for each input and neuron, or pair of neurons where products are packed."""
+    return -(-neurons // (2 if packed else 1)) * inputs
+
+
 def tile_layouts(
     layer: Layer, *, input_width: int, input_signed: bool
 ) -> tuple[data.ArrayLayout, data.ArrayLayout]:
@@ -93,7 +98,9 @@ class MvmCore(wiring.Component):
     @property
     def multipliers(self) -> int:
         """Multipliers, each one DSP48E2; 0 if the weights are baked in."""
-        return len(self.units) * self.layer.weight.shape[1] if self.layer.loadable else 0
+        if not self.layer.loadable:
+            return 0
+        return tile_multipliers(*self.layer.weight.shape, packed=self.packing is not None)
 
     @property
     def parameter_bits(self) -> int:

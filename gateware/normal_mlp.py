@@ -59,10 +59,7 @@ class NormalMlp(wiring.Component):
         _check_chain(layers)
         self.layers, self.input_width, self.lanes = tuple(layers), input_width, lanes
         self.loadable = layers[0].loadable
-        self.latency = (
-            sum(tile_latency(layer.weight.shape[1]) for layer in layers)
-            + (len(layers) - 1) * RequantiseCore.latency
-        )
+        self.latency = self.latency_of([layer.weight.shape[1] for layer in layers])
         self.cores = [self._lane() for _ in range(lanes)]
         features = data.ArrayLayout(signed(input_width), layers[0].weight.shape[1])
         normal = data.ArrayLayout(signed(layers[-1].accumulator_width), 3)
@@ -73,6 +70,11 @@ class NormalMlp(wiring.Component):
         if self.loadable:
             members["parameters"] = In(unsigned(self.parameter_bits))
         super().__init__(members)
+
+    @staticmethod
+    def latency_of(inputs: Sequence[int]) -> int:
+        """Of layers with so many inputs each."""
+        return sum(map(tile_latency, inputs)) + (len(inputs) - 1) * RequantiseCore.latency
 
     @property
     def multipliers(self) -> int:

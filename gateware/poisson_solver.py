@@ -35,6 +35,11 @@ class Buffer(wiring.Component):
         return m
 
 
+def frame_interval(height: int, width: int, lanes: int) -> int:
+    """Clocks between frames of slopes, of which the solution needs the inner ones."""
+    return max(height * width // lanes, (width - 2) * -(-(width - 2) // lanes))
+
+
 class PoissonSolver(wiring.Component):
     """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2.
 
@@ -98,22 +103,36 @@ class PoissonSolver(wiring.Component):
             members["offset"] = In(self.source.table.signature)
         super().__init__(members)
         self.size, self.beats = width - 2, self.row_forward.interval
-        self.interval = max(height * width // lanes, self.size * self.beats)
+        self.interval = frame_interval(height, width, lanes)
+
+    @staticmethod
+    def stages_of(width: int, lanes: int, divergence: str, distance: int) -> dict[str, int]:
+        """`stages` for images of `width` pixels; distance : of the division's shifts."""
+        size = width - 2
+        beats = -(-size // lanes)
+        row, frame = beats - 1, size * beats - 1
+        source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)
+        transform = Dst1Engine.latency_of(size) + row
+        return {
+            "source": source + Buffer.latency,
+            "row_forward": transform,
+            "to_columns": Transposer.latency + frame,
+            "column_forward": transform + Buffer.latency,
+            "division": EigenvalueDivider.latency_of(distance) + Buffer.latency,
+            "column_inverse": transform,
+            "to_rows": Transposer.latency + frame,
+            "row_inverse": transform,
+        }
+
+    @staticmethod
+    def multipliers_of(size: int, lanes: int) -> int:
+        return 4 * Dst1Engine.multipliers_of(size, lanes) + EigenvalueDivider.multipliers_of(lanes)
 
     @property
     def stages(self) -> dict[str, int]:
         """From last beat to last beat; the first entry from the frame's first slopes."""
-        row, frame = self.beats - 1, self.size * self.beats - 1
-        return {
-            "source": self.source.delay(self.size - 1, row) + Buffer.latency,
-            "row_forward": self.row_forward.latency + row,
-            "to_columns": self.to_columns.latency + frame,
-            "column_forward": self.column_forward.latency + row + Buffer.latency,
-            "division": self.division.latency + Buffer.latency,
-            "column_inverse": self.column_inverse.latency + row,
-            "to_rows": self.to_rows.latency + frame,
-            "row_inverse": self.row_inverse.latency + row,
-        }
+        source = self.source
+        return self.stages_of(source.width, source.lanes, source.source.divergence, self.division.distance)
 
     @property
     def frame_latency(self) -> int:
@@ -125,14 +144,7 @@ class PoissonSolver(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        engines = (
-            self.row_forward,
-            self.column_forward,
-            self.division,
-            self.column_inverse,
-            self.row_inverse,
-        )
-        return sum(engine.multipliers for engine in engines)
+        return self.multipliers_of(self.size, self.source.lanes)
 
     def elaborate(self, platform):
         m = Module()

@@ -43,9 +43,7 @@ class PoissonSourceStream(wiring.Component):
         self.source, self.height, self.width, self.lanes = source, height, width, lanes
         self.beats = -(-(width - 2) // lanes)
         self.central = source.divergence == "central"
-        # A beat of sources is complete so many beats and rows of slopes after the one of its own place.
-        self.beats_ahead = 2 if self.central and lanes == 1 else 1
-        self.rows_ahead = 2 if self.central else 1
+        self.rows_ahead, self.beats_ahead = self.ahead(source.divergence, lanes)
         own_bits = signed_width(int(np.abs(source.offset).max()))
         self.loadable = loadable
         self.table = Table((height - 2) * self.beats, lanes, source.width if loadable else own_bits)
@@ -64,9 +62,21 @@ class PoissonSourceStream(wiring.Component):
         short = self.beats * self.lanes - (self.width - 2)
         return np.pad(self.source.offset, ((0, 0), (0, short))).reshape(-1, self.lanes)
 
+    @staticmethod
+    def ahead(divergence: str, lanes: int) -> tuple[int, int]:
+        """Rows and beats of slopes after the one of its own place that a beat of sources is complete."""
+        central = divergence == "central"
+        return 2 if central else 1, 2 if central and lanes == 1 else 1
+
+    @classmethod
+    def delay_of(cls, row: int, beat: int, *, width: int, lanes: int, divergence: str) -> int:
+        """`delay` on images of `width` pixels."""
+        rows, beats = cls.ahead(divergence, lanes)
+        return (row + rows) * (width // lanes) + beat + beats + cls.latency
+
     def delay(self, row: int, beat: int) -> int:
         """Clocks from a frame's first beat accepted to `beat` of inner `row` (from 0) if nothing stalls."""
-        return (row + self.rows_ahead) * (self.width // self.lanes) + beat + self.beats_ahead + self.latency
+        return self.delay_of(row, beat, width=self.width, lanes=self.lanes, divergence=self.source.divergence)
 
     def elaborate(self, platform):
         m = Module()

@@ -49,9 +49,13 @@ class RowRecurrence(wiring.Component):
             }
         )
 
+    @staticmethod
+    def multipliers_of(lanes: int) -> int:
+        return lanes
+
     @property
     def multipliers(self) -> int:
-        return self.lanes
+        return self.multipliers_of(self.lanes)
 
     def tables(self) -> tuple[list[list[dict[str, int]]], list[list[int]]]:
         """Each lane's {start, last} by beats, and its coefficients mode after mode."""

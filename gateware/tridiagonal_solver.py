@@ -10,7 +10,7 @@ from models.tridiagonal import Elimination, Substitution
 
 from .dst1_engine import Dst1Engine
 from .frame_reversal import FrameReversal
-from .poisson_solver import Buffer
+from .poisson_solver import Buffer, frame_interval
 from .poisson_source import PoissonSourceStream
 from .tridiagonal import RowRecurrence
 
@@ -71,7 +71,7 @@ class TridiagonalPoissonSolver(wiring.Component):
         self.substitution = RowRecurrence(substitution, lanes=lanes)
         self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
         self.size, self.beats = width - 2, self.row_forward.interval
-        self.interval = max(height * width // lanes, self.size * self.beats)
+        self.interval = frame_interval(height, width, lanes)
         members = {
             "i": In(self.source.i.signature.flip()),
             "o": Out(self.row_inverse.o.signature),
@@ -81,18 +81,31 @@ class TridiagonalPoissonSolver(wiring.Component):
             members["offset"] = In(self.source.table.signature)
         super().__init__(members)
 
+    @staticmethod
+    def stages_of(width: int, lanes: int, divergence: str) -> dict[str, int]:
+        """`stages` for images of `width` pixels."""
+        size = width - 2
+        beats = -(-size // lanes)
+        row = beats - 1
+        source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)
+        transform = Dst1Engine.latency_of(size) + row
+        return {
+            "source": source + Buffer.latency,
+            "row_forward": transform,
+            "elimination": RowRecurrence.latency,
+            "reversal": FrameReversal.latency + (size - 1) * beats,
+            "substitution": RowRecurrence.latency + Buffer.latency,
+            "row_inverse": transform,
+        }
+
+    @staticmethod
+    def multipliers_of(size: int, lanes: int) -> int:
+        return 2 * (Dst1Engine.multipliers_of(size, lanes) + RowRecurrence.multipliers_of(lanes))
+
     @property
     def stages(self) -> dict[str, int]:
         """From last beat to last beat; the first entry from the frame's first slopes."""
-        row = self.beats - 1
-        return {
-            "source": self.source.delay(self.size - 1, row) + Buffer.latency,
-            "row_forward": self.row_forward.latency + row,
-            "elimination": self.elimination.latency,
-            "reversal": self.reversal.latency + (self.size - 1) * self.beats,
-            "substitution": self.substitution.latency + Buffer.latency,
-            "row_inverse": self.row_inverse.latency + row,
-        }
+        return self.stages_of(self.source.width, self.source.lanes, self.source.source.divergence)
 
     @property
     def frame_latency(self) -> int:
@@ -104,8 +117,7 @@ class TridiagonalPoissonSolver(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        engines = (self.row_forward, self.elimination, self.substitution, self.row_inverse)
-        return sum(engine.multipliers for engine in engines)
+        return self.multipliers_of(self.size, self.source.lanes)
 
     def elaborate(self, platform):
         m = Module()

@@ -9,7 +9,7 @@ from models.fixed import signed_width
 from models.integer import WeightedSum
 
 from .displacement import LANES, RasterRom, raster_beats
-from .frame_accumulator import FrameAccumulator, dsp_slices, tree_levels
+from .frame_accumulator import FrameAccumulator, dsp_slices, raster_interval, tree_levels
 from .product import LATENCY as PRODUCT_LATENCY
 from .product import product
 
@@ -59,20 +59,33 @@ class WeightedSumStream(wiring.Component):
             members["constant"] = In(sums)
         super().__init__(members)
 
+    @staticmethod
+    def latency_of(terms: int, lanes: int) -> int:
+        return RasterRom.latency + PRODUCT_LATENCY + tree_levels(lanes * terms) + 1
+
+    @staticmethod
+    def multipliers_of(axes: int, terms: int, lanes: int, *, input_bits: int, weight_bits: int) -> int:
+        """DSP48E2: axes · lanes · terms, times `dsp_slices` of a weight and an input as signed words."""
+        return axes * lanes * terms * dsp_slices(input_bits, weight_bits)
+
     @property
     def latency(self) -> int:
-        return RasterRom.latency + PRODUCT_LATENCY + tree_levels(self.lanes * self.terms) + 1
+        return self.latency_of(self.terms, self.lanes)
 
     @property
     def interval(self) -> int:
-        return self.rows * -(-self.columns // self.lanes)
+        return raster_interval(self.rows, self.columns, self.lanes)
 
     @property
     def multipliers(self) -> int:
-        """DSP48E2: axes · lanes · terms, times `dsp_slices` of a weight and an input as signed words."""
         weighted = self.weighted
-        input_width = weighted.input_width + (not weighted.input_signed)
-        return self.axes * self.lanes * self.terms * dsp_slices(input_width, weighted.weight_width)
+        return self.multipliers_of(
+            self.axes,
+            self.terms,
+            self.lanes,
+            input_bits=weighted.input_width + (not weighted.input_signed),
+            weight_bits=weighted.weight_width,
+        )
 
     def elaborate(self, platform):
         m = Module()

@@ -12,7 +12,7 @@ import numpy as np
 
 from .fixed import Fixed, fit
 from .integer import EigenvalueDivision, SineTransform
-from .poisson import eigenvalues, sine_matrix
+from .poisson import eigenvalues, row_eigenvalues, sine_matrix
 
 MANTISSA_BITS = 17
 GUARD_BITS = 4
@@ -64,8 +64,19 @@ def coefficients(size: int, fraction: int) -> np.ndarray:
 
 
 def reciprocals(size: int) -> tuple[np.ndarray, np.ndarray]:
-    """1/|eigenvalue| as (mantissa, exponent): mantissa · 2**−exponent, mantissa of 17 bits."""
-    magnitude = 1 / np.abs(eigenvalues(size))
+    """1/|eigenvalue| of every mode as `normalised`."""
+    return normalised(1 / np.abs(eigenvalues(size)))
+
+
+def reciprocal_distance(size: int) -> int:
+    """Of the largest from the smallest exponent in `reciprocals`: those of the last and the first mode."""
+    one = row_eigenvalues(size)[[0, -1]]
+    _, exponent = normalised(1 / np.abs(one + one))
+    return int(exponent[1] - exponent[0])
+
+
+def normalised(magnitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`magnitude` > 0 as (mantissa, exponent): mantissa · 2**−exponent, mantissa of 17 bits."""
     exponent = MANTISSA_BITS - 1 - np.floor(np.log2(magnitude)).astype(np.int64)
     mantissa = np.rint(magnitude * 2.0**exponent).astype(np.int64)
     overflow = mantissa == 1 << MANTISSA_BITS

@@ -8,6 +8,8 @@ import numpy as np
 
 DIFFERENCE_SCALE = 1 / 64
 COORDINATE_SCALE = 1 / 127
+HIDDEN = (16, 16, 16)
+"""Neurons of the pixel network's hidden layers."""
 WIDTH = 9
 """Bits of a signed integer feature."""
 

@@ -9,9 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from .features import scales
-
-HIDDEN = (16, 16, 16)
+from .features import HIDDEN, scales
 
 
 class PixelNetwork(nn.Module):

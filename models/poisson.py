@@ -17,9 +17,14 @@ def sine_matrix(size: int) -> np.ndarray:
     return np.sqrt(2 / (size + 1)) * np.sin(np.pi * np.outer(index, index) / (size + 1))
 
 
+def row_eigenvalues(size: int) -> np.ndarray:
+    """Those of the second difference along N inner points, (N,), in (−4, 0)."""
+    return 2 * np.cos(np.pi * np.arange(1, size + 1) / (size + 1)) - 2
+
+
 def eigenvalues(size: int) -> np.ndarray:
     """Those of the 5-point Laplacian on N×N inner points, (N, N), in (−8, 0)."""
-    one = 2 * np.cos(np.pi * np.arange(1, size + 1) / (size + 1)) - 2
+    one = row_eigenvalues(size)
     return one[:, None] + one[None, :]
 
 

@@ -124,7 +124,7 @@ def assemble(
     layers = tuple(replace(layer, loadable=scene.hardware.weights == "loadable") for layer in layers)
     ratio = GradientRatio(
         normal_width=layers[-1].accumulator_width,
-        width=numbers.gradient_fraction_bits + numbers.slope_limit.bit_length(),
+        width=numbers.slope_bits,
         fraction=numbers.gradient_fraction_bits,
     )
     pipeline = IntegerPipeline(

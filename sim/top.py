@@ -232,7 +232,7 @@ def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dic
     path = top.datapath
     first = int(outputs["first_at"][0])
     registers = seen["frames"][0]
-    latency = {"stage": stage_latencies(path)}
+    latency = {"stage": path.modules}
     if path.wants_force:
         latency["first_pixel_to_force"] = registers["LATENCY_FIRST_PIXEL_TO_FORCE"]
         latency["last_pixel_to_force"] = registers["LATENCY_LAST_PIXEL_TO_FORCE"]
@@ -251,16 +251,3 @@ def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dic
     if len(outputs["first_at"]) > 1:
         latency["initiation_interval"] = int(np.diff(outputs["first_at"]).max())
     return latency
-
-
-def stage_latencies(path) -> dict[str, int]:
-    """The three modules' shares of the way from first pixel to force, by the design's formulas."""
-    stages = path.stages
-    share = {"normals": stages["normals"]}
-    if path.pipeline.scene.wants_solver:
-        share["depth"] = sum(v for k, v in stages.items() if k not in ("normals", "force"))
-        if path.wants_depth and not path.wants_force:
-            share["depth"] += path.depth_output.latency
-    if path.wants_force:
-        share["force"] = stages["force"] + (stages["gradients"] if "depth" not in share else 0)
-    return share

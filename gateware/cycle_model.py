@@ -1,0 +1,157 @@
+"""Cycles and multipliers of a scene's hardware, by its components' formulas: no tables, no elaboration."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from fastac.scene import Scene
+from models.bounds import reciprocal_distance
+from models.features import HIDDEN, WIDTH, limits
+from models.fixed import signed_width
+
+from .background import BackgroundSubtraction
+from .displacement import DepthOutput, Displacement
+from .frame_accumulator import raster_interval
+from .frame_cycles import FrameCycles
+from .frame_guard import FrameGuard
+from .fz_stream import PatchForceStream
+from .gradient_ratio import GradientDivider
+from .mlp_mvm import tile_multipliers
+from .normal_mlp import NormalMlp
+from .packed_products import packing
+from .poisson_solver import PoissonSolver, frame_interval
+from .tridiagonal_solver import TridiagonalPoissonSolver
+from .weighted_sum import WeightedSumStream
+
+NORMAL, SLOPES, DISPLACEMENT = 3, 2, 1
+"""Words: outputs of the pixel network, and of a pixel where weighted sums take slopes or displacements."""
+
+
+@dataclass(frozen=True)
+class Figures:
+    """What is known of a component without building it."""
+
+    latency: int = 0
+    interval: int = 0
+    multipliers: int = 0
+    stages: dict[str, int] = field(default_factory=dict)
+
+
+class CycleModel(FrameCycles):
+    """The figures of the datapath that a scene needs, equal to those of `Datapath` and so of its Verilog.
+
+    hidden : neurons of the pixel network's hidden layers
+    flat : whether the depth at rest is zero, so that no table adds it in difference mode; None: as the
+        scene's geometry has it
+
+    Nothing else depends on what is trained: weights, biases and kernels of a scene's words all take as many
+    multipliers and clocks.
+    """
+
+    def __init__(self, scene: Scene, *, hidden: Sequence[int] = HIDDEN, flat: bool | None = None):
+        self.scene, self.lanes = scene, scene.hardware.pixels_per_clock
+        if flat is None:
+            flat = scene.sensor.geometry == "flat"
+        sizes = (len(scene.sensor.channel_names) + 2, *hidden, NORMAL)
+        self.guard, self.background = FrameGuard, BackgroundSubtraction
+        self.mlp = Figures(NormalMlp.latency_of(sizes[:-1]), multipliers=self._network_multipliers(sizes))
+        if scene.wants_slopes:
+            self.divider = Figures(GradientDivider.latency_of(scene.numbers.slope_bits))
+        if scene.wants_solver:
+            self.solver = self._solver()
+            difference = scene.poisson.mode == "difference"
+            self.depth_output = Figures(DepthOutput.latency_of(has_rom=difference and not flat))
+            self.displacement = Figures(Displacement.latency_of(has_rom=not difference))
+        if scene.wants_force:
+            self.force_stream = self._weighted_sum() if self._sums_words else self._patch_force()
+
+    def _network_multipliers(self, sizes: Sequence[int]) -> int:
+        """Of all lanes: the tiles' and, for each hidden neuron, one that requantises."""
+        numbers = self.scene.numbers
+        if self.scene.hardware.weights == "baked":
+            return 0
+        count, last = sum(sizes[1:-1]), len(sizes) - 2
+        for k, (inputs, neurons) in enumerate(pairwise(sizes)):
+            bits = numbers.last_weight_bits if k == last else numbers.weight_bits
+            input_limit, width = limits(inputs - 2), WIDTH
+            if k:
+                input_limit = [(1 << numbers.activation_bits) - 1] * inputs
+                width = numbers.activation_bits + 1
+            packed = packing((1 << (bits - 1)) - 1, input_limit, width) is not None
+            count += tile_multipliers(neurons, inputs, packed=packed)
+        return self.lanes * count
+
+    def _solver(self) -> Figures:
+        sensor, poisson, size = self.scene.sensor, self.scene.poisson, self.scene.inner_px
+        if poisson.solver == "tridiagonal":
+            kind = TridiagonalPoissonSolver
+            stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence)
+        else:
+            kind, distance = PoissonSolver, reciprocal_distance(size)
+            stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence, distance)
+        interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes)
+        return Figures(interval=interval, multipliers=kind.multipliers_of(size, self.lanes), stages=stages)
+
+    @property
+    def _sums_words(self) -> bool:
+        return self.scene.wants_adjoint or self.scene.force.kernel == "collapsed"
+
+    @property
+    def _displacement_bits(self) -> int:
+        """Of a displacement with its sign."""
+        return self.scene.numbers.displacement_bits + self.scene.force.clamp
+
+    def _weighted_sum(self) -> Figures:
+        """A collapsed kernel's word counts as the largest sum of a kernel's, which no bundle need reach."""
+        scene, kind = self.scene, WeightedSumStream
+        rows, columns = scene.inner_px, scene.inner_px
+        terms, input_bits = DISPLACEMENT, self._displacement_bits
+        weight_bits = signed_width(scene.force.kernel_size**2 << (scene.numbers.kernel_bits - 1))
+        if scene.wants_adjoint:
+            rows, columns = scene.sensor.height_px, scene.sensor.width_px
+            terms, input_bits = SLOPES, scene.numbers.slope_bits
+            weight_bits = scene.numbers.slope_weight_bits
+        multipliers = kind.multipliers_of(
+            len(scene.force_axes), terms, self.lanes, input_bits=input_bits, weight_bits=weight_bits
+        )
+        return Figures(
+            kind.latency_of(terms, self.lanes), raster_interval(rows, columns, self.lanes), multipliers
+        )
+
+    def _patch_force(self) -> Figures:
+        scene, size, kind = self.scene, self.scene.inner_px, PatchForceStream
+        multipliers = kind.multipliers_of(
+            len(scene.force_axes),
+            scene.force.kernel_size,
+            self.lanes,
+            input_bits=self._displacement_bits,
+            kernel_bits=scene.numbers.kernel_bits,
+        )
+        return Figures(
+            kind.latency_of(size, scene.force.kernel_size, self.lanes),
+            raster_interval(size, size, self.lanes),
+            multipliers,
+        )
+
+
+def cycles(scene: Scene, *, hidden: Sequence[int] = HIDDEN, flat: bool | None = None) -> dict:
+    """Clocks of the scene's hardware if nothing stalls: what the report's `latency_cycles` counts.
+
+    `stage` are the shares of normals, depth and force, `part` those of each of their stages;
+    `first_pixel_to_…` for what the scene wants, `last_pixel_to_force`, `initiation_interval`. Parameters as
+    of `CycleModel`.
+    """
+    model = CycleModel(scene, hidden=hidden, flat=flat)
+    found = {"stage": model.modules, "part": model.stages, "initiation_interval": model.interval}
+    if scene.wants_force:
+        found["first_pixel_to_force"] = model.first_pixel_to_force
+        found["last_pixel_to_force"] = model.last_pixel_to_force
+    for name in ("depth", "normals"):
+        if name in scene.outputs:
+            found[f"first_pixel_to_{name}"] = getattr(model, f"first_pixel_to_{name}")
+    return found
+
+
+def multipliers(scene: Scene, *, hidden: Sequence[int] = HIDDEN) -> dict[str, int]:
+    """Products a clock of the scene's hardware, by stage: `Datapath.multipliers`."""
+    return CycleModel(scene, hidden=hidden).multipliers

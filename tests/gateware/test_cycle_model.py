@@ -1,0 +1,145 @@
+"""The model's figures are those of the datapath that is built; test_top_zynq.py holds these to Verilator."""
+
+import random
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from fastac.scene import Numbers, load
+from gateware.cycle_model import CycleModel, cycles, multipliers
+from gateware.datapath import Datapath
+from models.bounds import reciprocal_distance, reciprocals
+from sim.bench_specimen import NUMBERS, scene, specimen
+
+SCENES = Path(__file__).parents[2] / "scenes"
+OPTIONS = {
+    "outputs": (
+        ("normals",),
+        ("depth",),
+        ("force_z",),
+        ("normals", "depth"),
+        ("normals", "force_y"),
+        ("depth", "force_xyz"),
+        ("force_x", "force_z", "force_map"),
+        ("normals", "depth", "force_z", "force_map"),
+    ),
+    "size": (16, 18, 21, 24, 36),
+    "lanes": (1, 2, 4),
+    "solver": ("dst2d", "tridiagonal", "adjoint"),
+    "mode": ("absolute", "difference"),
+    "divergence": ("central", "backward"),
+    "kernel": ("patch", "collapsed"),
+    "kernel_size": (1, 3, 5, 7),
+    "weights": ("loadable", "baked"),
+    "channels": ("bgr", "bgr+nir"),
+    "clamp": (True, False),
+    "numbers": (
+        NUMBERS,
+        {**Numbers().model_dump(), "gradient_fraction_bits": 6},
+        {**NUMBERS, "activation_bits": 10, "weight_bits": 8, "last_weight_bits": 16, "slope_limit": 8},
+        {**NUMBERS, "displacement_bits": 16, "kernel_bits": 12, "slope_weight_bits": 18},
+    ),
+    "hidden": ((4,), (5, 3)),
+}
+CASES = 240
+
+
+def drawn(count: int) -> list[tuple[dict, object, tuple[int, ...]]]:
+    """So many scenes that are possible, each option drawn by itself: what was drawn, scene, hidden layers."""
+    rng, found = random.Random(1), []
+    while len(found) < count:
+        chosen = {name: rng.choice(values) for name, values in OPTIONS.items()}
+        wanted = dict(chosen)
+        hidden = wanted.pop("hidden")
+        try:
+            found.append((chosen, scene(**wanted), hidden))
+        except ValidationError:
+            continue
+    return found
+
+
+def check(path: Datapath, model: CycleModel) -> None:
+    assert model.beats == path.beats
+    assert model.stages == path.stages
+    assert model.modules == path.modules
+    assert model.multipliers == path.multipliers
+    assert model.interval == path.interval
+    for name in ("normals", "depth", "force"):
+        if getattr(path, f"wants_{name}"):
+            key = f"first_pixel_to_{name}"
+            assert getattr(model, key) == getattr(path, key)
+
+
+def test_every_kind_of_scene(tmp_path):
+    cases = drawn(CASES)
+    for name, values in OPTIONS.items():
+        for value in values:
+            assert sum(chosen[name] == value for chosen, _, _ in cases) >= CASES // 50, (name, value)
+    for k, (_, wanted, hidden) in enumerate(cases):
+        path = Datapath(specimen(tmp_path / f"{k}", wanted, hidden=hidden).pipeline)
+        check(path, CycleModel(wanted, hidden=hidden))
+
+
+def test_flat_rest_needs_no_table(tmp_path):
+    wanted = scene(("depth", "force_z"), mode="difference")
+    pipeline = specimen(tmp_path, wanted).pipeline
+    flat = pipeline.replace(depth=replace(pipeline.depth, rest=np.zeros_like(pipeline.depth.rest)))
+    by_geometry = wanted.model_copy(update={"sensor": wanted.sensor.model_copy(update={"geometry": "flat"})})
+    check(Datapath(pipeline), CycleModel(wanted, hidden=(4,)))
+    check(Datapath(flat), CycleModel(wanted, hidden=(4,), flat=True))
+    check(Datapath(flat), CycleModel(by_geometry, hidden=(4,)))
+    check(Datapath(pipeline), CycleModel(by_geometry, hidden=(4,), flat=False))
+    curved, plane = (cycles(s, hidden=(4,))["first_pixel_to_depth"] for s in (wanted, by_geometry))
+    assert curved == plane + 2
+
+
+def test_shifts_of_the_division_by_size():
+    for size in range(14, 255):
+        exponent = reciprocals(size)[1]
+        assert reciprocal_distance(size) == exponent.max() - exponent.min(), size
+
+
+def at(name: str, **hardware):
+    known = load(SCENES / f"{name}.toml")
+    return known.model_copy(update={"hardware": known.hardware.model_copy(update=hardware)})
+
+
+@pytest.mark.parametrize(
+    ("name", "hardware", "limits"),
+    [
+        ("paper", {}, {"first_pixel_to_force": 50_000, "initiation_interval": 16_640}),
+        ("paper", {"pixels_per_clock": 4, "weights": "baked"}, {"first_pixel_to_force": 13_000}),
+        ("fast", {}, {"first_pixel_to_force": 8_500, "initiation_interval": 4_224}),
+        ("fast", {"pixels_per_clock": 1}, {"first_pixel_to_force": 33_500}),
+        ("force", {}, {"first_pixel_to_force": 4_300, "last_pixel_to_force": 96}),
+        ("force", {"pixels_per_clock": 1}, {"first_pixel_to_force": 16_550}),
+    ],
+)
+def test_limits_of_the_scenes(name, hardware, limits):
+    found = cycles(at(name, **hardware))
+    assert {key: found[key] for key in limits if found[key] > limits[key]} == {}
+    assert sum(found["stage"].values()) == sum(found["part"].values()) == found["first_pixel_to_force"]
+    frame = 128 * 128 // at(name, **hardware).hardware.pixels_per_clock
+    assert found["first_pixel_to_force"] - found["last_pixel_to_force"] == frame - 1
+
+
+def test_multipliers_of_the_scenes():
+    assert sum(multipliers(at("paper")).values()) <= 1968 // 2
+    assert sum(multipliers(at("fast")).values()) <= 1968
+    assert sum(multipliers(at("force")).values()) <= 1968 // 10
+
+
+def test_only_what_the_scene_wants():
+    assert set(cycles(scene(("normals",)))) == {
+        "stage",
+        "part",
+        "initiation_interval",
+        "first_pixel_to_normals",
+    }
+    depth = cycles(scene(("depth",)))
+    assert set(depth) == {"stage", "part", "initiation_interval", "first_pixel_to_depth"}
+    assert sum(depth["stage"].values()) == depth["first_pixel_to_depth"]
+    assert set(multipliers(scene(("normals",)))) == {"normals"}
