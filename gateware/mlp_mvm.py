@@ -12,10 +12,9 @@ from models.fixed import signed_width
 from models.integer import Layer
 
 from .packed_products import Packing, packing
+from .product import LATENCY as PRODUCT_STAGES
+from .product import product
 from .shift_add import Register, Term, constant_product, registers, tree
-
-PRODUCT_STAGES = 3
-"""Registers of a product: operand (B), product (M, P) of a DSP48E2, or levels of additions."""
 
 
 def tile_latency(inputs: int) -> int:
@@ -54,9 +53,9 @@ class MvmCore(wiring.Component):
         `layer.loadable`.
 
     Loadable: two neurons share a multiplier of 27×18 bits where `packing` finds that their products fit, and
-    a neuron left over, or each where they do not, has its own. The operand (B) of each pair, its product
-    (M, P) and every sum are registered. Products are summed in packed words as far as these hold them, then
-    split, where the first also get the biases, then summed neuron by neuron.
+    a neuron left over, or each where they do not, has its own. The operands (A, B), the product (M, P) and
+    every sum are registered. Products are summed in packed words as far as these hold them, then split, where
+    the first also get the biases, then summed neuron by neuron.
     Baked: each product is a sum of its weight's signed digits, without a multiplier; weights of 0 are absent.
 
     A product or sum has signed_width(Σ|w|·input_limit) bits, over its own weights only; loadable ones are
@@ -145,8 +144,11 @@ class MvmCore(wiring.Component):
             register(Term(x, int(limit)), f"input_{j}")
             for j, (x, limit) in enumerate(zip(self.i, self.layer.input_limit, strict=True))
         ]
-        accumulators = self._loadable if self.layer.loadable else self._baked
-        for k, accumulator in enumerate(accumulators(inputs, register)):
+        if self.layer.loadable:
+            accumulators = self._loadable(m, platform, inputs, register)
+        else:
+            accumulators = self._baked(inputs, register)
+        for k, accumulator in enumerate(accumulators):
             m.d.comb += self.o[k].eq(accumulator.value)
         return m
 
@@ -154,7 +156,7 @@ class MvmCore(wiring.Component):
     def _levels(self) -> int:
         return (self.layer.weight.shape[1] - 1).bit_length()
 
-    def _loadable(self, inputs: list[Term], register: Register) -> list[Term]:
+    def _loadable(self, m: Module, platform, inputs: list[Term], register: Register) -> list[Term]:
         """Every neuron's accumulator, from `parameters`."""
         low = 0
 
@@ -172,11 +174,9 @@ class MvmCore(wiring.Component):
             largest = self.packing.limit if packed else self.layer.weight_limit
             terms = []
             for j, (x, weight) in enumerate(zip(inputs, weights, strict=True)):
-                operand = register(x, f"operand_{name}_{j}")
-                product = Term(operand.value * weight, largest * x.bound)
-                for stage in ("m", "p"):
-                    product = register(product, f"product_{stage}_{name}_{j}")
-                terms.append(product)
+                whole = product(m, platform, self.advance, x.value, weight, name=f"product_{name}_{j}")
+                bound = largest * x.bound
+                terms.append(Term(whole[: signed_width(bound)].as_signed(), bound))
             if packed:
                 accumulators += self._split_sum(terms, [biases[k] for k in unit], register, name)
             else:

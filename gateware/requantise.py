@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from models.integer import Requantisation
 
+from .product import product
 from .shift_add import Register, Term, constant_product, registers
 
 MULTIPLIER_BITS, SHIFT_BITS = 17, 6
@@ -33,10 +34,10 @@ class RequantiseCore(wiring.Component):
         way. Only if `loadable`.
 
     Loadable: a multiplier for every neuron, one DSP48E2 where width <= 27, with the registers before (A, B)
-    and behind it (M, P); then the shift by multiples of 8, and by 0 … 7. Baked: the product is a sum of the
-    multiplier's signed digits, and the shift a choice of bits.
-    The activations stand in `o` after `latency` = 6 advances in either mode: the positive part, four
-    registers of product and shift, the clip.
+    and behind it (M, P); then the positive part's shift by multiples of 8, and by 0 … 7. Baked: the product
+    is a sum of the multiplier's signed digits, and the shift a choice of bits.
+    The activations stand in `o` after `latency` = 6 advances in either mode: the operand, four registers of
+    product and shift, the clip.
     """
 
     latency = 2 + SCALE_STAGES
@@ -85,21 +86,21 @@ class RequantiseCore(wiring.Component):
         largest = (1 << (self.width - 1)) - 1
         top = (1 << self.scale.bits) - 1
         for k, a in enumerate(self.i):
-            positive = register(Term(Mux(a < 0, 0, a), largest), f"positive_{k}")
-            scaled = (self._loadable if self.loadable else self._baked)(k, positive, register)
+            if self.loadable:
+                multiplier = self.parameters.word_select(k, MULTIPLIER_BITS)
+                whole = product(m, platform, self.advance, a, multiplier, name=f"product_{k}")
+                scaled = self._shifted(k, whole, largest * ((1 << MULTIPLIER_BITS) - 1), register)
+            else:
+                positive = register(Term(Mux(a < 0, 0, a), largest), f"positive_{k}")
+                scaled = self._baked(k, positive, register)
             clipped = Term(Mux(scaled[self.scale.bits :].any(), top, scaled[: self.scale.bits]), top)
             m.d.comb += self.o[k].eq(register(clipped, f"activation_{k}").value)
         return m
 
-    def _loadable(self, k: int, positive: Term, register: Register) -> Value:
-        """Neuron `k`'s positive part, multiplied and shifted."""
-        multiplier = self.parameters.word_select(k, MULTIPLIER_BITS)
+    def _shifted(self, k: int, whole: Signal, bound: int, register: Register) -> Value:
+        """Neuron `k`'s product, its positive part shifted."""
         shift = self.parameters[-SHIFT_BITS:]
-        bound = positive.bound * ((1 << MULTIPLIER_BITS) - 1)
-        product = Term(positive.value * multiplier, bound)
-        for stage in ("m", "p"):
-            product = register(product, f"product_{stage}_{k}")
-        coarse = magnitude(product) >> (shift[COARSE:] << COARSE)
+        coarse = Mux(whole < 0, 0, whole[:-1] >> (shift[COARSE:] << COARSE))
         coarse = register(Term(coarse, bound), f"coarse_{k}")
         return magnitude(register(Term(magnitude(coarse) >> shift[:COARSE], bound), f"shifted_{k}"))
 
