@@ -1,6 +1,8 @@
 """The float models from frames to force: what quantisation is measured against."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 import torch
@@ -9,10 +11,12 @@ from fastac.scene import Scene
 
 from . import normals as pixel_normals
 from .bundle import Bundle
-from .features import integer_features
+from .features import scales
 from .hyperforce import collapse, force_map
-from .pipeline import Result, in_chunks, with_boundary
-from .poisson import boundary_term, solve, source_of
+from .over_frames import Outputs, choose, over_frames, require_frames
+from .pipeline import Result
+from .pixel_tiles import PixelTiles
+from .poisson import boundary_term, eigenvalues, sine_matrix, solve, source_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,14 +51,22 @@ class FloatPipeline:
         pipeline = bundle.pipeline
         return cls.from_arrays(bundle.floats, bundle.scene, pipeline.background, pipeline.rest_depth_mm)
 
-    def slopes(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Frames (..., H, W, C) uint8 to normals of any length and slopes."""
-        normal = pixel_normals.predict(self.network, integer_features(frames, self.background))
-        return normal, pixel_normals.slopes_of(normal, self.scene.numbers.slope_limit)
+    @cached_property
+    def _tables(self) -> list[np.ndarray]:
+        """The network's layers (neurons, inputs + 1), the features' scales and the bias in them."""
+        scale, tables = scales(self.background.shape[-1]), []
+        for layer in self.network.linears:
+            weight = layer.weight.detach().numpy() * scale
+            bias = layer.bias.detach().numpy()
+            tables.append(np.column_stack([weight, bias]).astype(np.float32))
+            scale = 1
+        return tables
 
     def rest_slopes(self) -> np.ndarray:
         """The slopes that are found at rest, (H, W, 2)."""
-        return self.slopes(self.background[None])[1][0]
+        slopes = np.empty((1, *self.background.shape[:2], 2), np.float32)
+        _Worker(self)(self.background[None], {"slopes": slopes})
+        return slopes[0]
 
     def _solve(self, slopes: np.ndarray) -> np.ndarray:
         """Slopes (frames, H, W, 2) to depth in px, in the scene's mode."""
@@ -67,43 +79,110 @@ class FloatPipeline:
 
     def rest_px(self) -> np.ndarray:
         """What the pipeline finds at rest, (N, N) in px: the zero of the displacement."""
-        if self.scene.poisson.mode == "difference":
-            return self.rest_depth_mm[1:-1, 1:-1] / self.scene.sensor.pitch_mm
-        return self._solve(self.rest_slopes()[None])[0]
+        return self._solve(self.rest_slopes()[None].astype(np.float64))[0]
 
-    def displacement_mm(self, slopes: np.ndarray) -> np.ndarray:
-        """Slopes (frames, H, W, 2) to the displacement (frames, N, N)."""
-        return (self.rest_px() - self._solve(slopes)) * self.scene.sensor.pitch_mm
+    @property
+    def outputs(self) -> Outputs:
+        """Shapes for one frame and element types of everything that the scene wants; see `Result`."""
+        height, width, _ = self.background.shape
+        found: Outputs = {
+            "normals": ((height, width, 3), np.float32),
+            "slopes": ((height, width, 2), np.float32),
+        }
+        if self.scene.wants_solver:
+            found["depth_mm"] = ((height, width), np.float32)
+            found["displacement_mm"] = ((height - 2, width - 2), np.float32)
+        if self.scene.wants_force and self.force_weights is not None:
+            axes = len(self.force_weights)
+            found["force_n"] = ((axes,), np.float64)
+            if self.scene.wants_force_map:
+                found["force_map_n"] = ((axes, height - 2, width - 2), np.float32)
+        return found
 
-    def run(self, frames: np.ndarray, *, progress: bool = False) -> Result:
-        """Frames (frames, H, W, C) uint8 to everything that the scene wants."""
-        scene, weights = self.scene, self.force_weights
-        pitch = scene.sensor.pitch_mm
-        rest = self.rest_px() if scene.wants_solver else None
-        rest_slopes = self.rest_slopes() if scene.wants_adjoint else None
-        collapsed = collapse(weights) if weights is not None and scene.wants_solver else None
+    def run(
+        self, frames: np.ndarray, *, wanted: Iterable[str] | None = None, progress: bool = False
+    ) -> Result:
+        """Frames (frames, H, W, C) uint8 to all that the scene wants, or to the fields `wanted`."""
+        outputs = choose(self.outputs, wanted)
+        require_frames(frames, self.background)
+        after = None if outputs.keys() <= {"normals", "slopes"} else _AfterSlopes(self)
+        found = over_frames(
+            partial(_Worker, self, after), frames, outputs, progress=progress, label="float pipeline"
+        )
+        return Result(**found)
 
-        def run(chunk: np.ndarray) -> Result:
-            normal, slopes = self.slopes(chunk)
-            length = np.linalg.norm(normal, axis=-1, keepdims=True)
-            found = {
-                "normals": (normal / np.maximum(length, 1e-12)).astype(np.float32),
-                "slopes": slopes.astype(np.float32),
-            }
-            if scene.wants_solver:
-                depth = self._solve(slopes)
-                displacement = (rest - depth) * pitch
-                found |= {
-                    "depth_mm": with_boundary(depth * pitch, self.rest_depth_mm).astype(np.float32),
-                    "displacement_mm": displacement.astype(np.float32),
-                }
-                if collapsed is not None:
-                    pressed = np.maximum(displacement, 0) if scene.force.clamp else displacement
-                    found["force_n"] = np.einsum("...ij,aij->...a", pressed, collapsed)
-                    if scene.wants_force_map:
-                        found["force_map_n"] = force_map(pressed, weights).astype(np.float32)
-            if scene.wants_adjoint and weights is not None:
-                found["force_n"] = np.einsum("...ijt,aijt->...a", slopes - rest_slopes, weights)
-            return Result(**found)
 
-        return in_chunks(run, frames, progress=progress, label="float pipeline")
+class _AfterSlopes:
+    """From slopes to displacement and force, all by their change from rest: linear, and exactly 0 at rest."""
+
+    def __init__(self, pipeline: FloatPipeline):
+        scene, self.weights = pipeline.scene, pipeline.force_weights
+        self.divergence, self.force, self.wants_map = (
+            scene.poisson.divergence,
+            scene.force,
+            scene.wants_force_map,
+        )
+        self.rest_slopes = pipeline.rest_slopes()
+        self.has_solver = scene.wants_solver
+        if self.has_solver:
+            pitch_mm = scene.sensor.pitch_mm
+            self.rest_mm = pipeline.rest_depth_mm.astype(np.float32)
+            self.rest_mm[1:-1, 1:-1] = pipeline.rest_px() * pitch_mm
+            size = len(self.rest_mm) - 2
+            self.sine = sine_matrix(size).astype(np.float32)
+            self.reciprocal = (-pitch_mm / eigenvalues(size)).astype(np.float32)
+        if self.weights is not None:
+            weight = collapse(self.weights) if self.has_solver else self.weights
+            self.weight = weight.reshape(len(weight), -1).astype(np.float64)
+
+    def __call__(self, slopes: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        """Slopes (H, W, 2) of one frame into the places of its outputs."""
+        x = slopes - self.rest_slopes
+        if self.has_solver:
+            modes = self.sine @ source_of(x, self.divergence) @ self.sine
+            np.multiply(modes, self.reciprocal, out=modes)
+            x = self.sine @ modes @ self.sine
+            if "displacement_mm" in out:
+                out["displacement_mm"][...] = x
+            if "depth_mm" in out:
+                out["depth_mm"][...] = self.rest_mm
+                out["depth_mm"][1:-1, 1:-1] -= x
+            if self.force.clamp:
+                np.maximum(x, 0, out=x)
+        if "force_n" in out:
+            out["force_n"][...] = self.weight @ x.reshape(-1).astype(np.float64)
+        if "force_map_n" in out:
+            out["force_map_n"][...] = force_map(x, self.weights)
+
+
+class _Worker:
+    """One thread's scratch memory; called with a chunk of frames and the places of its outputs."""
+
+    def __init__(self, pipeline: FloatPipeline, after: _AfterSlopes | None = None):
+        tables, hidden = pipeline._tables, len(pipeline._tables) - 1
+        self.network = PixelTiles(tables, pipeline.background, top=[np.inf] * hidden, floor=False)
+        self.limit, self.after = pipeline.scene.numbers.slope_limit, after
+        self.slopes = np.empty((*pipeline.background.shape[:2], 2), np.float32)
+
+    def __call__(self, frames: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        for k, frame in enumerate(frames):
+            normal = self.network(frame)
+            if "normals" in out:
+                length = np.sqrt((normal * normal).sum(axis=0))
+                np.maximum(length, 1e-12, out=length)
+                np.divide(normal, length, out=out["normals"][k].reshape(-1, 3).T)
+            if "slopes" in out or self.after is not None:
+                self._slopes(normal)
+            if "slopes" in out:
+                out["slopes"][k] = self.slopes
+            if self.after is not None:
+                self.after(self.slopes, {name: array[k] for name, array in out.items()})
+
+    def _slopes(self, normal: np.ndarray) -> None:
+        slopes = self.slopes.reshape(-1, 2).T
+        if normal[2].min() > 0:
+            with np.errstate(over="ignore"):
+                np.divide(normal[:2], -normal[2], out=slopes)
+            np.clip(slopes, -self.limit, self.limit, out=slopes)
+        else:
+            slopes[...] = pixel_normals.slopes_of(normal.T, self.limit).T

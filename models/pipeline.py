@@ -1,13 +1,17 @@
 """The whole way from frames to force, in floating point and in integers."""
 
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.scene import Scene
 
+from . import direct
 from .bounds import Solver
+from .emulator import Emulator
+from .emulator_solver import NotExactError
 from .features import integer_features
 from .integer import (
     Depth,
@@ -18,15 +22,14 @@ from .integer import (
     PoissonSource,
     WeightedSum,
 )
+from .over_frames import CHUNK as CHUNK
+from .over_frames import choose, over_frames, require_frames
 from .tridiagonal import TridiagonalSolver
-
-CHUNK = 16
-"""Frames that are under way at once; bounds the memory."""
 
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a pipeline finds in frames; what the scene does not want is None.
+    """What a pipeline finds in frames; what the scene, or the caller, does not want is None.
 
     normals (frames, H, W, 3) unit; slopes (frames, H, W, 2); depth_mm (frames, H, W), the prior on the
     boundary; displacement_mm (frames, N, N) towards the camera, positive in contact; force_n (frames, axes)
@@ -35,8 +38,8 @@ class Result:
     (frames, axes, N, N), normal_words (frames, H, W, 3), and how many values saturated in each frame.
     """
 
-    normals: np.ndarray
-    slopes: np.ndarray
+    normals: np.ndarray | None = None
+    slopes: np.ndarray | None = None
     depth_mm: np.ndarray | None = None
     displacement_mm: np.ndarray | None = None
     force_n: np.ndarray | None = None
@@ -60,26 +63,6 @@ def join(results: list[Result]) -> Result:
             for name in Result.__dataclass_fields__
         }
     )
-
-
-def in_chunks(run, frames: np.ndarray, *, progress: bool, label: str) -> Result:
-    """`run` over frames in chunks, with a progress bar."""
-    if not len(frames):
-        raise ValueError("frames: none to process")
-    bar = tqdm(total=len(frames), desc=label, unit="frame", disable=not progress, leave=False)
-    results = []
-    for start in range(0, len(frames), CHUNK):
-        results.append(run(frames[start : start + CHUNK]))
-        bar.update(len(frames[start : start + CHUNK]))
-    bar.close()
-    return join(results)
-
-
-def with_boundary(inner: np.ndarray, rest_depth_mm: np.ndarray) -> np.ndarray:
-    """Inner depths (frames, N, N) in mm framed by the prior, (frames, H, W)."""
-    depth = np.broadcast_to(rest_depth_mm, (len(inner), *rest_depth_mm.shape)).copy()
-    depth[:, 1:-1, 1:-1] = inner
-    return depth
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,42 +111,28 @@ class IntegerPipeline:
         """The network's outputs to slopes (..., H, W, 2) in words, and which of them saturated."""
         return self.ratio(normal_words)
 
-    def run(self, frames: np.ndarray, *, progress: bool = False) -> Result:
-        """Frames (frames, H, W, C) uint8 to everything that the scene wants."""
-        return in_chunks(self._run, frames, progress=progress, label="integer pipeline")
+    @cached_property
+    def _worker(self) -> Callable[[frozenset[str]], Callable]:
+        """What computes the given outputs, made once in each thread: the emulator where it is exact."""
+        try:
+            return Emulator(self).worker
+        except NotExactError:
+            return lambda _: partial(direct.loop, self)
 
-    def _run(self, frames: np.ndarray) -> Result:
-        words = self.normals(frames)
-        slopes, saturated = self.slopes(words)
-        length = np.linalg.norm(words.astype(np.float64), axis=-1, keepdims=True)
-        found = {
-            "normals": (words / np.maximum(length, 1)).astype(np.float32),
-            "slopes": (slopes * 2.0**-self.ratio.fraction).astype(np.float32),
-            "normal_words": words.astype(np.int32),
-            "gradient_saturated": saturated.sum(axis=(1, 2, 3)),
-        }
-        if self.solver is not None:
-            depth, displacement = self.depth(self.solver(self.source(slopes)))
-            found |= {
-                "depth_words": depth,
-                "depth_mm": with_boundary(depth * self.depth_mm_per_unit, self.rest_depth_mm).astype(
-                    np.float32
-                ),
-                "displacement_mm": (displacement * self.depth_mm_per_unit).astype(np.float32),
-            }
-        if self.quantiser is not None:
-            quantised, over = self.quantiser(displacement)
-            found |= {"displacement_words": quantised, "displacement_saturated": over.sum(axis=(1, 2))}
-        if self.force is not None:
-            raw = self._force(found.get("displacement_words"), slopes)
-            found |= {"force_raw": raw, "force_n": raw * self.force_n_per_unit}
-        if self.scene.wants_force_map and self.force is not None:
-            raw = self.force.force_map(found["displacement_words"])
-            in_n = raw * self.force_n_per_unit[:, None, None]
-            found |= {"force_map_raw": raw, "force_map_n": in_n.astype(np.float32)}
+    def run(
+        self, frames: np.ndarray, *, wanted: Iterable[str] | None = None, progress: bool = False
+    ) -> Result:
+        """Frames (frames, H, W, C) uint8 to all that the scene wants, or to the fields `wanted`.
+
+        Equal to `direct.loop` on every value.
+        """
+        outputs = choose(direct.outputs(self), wanted)
+        require_frames(frames, self.background)
+        found = over_frames(
+            partial(self._worker, frozenset(outputs)),
+            frames,
+            outputs,
+            progress=progress,
+            label="integer pipeline",
+        )
         return Result(**found)
-
-    def _force(self, displacement: np.ndarray | None, slopes: np.ndarray) -> np.ndarray:
-        if isinstance(self.force, PatchForce):
-            return self.force(displacement)
-        return self.force(slopes if displacement is None else displacement[..., None])

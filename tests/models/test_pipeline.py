@@ -5,7 +5,8 @@ import pytest
 
 from models import quantise
 from models.integer import divergence_of
-from models.pipeline import CHUNK, Result, in_chunks, join, with_boundary
+from models.over_frames import CHUNK
+from models.pipeline import Result, join
 
 STAGES = ("source", "solver", "depth", "quantiser", "force", "force_n_per_unit")
 
@@ -157,38 +158,12 @@ def test_chunks_change_nothing(build, tiny_data):
             np.testing.assert_array_equal(array[k], getattr(alone, name)[0])
 
 
-def test_in_chunks_hands_over_every_frame_once_in_order():
-    sizes = []
-
-    def run(chunk):
-        sizes.append(len(chunk))
-        return Result(normals=chunk, slopes=2 * chunk)
-
-    found = in_chunks(run, np.arange(37), progress=False, label="test")
-    np.testing.assert_array_equal(found.normals, np.arange(37))
-    np.testing.assert_array_equal(found.slopes, 2 * np.arange(37))
-    assert max(sizes) == CHUNK
-    assert found.depth_mm is None
-    with pytest.raises(ValueError, match="frames: none to process"):
-        in_chunks(run, np.arange(0), progress=False, label="test")
-
-
 def test_join_keeps_what_is_absent_absent():
     one = Result(normals=np.ones((2, 3)), slopes=np.zeros((2, 2)), force_n=np.ones((2, 1)))
     found = join([one, one, one])
     assert found.normals.shape == (6, 3)
     assert found.force_n.shape == (6, 1)
     assert found.depth_mm is None
-
-
-def test_with_boundary_frames_the_inner_depth_by_the_prior():
-    rest = np.arange(25.0).reshape(5, 5)
-    found = with_boundary(np.full((2, 3, 3), -1.0), rest)
-    assert found.shape == (2, 5, 5)
-    inside = np.zeros((5, 5), bool)
-    inside[1:4, 1:4] = True
-    for depth in found:
-        np.testing.assert_array_equal(depth, np.where(inside, -1, rest))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,224 @@
+"""The integer pipeline at full speed: models/integer.py through BLAS in float64, bit for bit.
+
+Every integer of the pipeline is below a bound that follows from its tables. Where that is below 2**53,
+float64 holds it, its sums and its multiples by powers of two exactly. So shifts move into the tables, a
+requantising layer is a product, a clip and a floor, and a rounding is a floor. `Emulator` refuses tables for
+which it would not be exact.
+"""
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .bounds import Solver
+from .emulator_solver import RecurrenceTables, TransformTables, require_exact, round_in_place
+from .features import limits
+from .integer import Layer, PatchForce, WeightedSum, divergence_of
+from .over_frames import CHUNK
+from .pixel_tiles import PixelTiles
+from .tridiagonal import TridiagonalSolver
+
+if TYPE_CHECKING:
+    from .pipeline import IntegerPipeline
+
+SOLVERS = {Solver: TransformTables, TridiagonalSolver: RecurrenceTables}
+
+
+class Emulator:
+    """A pipeline's tables in float64, for any number of threads.
+
+    Raises NotExactError, naming the stage, where an integer could reach 2**53.
+    """
+
+    def __init__(self, pipeline: "IntegerPipeline"):
+        self.pipeline = pipeline
+        limit = limits(pipeline.background.shape[-1])
+        self.tables, self.top = [], []
+        for layer in pipeline.layers:
+            self.tables.append(_layer_table(layer, limit))
+            if layer.requantisation is not None:
+                self.top.append(float((1 << layer.requantisation.bits) - 1))
+                limit = np.full(len(layer.weight), self.top[-1], np.int64)
+        last = pipeline.layers[-1]
+        normal = int((np.abs(last.weight) @ limit + np.abs(last.bias)).max())
+        require_exact("slopes", (normal << (pipeline.ratio.fraction + 1)) + 3 * normal)
+        self.solver = None
+        if pipeline.solver is not None:
+            require_exact("source", pipeline.source.bound)
+            require_exact("depth", 1 << pipeline.depth.width)
+            self.solver = SOLVERS[type(pipeline.solver)](pipeline.solver)
+            self.offset = pipeline.source.offset.astype(np.float64)
+            self.rest = pipeline.depth.rest.astype(np.float64)
+        if pipeline.force is not None:
+            self._plan_force(pipeline.force)
+
+    def _plan_force(self, force: PatchForce | WeightedSum) -> None:
+        resultant = force.collapsed() if isinstance(force, PatchForce) else force
+        require_exact("force", resultant.bound)
+        # The emulator keeps p and q in two planes: terms before pixels.
+        planes = np.moveaxis(resultant.weight, -1, 1)
+        self.weight = planes.reshape(len(planes), -1).astype(np.float64)
+        self.constant = resultant.constant.astype(np.float64)
+        if self.pipeline.scene.wants_force_map:
+            require_exact("force_map", force.pixel_bound)
+            self.kernel = np.ascontiguousarray(np.moveaxis(force.kernel, (3, 4), (0, 1)).astype(np.float64))
+
+    def worker(self, outputs: Iterable[str]) -> "_Worker":
+        """What fills the places of `outputs`, for one thread; see `over_frames`."""
+        return _Worker(self, frozenset(outputs))
+
+
+def _layer_table(layer: Layer, limit: np.ndarray) -> np.ndarray:
+    """(neurons, inputs + 1), the bias last, requantisation's multiplier and shift in it."""
+    table = np.column_stack([layer.weight, layer.bias])
+    multiplier, shift = 1, 0
+    if layer.requantisation is not None:
+        multiplier, shift = layer.requantisation.multiplier[:, None], layer.requantisation.shift
+    reach = np.abs(table * multiplier) @ np.append(limit, 1)
+    require_exact("layer", int(reach.max()))
+    return table * multiplier * 2.0**-shift
+
+
+class _Worker:
+    """One thread's scratch memory; called with a chunk of frames and the places of its outputs."""
+
+    def __init__(self, emulator: Emulator, outputs: frozenset[str]):
+        self.emulator, self.pipeline = emulator, emulator.pipeline
+        self.background_shape = self.pipeline.background.shape
+        self.network = PixelTiles(emulator.tables, self.pipeline.background, top=emulator.top, floor=True)
+        self.slopes = np.empty((2, *self.background_shape[:2]))
+        self.wants_displacement_words = not outputs.isdisjoint(
+            ("displacement_words", "displacement_saturated", "force_map_raw", "force_map_n")
+        )
+        self.wants_force = not outputs.isdisjoint(("force_raw", "force_n"))
+        on_displacement = self.pipeline.quantiser is not None
+        self.wants_displacement_words |= on_displacement and self.wants_force
+        self.wants_solver = self.wants_displacement_words or not outputs.isdisjoint(
+            ("depth_words", "depth_mm", "displacement_mm")
+        )
+        self.wants_slopes = (
+            self.wants_solver or self.wants_force or not outputs.isdisjoint(("slopes", "gradient_saturated"))
+        )
+        if self.wants_solver:
+            self.inner = tuple(n - 2 for n in self.background_shape[:2])
+            self.memory = np.empty(CHUNK * self.inner[0] * self.inner[1])
+
+    def __call__(self, frames: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        if self.wants_solver:
+            solver, (rows, columns) = self.emulator.solver, self.inner
+            shape = [rows, columns]
+            shape.insert(solver.frame_axis, len(frames))
+            memory = self.memory[: len(frames) * rows * columns].reshape(shape)
+            planes = np.moveaxis(memory, solver.frame_axis, 0)
+        for k, frame in enumerate(frames):
+            places = {name: array[k : k + 1] for name, array in out.items()}
+            normal = self.network(frame)
+            self._normals(normal, places)
+            if self.wants_slopes:
+                self._slopes(normal, places)
+            if self.wants_solver:
+                source = divergence_of(np.moveaxis(self.slopes, 0, -1), self.pipeline.source.divergence)
+                np.subtract(source, self.emulator.offset, out=planes[k])
+            elif self.wants_force:
+                self._force(self.slopes, places)
+        if self.wants_solver:
+            solver.solve(memory)
+            for k, z in enumerate(planes):
+                self._solution(z, {name: array[k : k + 1] for name, array in out.items()})
+
+    def _normals(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        if "normal_words" in out:
+            np.copyto(out["normal_words"].reshape(-1, 3).T, normal, casting="unsafe")
+        if "normals" in out:
+            squares = normal * normal
+            length = np.sqrt(squares[0] + squares[1] + squares[2])
+            np.maximum(length, 1, out=length)
+            np.divide(normal, length, out=out["normals"].reshape(-1, 3).T, casting="same_kind")
+
+    def _slopes(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        """`integer.GradientRatio`: magnitude = floor(a / b), a = |n_xy| + n_z · 2**−(f+1), b = n_z · 2**−f.
+
+        In units of 2**−(f+1) a and b are integers, a + b < 2**53. A quotient below an integer k then lies at
+        least 1/b below it. Were it rounded up to k, which float64 holds, 1/b would be at most k · 2**−54, and
+        b · k >= 2**54; but b · k <= a + b.
+        """
+        ratio, slopes = self.pipeline.ratio, self.slopes.reshape(2, -1)
+        n_xy, n_z = normal[:2], normal[2]
+        steep = n_z <= 0
+        any_steep = steep.any()
+        divisor = n_z * 2.0**-ratio.fraction
+        if any_steep:
+            divisor[steep] = 2.0**-ratio.fraction
+        np.abs(n_xy, out=slopes)
+        np.add(slopes, divisor * 0.5, out=slopes)
+        np.divide(slopes, divisor, out=slopes)
+        np.floor(slopes, out=slopes)
+        if any_steep:
+            slopes[:, steep] = np.where(n_xy[:, steep] == 0, 0, ratio.limit)
+        if "gradient_saturated" in out:
+            out["gradient_saturated"][0] = np.count_nonzero((slopes > ratio.limit) | steep)
+        np.minimum(slopes, ratio.limit, out=slopes)
+        np.copysign(slopes, n_xy, out=slopes)
+        np.subtract(0.0, slopes, out=slopes)  # no −0, as with integers
+        if "slopes" in out:
+            place = out["slopes"].reshape(-1, 2).T
+            np.multiply(slopes, 2.0**-ratio.fraction, out=place, casting="same_kind")
+
+    def _solution(self, z: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        """Solutions (N, N) to depth, displacement and what follows from it."""
+        pipeline, rest = self.pipeline, self.emulator.rest
+        if pipeline.depth.mode == "absolute":
+            depth, displacement = z, rest - z
+        else:
+            depth, displacement = rest + z, 0.0 - z
+        unit = pipeline.depth_mm_per_unit
+        if "depth_words" in out:
+            np.copyto(out["depth_words"][0], depth, casting="unsafe")
+        if "depth_mm" in out:
+            out["depth_mm"][0] = pipeline.rest_depth_mm
+            np.multiply(depth, unit, out=out["depth_mm"][0, 1:-1, 1:-1], casting="same_kind")
+        if "displacement_mm" in out:
+            np.multiply(displacement, unit, out=out["displacement_mm"][0], casting="same_kind")
+        if self.wants_displacement_words:
+            self._displacement_words(displacement, out)
+            self._force(displacement, out)
+            self._force_map(displacement, out)
+
+    def _displacement_words(self, d: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        """`integer.DisplacementQuantiser`, in place."""
+        quantiser = self.pipeline.quantiser
+        if quantiser.clamp:
+            np.maximum(d, 0, out=d)
+        np.multiply(d, 2.0**-quantiser.shift, out=d)
+        round_in_place(d)
+        if "displacement_saturated" in out:
+            out["displacement_saturated"][0] = np.count_nonzero(np.abs(d) > quantiser.top)
+        np.clip(d, -quantiser.top, quantiser.top, out=d)
+        if "displacement_words" in out:
+            np.copyto(out["displacement_words"][0], d, casting="unsafe")
+
+    def _force(self, x: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        """`integer.WeightedSum` of displacement words (N, N) or slopes (2, H, W)."""
+        if self.wants_force:
+            raw = self.emulator.weight @ x.reshape(-1) + self.emulator.constant
+            if "force_raw" in out:
+                out["force_raw"][0] = raw
+            if "force_n" in out:
+                out["force_n"][0] = raw * self.pipeline.force_n_per_unit
+
+    def _force_map(self, q: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        """`integer.PatchForce.force_map`, one offset of the window after another."""
+        if out.keys().isdisjoint(("force_map_raw", "force_map_n")):
+            return
+        kernel = self.emulator.kernel  # (K, K, axes, N, N)
+        n, half = len(q), len(kernel) // 2
+        padded, total = np.pad(q, half), np.zeros(kernel.shape[2:])
+        for i, row in enumerate(kernel):
+            for j, weight in enumerate(row):
+                total += weight * padded[i : i + n, j : j + n]
+        if "force_map_raw" in out:
+            np.copyto(out["force_map_raw"][0], total, casting="unsafe")
+        if "force_map_n" in out:
+            scale = self.pipeline.force_n_per_unit[:, None, None]
+            np.multiply(total, scale, out=out["force_map_n"][0], casting="same_kind")

@@ -1,0 +1,106 @@
+"""The integer Poisson solvers in float64: tables that carry each stage's shift, so that rounding is a floor.
+
+A power of two only moves the exponent: what is an integer below 2**53 times 2**−shift is exact in float64,
+and so is every partial sum, in whatever order BLAS adds.
+"""
+
+import numpy as np
+
+from .bounds import Solver
+from .integer import SineTransform
+from .tridiagonal import Recurrence, TridiagonalSolver
+
+EXACT = 1 << 53
+
+
+class NotExactError(ValueError):
+    """Tables whose integers float64 might not hold."""
+
+
+def require_exact(name: str, bound: int) -> None:
+    """Raise NotExactError where integers of up to `bound` are not all exact in float64."""
+    if bound >= EXACT:
+        raise NotExactError(f"{name} bound {bound}: integers of 2**53 and more are not exact in float64")
+
+
+def round_in_place(x: np.ndarray) -> np.ndarray:
+    """`floor(x + 1/2)`: what `fixed.round_shift` does once the shift is in the table."""
+    np.add(x, 0.5, out=x)
+    return np.floor(x, out=x)
+
+
+def _transform(name: str, transform: SineTransform) -> np.ndarray:
+    require_exact(name, transform.accumulator_bound)
+    return transform.matrix * 2.0**-transform.shift
+
+
+def _largest(width: int) -> int:
+    return 1 << (width - 1)
+
+
+class TransformTables:
+    """`bounds.Solver`: transforms of rows and columns, one frame after another."""
+
+    frame_axis = 0
+
+    def __init__(self, solver: Solver):
+        division = solver.division
+        bound = _largest(division.input_width) * int(division.mantissa.max())
+        require_exact("division", bound + (1 << int(division.shift.max()) >> 1))
+        self.row_forward = _transform("row_forward", solver.row_forward)
+        self.column_forward = _transform("column_forward", solver.column_forward)
+        self.reciprocal = -division.mantissa * 2.0**-division.shift
+        self.column_inverse = _transform("column_inverse", solver.column_inverse)
+        self.row_inverse = _transform("row_inverse", solver.row_inverse)
+
+    def solve(self, x: np.ndarray) -> None:
+        """Sources (frames, N, N) to solutions, in place."""
+        a, b = np.empty((2, *x.shape[1:]))
+        for frame in x:
+            round_in_place(np.matmul(frame, self.row_forward, out=a))
+            round_in_place(np.matmul(self.column_forward, a, out=b))
+            round_in_place(np.multiply(b, self.reciprocal, out=b))
+            round_in_place(np.matmul(self.column_inverse, b, out=a))
+            round_in_place(np.matmul(a, self.row_inverse, out=frame))
+
+
+class RecurrenceTables:
+    """`tridiagonal.TridiagonalSolver`: recurrences over the rows, of all modes and frames at once."""
+
+    frame_axis = 1
+
+    def __init__(self, solver: TridiagonalSolver):
+        self.row_forward = _transform("row_forward", solver.row_forward)
+        self.row_inverse = _transform("row_inverse", solver.row_inverse)
+        elimination, substitution = solver.elimination, solver.substitution
+        reach = _largest(elimination.output_width) + _largest(elimination.input_width)
+        self.elimination = self._coefficients("elimination", elimination, reach)
+        y = _largest(substitution.input_width) << (substitution.shift - substitution.drop)
+        self.substitution = self._coefficients(
+            "substitution", substitution, _largest(substitution.output_width), y
+        )
+        self.unit = 2.0**-substitution.drop
+
+    @staticmethod
+    def _coefficients(name: str, recurrence: Recurrence, reach: int, added: int = 0) -> np.ndarray:
+        largest = int(recurrence.coefficient.max())
+        require_exact(name, largest * reach + added + (1 << recurrence.shift >> 1))
+        return recurrence.coefficient * 2.0**-recurrence.shift
+
+    def solve(self, x: np.ndarray) -> None:
+        """Sources (N, frames, N), row by frame by column, to solutions, in place."""
+        flat = x.reshape(-1, x.shape[-1])
+        r = round_in_place(np.matmul(flat, self.row_forward)).reshape(x.shape)
+        y = 0.0
+        for row, c in zip(r, self.elimination, strict=True):
+            np.subtract(y, row, out=row)
+            np.multiply(row, c, out=row)
+            y = round_in_place(row)
+        np.multiply(r, self.unit, out=r)
+        np.add(r, 0.5, out=r)
+        z, product = 0.0, np.empty(r.shape[1:])
+        for row, c in zip(r[::-1], self.substitution[::-1], strict=True):
+            np.multiply(c, z, out=product)
+            np.add(row, product, out=row)
+            z = np.floor(row, out=row)
+        round_in_place(np.matmul(r.reshape(flat.shape), self.row_inverse, out=flat))
