@@ -9,9 +9,9 @@ LATENCY = 3
 def product(m, platform, advance, a, b, *, name: str) -> Signal:
     """The register that holds `a` · `b`, of values of any sign, `LATENCY` advances later; no reset.
 
-    One DSP48E2 with all its registers where a has at most 27 signed bits and b 18. A device with narrower
-    multipliers forms the product in its own way, in as many advances: its platform has a method `product`
-    with these parameters.
+    One DSP48E2 with all its registers where one has at most 27 signed bits and the other 18. A device with
+    narrower multipliers forms the product in its own way, in as many advances: its platform has a method
+    `product` with these parameters.
     """
     if hasattr(platform, "product"):
         return platform.product(m, advance, a, b, name=name)
