@@ -117,6 +117,32 @@ SENSOR = "[sensor]\ngeometry = "
             MINIMAL.replace("flat", "fingertip") + "[sensor.ellipsoid]\nsemi_axes_mm = [8, 14, 9]",
             "sensor.ellipsoid.semi_axes_mm: 8.0 x 14.0 do not span the image (16 x 16 mm)",
         ),
+        (
+            MINIMAL.replace('["depth"]', '["force_xyz", "force_z"]'),
+            "outputs: force_xyz has all three axes; name none beside it",
+        ),
+        (
+            MINIMAL.replace('["depth"]', '["depth", "force_map"]'),
+            "outputs: force_map needs a force beside it",
+        ),
+        (
+            MINIMAL.replace('["depth"]', '["force_z", "force_map"]') + '[force]\nkernel = "collapsed"',
+            "outputs: force_map needs a force beside it, force.kernel 'patch'",
+        ),
+        (MINIMAL + '[poisson]\nsolver = "adjoint"', "poisson.solver: 'adjoint' finds no depth"),
+        (
+            MINIMAL.replace("depth", "force_z") + '[poisson]\nsolver = "adjoint"',
+            "force.clamp: the adjoint is linear and cannot clamp",
+        ),
+        (
+            MINIMAL.replace("depth", "force_z") + '[force]\nfit = "slopes"',
+            "force.fit: 'slopes' needs poisson.solver 'adjoint'",
+        ),
+        (
+            MINIMAL + "height_px = 16\nwidth_px = 16\n"
+            '[poisson]\nsolver = "tridiagonal"\n[hardware]\npixels_per_clock = 4',
+            "poisson.solver: 'tridiagonal' needs rows of 5 beats or more; 14 values at 4 pixels_per_clock",
+        ),
         # not TOML
         ("outputs = [", "Invalid value (at end of document)"),
         ('name = "x"\nname = "y"', "Cannot overwrite a value"),
