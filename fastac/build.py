@@ -158,7 +158,7 @@ class Build:
                 "report",
                 self._report,
                 None,
-                ("fastac/report*.py", "fastac/*.j2"),
+                ("fastac/report*.py", "fastac/*.j2", "fastac/energy.py"),
                 ("report.json", "report.html"),
                 ("evaluate", "sim"),
             ),

@@ -57,7 +57,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
     resources = {
         "dsp48e2": estimated(
             sum(multipliers.values()),
-            "one DSP48E2 per product of the architecture; constant weights may become logic in synthesis",
+            "DSP48E2 of the architecture: one per product, or per two that are packed; synthesis may differ",
         ),
         "dsp48e2_by_module": estimated(multipliers, "as dsp48e2"),
     }
