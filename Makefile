@@ -29,8 +29,11 @@ lint: $(READY)
 unit: $(READY)
 	$(VENV)/bin/python -m pytest -n auto
 
+BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle.json \
+	build/fast/bundle/bundle.json build/force/bundle/bundle.json))
+
 bench: $(READY)
-	$(VENV)/bin/python -m fastac.benchmark build/$(SCENE)
+	$(VENV)/bin/python -m fastac.benchmark $(BENCHED)
 
 # The figures of docs/mathematics.md.
 identities: $(READY)

@@ -14,6 +14,13 @@ from sensor import dataset, fingertip
 
 TRAINING_SOURCES = ("models/*.py", "fastac/training.py", "sensor/samples.py")
 HARDWARE_SOURCES = ("gateware/*.py", "models/integer.py", "models/fixed.py", "fastac/hardware.py")
+PIPELINE_SOURCES = (
+    "models/pipeline.py",
+    "models/emulator*.py",
+    "models/pixel_tiles.py",
+    "models/over_frames.py",
+    "models/direct.py",
+)
 
 
 class BuildError(ValueError):
@@ -150,7 +157,7 @@ class Build:
                 "sim",
                 self._simulate,
                 None,
-                (*HARDWARE_SOURCES, "sim/*.py", "models/pipeline.py"),
+                (*HARDWARE_SOURCES, "sim/*.py", *PIPELINE_SOURCES),
                 ("sim.json",),
                 ("verilog",),
             ),

@@ -153,10 +153,10 @@ def force_input(
     Displacements (N, N) in mm or, where the slopes are fitted, their differences from rest (H, W, 2).
     """
     scene = pipeline.scene
-    found = pipeline.run(frames, progress=progress)
     if not scene.wants_adjoint:
-        return found.displacement_mm
-    change = found.slopes - pipeline.run(background[None]).slopes
+        return pipeline.run(frames, wanted=["displacement_mm"], progress=progress).displacement_mm
+    slopes = pipeline.run(frames, wanted=["slopes"], progress=progress).slopes
+    change = slopes - pipeline.run(background[None], wanted=["slopes"]).slopes
     if scene.force.fit == "slopes":
         return change
     return displacement_mm(change.astype(np.float64), scene.poisson.divergence, scene.sensor.pitch_mm)

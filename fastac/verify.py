@@ -12,6 +12,7 @@ import numpy as np
 from amaranth.back import verilog
 from pydantic import ValidationError
 
+from fastac.build import PIPELINE_SOURCES
 from fastac.hardware import NAME
 from fastac.report import DEVICE
 from fastac.scene import Scene, SceneError, describe
@@ -24,7 +25,13 @@ from sim.progress import watched
 from sim.top import simulate
 
 FILE = "verify.json"
-SOURCES = ("sim/*.py", "models/pipeline.py", "models/integer.py", "models/fixed.py", "models/tridiagonal.py")
+SOURCES = (
+    "sim/*.py",
+    *PIPELINE_SOURCES,
+    "models/integer.py",
+    "models/fixed.py",
+    "models/tridiagonal.py",
+)
 """What a row follows from, beside its Verilog and its frames."""
 LIMITS = {"elaboration_s": 60, "build_s": 180, "simulation_s_per_frame": 20}
 """To be met on two cores."""

@@ -62,6 +62,10 @@ class FloatPipeline:
             scale = 1
         return tables
 
+    @cached_property
+    def _after(self) -> "_AfterSlopes":
+        return _AfterSlopes(self)
+
     def rest_slopes(self) -> np.ndarray:
         """The slopes that are found at rest, (H, W, 2)."""
         slopes = np.empty((1, *self.background.shape[:2], 2), np.float32)
@@ -105,7 +109,7 @@ class FloatPipeline:
         """Frames (frames, H, W, C) uint8 to all that the scene wants, or to the fields `wanted`."""
         outputs = choose(self.outputs, wanted)
         require_frames(frames, self.background)
-        after = None if outputs.keys() <= {"normals", "slopes"} else _AfterSlopes(self)
+        after = None if outputs.keys() <= {"normals", "slopes"} else self._after
         found = over_frames(
             partial(_Worker, self, after), frames, outputs, progress=progress, label="float pipeline"
         )
