@@ -29,7 +29,8 @@ class BackgroundSubtraction(wiring.Component):
         coordinate_u of the pixel's column, then coordinate_v of its row
     capture : sampled with the first accepted beat of a frame; if high, this frame is the new background:
         its own ΔI are zero, and the next frames' are differences from it
-    capturing : such a frame is under way: from after its first accepted beat until its last is accepted
+    captured : high as the last beat of such a frame is accepted. Of a frame that a reset cuts short it never
+        is; its beats are then in the background, until a whole frame is taken
 
     The background is a block RAM of one word a beat, height·width/lanes words of 8·channels·lanes bits; it
     holds `background` until a frame is captured, also through a reset.
@@ -69,7 +70,7 @@ class BackgroundSubtraction(wiring.Component):
                 "i": In(stream.Signature(data.ArrayLayout(pixel, lanes))),
                 "o": Out(stream.Signature(data.ArrayLayout(features, lanes))),
                 "capture": In(1),
-                "capturing": Out(1),
+                "captured": Out(1),
             }
         )
 
@@ -92,19 +93,20 @@ class BackgroundSubtraction(wiring.Component):
         # Where the next beat lies.
         address, beat, row = Signal(range(height * beats)), Signal(range(beats)), Signal(range(height))
         line_ends, first, last = Signal(), Signal(), Signal()
-        accept, own = Signal(), Signal()
+        accept, own, capturing = Signal(), Signal(), Signal()
         m.d.comb += [
             line_ends.eq(beat == beats - 1),
             first.eq(address == 0),
             last.eq(address == height * beats - 1),
             accept.eq(self.i.valid & advance),
-            own.eq(Mux(first, self.capture, self.capturing)),  # this frame becomes the background
+            own.eq(Mux(first, self.capture, capturing)),  # this frame becomes the background
+            self.captured.eq(accept & own & last),
         ]
         with m.If(accept):
             m.d.sync += [
                 address.eq(Mux(last, 0, address + 1)),
                 beat.eq(Mux(line_ends, 0, beat + 1)),
-                self.capturing.eq(own & ~last),
+                capturing.eq(own & ~last),
             ]
             with m.If(line_ends):
                 m.d.sync += row.eq(Mux(last, 0, row + 1))

@@ -48,7 +48,7 @@ class Datapath(FrameCycles, wiring.Component):
     -------
     axis, enable, and the guard's events and errors : see FrameGuard
     tag : stream of one bit a frame, whether it is bad, offered before the frame's depth
-    capture, capturing : see BackgroundSubtraction
+    capture, captured : see BackgroundSubtraction
     normals : stream of `lanes` normals (x, y, z), the network's outputs. Only if wanted.
     depth : stream of `lanes` depths; N rows of ceil(N/lanes) beats, `rows_reversed` tells whether the last
         row comes first. Only if wanted.
@@ -88,7 +88,7 @@ class Datapath(FrameCycles, wiring.Component):
             "enable": In(1, init=1),
             "tag": Out(stream.Signature(1)),
             "capture": In(1),
-            "capturing": Out(1),
+            "captured": Out(1),
             "gradient_saturated": Out(1),
             "displacement_saturated": Out(1),
             **{name: Out(1) for name in (*EVENTS, *ERRORS)},
@@ -177,7 +177,7 @@ class Datapath(FrameCycles, wiring.Component):
         m.d.comb += [
             guard.enable.eq(self.enable),
             background.capture.eq(self.capture),
-            self.capturing.eq(background.capturing),
+            self.captured.eq(background.captured),
             Cat(getattr(self, n) for n in (*EVENTS, *ERRORS)).eq(
                 Cat(getattr(guard, n) for n in (*EVENTS, *ERRORS))
             ),

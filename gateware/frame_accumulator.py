@@ -53,7 +53,8 @@ class FrameAccumulator(wiring.Component):
     """A = constant + the sum of all words of a frame, for each axis.
 
     Parameters: `bounds` (beats, axes, words), the largest magnitude of each word in each beat of a frame;
-    `constant` (axes,), where the sums start.
+    `constant` (axes,), where the sums start; `width`, the bits of a sum: by default those of |constant| + Σ
+    bounds, the worst axis, and so of every sum on the way.
 
     Members
     -------
@@ -67,8 +68,14 @@ class FrameAccumulator(wiring.Component):
     accumulator: while finished sums stand in it, all before it waits.
     """
 
-    def __init__(self, bounds: np.ndarray, constant: np.ndarray, *, loadable: bool = False):
+    def __init__(
+        self, bounds: np.ndarray, constant: np.ndarray, *, loadable: bool = False, width: int | None = None
+    ):
         self.bounds, self.constant, self.loadable = bounds, constant, loadable
+        largest = int((np.abs(constant) + bounds.sum(axis=(0, 2))).max())
+        self.width = signed_width(largest) if width is None else width
+        if self.width < signed_width(largest):
+            raise ValueError(f"width {width}: expected {signed_width(largest)} for sums of ±{largest}")
         self.interval, self.axes, self.words = bounds.shape
         words = data.ArrayLayout(signed(self.word_width), self.words)
         sums = data.ArrayLayout(signed(self.width), self.axes)
@@ -83,11 +90,6 @@ class FrameAccumulator(wiring.Component):
     @property
     def word_width(self) -> int:
         return signed_width(int(self.bounds.max()))
-
-    @property
-    def width(self) -> int:
-        """Bits for |constant| + Σ bounds, the worst axis, and so for every sum on the way."""
-        return signed_width(int((np.abs(self.constant) + self.bounds.sum(axis=(0, 2))).max()))
 
     @property
     def latency(self) -> int:

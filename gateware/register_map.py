@@ -84,10 +84,10 @@ REGISTERS = (
         "CONTROL",
         0x18,
         "rw",
-        "enable: let frames in, 1 after reset. capture_background: take the next frame as background, 0 again"
-        " when it is taken. soft_reset: reset the datapath and forget the frames in it, reads as 0."
-        " interrupt_enable: pass INTERRUPT_STATUS on to the interrupt. restart_calibration: the next word of"
-        " CALIBRATION is a first one again, reads as 0",
+        "enable: let frames in, 1 after reset. capture_background: take the next whole frame as background,"
+        " 0 again when that is done and not before; writing 0 changes nothing. soft_reset: reset datapath and"
+        " forget the frames in it, reads as 0. interrupt_enable: pass INTERRUPT_STATUS on to the interrupt."
+        " restart_calibration: the next word of CALIBRATION is a first one again, reads as 0",
         tuple(
             Field(name, k)
             for k, name in enumerate(

@@ -31,7 +31,7 @@ class RegisterBlock(wiring.Component):
     force : a raw accumulator of each axis, signed(force_width), of the clock in which `result_valid` is high
     result_valid : pulse as a frame's force is taken. Only with axes, as `force`.
     depth_done, normals_done : pulse as a frame's last beat of depth, of normals leaves. Only with them.
-    background_taken : pulse as a frame that is taken as background starts. Only with background_capture.
+    background_taken : pulse as a frame has been taken as background. Only with background_capture.
     enable : let frames in
     capture_background : the next frame is wanted as background. Only with background_capture.
     calibration : see `calibration_signature`. Only with a calibration that can be loaded.
@@ -91,6 +91,7 @@ class RegisterBlock(wiring.Component):
         if identity.normals:
             m.d.comb += timer.normals_done.eq(self.normals_done)
         result = self.result_valid if identity.axes else getattr(self, f"{identity.result}_done")
+        result &= ~self.soft_reset  # which forgets its frame
 
         # CONTROL as it is read and, but for what a write changes, as it stays.
         interrupt_enable = Signal()
@@ -101,7 +102,7 @@ class RegisterBlock(wiring.Component):
         after = Mux(written("CONTROL"), (control & kept) | ones, control)
         m.d.sync += [self.enable.eq(after[0]), self.soft_reset.eq(after[2]), interrupt_enable.eq(after[3])]
         if identity.background_capture:
-            m.d.sync += self.capture_background.eq(after[1])
+            m.d.sync += self.capture_background.eq(after[1] | requested)
 
         errors = Signal(len(identity.errors))
         pending = Signal()
@@ -135,7 +136,7 @@ class RegisterBlock(wiring.Component):
         ]
 
         frame_errors = Signal(32)
-        m.d.sync += frame_errors.eq(frame_errors + (self.frame_done & self.frame_bad))
+        m.d.sync += frame_errors.eq(frame_errors + (self.frame_done & self.frame_bad & ~self.soft_reset))
 
         values = {
             "ID": ID,

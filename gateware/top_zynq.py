@@ -178,9 +178,7 @@ class TopZynq(wiring.Component):
             m.d.comb += [getattr(path, n).eq(getattr(calibration, n)) for n in path.loadable_registers]
             for name in path.loadable_tables:
                 wiring.connect(m, getattr(calibration, name), getattr(path, name))
-        captured = Signal()
-        m.d.sync += captured.eq(path.capturing)
-        m.d.comb += registers.background_taken.eq(path.capturing & ~captured)
+        m.d.comb += registers.background_taken.eq(path.captured)
 
         if path.wants_force:
             m.d.comb += [

@@ -93,7 +93,7 @@ class WeightedSumStream(wiring.Component):
         bounds = np.abs(words) * self.weighted.input_limit
         m.submodules.weights = weights = RasterRom(words, self.weighted.weight_width)
         m.submodules.accumulator = accumulator = FrameAccumulator(
-            bounds, self.weighted.constant, loadable=self.loadable
+            bounds, self.weighted.constant, loadable=self.loadable, width=self.weighted.width
         )
         if self.loadable:
             m.d.comb += accumulator.start.eq(self.constant)

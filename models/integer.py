@@ -132,8 +132,13 @@ class PoissonSource:
     divergence: str
     gradient_width: int
     offset: np.ndarray  # (H − 2, W − 2)
+    offset_limit: int | None = None
+    """The largest magnitude of any offset that the hardware may be loaded with; None: only this one."""
 
     def __post_init__(self):
+        largest = int(np.abs(self.offset).max())
+        if self.offset_limit is not None and largest > self.offset_limit:
+            raise ValueError(f"offset {largest}: expected at most {self.offset_limit}")
         if self.divergence not in ("central", "backward"):
             raise ValueError(f"divergence {self.divergence!r}: expected central or backward")
 
@@ -144,7 +149,8 @@ class PoissonSource:
 
     @cached_property
     def bound(self) -> int:
-        return self.terms * ((1 << (self.gradient_width - 1)) - 1) + int(np.abs(self.offset).max())
+        offset = int(np.abs(self.offset).max()) if self.offset_limit is None else self.offset_limit
+        return self.terms * ((1 << (self.gradient_width - 1)) - 1) + offset
 
     @property
     def width(self) -> int:
@@ -245,6 +251,8 @@ class Depth:
     mode: str
     input_width: int
     rest: np.ndarray  # (N, N)
+    loadable: bool = False
+    """Whether the hardware may be loaded with another `rest`, any solution of the solver."""
 
     def __post_init__(self):
         if self.mode not in ("absolute", "difference"):
@@ -253,6 +261,8 @@ class Depth:
     @cached_property
     def width(self) -> int:
         """Bits of depth and of displacement alike."""
+        if self.loadable:
+            return self.input_width + 1
         return signed_width((1 << (self.input_width - 1)) + int(np.abs(self.rest).max()))
 
     def __call__(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -367,6 +377,8 @@ class WeightedSum:
     constant: np.ndarray  # (axes,)
     input_width: int
     input_signed: bool
+    loadable: bool = False
+    """Whether the hardware may be loaded with other constants, any sum of other inputs."""
 
     def __post_init__(self):
         if self.weight.ndim != 4 or self.constant.shape != self.weight.shape[:1]:
@@ -388,7 +400,7 @@ class WeightedSum:
     def bound(self) -> int:
         """|constant| + Σ|weight|·input_limit, the worst axis."""
         reached = np.abs(self.weight).sum(axis=(1, 2, 3)) * self.input_limit
-        return int((np.abs(self.constant) + reached).max())
+        return int(((reached if self.loadable else np.abs(self.constant)) + reached).max())
 
     @property
     def width(self) -> int:

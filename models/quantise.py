@@ -121,7 +121,8 @@ def assemble(
     not fit the scene's data bits.
     """
     numbers, pitch = scene.numbers, scene.sensor.pitch_mm
-    layers = tuple(replace(layer, loadable=scene.hardware.weights == "loadable") for layer in layers)
+    loadable = scene.hardware.weights == "loadable"
+    layers = tuple(replace(layer, loadable=loadable) for layer in layers)
     ratio = GradientRatio(
         normal_width=layers[-1].accumulator_width,
         width=numbers.slope_bits,
@@ -140,11 +141,14 @@ def assemble(
         offset = divergence_of(rest_slopes, divergence)[0]
     else:
         offset = to_words(boundary_term(rest_depth_mm / pitch), unit)
-    source = PoissonSource(divergence, ratio.width, offset)
+    # The slopes at rest follow from the network: where it is loadable, they may be any.
+    any_rest = loadable and scene.poisson.mode == "difference"
+    source = PoissonSource(divergence, ratio.width, offset, 4 * ratio.limit if any_rest else None)
+    slope_limit = ratio.limit * 2.0**-ratio.fraction
     chosen = CHOOSERS[scene.poisson.solver](
-        offset=offset,
+        offset=np.zeros_like(offset) if any_rest else offset,
         source=Fixed(source.width, unit.fraction),
-        slope_limit=ratio.limit * 2.0**-ratio.fraction,
+        slope_limit=2 * slope_limit if any_rest else slope_limit,
         divergence=divergence,
         coefficient_fraction=numbers.coefficient_fraction_bits,
         data_bits=numbers.data_bits,
@@ -153,7 +157,8 @@ def assemble(
         rest = to_words(rest_depth_mm[1:-1, 1:-1] / pitch, Fixed(62, chosen.depth_format.fraction))
     else:
         rest = chosen(source(rest_slopes))[0]
-    depth = Depth(scene.poisson.mode, chosen.depth_format.width, rest)
+    other_rest = loadable and scene.poisson.mode == "absolute"
+    depth = Depth(scene.poisson.mode, chosen.depth_format.width, rest, other_rest)
     quantiser = None
     if scene.wants_force:
         largest = scene.force.max_displacement_mm / pitch * 2.0**chosen.depth_format.fraction
@@ -172,7 +177,13 @@ def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipelin
     scene, numbers = pipeline.scene, pipeline.scene.numbers
     if scene.wants_adjoint:
         words, scale = quantise_weights(weights, numbers.slope_weight_bits)
-        force = WeightedSum(words, _constant(pipeline, words), pipeline.ratio.width, input_signed=True)
+        force = WeightedSum(
+            words,
+            _constant(pipeline, words),
+            pipeline.ratio.width,
+            input_signed=True,
+            loadable=scene.hardware.weights == "loadable",
+        )
         return pipeline.replace(force=force, force_n_per_unit=2.0**-pipeline.ratio.fraction / scale)
     words, scale = quantise_weights(weights, numbers.kernel_bits)
     force = PatchForce(words, numbers.kernel_bits, numbers.displacement_bits, not scene.force.clamp)

@@ -63,11 +63,12 @@ async def features_latency_capture(dut, stall):
         dut.capture.value = int(bool(taken_at) and rng.random() < 0.5)
         await ReadOnly()
         frame, beat = divmod(len(taken_at), BEATS)
-        under_way = int(beat > 0 and captured[frame])
-        assert int(dut.capturing.value) == under_way, f"capturing in cycle {cycle}: expected {under_way}"
-        if int(dut.i__valid.value) and int(dut.i__ready.value):
-            if beat == 0:
-                captured.append(int(dut.capture.value))
+        accepted = int(dut.i__valid.value) and int(dut.i__ready.value)
+        if accepted and beat == 0:
+            captured.append(int(dut.capture.value))
+        done = int(accepted and beat == BEATS - 1 and captured[frame])
+        assert int(dut.captured.value) == done, f"captured in cycle {cycle}: expected {done}"
+        if accepted:
             taken_at.append(cycle)
         if int(dut.o__valid.value) and int(dut.o__ready.value):
             received.append(int(dut.o__payload.value))

@@ -115,6 +115,8 @@ async def control(dut):
     assert resets == 1
     if wanted:
         assert await level(dut, "capture_background")
+        assert await write(master, AT["CONTROL"], bits("CONTROL", enable=1, interrupt_enable=1)) == OKAY
+        assert await level(dut, "capture_background"), "a request can be taken back"
         await pulse(dut, background_taken=1)
         assert not await level(dut, "capture_background")
     await expect(master, CONTROL=bits("CONTROL", enable=1, interrupt_enable=1))
@@ -143,6 +145,29 @@ async def errors_stick_until_cleared(dut):
     assert await write(master, AT["ERRORS"], 0xFF) == OKAY
     dut.no_start.value = 0
     await expect(master, ERRORS=bits("ERRORS", no_start=1))
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def a_result_in_the_clock_of_a_soft_reset_is_forgotten(dut):
+    master = await start(dut)
+    reset = bits("CONTROL", enable=1, soft_reset=1)
+    done, clocks = cocotb.start_soon(write(master, AT["CONTROL"], reset)), 0
+    while not await level(dut, "soft_reset"):
+        clocks += 1
+    assert await done == OKAY
+    # And again, now that it is known when it comes.
+    await pulse(dut, frame_started=1)
+    await RisingEdge(dut.clk)
+    done = cocotb.start_soon(write(master, AT["CONTROL"], reset))
+    await ClockCycles(dut.clk, clocks)
+    names = {RESULT, "frame_done", "frame_bad"}
+    for name in names:
+        getattr(dut, name).value = 1
+    assert await level(dut, "soft_reset")
+    for name in names:
+        getattr(dut, name).value = 0
+    assert await done == OKAY
+    await expect(master, INTERRUPT_STATUS=0, STATUS=0, ERRORS=0, FRAME_COUNT=0, FRAME_ERRORS=0)
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

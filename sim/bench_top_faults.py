@@ -98,7 +98,16 @@ async def background_capture(dut, stall):
         run.streams.beats += beats(*after)
         run.streams.limit = len(run.streams.beats)
         await run.finish(after)
+    # A reset inside such a frame leaves a torn background, and the request stands: the next frame heals it.
+    run.mark()
+    await run.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
+    run.streams.beats += beats(0)
+    await run.taken(len(run.streams.taken_at) + FRAME_BEATS // 2)
+    await run.until(lambda: int(dut.s_axis_tready.value))
+    await run.soft_reset()
+    await run.expect(CONTROL=ENABLE | INTERRUPT | CAPTURE)
     # And the next test: bring the bundle's background back.
+    del run.streams.beats[len(run.streams.taken_at) :]
     run.mark()
     await run.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
     run.streams.beats += beats(SET["background"], 0)

@@ -244,10 +244,14 @@ def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dic
         normals_at = outputs["normals_at"]
         latency["first_pixel_to_first_normal"] = int(normals_at[0]) - first
         latency["first_pixel_to_normals"] = int(normals_at[path.beats - 1]) - first
-    stated = sum(latency["stage"].values())
-    ends = [latency[k] for k in ("first_pixel_to_force", "first_pixel_to_depth") if k in latency]
-    if ends and ends[0] != stated and not stalled:
-        raise SimulationFailure(f"latency: {ends[0]} cycles counted, {stated} by the stages' formulas")
+    if not stalled:
+        ends = {"first_pixel_to_force": path.wants_force, "first_pixel_to_depth": path.wants_depth}
+        ends["first_pixel_to_normals"] = path.wants_normals
+        for name in (name for name, wanted in ends.items() if wanted):
+            if latency[name] != getattr(path, name):
+                raise SimulationFailure(
+                    f"{name}: {latency[name]} cycles counted, {getattr(path, name)} by the stages' formulas"
+                )
     if len(outputs["first_at"]) > 1:
         latency["initiation_interval"] = int(np.diff(outputs["first_at"]).max())
     return latency

@@ -51,7 +51,7 @@ def test_features_equal_reference(tmp_path):
         inputs=pack(frames.reshape(3 * 24, -1), 8),
         expected=pack(features.astype(int).reshape(3 * 24, -1), 9),
         latencies=[(k, k, 3) for k in range(3 * 24)],
-        flags={"capturing": 0},
+        flags={"captured": 0},
     )
 
 
