@@ -46,7 +46,8 @@ $(SYNTH): $(READY)
 	touch $@
 
 synth: $(SYNTH)
-	$(FASTAC) synth build/$(SCENE)
+	$(FASTAC) synth scenes/$(SCENE).toml
+	$(FASTAC) build scenes/$(SCENE).toml
 
 # The campaign: both scenes at 1, 2 and 4 pixels a clock, half of the frames photographs of ball presses.
 PHOTOGRAPHS ?= ../shared/data/fots

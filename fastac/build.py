@@ -5,15 +5,23 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fastac import accuracy, hardware, training
+from fastac import accuracy, hardware, synth, training
 from fastac import report as reporting
 from fastac.scene import Scene
 from fastac.workspace import Step, Workspace, digest_file, write_json
+from gateware.cycle_model import multipliers
+from gateware.platform_xczu19eg import DeviceError, check_multipliers
 from models import bundle
 from sensor import dataset, fingertip
 
 TRAINING_SOURCES = ("models/*.py", "fastac/training.py", "sensor/samples.py")
-HARDWARE_SOURCES = ("gateware/*.py", "models/integer.py", "models/fixed.py", "fastac/hardware.py")
+HARDWARE_SOURCES = (
+    "gateware/*.py",
+    "gateware/*.vlt",
+    "models/integer.py",
+    "models/fixed.py",
+    "fastac/hardware.py",
+)
 PIPELINE_SOURCES = (
     "models/pipeline.py",
     "models/emulator*.py",
@@ -41,6 +49,10 @@ class Build:
             raise BuildError(
                 f"scene {self.scene.name}: sensor.source = 'recorded': give the recording with --data FILE"
             )
+        try:
+            check_multipliers(multipliers(self.scene))
+        except DeviceError as error:
+            raise BuildError(f"scene {self.scene.name}: {error}") from None
         self.folder.mkdir(parents=True, exist_ok=True)
 
     @property
@@ -93,6 +105,7 @@ class Build:
         source = settings("protocol")
         if self.data_file is not None:  # what it must hold depends on the scene
             source = settings() | {"file": digest_file(self.data_file)}
+        source |= {"depth": scene.wants_solver, "rest": scene.wants_slopes, "labels": scene.training.labels}
         network = ("training", "numbers") if scene.training.labels == "force" else ("training",)
         weights, integers = folder / "normals.npz", folder / "integers.npz"
         steps = [
@@ -164,7 +177,7 @@ class Build:
             Step(
                 "report",
                 self._report,
-                None,
+                digest_file(folder / synth.FILE) if (folder / synth.FILE).exists() else None,
                 ("fastac/report*.py", "fastac/*.j2", "fastac/energy.py"),
                 ("report.json", "report.html"),
                 ("evaluate", "sim"),

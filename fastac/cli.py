@@ -462,7 +462,8 @@ def verify(source, data, split, lanes, frames, output, progress):
 
 
 @main.command()
-@click.argument("bundle", type=INPUT)
+@click.argument("source", type=INPUT, metavar="SCENE|BUNDLE")
+@click.option("--data", type=INPUT, help="Recorded dataset to train SCENE on, if its bundle is missing.")
 @output_option("BUNDLE", "Folder for synth.json and the cache, synth.")
 @click.option(
     "--place-and-route/--no-place-and-route",
@@ -471,8 +472,10 @@ def verify(source, data, split, lanes, frames, output, progress):
 )
 @click.option("--module", "modules", multiple=True, metavar="NAME", help="Only these, such as 'mlp.*'.")
 @progress_option
-def synth(bundle, output, place_and_route, modules, progress):
-    """Count what the hardware of BUNDLE needs and find the clock that each module reaches, without Vivado.
+def synth(source, data, output, place_and_route, modules, progress):
+    """Count what hardware needs and find the clock that each of its modules reaches, without Vivado.
+
+    Of a SCENE the model is trained first, unless its build folder has it.
 
     Yosys counts DSP48E2, block RAM, URAM, shift registers and look-up tables; nextpnr places and routes each
     module on a 40 nm ECP5, whose clock is a conservative bound for the XCZU19EG. Results are kept; only what
@@ -482,9 +485,13 @@ def synth(bundle, output, place_and_route, modules, progress):
     from fastac import synth as synthesis
     from gateware.platform_xczu19eg import DEVICE
 
-    output = output or bundle
+    if source.suffix == ".toml":
+        scene = scenes.load(source)
+        source = build_folder(scene, None)
+        run_build(scene, source, data, progress, until="bundle")
+    output = output or source
     content = synthesis.synthesise(
-        load_bundle(bundle),
+        load_bundle(source),
         output,
         device=DEVICE,
         place_and_route=place_and_route,

@@ -144,7 +144,7 @@ class Hardware(Strict):
     weights: Literal["loadable", "baked"] = "loadable"
     """Of the pixel network. loadable: in registers, written through AXI4-Lite, two products in a DSP48E2.
     baked: constants as shifts and additions, which need no DSP."""
-    clock_mhz: Positive = 150.0
+    clock_mhz: Annotated[float, Field(gt=0, le=775)] = 150.0
     """The clock that latencies are converted with; an assumption until a board confirms it."""
 
 
@@ -209,7 +209,8 @@ class Scene(Strict):
             raise ValueError(
                 f"hardware.pixels_per_clock: {lanes} does not divide sensor.width_px {self.sensor.width_px}"
             )
-        if self.wants_solver and self.sensor.height_px != self.sensor.width_px:
+        from_displacement = self.wants_adjoint and self.force.fit == "displacement"
+        if (self.wants_solver or from_displacement) and self.sensor.height_px != self.sensor.width_px:
             raise ValueError(
                 f"sensor.height_px: {self.sensor.height_px} differs from width_px {self.sensor.width_px};"
                 " the DST engine shares one matrix between rows and columns, so depth needs square images"
@@ -223,7 +224,7 @@ class Scene(Strict):
             )
         if self.wants_solver and self.poisson.solver == "adjoint":
             raise ValueError("poisson.solver: 'adjoint' finds no depth; choose dst2d or tridiagonal")
-        if self.poisson.solver == "adjoint" and self.force.clamp:
+        if self.wants_adjoint and self.force.clamp:
             raise ValueError("force.clamp: the adjoint is linear and cannot clamp; set clamp = false")
         if self.force.fit == "slopes" and self.poisson.solver != "adjoint":
             raise ValueError("force.fit: 'slopes' needs poisson.solver 'adjoint'")

@@ -25,7 +25,7 @@ from fastac.scene import Scene, describe
 from . import bounds, fixed, integer, tridiagonal
 from .pipeline import IntegerPipeline
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 CLASSES = {
     cls.__name__: cls
     for cls in (

@@ -28,7 +28,14 @@ def solve(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.
 
 
 def attempts(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
-    """The error of every regularisation on unseen frames; x (frames, features) and force_n by split name."""
+    """The error of every regularisation on unseen frames; x (frames, features) and force_n by split name.
+
+    Raises ValueError where there are too few frames to hold any out, or no force to learn.
+    """
+    if "validation" not in x and len(x["train"]) < HELD_OUT:
+        raise ValueError(f"split: {len(x['train'])} training frames without validation: expected {HELD_OUT}")
+    if not np.abs(force_n["train"]).max():
+        raise ValueError("force_n: zero in every training frame: expected some force to learn")
     if "validation" in x:
         seen, unseen = (x["train"], force_n["train"]), (x["validation"], force_n["validation"])
     else:

@@ -146,6 +146,16 @@ def test_a_recorded_scene_needs_its_recording(make_scene, tmp_path):
     assert not (tmp_path / "b").exists()
 
 
+def test_hardware_that_the_device_cannot_hold_is_refused_before_anything_is_trained(make_scene, tmp_path):
+    scene = make_scene(
+        sensor={"height_px": 256, "width_px": 256, "geometry": "flat"},
+        hardware={"pixels_per_clock": 4, "weights": "baked"},
+    )
+    with pytest.raises(BuildError, match=r"scene tiny: 2,1\d\d DSP48E2 .* has 1,968; choose fewer hardware"):
+        Build(scene, tmp_path / "b")
+    assert not (tmp_path / "b").exists()
+
+
 class TestOnlyWhatIsWanted:
     def test_normals_alone(self, make_scene, tiny_file, tmp_path, monkeypatch):
         def refuse(*_, **__):

@@ -406,6 +406,7 @@ class TestPredict:
             assert dict(file.attrs) == {
                 "bundle_sha256": tiny_bundle.digest,
                 "arithmetic": arithmetic,
+                "force_axes": "z",
                 "pitch_mm": 0.25,
             }
             assert set(file) == {"frame_index", "normals", "depth_mm", "force_n"}

@@ -2,15 +2,17 @@
 """Only what a scene requires is built; the cycles are those that the formulas say."""
 
 import re
+from pathlib import Path
 
 import pytest
 from amaranth.back import verilog
 
-from fastac.scene import Hardware, Numbers
+from fastac.scene import Hardware, Numbers, load
 from gateware.datapath import Datapath
 from gateware.top_zynq import TopZynq
 from sim.bench_specimen import scene, specimen
 
+SCENES = Path(__file__).parents[2] / "scenes"
 EVERYTHING = ("normals", "depth", "force_z")
 BEYOND = {"solver": "tridiagonal", "kernel": "collapsed", "weights": "baked"}
 WANTED = {
@@ -128,6 +130,40 @@ def test_only_what_the_scene_requires_is_built(tmp_path, name):
     assert bool(multipliers["normals"]) == (name in LOADABLE)
 
 
+SHIPPED = {
+    "paper": ({"solver.to_columns", "solver.division", "force_stream.generator"}, {"solver.elimination"}),
+    "fast": (
+        {"solver.elimination", "depth_output", "force_stream.weights"},
+        {"solver.to_columns", "solver.to_rows", "solver.division", "generator", "response", "calibration"},
+    ),
+    "force": (
+        {"divider", "force_stream.weights"},
+        {"solver", "depth", "displacement", "generator", "response", "calibration"},
+    ),
+}
+"""Of the shipped scenes, modules that must be there and words that no module's name may have."""
+PORTS_OF_SHIPPED = {"paper": {"m_axis_depth"}, "fast": {"m_axis_depth"}, "force": set()}
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_what_shipped_scenes_leave_out(tmp_path, name):
+    """The scene's own file, on a smaller image."""
+    shipped = load(SCENES / f"{name}.toml")
+    small = shipped.sensor.model_copy(update={"height_px": 24, "width_px": 24})
+    top = TopZynq(specimen(tmp_path / "b", shipped.model_copy(update={"sensor": small}), hidden=(2,)))
+    text = verilog.convert(top, name="fastac")
+    modules = [m.replace("\\", "") for m in re.findall(r"^module (\S+) ?\(", text, re.MULTILINE)]
+    present, absent = SHIPPED[name]
+    for part in present:
+        assert f"fastac.datapath.{part}" in modules, part
+    for word in absent:
+        assert not [module for module in modules if word in module], word
+    ports = re.search(r"^module fastac\((.*?)\);", text, re.MULTILINE | re.DOTALL)[1].split(", ")
+    outputs = {port.rsplit("_", 1)[0] for port in ports if port.startswith("m_axis_")}
+    assert outputs == PORTS_OF_SHIPPED[name]
+    assert bool(top.datapath.multipliers["normals"]) == (name == "paper")
+
+
 @pytest.fixture(scope="module")
 def paper(tmp_path_factory):
     """The pipeline of a scene at full size: 128×128 pixels, N = 126, the paper's network and kernels."""
@@ -148,7 +184,7 @@ def test_cycles_at_full_size(paper, lanes):
     """The architecture's formulas, written out by hand for W = 128, N = 126, K = 5 and B beats a row."""
     path, rows, row = at(paper, lanes), 126, -(-126 // lanes)
     frame = 128 * 128 // lanes
-    # Guard; background; four tiles, each with an adder tree over its inputs, and three requantisations; buffer.
+    # Guard; background; four tiles, each with a tree over its inputs, and three requantisations; buffer.
     normals = 2 + 3 + (5 + 3) + 3 * (5 + 4) + 3 * 6 + 1
     # The last source needs the last row but one, columns and rows ahead, and is formed in 5.
     source = 127 * 128 // lanes + (row - 1) + (2 if lanes == 1 else 1) + 5 + 1

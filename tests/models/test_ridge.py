@@ -102,3 +102,12 @@ def test_without_a_validation_split_every_fifth_frame_is_held_out():
         {"train": x[~held], "validation": x[held]}, {"train": force[~held], "validation": force[held]}
     )
     assert ridge.attempts({"train": x}, {"train": force}) == expected
+
+
+def test_what_cannot_be_fitted_is_refused():
+    x, force = np.ones((4, 2)), np.ones((4, 1))
+    with pytest.raises(ValueError, match="split: 4 training frames without validation: expected 5"):
+        ridge.attempts({"train": x}, {"train": force})
+    both = {"train": x, "validation": x}
+    with pytest.raises(ValueError, match="force_n: zero in every training frame"):
+        ridge.attempts(both, {"train": 0 * force, "validation": force})
