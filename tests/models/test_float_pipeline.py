@@ -6,8 +6,10 @@ from scipy.sparse import diags_array, eye_array, kron
 from scipy.sparse.linalg import spsolve
 
 from models import float_pipeline, quantise
+from models.features import integer_features
 from models.float_pipeline import FloatPipeline
-from models.normals import predict
+from models.normals import predict, slopes_of
+from models.over_frames import CHUNK
 
 PITCH_MM = 0.25
 
@@ -170,3 +172,37 @@ def test_no_kernels_no_force(tiny_bundle, make_scene, tiny_data):
     found = pipeline.run(tiny_data.frames[:2])
     assert found.force_n is None
     assert found.depth_mm is not None
+
+
+@pytest.mark.parametrize("towards", [-3.0, -0.5, 0.0])
+def test_a_surface_that_turns_away(tiny_bundle, tiny_data, towards):
+    """Where n_z <= 0 the slope is the limit in the direction of n."""
+    floats = dict(tiny_bundle.floats)
+    last = max(name for name in floats if name.startswith("network.") and name.endswith(".bias"))
+    floats[last] = np.array([0, 0, towards], np.float32)
+    trained = tiny_bundle.pipeline
+    pipeline = FloatPipeline.from_arrays(floats, trained.scene, trained.background, trained.rest_depth_mm)
+    frames = tiny_data.frames[:3]
+    normal = predict(pipeline.network, integer_features(frames, pipeline.background))
+    assert (normal[..., 2] <= 0).any()
+    limit = pipeline.scene.numbers.slope_limit
+    found = pipeline.run(frames, wanted=["slopes"]).slopes
+    sure = np.abs(normal[..., 2]) > 0.01  # elsewhere the last bits decide
+    np.testing.assert_allclose(found[sure], slopes_of(normal, limit)[sure], atol=1e-4)
+    assert np.abs(found).max() <= limit
+
+
+def test_chunks_and_choices_change_nothing(tiny_bundle, tiny_data):
+    pipeline = FloatPipeline.from_bundle(tiny_bundle)
+    frames = np.concatenate([tiny_data.frames, tiny_data.frames])[: 2 * CHUNK + 3]
+    whole = {name: value for name, value in vars(pipeline.run(frames)).items() if value is not None}
+    for name, values in whole.items():
+        found = pipeline.run(frames, wanted=[name])
+        assert [key for key, value in vars(found).items() if value is not None] == [name]
+        np.testing.assert_array_equal(getattr(found, name), values)
+        alone = pipeline.run(frames[CHUNK : CHUNK + 1], wanted=[name])
+        np.testing.assert_allclose(getattr(alone, name)[0], values[CHUNK], atol=1e-6)
+    with pytest.raises(ValueError, match="wanted 'force_raw': expected some of normals, slopes, depth_mm"):
+        pipeline.run(frames, wanted=["force_raw"])
+    with pytest.raises(ValueError, match=r"expected \(16, 16, 4\) uint8 each"):
+        pipeline.run(frames[:, 1:])
