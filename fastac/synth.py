@@ -186,12 +186,13 @@ def synthesise(
     device : totals of the device that the hardware is for
     modules : patterns of the parts that the tools run for; of the others only what is in the cache is shown
     """
+    sources = source_digest()
     found = elaborate(bundle)
     tasks = TASKS if place_and_route else (COUNT, REGISTERS, LUTS)
     results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress)
     content = {
         "bundle_sha256": bundle.digest,
-        "gateware_sha256": source_digest(),
+        "gateware_sha256": sources,
         "tools": synth_tools.VERSIONS,
         **describe(found, results, device),
     }
