@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """The model's figures are those of the datapath that is built; test_top_zynq.py holds these to Verilator."""
 
 import random
