@@ -17,11 +17,11 @@ import numpy as np
 from fastac.accuracy import spread
 from fastac.cli import load_bundle
 from models import direct
-from models.bundle import Bundle
+from models.bundle import Bundle, BundleError
 from models.emulator import Emulator
 from models.float_pipeline import FloatPipeline
 from models.pipeline import Result
-from sensor.dataset import read
+from sensor.dataset import DatasetError, read
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2
@@ -88,8 +88,11 @@ def main(folders: list[Path]) -> None:
     if not folders:
         sys.exit("build folder: none; make one with fastac build SCENE")
     print(f"For each frame, the fastest of {REPEATS} runs over {FRAMES} frames on {os.cpu_count()} cores:")
-    for folder in folders:
-        measure(folder)
+    try:
+        for folder in folders:
+            measure(folder)
+    except (BundleError, DatasetError) as error:
+        sys.exit(str(error))
 
 
 if __name__ == "__main__":

@@ -85,24 +85,22 @@ class _Worker:
 
     def __init__(self, emulator: Emulator, outputs: frozenset[str]):
         self.emulator, self.pipeline = emulator, emulator.pipeline
-        self.background_shape = self.pipeline.background.shape
+        height, width, _ = self.pipeline.background.shape
         self.network = PixelTiles(emulator.tables, self.pipeline.background, top=emulator.top, floor=True)
-        self.slopes = np.empty((2, *self.background_shape[:2]))
-        self.wants_displacement_words = not outputs.isdisjoint(
-            ("displacement_words", "displacement_saturated", "force_map_raw", "force_map_n")
+        self.slopes = np.empty((2, height, width))
+
+        def wants(*names: str) -> bool:
+            return not outputs.isdisjoint(names)
+
+        self.wants_force = wants("force_raw", "force_n")
+        self.wants_words = (self.wants_force and self.pipeline.quantiser is not None) or wants(
+            "displacement_words", "displacement_saturated", "force_map_raw", "force_map_n"
         )
-        self.wants_force = not outputs.isdisjoint(("force_raw", "force_n"))
-        on_displacement = self.pipeline.quantiser is not None
-        self.wants_displacement_words |= on_displacement and self.wants_force
-        self.wants_solver = self.wants_displacement_words or not outputs.isdisjoint(
-            ("depth_words", "depth_mm", "displacement_mm")
-        )
-        self.wants_slopes = (
-            self.wants_solver or self.wants_force or not outputs.isdisjoint(("slopes", "gradient_saturated"))
-        )
+        self.wants_solver = self.wants_words or wants("depth_words", "depth_mm", "displacement_mm")
+        self.wants_slopes = self.wants_solver or self.wants_force or wants("slopes", "gradient_saturated")
         if self.wants_solver:
-            self.inner = tuple(n - 2 for n in self.background_shape[:2])
-            self.memory = np.empty(CHUNK * self.inner[0] * self.inner[1])
+            self.inner = (height - 2, width - 2)
+            self.memory = np.empty(CHUNK * (height - 2) * (width - 2))
 
     def __call__(self, frames: np.ndarray, out: dict[str, np.ndarray]) -> None:
         if self.wants_solver:
@@ -180,7 +178,7 @@ class _Worker:
             np.multiply(depth, unit, out=out["depth_mm"][0, 1:-1, 1:-1], casting="same_kind")
         if "displacement_mm" in out:
             np.multiply(displacement, unit, out=out["displacement_mm"][0], casting="same_kind")
-        if self.wants_displacement_words:
+        if self.wants_words:
             self._displacement_words(displacement, out)
             self._force(displacement, out)
             self._force_map(displacement, out)
