@@ -1,14 +1,14 @@
 """From pixels to features: differences from the background, and where the pixel is."""
 
 import numpy as np
-from amaranth import Cat, Module, Mux, Signal, signed, unsigned
+from amaranth import Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 from models.features import WIDTH
 
-LANES = (1, 2, 4)
+from .handshake import check_lanes, stall_free
 
 
 def _check_coordinates(name: str, codes: np.ndarray, size: int) -> None:
@@ -51,8 +51,7 @@ class BackgroundSubtraction(wiring.Component):
         *,
         lanes: int,
     ):
-        if lanes not in LANES:
-            raise ValueError(f"lanes {lanes}: expected one of {LANES}")
+        check_lanes(lanes)
         if width % lanes:
             raise ValueError(f"width {width}: expected a multiple of {lanes} lanes")
         _check_coordinates("coordinate_u", coordinate_u, width)
@@ -80,15 +79,7 @@ class BackgroundSubtraction(wiring.Component):
         beats = width // self.lanes
 
         # All registers, those in and behind the memories too, move with `advance`: they wait together.
-        advance = Signal()
-        valid = Signal(self.latency)
-        m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
-            self.o.valid.eq(valid[-1]),
-        ]
-        with m.If(advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+        advance = stall_free(m, self.i, self.o, self.latency)
 
         # Where the next beat lies.
         address, beat, row = Signal(range(height * beats)), Signal(range(beats)), Signal(range(height))

@@ -1,7 +1,7 @@
 """From the solver's rows to the depth and to the quantised displacement from rest."""
 
 import numpy as np
-from amaranth import Cat, Module, Mux, Shape, Signal, signed, unsigned
+from amaranth import Module, Mux, Shape, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -10,8 +10,7 @@ from models.fixed import signed_width
 from models.integer import Depth, DisplacementQuantiser
 
 from .calibration_loader import Table
-
-LANES = (1, 2, 4)
+from .handshake import check_lanes, stall_free
 
 
 class RasterRom(wiring.Component):
@@ -89,8 +88,7 @@ def raster_beats(table: np.ndarray, lanes: int) -> np.ndarray:
 
 
 def _check(depth: Depth, lanes: int) -> None:
-    if lanes not in LANES:
-        raise ValueError(f"lanes {lanes}: expected one of {LANES}")
+    check_lanes(lanes)
     if depth.rest.ndim != 2 or depth.rest.shape[0] != depth.rest.shape[1]:
         raise ValueError(f"rest {depth.rest.shape}: expected square")
 
@@ -144,15 +142,7 @@ class DepthOutput(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = Signal()
-        valid = Signal(self.latency)
-        m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
-            self.o.valid.eq(valid[-1]),
-        ]
-        with m.If(advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+        advance = stall_free(m, self.i, self.o, self.latency)
 
         if self.has_rom:
             bits = signed_width(int(np.abs(self.depth.rest).max()))
@@ -236,15 +226,7 @@ class Displacement(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = Signal()
-        valid = Signal(self.latency)
-        m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
-            self.o.valid.eq(valid[-1]),
-        ]
-        with m.If(advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+        advance = stall_free(m, self.i, self.o, self.latency)
 
         shift, top = self.quantiser.shift, self.quantiser.top
         half = 1 << shift >> 1

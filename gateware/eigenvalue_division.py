@@ -7,6 +7,8 @@ from amaranth.lib.wiring import In, Out
 
 from models.integer import EigenvalueDivision
 
+from .handshake import stall_free
+
 
 class EigenvalueDivider(wiring.Component):
     """Divide frames of N × N sine coefficients, of either orientation, `lanes` coefficients a clock.
@@ -60,15 +62,7 @@ class EigenvalueDivider(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = Signal()
-        valid = Signal(self.latency)
-        m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
-            self.o.valid.eq(valid[-1]),
-        ]
-        with m.If(advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+        advance = stall_free(m, self.i, self.o, self.latency)
 
         # One word of the table for each lane's mantissa and distance of the shift from the lowest.
         entries = self._table()

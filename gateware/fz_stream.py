@@ -1,7 +1,7 @@
 """From displacement rows to the raw force accumulators A of a frame: patches times kernels, summed."""
 
 import numpy as np
-from amaranth import Cat, Module, Shape, Signal, signed
+from amaranth import Module, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -10,6 +10,7 @@ from models.integer import PatchForce
 
 from .displacement import RasterRom, raster_beats
 from .frame_accumulator import FrameAccumulator, dsp_slices, raster_interval, sum_tree, tree_levels
+from .handshake import stall_free
 from .patch_generator import PatchGenerator, check_patches
 from .product import LATENCY as PRODUCT_LATENCY
 from .product import product
@@ -63,15 +64,7 @@ class PixelResponse(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = Signal()
-        valid = Signal(self.latency)
-        m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
-            self.o.valid.eq(valid[-1]),
-        ]
-        with m.If(advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+        advance = stall_free(m, self.i, self.o, self.latency)
 
         m.submodules.kernels = kernels = KernelRom(self.force, lanes=self.lanes)
         m.d.comb += [kernels.advance.eq(advance), kernels.take.eq(self.i.valid)]

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from models.integer import GradientRatio
 
-LANES = (1, 2, 4)
+from .handshake import check_lanes, stall_free
 
 
 class GradientDivider(wiring.Component):
@@ -28,8 +28,7 @@ class GradientDivider(wiring.Component):
     """
 
     def __init__(self, ratio: GradientRatio, *, lanes: int):
-        if lanes not in LANES:
-            raise ValueError(f"lanes {lanes}: expected one of {LANES}")
+        check_lanes(lanes)
         if ratio.normal_width < 2:
             raise ValueError(f"normal_width {ratio.normal_width}: expected at least 2")
         if not 0 <= ratio.fraction < ratio.width:
@@ -61,15 +60,7 @@ class GradientDivider(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = Signal()
-        valid = Signal(self.latency)
-        m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
-            self.o.valid.eq(valid[-1]),
-        ]
-        with m.If(advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+        advance = stall_free(m, self.i, self.o, self.latency)
 
         flags = []
         for lane, normal in enumerate(self.i.payload):

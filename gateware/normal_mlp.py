@@ -1,20 +1,18 @@
 # amaranth: UnusedElaboratable=no
-# amaranth: UnusedElaboratable=no
 """The pixel network: features to surface normals, a chain of tiles for every lane."""
 
 from collections.abc import Sequence
 from itertools import pairwise
 
-from amaranth import Cat, Module, Signal, signed, unsigned
+from amaranth import Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from models.integer import Layer
 
+from .handshake import check_lanes, stall_free
 from .mlp_mvm import MvmCore, tile_latency
 from .requantise import RequantiseCore
-
-LANES = (1, 2, 4)
 
 
 def _check_chain(layers: Sequence[Layer]) -> None:
@@ -54,8 +52,7 @@ class NormalMlp(wiring.Component):
     """
 
     def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int):
-        if lanes not in LANES:
-            raise ValueError(f"lanes {lanes}: expected one of {LANES}")
+        check_lanes(lanes)
         _check_chain(layers)
         self.layers, self.input_width, self.lanes = tuple(layers), input_width, lanes
         self.loadable = layers[0].loadable
@@ -104,15 +101,7 @@ class NormalMlp(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = Signal()
-        valid = Signal(self.latency)
-        m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
-            self.o.valid.eq(valid[-1]),
-        ]
-        with m.If(advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+        advance = stall_free(m, self.i, self.o, self.latency)
 
         for lane, cores in enumerate(self.cores):
             x, latency, low = self.i.payload[lane], 0, 0

@@ -5,14 +5,14 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-LANES = (1, 2, 4)
+from .handshake import check_lanes
+
 KERNEL_SIZES = (1, 3, 5, 7)
 
 
 def check_patches(size: int, kernel_size: int, bits: int, lanes: int) -> None:
     """Raise ValueError for frames, kernels or lanes that `PatchGenerator` does not build."""
-    if lanes not in LANES:
-        raise ValueError(f"lanes {lanes}: expected one of {LANES}")
+    check_lanes(lanes)
     if kernel_size not in KERNEL_SIZES:
         raise ValueError(f"kernel_size {kernel_size}: expected one of {KERNEL_SIZES}")
     if size < max(kernel_size, lanes + 1):

@@ -1,10 +1,12 @@
 """The two recurrences of the tridiagonal solver: elimination down the rows, substitution up the rows."""
 
-from amaranth import Cat, Module, Mux, Signal, signed
+from amaranth import Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from models.tridiagonal import Elimination, Recurrence, Substitution
+
+from .handshake import stall_free
 
 
 class RowRecurrence(wiring.Component):
@@ -74,15 +76,7 @@ class RowRecurrence(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         size, last_row = self.recurrence.size, self.recurrence.size - 1
-        advance = Signal()
-        valid = Signal(self.latency)
-        m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
-            self.o.valid.eq(valid[-1]),
-        ]
-        with m.If(advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
+        advance = stall_free(m, self.i, self.o, self.latency)
 
         def register(value, name, steps=1):
             """`value` some steps later; no reset on data."""

@@ -8,8 +8,9 @@ from amaranth.lib.wiring import In, Out
 from models.fixed import signed_width
 from models.integer import WeightedSum
 
-from .displacement import LANES, RasterRom, raster_beats
+from .displacement import RasterRom, raster_beats
 from .frame_accumulator import FrameAccumulator, dsp_slices, raster_interval, tree_levels
+from .handshake import check_lanes
 from .product import LATENCY as PRODUCT_LATENCY
 from .product import product
 
@@ -41,8 +42,7 @@ class WeightedSumStream(wiring.Component):
     """
 
     def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False):
-        if lanes not in LANES:
-            raise ValueError(f"lanes {lanes}: expected one of {LANES}")
+        check_lanes(lanes)
         self.weighted, self.lanes, self.loadable = weighted, lanes, loadable
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
         if self.interval < 2:
