@@ -40,6 +40,35 @@ def frame_interval(height: int, width: int, lanes: int) -> int:
     return max(height * width // lanes, (width - 2) * -(-(width - 2) // lanes))
 
 
+def check_stages(stages: dict, given: int, height: int, width: int) -> None:
+    """Raise ValueError unless `stages`, by name and in order, pass words of `given` bits of N × N on."""
+    if height != width:
+        raise ValueError(f"height {height}: expected width = {width}")
+    for name, stage in stages.items():
+        if stage.size != width - 2:
+            raise ValueError(f"{name} of size {stage.size}: expected width - 2 = {width - 2}")
+        if stage.input_width != given:
+            raise ValueError(f"{name}.input_width {stage.input_width}: expected {given}")
+        given = stage.output_width
+
+
+def connect_stages(m: Module, solver, buffered: tuple[str, ...]) -> None:
+    """Connect the components that `solver.stages` names in a row, a buffer behind the `buffered` ones."""
+    output = wiring.flipped(solver.i)
+    for name in solver.stages:
+        stage = getattr(solver, name)
+        m.submodules[name] = stage
+        connect(m, output, stage.i)
+        output = stage.o
+        if name in buffered:
+            m.submodules[f"{name}_buffer"] = buffer = Buffer(output.payload.shape())
+            connect(m, output, buffer.i)
+            output = buffer.o
+    connect(m, output, wiring.flipped(solver.o))
+    if solver.source.loadable:
+        connect(m, wiring.flipped(solver.offset), solver.source.offset)
+
+
 class PoissonSolver(wiring.Component):
     """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2.
 
@@ -73,22 +102,14 @@ class PoissonSolver(wiring.Component):
         lanes: int,
         loadable: bool = False,
     ):
-        if height != width:
-            raise ValueError(f"height {height}: expected width = {width}")
-        given = source.width
-        for name, stage in {
+        stages = {
             "row_forward": row_forward,
             "column_forward": column_forward,
             "division": division,
             "column_inverse": column_inverse,
             "row_inverse": row_inverse,
-        }.items():
-            size = len(stage.mantissa if stage is division else stage.matrix)
-            if size != width - 2:
-                raise ValueError(f"{name} of size {size}: expected width - 2 = {width - 2}")
-            if stage.input_width != given:
-                raise ValueError(f"{name}.input_width {stage.input_width}: expected {given}")
-            given = stage.output_width
+        }
+        check_stages(stages, source.width, height, width)
 
         self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
         self.row_forward = Dst1Engine(row_forward, lanes=lanes)
@@ -148,18 +169,6 @@ class PoissonSolver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        output = wiring.flipped(self.i)
-        for name in self.stages:
-            stage = getattr(self, name)
-            m.submodules[name] = stage
-            connect(m, output, stage.i)
-            output = stage.o
-            # Transposers take and give at registers; elsewhere a buffer parts the way of `ready`.
-            if name in ("source", "column_forward", "division"):
-                m.submodules[f"{name}_buffer"] = buffer = Buffer(output.payload.shape())
-                connect(m, output, buffer.i)
-                output = buffer.o
-        connect(m, output, wiring.flipped(self.o))
-        if self.source.loadable:
-            connect(m, wiring.flipped(self.offset), self.source.offset)
+        # Transposers take and give at registers; elsewhere a buffer parts the way of `ready`.
+        connect_stages(m, self, ("source", "column_forward", "division"))
         return m

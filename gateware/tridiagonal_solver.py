@@ -3,14 +3,14 @@
 
 from amaranth import Module, Signal
 from amaranth.lib import wiring
-from amaranth.lib.wiring import In, Out, connect
+from amaranth.lib.wiring import In, Out
 
 from models.integer import PoissonSource, SineTransform
 from models.tridiagonal import Elimination, Substitution
 
 from .dst1_engine import Dst1Engine
 from .frame_reversal import FrameReversal
-from .poisson_solver import Buffer, frame_interval
+from .poisson_solver import Buffer, check_stages, connect_stages, frame_interval
 from .poisson_source import PoissonSourceStream
 from .tridiagonal import RowRecurrence
 
@@ -49,20 +49,13 @@ class TridiagonalPoissonSolver(wiring.Component):
         lanes: int,
         loadable: bool = False,
     ):
-        if height != width:
-            raise ValueError(f"height {height}: expected width = {width}")
-        given = source.width
-        for name, stage in {
+        stages = {
             "row_forward": row_forward,
             "elimination": elimination,
             "substitution": substitution,
             "row_inverse": row_inverse,
-        }.items():
-            if stage.size != width - 2:
-                raise ValueError(f"{name} of size {stage.size}: expected width - 2 = {width - 2}")
-            if stage.input_width != given:
-                raise ValueError(f"{name}.input_width {stage.input_width}: expected {given}")
-            given = stage.output_width
+        }
+        check_stages(stages, source.width, height, width)
 
         self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
         self.row_forward = Dst1Engine(row_forward, lanes=lanes)
@@ -121,20 +114,8 @@ class TridiagonalPoissonSolver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        output = wiring.flipped(self.i)
-        for name in self.stages:
-            stage = getattr(self, name)
-            m.submodules[name] = stage
-            connect(m, output, stage.i)
-            output = stage.o
-            # The reversal takes and gives at registers; elsewhere a buffer parts the way of `ready`.
-            if name in ("source", "substitution"):
-                m.submodules[f"{name}_buffer"] = buffer = Buffer(output.payload.shape())
-                connect(m, output, buffer.i)
-                output = buffer.o
-        connect(m, output, wiring.flipped(self.o))
-        if self.source.loadable:
-            connect(m, wiring.flipped(self.offset), self.source.offset)
+        # The reversal takes and gives at registers; elsewhere a buffer parts the way of `ready`.
+        connect_stages(m, self, ("source", "substitution"))
 
         beat, last_row = Signal(range(self.beats)), self.size - 1
         row = Signal(range(self.size), init=last_row)

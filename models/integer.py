@@ -232,6 +232,10 @@ class EigenvalueDivision:
                 raise ValueError("table: expected symmetric")
 
     @property
+    def size(self) -> int:
+        return len(self.mantissa)
+
+    @property
     def product_width(self) -> int:
         return self.input_width + 17
 
