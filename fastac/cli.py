@@ -1,6 +1,7 @@
 """The command line."""
 
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -471,8 +472,15 @@ def verify(source, data, split, lanes, frames, output, progress):
     help="Place every module on the 40 nm ECP5, or only count blocks.",
 )
 @click.option("--module", "modules", multiple=True, metavar="NAME", help="Only these, such as 'mlp.*'.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    default=min(2, os.cpu_count() or 1),
+    show_default=True,
+    help="Tools that run side by side, each on one core with up to 4 GB.",
+)
 @progress_option
-def synth(source, data, output, place_and_route, modules, progress):
+def synth(source, data, output, place_and_route, modules, jobs, progress):
     """Count what hardware needs and find the clock that each of its modules reaches, without Vivado.
 
     Of a SCENE the model is trained first, unless its build folder has it.
@@ -496,6 +504,7 @@ def synth(source, data, output, place_and_route, modules, progress):
         device=DEVICE,
         place_and_route=place_and_route,
         modules=modules,
+        jobs=jobs,
         progress=progress,
     )
     click.echo(synthesis.table(content, DEVICE))

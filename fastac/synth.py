@@ -4,6 +4,7 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -98,12 +99,13 @@ def select(found: list[Part], patterns: Iterable[str]) -> list[Part]:
 
 
 def perform(
-    found: list[Part], cache: Path, chosen: list[Part], tasks: Iterable[Task], *, progress: bool
+    found: list[Part], cache: Path, chosen: list[Part], tasks: Iterable[Task], *, progress: bool, jobs: int = 1
 ) -> dict[str, dict]:
     """Results by part and task: those in the cache, and those that `tasks` find for the `chosen` parts.
 
     A result is kept in `cache` by the hash of the part's RTLIL, the tools' versions and the settings. What a
     tool says when it fails is the result {"error": one line}, and is not kept; the other parts go on.
+    `jobs` tools run side by side.
     """
     cache.mkdir(parents=True, exist_ok=True)
     results: dict[str, dict] = {part.name: {} for part in found}
@@ -119,8 +121,10 @@ def perform(
         synth_tools.check_installed(sorted({tool for _, task in waiting for tool in task.tools}))
     # The counts of all parts first: they take less time.
     waiting.sort(key=lambda job: TASKS.index(job[1]))
-    with tqdm(waiting, desc="synth", unit="run", disable=not progress) as bar:
-        for part, task in bar:
+    with tqdm(total=len(waiting), desc="synth", unit="run", disable=not progress) as bar:
+
+        def find(job: tuple[Part, Task]) -> None:
+            part, task = job
             bar.set_postfix_str(f"{part.name}: {task.name}")
             with tempfile.TemporaryDirectory(prefix="fastac-synth-") as folder:
                 try:
@@ -129,6 +133,15 @@ def perform(
                 except SynthError as error:
                     result = {"error": " ".join(str(error).split())}
             results[part.name][task.name] = result
+            bar.update()
+
+        # The tools are processes of their own, which threads are enough to wait for.
+        with ThreadPoolExecutor(jobs) as pool:
+            try:
+                list(pool.map(find, waiting))
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
     return results
 
 
@@ -179,17 +192,19 @@ def synthesise(
     device: dict,
     place_and_route: bool = True,
     modules: Iterable[str] = (),
+    jobs: int = 1,
     progress: bool = False,
 ) -> dict:
     """Synthesise a bundle's hardware part by part; writes `synth.json` into `folder`, returns its content.
 
     device : totals of the device that the hardware is for
     modules : patterns of the parts that the tools run for; of the others only what is in the cache is shown
+    jobs : tools that run side by side
     """
     sources = source_digest()
     found = elaborate(bundle)
     tasks = TASKS if place_and_route else (COUNT, REGISTERS, LUTS)
-    results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress)
+    results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress, jobs=jobs)
     content = {
         "bundle_sha256": bundle.digest,
         "gateware_sha256": sources,
