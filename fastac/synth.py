@@ -53,7 +53,14 @@ LUTS = Task(
 PLACE = Task(
     "place_and_route",
     (YOSYS, NEXTPNR),
-    (CUT, synth_ecp5.SCRIPT, *synth_ecp5.ARGUMENTS, synth_ecp5.frame([], {}), synth_ecp5.MOST_HALVINGS),
+    (
+        CUT,
+        synth_ecp5.SCRIPT,
+        *synth_ecp5.ARGUMENTS,
+        synth_ecp5.frame([], {}),
+        synth_ecp5.LONGEST_CHAIN,
+        synth_ecp5.MOST_HALVINGS,
+    ),
     synth_ecp5.place_and_route,
     placed=True,
 )
@@ -99,7 +106,13 @@ def select(found: list[Part], patterns: Iterable[str]) -> list[Part]:
 
 
 def perform(
-    found: list[Part], cache: Path, chosen: list[Part], tasks: Iterable[Task], *, progress: bool, jobs: int = 1
+    found: list[Part],
+    cache: Path,
+    chosen: list[Part],
+    tasks: Iterable[Task],
+    *,
+    progress: bool,
+    jobs: int = 1,
 ) -> dict[str, dict]:
     """Results by part and task: those in the cache, and those that `tasks` find for the `chosen` parts.
 

@@ -13,6 +13,8 @@ CAPACITY = {"MULT18X18D": 156, "DP16KD": 208, "TRELLIS_FF": 83_640, "LUT4": 83_6
 """Of the LFE5UM5G-85F."""
 MOST_HALVINGS = 3
 """Of the widest output, until the part fits."""
+LONGEST_CHAIN = 1024
+"""Bits of a shift register in the frame: Yosys follows each by recursion."""
 SCRIPT = """\
 read_rtlil part.il
 read_verilog frame.v
@@ -42,11 +44,25 @@ def kept_outputs(listed: list[Port], halvings: int) -> tuple[dict[str, int], str
     return outputs, form
 
 
+def _chains(name: str, width: int, source: str, change: str) -> tuple[list[str], int]:
+    """Statements that shift bits through a register in chains of `LONGEST_CHAIN`, and their number."""
+    lows = range(0, width, LONGEST_CHAIN)
+    if len(lows) == 1:
+        return [f"  {name} <= {{{name}, {source}}}{change};"], 1
+    lines = []
+    for k, low in enumerate(lows):
+        bits = f"[{min(low + LONGEST_CHAIN, width) - 1}:{low}]"
+        part = change and change + bits
+        given = source if change else f"{source}[{k}]"
+        lines.append(f"  {name}{bits} <= {{{name}{bits}, {given}}}{part};")
+    return lines, len(lows)
+
+
 def frame(listed: list[Port], outputs: dict[str, int]) -> str:
     """Verilog of the frame around a part: a register before each input bit and behind each output bit.
 
-    The registers form two shift registers, so three pins are enough, every path starts and ends in a
-    register, and nothing of the part can be optimised away.
+    The registers form shift registers, so few pins are enough, every path starts and ends in a register, and
+    nothing of the part can be optimised away.
     """
     inputs = {p.name: p.width for p in listed if p.is_input and p.name != "\\clk"}
     wide, out = max(sum(inputs.values()), 1), max(sum(outputs.values()), 1)
@@ -56,17 +72,21 @@ def frame(listed: list[Port], outputs: dict[str, int]) -> str:
         for name, width in widths.items():
             connections.append(f"  .{name} ({vector}[{low + width - 1}:{low}])")
             low += width
+    shift_in, pins_in = _chains("input_register", wide, "d", "")
+    shift_out, pins_out = _chains("output_register", out, "input_register[0]", " ^ result")
+    d, q = (f"[{pins - 1}:0] {pin}" if pins > 1 else pin for pin, pins in (("d", pins_in), ("q", pins_out)))
+    lasts = [f"output_register[{min(k * LONGEST_CHAIN, out) - 1}]" for k in range(pins_out, 0, -1)]
     return "\n".join(
         [
-            "module frame(input clk, input d, output q);",
+            f"module frame(input clk, input {d}, output {q});",
             f"reg [{wide - 1}:0] input_register;",
             f"reg [{out - 1}:0] output_register;",
             f"wire [{out - 1}:0] result;",
             "always @(posedge clk) begin",
-            "  input_register <= {input_register, d};",
-            "  output_register <= {output_register, input_register[0]} ^ result;",
+            *shift_in,
+            *shift_out,
             "end",
-            f"assign q = output_register[{out - 1}];",
+            f"assign q = {lasts[0]};" if pins_out == 1 else f"assign q = {{{', '.join(lasts)}}};",
             "\\unit part (",
             ",\n".join(connections),
             ");",
