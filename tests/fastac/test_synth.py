@@ -1,6 +1,7 @@
 """Synthesis of parts: counts known by hand, the cache, and errors in one line."""
 
 import json
+import re
 import tomllib
 from pathlib import Path
 
@@ -13,7 +14,7 @@ from click.testing import CliRunner
 
 from fastac import synth, synth_ecp5, synth_tools, synth_yosys
 from fastac.cli import main
-from fastac.synth_netlist import UNIT, parts, ports
+from fastac.synth_netlist import UNIT, Port, parts, ports
 from fastac.synth_tools import SynthError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -396,3 +397,15 @@ def test_versions_are_those_of_the_extra():
     assert sorted(project["optional-dependencies"]["synth"]) == sorted(
         f"{name}=={version}" for name, version in synth_tools.VERSIONS.items()
     )
+
+
+def test_long_registers_of_the_frame_are_chains_with_pins_of_their_own(monkeypatch):
+    monkeypatch.setattr(synth_ecp5, "LONGEST_CHAIN", 4)
+    listed = [Port("\\clk", 1, True), Port("\\a", 6, True), Port("\\b", 9, False)]
+    text = synth_ecp5.frame(listed, {"\\b": 9})
+    assert "input [1:0] d, output [2:0] q" in text
+    for name, width in (("input_register", 6), ("output_register", 9)):
+        ranges = re.findall(rf"^  {name}\[(\d+):(\d+)\] <=", text, re.MULTILINE)
+        bits = [bit for high, low in ranges for bit in range(int(low), int(high) + 1)]
+        assert bits == list(range(width))
+    assert "assign q = {output_register[8], output_register[7], output_register[3]};" in text
