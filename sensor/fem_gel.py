@@ -18,6 +18,8 @@ from sensor.indenter import Indenter
 
 STEEPEST = 4.0
 """Slope of an indenter beyond which it is a side, not a face: small displacements say nothing there."""
+FINER = 4
+"""Points along each side of an element that are searched for the first touch."""
 REMAPPINGS = 8
 """Fixed-point iterations to find which point of the skin lies above a pixel; each is a factor of strain."""
 
@@ -35,8 +37,10 @@ class GelContact:
     """(ny, nx) bool: touching, and at rest on the indenter in the last step of the load."""
     force_n: np.ndarray
     """(3,) the skin's force on the indenter."""
+    first_touch_mm: float
+    """z of the indenter's lowest point when it first touches the skin, which may be between nodes."""
     way_mm: np.ndarray
-    """(3,) how far the indenter moved from first touch."""
+    """(3,) how far the indenter moved from there."""
 
     def pressure_mpa(self) -> np.ndarray:
         """(ny, nx, 3) force on the indenter per area seen along z, at each node."""
@@ -85,7 +89,11 @@ class Gel:
     def __init__(self, mesh: GelMesh, elastomer: Elastomer, cache: Path | str, *, progress: bool = True):
         self.mesh, self.elastomer = mesh, elastomer
         unit = cached_unit_compliance(mesh, elastomer.poisson_ratio, cache, progress=progress)
-        self._unit, self._points = unit, mesh.skin_mm[1:-1, 1:-1].reshape(-1, 3)
+        self._unit = unit
+        y, x = mesh.skin_mm[:, 0, 1], mesh.skin_mm[0, :, 0]
+        fine = [np.interp(np.arange(0, len(n) - 1 + 1e-9, 1 / FINER), np.arange(len(n)), n) for n in (y, x)]
+        self._fine_y_mm, self._fine_x_mm = fine
+        self._fine_z_mm = RectBivariateSpline(y, x, mesh.skin_mm[..., 2])(*fine)
 
     @classmethod
     def of_sensor(cls, sensor: Sensor, cache: Path | str, *, elements=40, layers=4, progress=True) -> "Gel":
@@ -116,21 +124,27 @@ class Gel:
             raise ContactError(f"{where}: expected a load of more than 0")
         if not 0 <= friction <= 10:
             raise ContactError(f"{where}: friction = {friction:g}: expected 0 to 10")
-        problem, candidates, other_gap = self._problem(indenter, x_mm, y_mm, friction, where)
+        touch_mm = self._first_touch_mm(indenter, x_mm, y_mm, where)
+        problem, candidates, other_gap = self._problem(indenter, x_mm, y_mm, touch_mm, friction, where)
         state = self._load(problem, load_n, tangential_n, steps, where)
-        contact = self._contact(problem, state, candidates)
+        contact = self._contact(problem, state, candidates, touch_mm)
         self._check(contact, other_gap, where)
         return contact
 
-    def _problem(self, indenter, x_mm, y_mm, friction, where):
+    def _first_touch_mm(self, indenter: Indenter, x_mm: float, y_mm: float, where: str) -> float:
+        x, y = self._fine_x_mm, self._fine_y_mm
+        if not (x[0] <= x_mm <= x[-1] and y[0] <= y_mm <= y[-1]):
+            raise ContactError(f"{where}: expected inside the skin")
+        touch = self._fine_z_mm - indenter.surface(*np.meshgrid(x - x_mm, y - y_mm))[0]
+        return float(touch.max())
+
+    def _problem(self, indenter, x_mm, y_mm, touch_mm, friction, where):
+        """The contact problem of the nodes that may touch, which those are, and the gap of the others."""
         skin = self.mesh.skin_mm
         z, p, q = indenter.surface(skin[..., 0] - x_mm, skin[..., 1] - y_mm)
-        gap = z - skin[..., 2]
-        if not np.isfinite(gap).any() or not (
-            skin[0, 0, 0] <= x_mm <= skin[0, -1, 0] and skin[0, 0, 1] <= y_mm <= skin[-1, 0, 1]
-        ):
-            raise ContactError(f"{where}: expected inside the skin")
-        gap -= gap.min()
+        if not np.isfinite(z).any():
+            raise ContactError(f"{where}: smaller than the mesh's elements")
+        gap = np.maximum(z + touch_mm - skin[..., 2], 0)
         inner = (slice(1, -1), slice(1, -1))
         flat, slopes = gap[inner].ravel(), np.hypot(p, q)[inner].ravel()
         candidates = np.flatnonzero((flat < self.elastomer.thickness_mm) & (slopes < STEEPEST))
@@ -163,7 +177,7 @@ class Gel:
             raise ContactError(f"{where}: no equilibrium: more than the contact can carry") from None
         return state
 
-    def _contact(self, problem: ContactProblem, state: State, candidates: np.ndarray) -> GelContact:
+    def _contact(self, problem: ContactProblem, state: State, candidates, touch_mm: float) -> GelContact:
         ny, nx = self.mesh.shape
         inner = np.zeros((ny * nx, 3))
         inner[candidates] = problem.forces_n(state)
@@ -176,7 +190,7 @@ class Gel:
             mask[candidates[chosen]] = True
             fields.append(mask.reshape(ny, nx))
         whole = [np.pad(field, ((1, 1), (1, 1), (0, 0))[: field.ndim]) for field in fields]
-        return GelContact(self.mesh, *whole, problem.resultant_n(state), state.way_mm)
+        return GelContact(self.mesh, *whole, problem.resultant_n(state), touch_mm, state.way_mm)
 
     def _check(self, contact: GelContact, other_gap: np.ndarray, where: str) -> None:
         """Raise ContactError where nodes beside the candidates for contact overlap, or the gel is thin."""

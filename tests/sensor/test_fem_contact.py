@@ -73,8 +73,8 @@ def test_cattaneo_and_mindlin(thick, share):
     np.testing.assert_allclose(contact.force_n, (0, -size, LOAD_N), atol=1e-7)
 
 
-def whole_mesh_contact(gel, way_mm, *, stuck):
-    """The skin under a ball at (1, −1) that moved by way_mm: Lagrange multipliers on the whole mesh.
+def whole_mesh_contact(gel, touch_mm, way_mm, *, stuck):
+    """The skin under a ball at (1, −1), from first touch by way_mm: Lagrange multipliers on the whole mesh.
 
     Returns displacements, the resultant on the skin, and which nodes touch.
     """
@@ -83,8 +83,7 @@ def whole_mesh_contact(gel, way_mm, *, stuck):
     matrix = fem.stiffness(mesh, layer.modulus_mpa, layer.poisson_ratio)[dofs][:, dofs]
     skin = mesh.skin_mm[1:-1, 1:-1].reshape(-1, 3)
     z, p, q = Ball(5.0).surface(skin[:, 0] - 1, skin[:, 1] + 1)
-    gap = z - skin[:, 2]
-    gap -= gap.min()
+    gap = z + touch_mm - skin[:, 2]
     normals = np.stack([-p, -q, np.ones_like(p)], axis=-1)
     first = len(dofs) - 3 * len(skin)
     active = gap < 0.3
@@ -120,7 +119,7 @@ def whole_mesh_contact(gel, way_mm, *, stuck):
 @pytest.mark.parametrize(("friction", "stuck"), [(0.0, False), (10.0, True)])
 def test_equals_an_independent_solve_of_the_whole_mesh(curved, friction, stuck):
     contact = curved.press(Ball(5.0), 1.0, -1.0, load_n=0.8, friction=friction, steps=1)
-    moved, force, active = whole_mesh_contact(curved, contact.way_mm, stuck=stuck)
+    moved, force, active = whole_mesh_contact(curved, contact.first_touch_mm, contact.way_mm, stuck=stuck)
     np.testing.assert_array_equal(contact.touching[1:-1, 1:-1], active)
     np.testing.assert_allclose(contact.displacement_mm[1:-1, 1:-1], moved, atol=1e-7)
     np.testing.assert_allclose(-force, contact.force_n, atol=1e-6)
@@ -137,8 +136,7 @@ def test_conditions_of_contact_and_friction(curved, friction, tangential):
     near = np.isfinite(z)
     normals = np.stack([-p, -q, np.ones_like(p)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    free_gap = np.where(near, z - skin[..., 2], 0)
-    free_gap -= free_gap[near].min()
+    free_gap = np.where(near, z + contact.first_touch_mm - skin[..., 2], 0)
     gap = free_gap * normals[..., 2] + ((contact.way_mm - contact.displacement_mm) * normals).sum(axis=-1)
     pressure = -(contact.nodal_force_n * normals).sum(axis=-1)
     traction = contact.nodal_force_n + pressure[..., None] * normals
