@@ -158,22 +158,25 @@ class ContactProblem:
         count, frame = len(nodes), self.frame[nodes]
         forced = np.flatnonzero(load.forced)
         given = load.axes[~load.forced].T @ load.value[~load.forced]
-        moved = np.concatenate(
-            [self.compliance[np.ix_(rows, rows)], -frame.reshape(-1, 3) @ load.axes[forced].T], axis=1
-        ).reshape(count, 3, -1)
-        right = np.concatenate([-self.gap_mm[nodes, None], start.slip_mm[nodes]], axis=1) + frame @ given
-        matrix = np.concatenate([moved.reshape(3 * count, -1), np.zeros((len(forced), moved.shape[2]))])
-        side = np.concatenate([right.ravel(), load.value[forced]])
-        for index in np.flatnonzero(~sticking[nodes]):
-            along, kept = direction[nodes[index]], share[nodes[index]]
-            across = kept * (np.eye(2) - np.outer(along, along))
-            stiff = self.scale[nodes[index], 1:].mean() * across
-            tangents = slice(3 * index + 1, 3 * index + 3)
-            matrix[tangents] = stiff @ moved[index, 1:]
-            matrix[tangents, tangents] += np.eye(2) - across
-            matrix[tangents, 3 * index] -= self.friction * along
-            side[tangents] = stiff @ right[index, 1:]
+        matrix = np.zeros((3 * count + len(forced),) * 2)
+        matrix[: 3 * count, : 3 * count] = self.compliance[np.ix_(rows, rows)]
         matrix[3 * count :, : 3 * count] = -load.axes[forced] @ frame.reshape(-1, 3).T
+        matrix[: 3 * count, 3 * count :] = matrix[3 * count :, : 3 * count].T
+        right = np.concatenate([-self.gap_mm[nodes, None], start.slip_mm[nodes]], axis=1) + frame @ given
+
+        slide = np.flatnonzero(~sticking[nodes])
+        along = direction[nodes[slide]]
+        across = share[nodes[slide], None, None] * (np.eye(2) - along[:, :, None] * along[:, None])
+        stiff = self.scale[nodes[slide], 1:].mean(axis=1)[:, None, None] * across
+        moved = matrix[: 3 * count].reshape(count, 3, -1)
+        moved[slide, 1:] = stiff @ moved[slide, 1:]
+        right[slide, 1:] = (stiff @ right[slide, 1:, None])[..., 0]
+        tangent = np.arange(1, 3)
+        moved[slide[:, None, None], tangent[:, None], 3 * slide[:, None, None] + tangent] += (
+            np.eye(2) - across
+        )
+        moved[slide[:, None], tangent, 3 * slide[:, None]] -= self.friction * along
+        side = np.concatenate([right.ravel(), load.value[forced]])
         try:
             found = np.linalg.solve(matrix, side)
         except np.linalg.LinAlgError:
