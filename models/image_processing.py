@@ -1,0 +1,216 @@
+"""From RAW10 to B, G, R, NIR: the paper's list of steps, and a direct binning of each cell beside it.
+
+The paper ("Spectral Demultiplexing and Pre-processing"): dead-pixel correction, black level, NIR sampled at
+odd rows and columns and interpolated, infrared subtraction
+
+    Ĩ = clip(I_blc − α · min(I_NIR, I_max / β), 0, I_max),
+
+rearrangement to BGGR, demosaicing, 8-bit NIR, crop and downsampling. It gives neither α, β nor the filters of
+the steps; those here are each named where they stand. Binning takes the mean of each colour in a 4 × 4 cell
+instead, after the same first two steps: a quarter of the resolution in one pass. The colours' centres in a
+cell are up to one raw pixel apart along each axis, and binning leaves them so.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from models.raw10 import MAXIMUM
+from sensor.mosaic import CELL, CHANNELS, LAYOUT, check_cells
+
+SAME_FILTER = np.zeros((9, 9), np.uint8)
+"""The eight nearest pixels that share the filter of the middle one at every phase of the pattern: (±2, ±2),
+(0, ±4) and (±4, 0)."""
+for _v, _u in ((2, 2), (2, 6), (6, 2), (6, 6), (0, 4), (8, 4), (4, 0), (4, 8)):
+    SAME_FILTER[_v, _u] = 1
+DEMOSAIC_SCALE = 64
+"""Demosaicing works on 16-bit integers: RAW10 values take six bits of fraction along."""
+
+
+class ImageProcessingError(ValueError):
+    """An image that the processing cannot take; the message is one line with what was expected."""
+
+
+@dataclass(frozen=True)
+class ImageProcessing:
+    """Settings of both paths. Values are RAW10 digital numbers."""
+
+    black_level_dn: float = 64.0
+    alpha: float = 0.8
+    """Strength of the infrared subtraction: NIR light in a visible pixel over that in an NIR pixel."""
+    beta: float = 1.0
+    """The NIR that is subtracted is at most I_max / β."""
+    dead_pixel_dn: float = 128.0
+    """A pixel that leaves the range of its eight neighbours of the same filter by more than this is dead."""
+    crop_px: tuple[int, int] | None = None
+    """Height and width of the window, centred on whole cells, that is kept; None keeps all."""
+    downsample: int = 4
+    """Raw pixels along each axis that an output pixel averages; binning wants a multiple of four."""
+
+    def __post_init__(self):
+        for key, low, high in (("black_level_dn", 0, MAXIMUM), ("alpha", 0, 4), ("beta", 1, MAXIMUM)):
+            if not low <= getattr(self, key) <= high:
+                raise ImageProcessingError(f"{key} = {getattr(self, key):g}: expected {low} to {high}")
+        if not self.dead_pixel_dn > 0:
+            raise ImageProcessingError(f"dead_pixel_dn = {self.dead_pixel_dn:g}: expected more than 0")
+        if self.downsample < 1:
+            raise ImageProcessingError(f"downsample = {self.downsample}: expected at least 1")
+
+    def demosaic(self, raw: np.ndarray) -> np.ndarray:
+        """The paper's path: RAW10 (H, W) uint16 to frames (h, w, 4) uint8 in B, G, R, NIR."""
+        level = self.levels(raw)
+        nir = interpolate_nir(level)
+        bayer = to_bggr(self.subtract_nir(level, nir))
+        colours = cv2.demosaicing(np.rint(bayer * DEMOSAIC_SCALE).astype(np.uint16), cv2.COLOR_BayerBGGR2BGR)
+        channels = np.dstack([colours * np.float32(1 / DEMOSAIC_SCALE), nir])
+        rows, columns = self.window(*raw.shape)
+        return to_8_bits(downsample(channels[rows, columns], self.downsample))
+
+    def bin_cells(self, raw: np.ndarray) -> np.ndarray:
+        """Direct binning: RAW10 (H, W) uint16 to frames (h, w, 4) uint8 in B, G, R, NIR."""
+        if self.downsample % CELL:
+            raise ImageProcessingError(
+                f"downsample = {self.downsample}: binning expects a multiple of {CELL}"
+            )
+        level = self.levels(raw)
+        rows, columns = self.window(*raw.shape)
+        cells = cell_means(level[rows, columns])
+        cells[..., :3] = self.subtract_nir(cells[..., :3], cells[..., 3:])
+        return to_8_bits(downsample(cells, self.downsample // CELL))
+
+    def levels(self, raw: np.ndarray) -> np.ndarray:
+        """Dead-pixel correction and black level: (H, W) uint16 to float32, negative where noise is."""
+        check_raw(raw)
+        return correct_dead_pixels(raw, self.dead_pixel_dn).astype(np.float32) - np.float32(
+            self.black_level_dn
+        )
+
+    def subtract_nir(self, visible: np.ndarray, nir: np.ndarray) -> np.ndarray:
+        """The paper's equation, of arrays that broadcast."""
+        estimate = np.minimum(nir, np.float32(MAXIMUM / self.beta))
+        return np.clip(visible - np.float32(self.alpha) * estimate, 0, MAXIMUM)
+
+    def window(self, height_px: int, width_px: int) -> tuple[slice, slice]:
+        """Rows and columns that are kept: the middle of the image, beginning with a whole cell."""
+        slices = []
+        for key, size, kept in zip(
+            ("height", "width"), (height_px, width_px), self.crop_px or (height_px, width_px), strict=True
+        ):
+            if not 0 < kept <= size or kept % self.downsample or kept % CELL:
+                raise ImageProcessingError(
+                    f"crop_px {key} = {kept}: expected at most {size} and a multiple of {CELL}"
+                    f" and of downsample = {self.downsample}"
+                )
+            start = (size - kept) // 2 // CELL * CELL
+            slices.append(slice(start, start + kept))
+        return slices[0], slices[1]
+
+
+def check_raw(raw: np.ndarray) -> None:
+    """Raise ImageProcessingError unless this is a RAW10 image, MosaicError unless its cells are whole."""
+    if raw.dtype != np.uint16 or raw.ndim != 2:
+        raise ImageProcessingError(f"RAW image: {raw.dtype} {raw.shape}: expected uint16 (height, width)")
+    check_cells(*raw.shape, "RAW image")
+    if min(raw.shape) < 2 * CELL:
+        raise ImageProcessingError(
+            f"RAW image: {raw.shape[0]} x {raw.shape[1]} px: expected at least {2 * CELL}"
+        )
+    if raw.max() > MAXIMUM:
+        raise ImageProcessingError(f"RAW image: a pixel is {raw.max()}: expected at most {MAXIMUM}")
+
+
+def correct_dead_pixels(raw: np.ndarray, threshold_dn: float) -> np.ndarray:
+    """Dead and hot pixels of (H, W) uint16 replaced by the median of their same-filter neighbours.
+
+    A pixel counts as dead where it leaves the range of its eight neighbours by more than the threshold.
+    Beyond an edge stands what lies two cells inwards: never the pixel itself.
+    """
+    padded = continued(raw, CELL, 2 * CELL)
+    inside = slice(CELL, -CELL), slice(CELL, -CELL)
+    highest = cv2.dilate(padded, SAME_FILTER)[inside].astype(np.float32)
+    lowest = cv2.erode(padded, SAME_FILTER)[inside].astype(np.float32)
+    rows, columns = np.nonzero((raw > highest + threshold_dn) | (raw < lowest - threshold_dn))
+    offsets = np.argwhere(SAME_FILTER)
+    neighbours = padded[rows[:, None] + offsets[:, 0], columns[:, None] + offsets[:, 1]]
+    corrected = raw.copy()
+    corrected[rows, columns] = np.rint(np.median(neighbours, axis=1))
+    return corrected
+
+
+def continued(mosaic: np.ndarray, margin: int, period: int) -> np.ndarray:
+    """(H, W) with a margin of pixels that repeat those one period inwards, so that filters stay in place."""
+    indices = []
+    for size in mosaic.shape:
+        index = np.arange(-margin, size + margin)
+        index[:margin] += period
+        index[-margin:] -= period
+        indices.append(index)
+    return mosaic[indices[0]][:, indices[1]]
+
+
+def interpolate_nir(level: np.ndarray) -> np.ndarray:
+    """NIR at every pixel: I_NIR(2m + 1, 2n + 1) is sampled, the rest linear between, (H, W) float32.
+
+    Row and column 0 lie outside the samples and repeat the nearest.
+    """
+    return _between(_between(level[1::2, 1::2]).T).T
+
+
+def _between(samples: np.ndarray) -> np.ndarray:
+    """Rows 1, 3, 5, … are given; row 0 repeats row 1, the others are the mean of their neighbours."""
+    dense = np.empty((2 * len(samples), samples.shape[1]), samples.dtype)
+    dense[0] = samples[0]
+    dense[1::2] = samples
+    dense[2::2] = (samples[:-1] + samples[1:]) / 2
+    return dense
+
+
+def to_bggr(visible: np.ndarray) -> np.ndarray:
+    """A corrected RGB-IR mosaic (H, W) as a BGGR Bayer mosaic of the same size.
+
+    B at (0, 0), (2, 2) and all G stay. NIR pixels become R, the mean of the two diagonal neighbours that are;
+    R pixels become B, the mean of the four nearest B, two pixels away along the axes.
+    """
+    bayer = visible.copy()
+    padded = continued(visible, 2, CELL)
+    height, width = visible.shape
+
+    def shifted(v: int, u: int, dv: int, du: int) -> np.ndarray:
+        return padded[2 + v + dv : 2 + height + dv : CELL, 2 + u + du : 2 + width + du : CELL]
+
+    for (v, u), channel in np.ndenumerate(LAYOUT):
+        if CHANNELS[channel] == "R":
+            near = [shifted(v, u, dv, du) for dv, du in ((-2, 0), (2, 0), (0, -2), (0, 2))]
+        elif CHANNELS[channel] == "NIR":
+            diagonals = ((-1, -1), (-1, 1), (1, -1), (1, 1))
+            near = [
+                shifted(v, u, dv, du)
+                for dv, du in diagonals
+                if CHANNELS[LAYOUT[(v + dv) % CELL, (u + du) % CELL]] == "R"
+            ]
+        else:
+            continue
+        bayer[v::CELL, u::CELL] = sum(near) / np.float32(len(near))
+    return bayer
+
+
+def cell_means(level: np.ndarray) -> np.ndarray:
+    """The mean of each channel's pixels in each cell, (H, W) to (H / 4, W / 4, 4) in B, G, R, NIR."""
+    cells = np.zeros((level.shape[0] // CELL, level.shape[1] // CELL, len(CHANNELS)), level.dtype)
+    for (v, u), channel in np.ndenumerate(LAYOUT):
+        cells[..., channel] += level[v::CELL, u::CELL]
+    return cells / np.bincount(LAYOUT.ravel()).astype(level.dtype)
+
+
+def downsample(image: np.ndarray, factor: int) -> np.ndarray:
+    """The mean of each factor × factor square of (H, W, C) float32."""
+    if factor == 1:
+        return image
+    height, width = image.shape[0] // factor, image.shape[1] // factor
+    return cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+
+
+def to_8_bits(image: np.ndarray) -> np.ndarray:
+    """RAW10 values, clipped to their range, as rounded 8-bit ones: 1023 is 255."""
+    return np.rint(np.clip(image, 0, MAXIMUM) * np.float32(255 / MAXIMUM)).astype(np.uint8)

@@ -1,0 +1,152 @@
+"""Marker dots: found in an image by threshold and blobs, and followed from frame to frame.
+
+The paper ("3D Displacement Field Extraction"): sparse marker displacements are extracted by thresholding and
+blob detection. Positions are (u, v) in pixels, u along x; index i is the centre of pixel i.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+from scipy.spatial import cKDTree
+
+NEIGHBOURS = 6
+"""Markers around one whose median motion predicts its own."""
+ROUNDS = 5
+"""Of association and prediction; two usually settle it."""
+
+
+class MarkerError(ValueError):
+    """Markers that cannot be detected or followed; the message is one line with the values."""
+
+
+@dataclass(frozen=True)
+class Detector:
+    """Finds dark dots on a brighter skin, however unevenly it is lit."""
+
+    diameter_px: float
+    """Of a dot at rest."""
+    contrast: float = 0.3
+    """A pixel belongs to a dot where it lacks more than this share of the skin's brightness around it."""
+    area_range: tuple[float, float] = (0.25, 2.5)
+    """Smallest and largest area of a blob, in areas of a dot at rest."""
+    elongation: float = 2.5
+    """Longest side of a blob's bounding box over its shortest, at most."""
+
+    def __post_init__(self):
+        if not 2 <= self.diameter_px <= 200:
+            raise MarkerError(f"diameter_px = {self.diameter_px:g}: expected 2 to 200")
+        if not 0 < self.contrast < 1:
+            raise MarkerError(f"contrast = {self.contrast:g}: expected more than 0 and less than 1")
+
+    def detect(self, image: np.ndarray) -> np.ndarray:
+        """Centres (K, 2) of the dots of an image (H, W) or (H, W, C) uint8, row by row, float64.
+
+        A colour image is averaged over its channels. A centre is the mean place of a blob's pixels, weighted
+        by how much light each lacks. Blobs that touch the image's edge are left out: part of them is unseen.
+        """
+        if image.dtype != np.uint8 or image.ndim not in (2, 3):
+            raise MarkerError(f"image: {image.dtype} {image.shape}: expected uint8 (H, W) or (H, W, C)")
+        grey = image.astype(np.float32) if image.ndim == 2 else image.mean(axis=2, dtype=np.float32)
+        lacking, dark = self._threshold(grey)
+        count, labels, stats, _ = cv2.connectedComponentsWithStats(dark, connectivity=8)
+        chosen = self._dots(stats, grey.shape)
+        weight = np.bincount(labels.ravel(), lacking.ravel(), count)[chosen]
+        v, u = np.indices(grey.shape)
+        places = [np.bincount(labels.ravel(), (lacking * at).ravel(), count)[chosen] for at in (u, v)]
+        return np.stack(places, axis=-1) / weight[:, None]
+
+    def _threshold(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The light that each pixel lacks, float32 ≥ 0, and where that makes a dot, uint8 0 or 1.
+
+        The skin's brightness is a closing with a disc wider than a dot, smoothed: dots do not darken it.
+        Glints inside a dot are closed likewise.
+        """
+        size = int(np.ceil(self.diameter_px * 1.5)) | 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        skin = cv2.blur(cv2.morphologyEx(grey, cv2.MORPH_CLOSE, disc), (size, size))
+        smooth = cv2.GaussianBlur(grey, (0, 0), max(self.diameter_px / 12, 0.3))
+        dark = (smooth < (1 - self.contrast) * skin).astype(np.uint8)
+        return np.maximum(skin - smooth, 0), dark
+
+    def _dots(self, stats: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+        """Labels of the blobs that are dots; label 0 is the skin."""
+        left, top, width, height, area = stats.T
+        dot = np.pi / 4 * self.diameter_px**2
+        inside = (left > 0) & (top > 0) & (left + width < shape[1]) & (top + height < shape[0])
+        good = inside & (area >= self.area_range[0] * dot) & (area <= self.area_range[1] * dot)
+        good &= np.maximum(width, height) <= self.elongation * np.minimum(width, height)
+        good[0] = False
+        return np.flatnonzero(good)
+
+
+def associate(expected_px: np.ndarray, found_px: np.ndarray, max_step_px: float) -> np.ndarray:
+    """For each expected marker (M, 2) the index of the found one (K, 2), −1 where none is near: (M,) int64.
+
+    The one-to-one assignment of least total squared distance, then repeated from where the median motion of
+    each marker's neighbours puts it, until nothing changes: where the motion is smooth it may exceed half the
+    spacing. All dots moved alike by more than that cannot be told from a shift the other way. A pair farther
+    apart than `max_step_px`, after the neighbours' motion, is none.
+    """
+    matched = np.full(len(expected_px), -1, np.int64)
+    if not len(expected_px) or not len(found_px):
+        return matched
+    _, near = cKDTree(expected_px).query(expected_px, k=min(NEIGHBOURS + 1, len(expected_px)))
+    near = near.reshape(len(expected_px), -1)
+    predicted = expected_px
+    for _ in range(ROUNDS):
+        square = ((predicted[:, None] - found_px) ** 2).sum(axis=-1)
+        rows, columns = linear_sum_assignment(np.minimum(square, max_step_px**2))
+        kept = square[rows, columns] <= max_step_px**2
+        previous, matched = matched, np.full(len(expected_px), -1, np.int64)
+        matched[rows[kept]] = columns[kept]
+        if np.array_equal(matched, previous):
+            break
+        motion = np.where(matched[:, None] >= 0, found_px[matched] - expected_px, np.nan)
+        around = motion[near]
+        known = np.isfinite(around[..., 0]).sum(axis=1) >= 2
+        predicted = expected_px.copy()
+        predicted[known] += np.nanmedian(around[known], axis=1)
+    return matched
+
+
+@dataclass(frozen=True)
+class Tracked:
+    position_px: np.ndarray
+    """(M, 2) where each marker of the reference is; of a lost one, where it was last seen."""
+    displacement_px: np.ndarray
+    """(M, 2) from the reference; of a lost one, the last known."""
+    lost: np.ndarray
+    """(M,) bool: not found in this frame."""
+    new_px: np.ndarray
+    """(K, 2) dots that belong to no marker of the reference."""
+
+
+class Tracker:
+    """Follows the markers of a reference frame. Lost ones are looked for again where they were last seen."""
+
+    def __init__(self, reference_px: np.ndarray, max_step_px: float):
+        reference_px = np.asarray(reference_px, float)
+        if reference_px.ndim != 2 or reference_px.shape[1] != 2 or not len(reference_px):
+            raise MarkerError(
+                f"markers of the reference: {reference_px.shape}: expected (M, 2), M at least 1"
+            )
+        if not max_step_px > 0:
+            raise MarkerError(f"max_step_px = {max_step_px:g}: expected more than 0")
+        self.reference_px, self.max_step_px = reference_px, max_step_px
+        self.position_px = reference_px.copy()
+
+    def update(self, found_px: np.ndarray) -> Tracked:
+        """The markers in the next frame, from the centres (K, 2) that a detector found in it.
+
+        Raises MarkerError where not one marker is found.
+        """
+        matched = associate(self.position_px, found_px, self.max_step_px)
+        lost = matched < 0
+        if lost.all():
+            raise MarkerError(f"markers: all {len(lost)} lost; {len(found_px)} dots found in the frame")
+        self.position_px = self.position_px.copy()
+        self.position_px[~lost] = found_px[matched[~lost]]
+        new = np.setdiff1d(np.arange(len(found_px)), matched)
+        return Tracked(self.position_px, self.position_px - self.reference_px, lost, found_px[new])

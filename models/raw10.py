@@ -1,0 +1,62 @@
+"""MIPI CSI-2 RAW10: four pixels in five bytes.
+
+Bytes 0 to 3 hold bits 9 to 2 of pixels 0 to 3; byte 4 holds their bits 1 and 0, pixel 0 in the lowest two
+(MIPI CSI-2, RAW10; the Linux kernel's V4L2_PIX_FMT_SBGGR10P).
+"""
+
+import numpy as np
+
+MAXIMUM = 2**10 - 1
+"""The largest RAW10 value, the paper's I_max."""
+PIXELS, BYTES = 4, 5
+"""Pixels of a group, and the bytes that they take."""
+_SHIFTS = np.arange(0, 2 * PIXELS, 2, dtype=np.uint8)
+
+
+class Raw10Error(ValueError):
+    """Data that is no RAW10 image; the message is one line with what was expected."""
+
+
+def _check_width(width_px: int) -> None:
+    if width_px < PIXELS or width_px % PIXELS:
+        raise Raw10Error(f"RAW10: width = {width_px} px: expected a multiple of {PIXELS}")
+
+
+def pack(raw: np.ndarray) -> np.ndarray:
+    """Pixels (…, H, W) uint16 of at most 10 bits to bytes (…, H, 5 W / 4) uint8.
+
+    Raises Raw10Error on another type, a value beyond 1023 or a width that is no multiple of four.
+    """
+    if raw.dtype != np.uint16:
+        raise Raw10Error(f"RAW10: pixels are {raw.dtype}: expected uint16")
+    _check_width(raw.shape[-1])
+    if raw.size and raw.max() > MAXIMUM:
+        raise Raw10Error(f"RAW10: a pixel is {raw.max()}: expected at most {MAXIMUM}")
+    groups = raw.reshape(*raw.shape[:-1], -1, PIXELS)
+    packed = np.empty((*groups.shape[:-1], BYTES), np.uint8)
+    packed[..., :PIXELS] = groups >> 2
+    packed[..., PIXELS] = np.bitwise_or.reduce((groups & 3).astype(np.uint8) << _SHIFTS, axis=-1)
+    return packed.reshape(*raw.shape[:-1], -1)
+
+
+def unpack(data: bytes | np.ndarray, height_px: int, width_px: int) -> np.ndarray:
+    """One packed image, bytes or uint8 of any shape, to pixels (H, W) uint16.
+
+    Raises Raw10Error on another type and where the data are not exactly one image long.
+    """
+    _check_width(width_px)
+    if isinstance(data, np.ndarray) and data.dtype != np.uint8:
+        raise Raw10Error(f"RAW10: data are {data.dtype}: expected uint8")
+    packed = (
+        np.ascontiguousarray(data).ravel() if isinstance(data, np.ndarray) else np.frombuffer(data, np.uint8)
+    )
+    expected = height_px * width_px // PIXELS * BYTES
+    if packed.size != expected:
+        kind = "truncated" if packed.size < expected else "too long"
+        raise Raw10Error(
+            f"RAW10: {packed.size} bytes: {kind}, expected {expected} for {width_px} x {height_px} px"
+        )
+    groups = packed.reshape(-1, BYTES)
+    raw = groups[:, :PIXELS].astype(np.uint16) << 2
+    raw |= groups[:, PIXELS:] >> _SHIFTS & 3
+    return raw.reshape(height_px, width_px)

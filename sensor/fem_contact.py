@@ -1,0 +1,186 @@
+"""Unilateral contact with Coulomb friction between the skin's nodes and a rigid indenter.
+
+At each node: no pull and no overlap (force n ≥ 0, gap ≥ 0, one of them zero), and |t| ≤ μ n, where the node
+either sticks to the indenter or slides, with t against the slip. The indenter moves without turning; along
+each of its axes either its way or its force is given, so that loads are reached exactly. Small displacements:
+the gap of a node changes along the indenter's normal at first touch, with its way relative to the indenter.
+
+Each load step is solved by a semismooth Newton method on the compliance (Alart and Curnier, Comput. Methods
+Appl. Mech. Eng. 92 (1991) 353; Hüeber, Stadler and Wohlmuth, SIAM J. Sci. Comput. 30 (2008) 572). A step that
+does not converge is halved.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+GAP_TOLERANCE_MM = 1e-8
+FORCE_TOLERANCE = 1e-8
+"""Largest error of a force that is given, relative to the largest nodal force."""
+MAX_ITERATIONS = 40
+MAX_HALVINGS = 6
+SEEDS = 5
+"""Nodes that first touch."""
+
+
+class NotConvergedError(ArithmeticError):
+    """No equilibrium was found: the load is most likely more than friction, or the contact, can carry."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """What is given along the indenter's three axes, the rows of `axes`, unit vectors."""
+
+    axes: np.ndarray
+    forced: np.ndarray
+    """(3,) bool: whether the force is given along an axis; else the way."""
+    value: np.ndarray
+    """(3,) the skin's force on the indenter in N, or the indenter's way from first touch in mm."""
+
+
+@dataclass(frozen=True)
+class State:
+    force: np.ndarray
+    """(m, 3) nodal forces in N: pressure, and traction along both tangents."""
+    way_mm: np.ndarray
+    """(3,) of the indenter from first touch, along x, y and z."""
+    slip_mm: np.ndarray
+    """(m, 2) of each node relative to the indenter, from first touch."""
+    sticking: np.ndarray
+    """(m,) bool: in contact and did not slide in the last step."""
+
+
+class ContactProblem:
+    """m nodes that may touch.
+
+    compliance_mm_per_n : (3m, 3m), x, y, z of each node
+    gap_mm : (m,) ≥ 0 at first touch, along `normals` (m, 3), unit vectors from the skin to the indenter
+    """
+
+    def __init__(self, compliance_mm_per_n, gap_mm, normals, friction: float):
+        first = np.stack([normals[:, 2], np.zeros(len(normals)), -normals[:, 0]], axis=-1)
+        first /= np.linalg.norm(first, axis=-1, keepdims=True)
+        self.frame = np.stack([-normals, first, np.cross(normals, first)], axis=1)
+        """(m, 3, 3): the directions of a node's three forces on the skin."""
+        m = len(gap_mm)
+        local = np.einsum("iab,ibn->ian", self.frame, compliance_mm_per_n.reshape(m, 3, -1))
+        local = np.einsum("xjd,jcd->xjc", local.reshape(3 * m, m, 3), self.frame)
+        self.compliance = local.reshape(3 * m, 3 * m)
+        self.gap_mm, self.friction = np.asarray(gap_mm, float), friction
+        self.scale = 1 / self.compliance.diagonal().reshape(m, 3)
+
+    def rest(self) -> State:
+        m = len(self.gap_mm)
+        return State(np.zeros((m, 3)), np.zeros(3), np.zeros((m, 2)), np.zeros(m, bool))
+
+    def forces_n(self, state: State) -> np.ndarray:
+        """Nodal forces on the skin, (m, 3) along x, y, z."""
+        return np.einsum("ia,iab->ib", state.force, self.frame)
+
+    def resultant_n(self, state: State) -> np.ndarray:
+        """The skin's force on the indenter, (3,)."""
+        return -self.forces_n(state).sum(axis=0)
+
+    def follow(self, start: State, load: Load, steps: int) -> State:
+        """From one equilibrium to another, the load changing evenly in `steps` steps or more.
+
+        Raises NotConvergedError where a step of 1/64 of the given ones still has no solution.
+        """
+        before = np.where(load.forced, load.axes @ self.resultant_n(start), load.axes @ start.way_mm)
+        state, done, size = start, 0.0, 1 / steps
+        while done < 1 - 1e-12:
+            share = min(done + size, 1.0)
+            value = before + share * (load.value - before)
+            try:
+                state = self._step(state, Load(load.axes, load.forced, value))
+            except NotConvergedError:
+                size /= 2
+                if size < 1 / steps / 2**MAX_HALVINGS:
+                    raise
+                continue
+            done = share
+        return state
+
+    def _relative(self, force: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """The skin's movement relative to the indenter in each node's frame, (m, 3)."""
+        return (self.compliance @ force.ravel()).reshape(-1, 3) - self.frame @ way
+
+    def _step(self, start: State, load: Load) -> State:
+        force, way = start.force, start.way_mm
+        touching = force[:, 0] > 0
+        if not touching.any():
+            touching[np.argsort(self.gap_mm, kind="stable")[:SEEDS]] = True
+            free = np.zeros_like(touching)
+            force, way = self._newton(start, load, touching, free, np.zeros_like(start.slip_mm), free)
+        for _ in range(MAX_ITERATIONS):
+            relative = self._relative(force, way)
+            gap, slip = self.gap_mm + relative[:, 0], relative[:, 1:] - start.slip_mm
+            pressed = force[:, 0] - self.scale[:, 0] * gap
+            trial = force[:, 1:] - self.scale[:, 1:].mean(axis=1, keepdims=True) * slip
+            size, bound = np.linalg.norm(trial, axis=1), self.friction * np.maximum(pressed, 0)
+            touching = pressed > 0
+            sticking = touching & (size < bound)
+            direction = trial / np.where(size > 0, size, 1)[:, None]
+            if self._settled(load, force, way, gap, slip, touching, sticking, direction):
+                return State(force, way, relative[:, 1:], sticking)
+            if not touching.any():
+                raise NotConvergedError
+            share = bound / np.where(size > 0, size, np.inf)
+            force, way = self._newton(start, load, touching, sticking, direction, share)
+        raise NotConvergedError
+
+    def _settled(self, load, force, way, gap, slip, touching, sticking, direction) -> bool:
+        """Whether every condition of contact, friction and load holds."""
+        sliding = touching & ~sticking
+        small = FORCE_TOLERANCE * np.abs(force).max()
+        off = force[sliding, 1:] - self.friction * force[sliding, :1] * direction[sliding]
+        resultant = -np.einsum("ia,iab->b", force, self.frame)
+        return (
+            small > 0
+            and not force[~touching].any()
+            and force.min(axis=0)[0] >= -small
+            and gap.min() >= -GAP_TOLERANCE_MM
+            and np.abs(gap[touching]).max(initial=0) <= GAP_TOLERANCE_MM
+            and np.abs(slip[sticking]).max(initial=0) <= GAP_TOLERANCE_MM
+            and np.abs(off).max(initial=0) <= small
+            and np.abs(load.axes @ resultant - load.value)[load.forced].max(initial=0) <= small
+            and np.abs(load.axes @ way - load.value)[~load.forced].max(initial=0) <= GAP_TOLERANCE_MM
+        )
+
+    def _newton(self, start, load, touching, sticking, direction, share):
+        """New forces and way: the equations of the nodes' present conditions, linearised, and of the load.
+
+        Touching nodes have no gap. Sticking ones do not slip; of sliding ones the traction is μ n along
+        `direction`, the direction's change included; `share` is μ n over the length of the trial traction.
+        """
+        nodes = np.flatnonzero(touching)
+        rows = (3 * nodes[:, None] + np.arange(3)).ravel()
+        count, frame = len(nodes), self.frame[nodes]
+        forced = np.flatnonzero(load.forced)
+        given = load.axes[~load.forced].T @ load.value[~load.forced]
+        matrix = np.zeros((3 * count + len(forced),) * 2)
+        matrix[: 3 * count, : 3 * count] = self.compliance[np.ix_(rows, rows)]
+        matrix[3 * count :, : 3 * count] = -load.axes[forced] @ frame.reshape(-1, 3).T
+        matrix[: 3 * count, 3 * count :] = matrix[3 * count :, : 3 * count].T
+        right = np.concatenate([-self.gap_mm[nodes, None], start.slip_mm[nodes]], axis=1) + frame @ given
+
+        slide = np.flatnonzero(~sticking[nodes])
+        along = direction[nodes[slide]]
+        across = share[nodes[slide], None, None] * (np.eye(2) - along[:, :, None] * along[:, None])
+        stiff = self.scale[nodes[slide], 1:].mean(axis=1)[:, None, None] * across
+        moved = matrix[: 3 * count].reshape(count, 3, -1)
+        moved[slide, 1:] = stiff @ moved[slide, 1:]
+        right[slide, 1:] = (stiff @ right[slide, 1:, None])[..., 0]
+        tangent = np.arange(1, 3)
+        moved[slide[:, None, None], tangent[:, None], 3 * slide[:, None, None] + tangent] += (
+            np.eye(2) - across
+        )
+        moved[slide[:, None], tangent, 3 * slide[:, None]] -= self.friction * along
+        side = np.concatenate([right.ravel(), load.value[forced]])
+        try:
+            found = np.linalg.solve(matrix, side)
+        except np.linalg.LinAlgError:
+            raise NotConvergedError from None
+        force = np.zeros_like(start.force)
+        force[nodes] = found[: 3 * count].reshape(-1, 3)
+        return force, given + load.axes[forced].T @ found[3 * count :]
