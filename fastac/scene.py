@@ -53,8 +53,31 @@ class Light(Strict):
     """Size of the glow that the scattering skeleton makes of each source."""
     ambient: Annotated[float, Field(ge=0, lt=1)] = 0.15
     """Share of the light that arrives from everywhere."""
+    specular: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of a source's light that the paint reflects like a rough mirror."""
+    shininess: Annotated[float, Field(ge=1, le=200)] = 20.0
+    """Exponent of that mirror's lobe."""
+    cast_shadows: bool = False
+    """Whether the skin's parts hide the sources from each other."""
     brightest_dn: Annotated[float, Field(gt=0, le=255)] = 150.0
     """Brightest pixel of the background, in each channel, in 8-bit digital numbers."""
+
+
+class Markers(Strict):
+    """Black dots on the skin, on a square grid, which move with it."""
+
+    spacing_mm: Positive = 1.6
+    radius_mm: Positive = 0.3
+    contrast: Annotated[float, Field(gt=0, le=1)] = 0.9
+    """Share of the light that a dot swallows."""
+
+    @model_validator(mode="after")
+    def _apart(self):
+        if self.spacing_mm <= 2 * self.radius_mm:
+            raise ValueError(
+                f"spacing_mm: {self.spacing_mm:g} leaves no skin between dots of {self.radius_mm:g}"
+            )
+        return self
 
 
 class Sensor(Strict):
@@ -67,6 +90,8 @@ class Sensor(Strict):
     ellipsoid: Ellipsoid = Ellipsoid()
     elastomer: Elastomer = Elastomer()
     light: Light = Light()
+    markers: Markers | None = None
+    """Without a table of this name the skin has no dots, and nothing tracks any."""
     noise_dn: Annotated[float, Field(ge=0)] = 1.0
     """Standard deviation of the camera's read noise in 8-bit digital numbers."""
     electrons_per_dn: Positive = 8.0

@@ -7,6 +7,7 @@ import numpy as np
 from fastac.scene import Sensor
 from sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 from sensor.light import irradiance
+from sensor.skin_paint import albedo
 
 BACKGROUND_EXPOSURES = 16
 """Frames that a background is averaged over, as users do to be rid of its noise."""
@@ -17,21 +18,16 @@ def _at_rest(sensor: Sensor) -> np.ndarray:
     return irradiance(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
 
 
-@lru_cache
-def _albedo(sensor: Sensor) -> np.ndarray:
-    """The skin's albedo relative to its mean, (H, W): part of the sensor, the same in every frame."""
-    pattern = np.random.default_rng(0).standard_normal((sensor.height_px, sensor.width_px))
-    return np.maximum(1 + sensor.grain * pattern, 0)
-
-
-def exposure(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.ndarray:
+def exposure(
+    normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor, tangential_mm: np.ndarray | None = None
+) -> np.ndarray:
     """The noise-free image in digital numbers, (H, W, C) float64, not yet clipped to 8 bits.
 
     Each channel's gain brings the brightest pixel of the untouched skin to `sensor.light.brightest_dn`, but
-    for the paint's grain, which scales all channels alike.
+    its paint, which scales all channels alike and moves by `tangential_mm` (sensor/skin_paint.py).
     """
     gain = sensor.light.brightest_dn / _at_rest(sensor).max(axis=(0, 1))
-    return gain * irradiance(normals, depth_mm, sensor) * _albedo(sensor)[..., None]
+    return gain * irradiance(normals, depth_mm, sensor) * albedo(sensor, tangential_mm)[..., None]
 
 
 def _expose(image: np.ndarray, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
@@ -40,12 +36,19 @@ def _expose(image: np.ndarray, sensor: Sensor, rng: np.random.Generator) -> np.n
     return np.clip(np.rint(image + deviation * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
 
 
-def render(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
+def render(
+    normals: np.ndarray,
+    depth_mm: np.ndarray,
+    sensor: Sensor,
+    rng: np.random.Generator,
+    tangential_mm: np.ndarray | None = None,
+) -> np.ndarray:
     """One frame (H, W, C) uint8 of a skin with outward unit normals (H, W, 3) and z = depth_mm (H, W).
 
-    Channels are the sensor's, in its order. See `_expose` for the noise.
+    Channels are the sensor's, in its order. What is painted on the skin has moved by `tangential_mm`
+    (H, W, 2), x and y. See `_expose` for the noise.
     """
-    return _expose(exposure(normals, depth_mm, sensor), sensor, rng)
+    return _expose(exposure(normals, depth_mm, sensor, tangential_mm), sensor, rng)
 
 
 def background(sensor: Sensor, rng: np.random.Generator) -> np.ndarray:

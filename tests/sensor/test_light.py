@@ -3,7 +3,8 @@ import pytest
 
 from fastac.scene import Light, Sensor
 from sensor.geometry import normals_from_slopes
-from sensor.light import irradiance, source_mm
+from sensor.light import irradiance
+from sensor.sources import source_mm
 
 FLAT = Sensor(geometry="flat", height_px=32, width_px=32, pitch_mm=0.5, channels="bgr+nir")
 B, G, R, NIR = range(4)
@@ -48,3 +49,19 @@ def test_lambert_and_inverse_square():
 def test_a_slope_turned_away_gets_the_diffuse_share_only():
     np.testing.assert_allclose(lit(-20.0, -20.0)[..., R], Light().ambient)
     assert lit(-20.0, -20.0)[..., G].min() > Light().ambient
+
+
+def test_a_mirror_s_lobe_points_half_way_between_source_and_camera():
+    light = Light(ambient=0, specular=0.5, shininess=60, softening_mm=0)
+    sensor = FLAT.model_copy(update={"light": light})
+    plain = FLAT.model_copy(update={"light": light.model_copy(update={"specular": 0.0})})
+    v, u = 15, 15
+    skin = np.array([(u - 15.5) * 0.5, (v - 15.5) * 0.5, 0.0])
+    to_source = source_mm("R", light) - skin
+    half = to_source / np.linalg.norm(to_source) + [0, 0, -1]
+    p, q = -half[:2] / half[2]  # the skin whose lit side, −n, looks that way
+    share = lit(p, q, sensor)[v, u, R] / lit(p, q, plain)[v, u, R]
+    cosine = -(to_source @ normals_from_slopes(np.array(p), np.array(q))) / np.linalg.norm(to_source)
+    assert share == pytest.approx(0.5 + 0.5 / cosine)
+    level = lit(0, 0, sensor)[v, u, R] / lit(0, 0, plain)[v, u, R]
+    assert level == pytest.approx(0.5, abs=0.01), "only the diffuse half is left beside the lobe"
