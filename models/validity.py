@@ -85,11 +85,12 @@ class FrameValidity:
         """A frame and the background (H, W, C) uint8 to the measures of the pixels, int64."""
         image = frame.astype(np.int16)
         difference = image - background
-        clipped = ((frame == 0) | (frame == 255)).any(axis=-1)
+        clipped = (frame == 0) | (frame == 255)
+        columns = difference.reshape(len(frame), -1).sum(axis=0, dtype=np.int64)  # NumPy adds long rows fast
         return np.array(
             [
-                np.count_nonzero(clipped),
-                *difference.sum(axis=(0, 1), dtype=np.int64),
+                np.count_nonzero(np.logical_or.reduce([*np.moveaxis(clipped, -1, 0)])),
+                *columns.reshape(-1, frame.shape[-1]).sum(axis=0),
                 np.abs(difference).sum(dtype=np.int64),
                 np.abs(np.diff(image, axis=1)).sum(dtype=np.int64),
             ]
