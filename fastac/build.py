@@ -20,6 +20,7 @@ HARDWARE_SOURCES = (
     "gateware/*.vlt",
     "models/integer.py",
     "models/fixed.py",
+    "models/validity.py",
     "fastac/hardware.py",
 )
 PIPELINE_SOURCES = (

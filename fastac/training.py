@@ -191,5 +191,7 @@ def assemble(data: Dataset, scene: Scene, folder: Path, output: Path) -> bundle.
         kernels = load_arrays(folder / "force.npz")
         pipeline = quantise.with_force(pipeline, kernels["force.integer_weights"].astype(np.float64))
         floats |= kernels
+    known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))
+    pipeline = quantise.with_limits(pipeline, data.frames[known])
     source = {"source": data.source, "frames": len(data), "channels": list(data.channels)}
     return bundle.save(output, replace(pipeline, provenance=source), floats)

@@ -31,6 +31,7 @@ SOURCES = (
     "models/integer.py",
     "models/fixed.py",
     "models/tridiagonal.py",
+    "models/validity.py",
 )
 """What a row follows from, beside its Verilog and its frames."""
 LIMITS = {"elaboration_s": 60, "build_s": 180, "simulation_s_per_frame": 20}

@@ -2,7 +2,8 @@
 """A calibration: what changes when a sensor's pixel network is trained anew, as words for hardware that runs.
 
 It is the network, what follows from it (the source of the slopes at rest in difference mode, the depth at
-rest in absolute mode where a force is wanted, the adjoint's constants) and the bundle's hash. All else must
+rest in absolute mode where a force is wanted, the adjoint's constants), the limits beyond which frames are
+suspect, and the bundle's hash. All else must
 be as in the bundle that the hardware was made from.
 """
 
@@ -18,11 +19,12 @@ from models.bundle import Bundle, save
 from models.integer import Depth, Layer, PoissonSource, Requantisation, WeightedSum
 from models.pipeline import IntegerPipeline
 from models.quantise import with_force_of
+from models.validity import FrameValidity
 
 from .calibration_loader import CalibrationLoader, ImageLayout
 from .datapath import Datapath
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 """Of the images."""
 
 
@@ -33,6 +35,7 @@ class CalibrationError(ValueError):
 def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
     """The fields of each class that a calibration brings, or that only explain it."""
     fields = {Layer: {"weight", "bias"}, Requantisation: {"multiplier", "shift"}, Stage: {"bound_px"}}
+    fields[FrameValidity] = {"low", "high"}
     if pipeline.scene.poisson.mode == "difference":
         fields[PoissonSource] = {"offset"}
     else:
@@ -69,7 +72,7 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
         else:
             yield name, value
 
-    for name in ("layers", "ratio", "source", "solver", "depth", "quantiser", "force"):
+    for name in ("layers", "ratio", "source", "solver", "depth", "quantiser", "force", "validity"):
         stage = getattr(pipeline, name)
         yield from content(name, stage)
         if hasattr(stage, "width"):

@@ -23,6 +23,7 @@ from .normal_mlp import NormalMlp
 from .poisson_solver import Buffer, PoissonSolver
 from .stream_fork import Fork
 from .tridiagonal_solver import TridiagonalPoissonSolver
+from .validity import FrameValidity
 from .weighted_sum import WeightedSumStream
 
 
@@ -55,11 +56,14 @@ class Datapath(FrameCycles, wiring.Component):
     force : stream of one beat a frame, an accumulator per axis. Only if wanted.
     force_map : stream of axes × `lanes` responses in the order of the depth. Only if wanted.
     gradient_saturated, displacement_saturated : in a beat that just passes
+    suspect_valid, suspect : see FrameValidity; a frame's comes before its depth
+    verdict : stream of a frame's flags, offered before its last result, to be taken with it
     hold : see FrameGuard. Only if the network is loadable, as what follows.
     network : the network's parameters, see NormalMlp
     offset : write port of the source's offsets. Only in difference mode.
     rest : write port of the depth at rest. Only in absolute mode with a force.
     constant : of the adjoint, an accumulator per axis. Only with it.
+    limits : of the flags, see FrameValidity
 
     What is loadable must not change while a frame is under way.
     Its cycles are FrameCycles'.
@@ -83,6 +87,7 @@ class Datapath(FrameCycles, wiring.Component):
         self.mlp = NormalMlp(pipeline.layers, input_width=WIDTH, lanes=lanes)
         normal_width = pipeline.layers[-1].accumulator_width
         self.loadable = pipeline.layers[0].loadable
+        self.validity = FrameValidity(pipeline.validity, lanes=lanes, loadable=self.loadable)
         members = {
             "axis": In(self.guard.axis.signature.flip()),
             "enable": In(1, init=1),
@@ -91,6 +96,9 @@ class Datapath(FrameCycles, wiring.Component):
             "captured": Out(1),
             "gradient_saturated": Out(1),
             "displacement_saturated": Out(1),
+            "suspect_valid": Out(1),
+            "suspect": Out(1),
+            "verdict": Out(self.validity.verdict.signature),
             **{name: Out(1) for name in (*EVENTS, *ERRORS)},
         }
         self.normal_layout = data.ArrayLayout(data.ArrayLayout(signed(normal_width), 3), lanes)
@@ -123,6 +131,8 @@ class Datapath(FrameCycles, wiring.Component):
                     in_order(pipeline.force), lanes=lanes, loadable=self.loadable and scene.wants_adjoint
                 )
             members["force"] = Out(self.force_stream.o.signature)
+        if self.validity.latency > (self.force_stream if self.wants_force else self.mlp).latency:
+            raise ValueError(f"verdicts of {self.validity.latency} clocks: later than the frames' results")
         if self.wants_force_map:
             members["force_map"] = Out(self.force_stream.map.signature)
         if self.loadable:
@@ -141,6 +151,10 @@ class Datapath(FrameCycles, wiring.Component):
             force, mask = self.pipeline.force, (1 << self.pipeline.force.width) - 1
             words = [(int(c) & mask) << (k * force.width) for k, c in enumerate(force.constant)]
             registers["constant"] = (len(words) * force.width, sum(words))
+        registers["limits"] = (
+            self.validity.limits_bits,
+            self.validity.limits_image(self.pipeline.validity),
+        )
         return registers
 
     @property
@@ -183,8 +197,23 @@ class Datapath(FrameCycles, wiring.Component):
             ),
         ]
 
+        m.submodules.validity = validity = self.validity
+        connect(m, validity.verdict, wiring.flipped(self.verdict))
+        m.d.comb += [
+            validity.pixels.eq(guard.o.payload),
+            validity.pixels_taken.eq(guard.o.valid & guard.o.ready),
+            validity.features.eq(background.o.payload),
+            validity.features_taken.eq(background.o.valid & background.o.ready),
+            self.suspect_valid.eq(validity.suspect_valid),
+            self.suspect.eq(validity.suspect),
+        ]
+
         if self.loadable:
-            m.d.comb += [guard.hold.eq(self.hold), mlp.parameters.eq(self.network)]
+            m.d.comb += [
+                guard.hold.eq(self.hold),
+                mlp.parameters.eq(self.network),
+                validity.limits.eq(self.limits),
+            ]
 
         def fan_out(source, sinks, name):
             """Connect one stream to one or several."""
@@ -200,7 +229,11 @@ class Datapath(FrameCycles, wiring.Component):
         scene = self.pipeline.scene
         if scene.wants_slopes:
             m.submodules.divider = divider = self.divider
-            m.d.comb += self.gradient_saturated.eq(divider.saturated)
+            m.d.comb += [
+                self.gradient_saturated.eq(divider.saturated),
+                validity.slopes_over.eq(divider.over),
+                validity.slopes_taken.eq(divider.o.valid & divider.o.ready),
+            ]
             sinks.append(divider.i)
         fan_out(normals.o, sinks, "normals_fork")
         if self.wants_force:
@@ -227,7 +260,11 @@ class Datapath(FrameCycles, wiring.Component):
         if self.wants_force:
             m.submodules.displacement = displacement = self.displacement
             connect(m, displacement.o, force.i)
-            m.d.comb += self.displacement_saturated.eq(displacement.saturated)
+            m.d.comb += [
+                self.displacement_saturated.eq(displacement.saturated),
+                validity.displacements_over.eq(displacement.over),
+                validity.displacements_taken.eq(displacement.o.valid & displacement.o.ready),
+            ]
             sinks.append(displacement.i)
             if displacement.loadable:
                 connect(m, wiring.flipped(self.rest), displacement.rest)

@@ -167,6 +167,7 @@ class Displacement(wiring.Component):
     i : stream of `lanes` solutions, signed(depth.input_width)
     o : stream of `lanes` displacements, unsigned(quantiser.bits), or signed if the quantiser does not clamp
     saturated : high while `o` offers a beat in which a displacement is clipped to ±quantiser.top
+    over : which of the displacements in the beat that `o` offers are
     rest : write port of the memory of `rest`, not to be used while a frame is inside; see `Table`. Only in
         absolute mode with `loadable`, which also makes room for any rest that a depth of this width has.
 
@@ -185,6 +186,7 @@ class Displacement(wiring.Component):
             "i": In(stream.Signature(data.ArrayLayout(signed(depth.input_width), lanes))),
             "o": Out(stream.Signature(data.ArrayLayout(word, lanes))),
             "saturated": Out(1),
+            "over": Out(lanes),
         }
         self.loadable = loadable and self.has_rom
         if self.loadable:
@@ -253,7 +255,8 @@ class Displacement(wiring.Component):
                 ]
         m.d.comb += [
             self.o.payload.eq(displacement),
-            self.saturated.eq(self.o.valid & (over & self._present(m)).any()),
+            self.over.eq(over & self._present(m)),
+            self.saturated.eq(self.o.valid & self.over.any()),
         ]
         return m
 

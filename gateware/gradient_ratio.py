@@ -17,6 +17,7 @@ class GradientDivider(wiring.Component):
     i : stream of `lanes` normals (x, y, z) of any length, signed(ratio.normal_width) each
     o : stream of `lanes` slopes (p, q), signed(ratio.width) each
     saturated : high while `o` offers a beat in which a slope saturates or an n_z is not positive
+    over : which of the slopes in the beat that `o` offers do
 
     A slope is the quotient Q = floor(2**(fraction+1)·|n| / n_z), of `ratio.width` bits, rounded by
     (Q + 1) >> 1. Each stage of the division brings down one bit of the numerator and finds one bit of Q, so
@@ -46,6 +47,7 @@ class GradientDivider(wiring.Component):
                 "i": In(stream.Signature(data.ArrayLayout(normal, lanes))),
                 "o": Out(stream.Signature(data.ArrayLayout(slopes, lanes))),
                 "saturated": Out(1),
+                "over": Out(2 * lanes),
             }
         )
 
@@ -67,7 +69,7 @@ class GradientDivider(wiring.Component):
             slopes, saturated = self._divide(m, advance, normal, f"lane{lane}")
             m.d.comb += [self.o.payload[lane][k].eq(slope) for k, slope in enumerate(slopes)]
             flags += saturated
-        m.d.comb += self.saturated.eq(self.o.valid & Cat(flags).any())
+        m.d.comb += [self.over.eq(Cat(flags)), self.saturated.eq(self.o.valid & self.over.any())]
         return m
 
     def _divide(self, m: Module, advance: Signal, normal, lane: str) -> tuple[list[Signal], list[Signal]]:

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from models.validity import REASONS
+
 ADDRESS_WIDTH = 8
 ID = int.from_bytes(b"FTAC", "big")
 ERRORS = (
@@ -15,6 +17,7 @@ ERRORS = (
     "displacement_saturated",
     "result_overrun",
     "calibration_refused",
+    "frame_suspect",
 )
 AXES = "xyz"
 
@@ -101,12 +104,13 @@ REGISTERS = (
         "ro",
         "busy: frames are in flight. result_valid: a result has come since reset or soft reset."
         " last_frame_bad: the frame of the last result was bad. loading: a calibration is not complete, and"
-        " frames wait. frames_in_flight: how many",
+        " frames wait. last_frame_suspect: FRAME_VALIDITY is not 0. frames_in_flight: how many",
         (
             Field("busy", 0),
             Field("result_valid", 1),
             Field("last_frame_bad", 2),
             Field("loading", 3),
+            Field("last_frame_suspect", 4),
             Field("frames_in_flight", 8, 8),
         ),
     ),
@@ -115,7 +119,8 @@ REGISTERS = (
         0x20,
         "w1c",
         "what happened since it was cleared. result_overrun: a result came while the last one's interrupt was"
-        " still pending. calibration_refused: a word of CALIBRATION was",
+        " still pending. calibration_refused: a word of CALIBRATION was. frame_suspect: a frame had a"
+        " FRAME_VALIDITY other than 0",
         tuple(Field(name, k) for k, name in enumerate(ERRORS)),
     ),
     Register("INTERRUPT_STATUS", 0x24, "w1c", "a result has come", (Field("result", 0),)),
@@ -135,6 +140,17 @@ REGISTERS = (
     ),
     Register(
         "LATENCY_FIRST_PIXEL_TO_NORMALS", 0x44, "ro", "clocks to the last beat of normals", needs="normals"
+    ),
+    Register(
+        "FRAME_VALIDITY",
+        0x48,
+        "ro",
+        "why the frame of the last result is not to be trusted: what was beyond the limits that training set;"
+        " 0: nothing. clipped: pixels at 0 or 255. brightness_…: sum of a channel's differences from the"
+        " background. change: sum of all their magnitudes. detail: sum of the steps from pixel to pixel in"
+        " the rows. gradient, displacement: how many saturated. A background that is captured anew is what"
+        " brightness and change are measured from; limits stay. A calibration brings limits of its own",
+        tuple(Field(name, k) for k, name in enumerate(REASONS)),
     ),
     *_FORCE,
     Register(

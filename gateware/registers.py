@@ -4,11 +4,16 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
+from models.validity import REASONS
+
 from .axi_lite import AxiLiteSlave, Response, axi_lite_signature
 from .calibration_loader import calibration_signature
 from .frame_guard import EVENTS
 from .frame_timer import FrameTimer
-from .register_map import ADDRESS_WIDTH, AXES, ID, REGISTERS, Identity
+from .register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, REGISTERS, Identity
+
+FOUND_HERE = ("result_overrun", "calibration_refused", "frame_suspect")
+"""Errors that are not reported from elsewhere."""
 
 
 def capabilities(identity: Identity) -> int:
@@ -30,6 +35,7 @@ class RegisterBlock(wiring.Component):
     gradient_saturated, displacement_saturated : pulses or levels that set their error
     force : a raw accumulator of each axis, signed(force_width), of the clock in which `result_valid` is high
     result_valid : pulse as a frame's force is taken. Only with axes, as `force`.
+    validity : flags of the frame of the result, in the clock of the result, see FRAME_VALIDITY
     depth_done, normals_done : pulse as a frame's last beat of depth, of normals leaves. Only with them.
     background_taken : pulse as a frame has been taken as background. Only with background_capture.
     enable : let frames in
@@ -45,10 +51,14 @@ class RegisterBlock(wiring.Component):
     def __init__(self, identity: Identity):
         self.identity = identity
         # What happens elsewhere; the other errors are found here.
-        self.reported = [n for n in identity.errors if n not in ("result_overrun", "calibration_refused")]
+        self.reported = [n for n in identity.errors if n not in FOUND_HERE]
         inputs = [*EVENTS, *self.reported]
         outputs = ["soft_reset", "interrupt"]
-        members = {"axil": In(axi_lite_signature(ADDRESS_WIDTH)), "enable": Out(1, init=1)}
+        members = {
+            "axil": In(axi_lite_signature(ADDRESS_WIDTH)),
+            "enable": Out(1, init=1),
+            "validity": In(len(REASONS)),
+        }
         if identity.axes:
             inputs.append("result_valid")
             members["force"] = In(data.ArrayLayout(signed(identity.force_width), len(identity.axes)))
@@ -104,13 +114,17 @@ class RegisterBlock(wiring.Component):
         if identity.background_capture:
             m.d.sync += self.capture_background.eq(after[1] | requested)
 
-        errors = Signal(len(identity.errors))
+        errors = Signal(len(ERRORS))
+        frame_validity = Signal(len(REASONS))
         pending = Signal()
         result_valid = Signal()
         clear_errors = Signal.like(errors)
         clear_pending = Signal()
         seen = {name: getattr(self, name) for name in self.reported}
         seen["result_overrun"] = result & pending & ~clear_pending
+        seen["frame_suspect"] = result & self.validity.any()
+        with m.If(result):
+            m.d.sync += frame_validity.eq(self.validity)
         loading, refused = Const(0, 1), Const(0, 1)
         bundle_hash = Const(identity.bundle_hash, 64)
         if identity.calibration:
@@ -130,7 +144,7 @@ class RegisterBlock(wiring.Component):
             self.interrupt.eq(pending & interrupt_enable),
         ]
         m.d.sync += [
-            errors.eq((errors & ~clear_errors) | Cat(seen[name] for name in identity.errors)),
+            errors.eq((errors & ~clear_errors) | Cat(seen.get(name, 0) for name in ERRORS)),
             pending.eq((pending & ~clear_pending) | result),
             result_valid.eq((result_valid | result) & ~self.soft_reset),
         ]
@@ -151,7 +165,8 @@ class RegisterBlock(wiring.Component):
                 result_valid,
                 getattr(timer, f"{identity.result}_bad"),
                 loading,
-                Const(0, 4),
+                frame_validity.any(),
+                Const(0, 3),
                 timer.in_flight,
             ),
             "ERRORS": errors,
@@ -159,6 +174,7 @@ class RegisterBlock(wiring.Component):
             "FRAME_COUNT": timer.frame_count,
             "FRAME_ERRORS": frame_errors,
             "INTERVAL": timer.interval,
+            "FRAME_VALIDITY": frame_validity,
         }
         if identity.calibration:
             values |= {

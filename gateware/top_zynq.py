@@ -16,20 +16,23 @@ from .frame_guard import ERRORS, EVENTS, axis_signature
 from .register_map import ADDRESS_WIDTH, AXES, Identity
 from .registers import RegisterBlock
 
-VERSION = 2
+VERSION = 3
 """Of the hardware and of its register map."""
 WORD = 32
 """Bits of one value on the output streams."""
 ROW_BITS = 8
 """Of a row's address in tuser."""
 FRAMES_IN_FLIGHT = 8
+RESULT = {"force": "result_valid", "depth": "depth_done", "normals": "normals_done"}
+"""Of the registers, the pulse with each kind of result."""
 
 
 @dataclass(frozen=True)
 class RasterOutput:
     """An output stream of images: `rows` × `columns` pixels of `words` values, `lanes` pixels a beat.
 
-    tagged : tuser says, beside the start of frame, whether the frame is bad and which row it is
+    tagged : tuser says, beside the start of frame, whether the frame is bad, which row it is, and whether the
+        frame is suspect
     rows_reversed : the last row comes first
     """
 
@@ -77,15 +80,17 @@ class TopZynq(wiring.Component):
     s_axil_* : AXI4-Lite, the registers of gateware/register_map.py
     m_axis_depth_* : AXI4-Stream of depth, `lanes` signed 32-bit words, N rows of N values, N = width − 2;
         tkeep: bytes of lanes that hold a value; tlast: end of row; tuser[0]: start of frame; tuser[1]: the
-        frame is bad; tuser[9:2]: the row, 0 to N − 1. The tridiagonal solver's rows come last to first.
-        Only if the scene wants depth.
+        frame is bad; tuser[9:2]: the row, 0 to N − 1; tuser[10]: the frame is not to be trusted, for a reason
+        of FRAME_VALIDITY other than the displacement, on which no depth depends. The tridiagonal solver's
+        rows come last to first. Only if the scene wants depth.
     m_axis_force_map_* : the same for the pixels' raw responses, a signed 32-bit word per axis and pixel, all
         axes of a pixel together. Only if the scene wants the force map.
     m_axis_normals_* : the same for normals: three signed 32-bit words (x, y, z) of any length per pixel,
         height × width pixels, without tkeep; tuser: start of frame. Only if the scene wants normals.
     interrupt : level, see the registers
 
-    What a frame's stream could not say in time is in STATUS and ERRORS: a bad frame's force is marked there.
+    What a frame's stream could not say in time is in STATUS and ERRORS: a bad frame's force is marked there,
+    and in FRAME_VALIDITY why a frame is not to be trusted.
     With a loadable network, CALIBRATION takes another one between frames, which resets do not touch; see
     gateware/calibration.py.
     A soft reset ends the frames under way where they are, also on the output streams, which then begin anew
@@ -132,7 +137,7 @@ class TopZynq(wiring.Component):
         for output in self.outputs:
             members |= flat(f"m_axis_{output.name}", axis_signature(8 * output.octets), Out)
             if output.tagged:
-                members[f"m_axis_{output.name}_tuser"] = Out(2 + ROW_BITS)
+                members[f"m_axis_{output.name}_tuser"] = Out(3 + ROW_BITS)
                 members[f"m_axis_{output.name}_tkeep"] = Out(output.octets)
         super().__init__(members)
 
@@ -186,6 +191,10 @@ class TopZynq(wiring.Component):
                 registers.result_valid.eq(path.force.valid),
                 registers.force.eq(path.force.payload),
             ]
+        m.d.comb += [
+            registers.validity.eq(path.verdict.payload),
+            path.verdict.ready.eq(getattr(registers, RESULT[self.identity.result])),
+        ]
         tags = []
         for output in self.outputs:
             done, tag = self._raster(m, output, registers.soft_reset)
@@ -237,14 +246,21 @@ class TopZynq(wiring.Component):
             m.d.sync += [x.eq(0), y.eq(0)]
         if not output.tagged:
             return done, None
-        tags = fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT)
+        tags, suspects = (fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT) for _ in range(2))
         m.submodules[f"{name}_tags"] = ResetInserter(reset)(tags)
+        # A frame comes here later than to the tags and leaves with it, so there is room.
+        m.submodules[f"{name}_suspects"] = ResetInserter(reset)(suspects)
         row = Signal(ROW_BITS, name=f"{name}_row")
         keep, full = getattr(self, f"m_axis_{name}_tkeep"), (1 << output.octets) - 1
         m.d.comb += [
             row.eq(output.rows - 1 - y if output.rows_reversed else y),
             tags.r_en.eq(done),
-            port["tuser"].eq(Cat(first, tags.r_data & tags.r_rdy, row)),
+            suspects.r_en.eq(done),
+            suspects.w_en.eq(self.datapath.suspect_valid),
+            suspects.w_data.eq(self.datapath.suspect),
+            port["tuser"].eq(
+                Cat(first, tags.r_data & tags.r_rdy, row, suspects.r_data & suspects.r_rdy),
+            ),
             keep.eq(Const(full)),
         ]
         with m.If(last):

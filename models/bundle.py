@@ -22,10 +22,10 @@ from pydantic import ValidationError
 
 from fastac.scene import Scene, describe
 
-from . import bounds, fixed, integer, tridiagonal
+from . import bounds, fixed, integer, tridiagonal, validity
 from .pipeline import IntegerPipeline
 
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 CLASSES = {
     cls.__name__: cls
     for cls in (
@@ -45,6 +45,7 @@ CLASSES = {
         tridiagonal.TridiagonalSolver,
         bounds.Stage,
         fixed.Fixed,
+        validity.FrameValidity,
         IntegerPipeline,
     )
 }

@@ -47,6 +47,9 @@ def find(pipeline: "IntegerPipeline", frame: np.ndarray) -> dict[str, np.ndarray
         "normal_words": x,
         "gradient_saturated": saturated.sum(),
     }
+    measures = [*pipeline.validity.of_pixels(frame, pipeline.background)]
+    if pipeline.validity.slopes:
+        measures.append(saturated.sum())
     force_input = slopes
     if pipeline.solver is not None:
         depth, displacement = pipeline.depth(solve(pipeline.solver, pipeline.source(slopes)))
@@ -57,7 +60,10 @@ def find(pipeline: "IntegerPipeline", frame: np.ndarray) -> dict[str, np.ndarray
     if pipeline.quantiser is not None:
         words, over = pipeline.quantiser(displacement)
         found |= {"displacement_words": words, "displacement_saturated": over.sum()}
+        measures.append(over.sum())
         force_input = words[..., None]
+    measures = np.array(measures)
+    found |= {"validity_measures": measures, "validity": pipeline.validity.flags(measures)}
     if pipeline.force is not None:
         if isinstance(pipeline.force, PatchForce):
             raw = pipeline.force(words)
@@ -79,6 +85,8 @@ def outputs(pipeline: "IntegerPipeline") -> Outputs:
         "slopes": ((height, width, 2), np.float32),
         "normal_words": ((height, width, 3), np.int32),
         "gradient_saturated": ((), np.int64),
+        "validity_measures": ((len(pipeline.validity.names),), np.int64),
+        "validity": ((), np.int64),
     }
     if pipeline.solver is not None:
         found |= {

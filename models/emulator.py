@@ -93,11 +93,15 @@ class _Worker:
             return not outputs.isdisjoint(names)
 
         self.wants_force = wants("force_raw", "force_n")
-        self.wants_words = (self.wants_force and self.pipeline.quantiser is not None) or wants(
-            "displacement_words", "displacement_saturated", "force_map_raw", "force_map_n"
+        self.wants_validity, validity = wants("validity", "validity_measures"), self.pipeline.validity
+        self.wants_words = (
+            (self.wants_force and self.pipeline.quantiser is not None)
+            or (self.wants_validity and validity.displacements)
+            or wants("displacement_words", "displacement_saturated", "force_map_raw", "force_map_n")
         )
         self.wants_solver = self.wants_words or wants("depth_words", "depth_mm", "displacement_mm")
         self.wants_slopes = self.wants_solver or self.wants_force or wants("slopes", "gradient_saturated")
+        self.wants_slopes |= self.wants_validity and validity.slopes
         if self.wants_solver:
             self.inner = (height - 2, width - 2)
             self.memory = np.empty(CHUNK * (height - 2) * (width - 2))
@@ -109,12 +113,18 @@ class _Worker:
             shape.insert(solver.frame_axis, len(frames))
             memory = self.memory[: len(frames) * rows * columns].reshape(shape)
             planes = np.moveaxis(memory, solver.frame_axis, 0)
+        measures = np.empty((len(frames), len(self.pipeline.validity.names)), np.int64)
         for k, frame in enumerate(frames):
             places = {name: array[k : k + 1] for name, array in out.items()}
             normal = self.network(frame)
             self._normals(normal, places)
             if self.wants_slopes:
-                self._slopes(normal, places)
+                saturated = self._slopes(normal, places)
+            if self.wants_validity:
+                pixels = self.pipeline.validity.of_pixels(frame, self.pipeline.background)
+                measures[k, : len(pixels)] = pixels
+                if self.pipeline.validity.slopes:
+                    measures[k, len(pixels)] = saturated
             if self.wants_solver:
                 source = divergence_of(np.moveaxis(self.slopes, 0, -1), self.pipeline.source.divergence)
                 np.subtract(source, self.emulator.offset, out=planes[k])
@@ -123,7 +133,13 @@ class _Worker:
         if self.wants_solver:
             solver.solve(memory)
             for k, z in enumerate(planes):
-                self._solution(z, {name: array[k : k + 1] for name, array in out.items()})
+                saturated = self._solution(z, {name: array[k : k + 1] for name, array in out.items()})
+                if self.pipeline.validity.displacements:
+                    measures[k, -1] = saturated
+        if "validity_measures" in out:
+            out["validity_measures"][...] = measures
+        if "validity" in out:
+            out["validity"][...] = self.pipeline.validity.flags(measures)
 
     def _normals(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> None:
         if "normal_words" in out:
@@ -134,9 +150,10 @@ class _Worker:
             np.maximum(length, 1, out=length)
             np.divide(normal, length, out=out["normals"].reshape(-1, 3).T, casting="same_kind")
 
-    def _slopes(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> None:
-        """`integer.GradientRatio`: magnitude = floor(a / b), a = |n_xy| + n_z · 2**−(f+1), b = n_z · 2**−f.
+    def _slopes(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> int:
+        """`integer.GradientRatio`, and how many values saturated.
 
+        The magnitude is floor(a / b), a = |n_xy| + n_z · 2**−(f+1), b = n_z · 2**−f.
         In units of 2**−(f+1) a and b are integers, a + b < 2**53. A quotient below an integer k then lies at
         least 1/b below it. Were it rounded up to k, which float64 holds, 1/b would be at most k · 2**−54, and
         b · k >= 2**54; but b · k <= a + b.
@@ -154,17 +171,19 @@ class _Worker:
         np.floor(slopes, out=slopes)
         if any_steep:
             slopes[:, steep] = np.where(n_xy[:, steep] == 0, 0, ratio.limit)
+        saturated = np.count_nonzero((slopes > ratio.limit) | steep)
         if "gradient_saturated" in out:
-            out["gradient_saturated"][0] = np.count_nonzero((slopes > ratio.limit) | steep)
+            out["gradient_saturated"][0] = saturated
         np.minimum(slopes, ratio.limit, out=slopes)
         np.copysign(slopes, n_xy, out=slopes)
         np.subtract(0.0, slopes, out=slopes)  # no −0, as with integers
         if "slopes" in out:
             place = out["slopes"].reshape(-1, 2).T
             np.multiply(slopes, 2.0**-ratio.fraction, out=place, casting="same_kind")
+        return saturated
 
-    def _solution(self, z: np.ndarray, out: dict[str, np.ndarray]) -> None:
-        """Solutions (N, N) to depth, displacement and what follows from it."""
+    def _solution(self, z: np.ndarray, out: dict[str, np.ndarray]) -> int:
+        """Solutions (N, N) to depth, displacement and what follows from it; how many words saturated."""
         pipeline, rest = self.pipeline, self.emulator.rest
         if pipeline.depth.mode == "absolute":
             depth, displacement = z, rest - z
@@ -178,23 +197,27 @@ class _Worker:
             np.multiply(depth, unit, out=out["depth_mm"][0, 1:-1, 1:-1], casting="same_kind")
         if "displacement_mm" in out:
             np.multiply(displacement, unit, out=out["displacement_mm"][0], casting="same_kind")
-        if self.wants_words:
-            self._displacement_words(displacement, out)
-            self._force(displacement, out)
-            self._force_map(displacement, out)
+        if not self.wants_words:
+            return 0
+        saturated = self._displacement_words(displacement, out)
+        self._force(displacement, out)
+        self._force_map(displacement, out)
+        return saturated
 
-    def _displacement_words(self, d: np.ndarray, out: dict[str, np.ndarray]) -> None:
-        """`integer.DisplacementQuantiser`, in place."""
+    def _displacement_words(self, d: np.ndarray, out: dict[str, np.ndarray]) -> int:
+        """`integer.DisplacementQuantiser`, in place; how many words saturated."""
         quantiser = self.pipeline.quantiser
         if quantiser.clamp:
             np.maximum(d, 0, out=d)
         np.multiply(d, 2.0**-quantiser.shift, out=d)
         round_in_place(d)
+        saturated = np.count_nonzero(np.abs(d) > quantiser.top)
         if "displacement_saturated" in out:
-            out["displacement_saturated"][0] = np.count_nonzero(np.abs(d) > quantiser.top)
+            out["displacement_saturated"][0] = saturated
         np.clip(d, -quantiser.top, quantiser.top, out=d)
         if "displacement_words" in out:
             np.copyto(out["displacement_words"][0], d, casting="unsafe")
+        return saturated
 
     def _force(self, x: np.ndarray, out: dict[str, np.ndarray]) -> None:
         """`integer.WeightedSum` of displacement words (N, N) or slopes (2, H, W)."""

@@ -25,6 +25,7 @@ from .integer import (
 from .over_frames import CHUNK as CHUNK
 from .over_frames import choose, over_frames, require_frames
 from .tridiagonal import TridiagonalSolver
+from .validity import FrameValidity
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,9 @@ class Result:
     boundary; displacement_mm (frames, N, N) towards the camera, positive in contact; force_n (frames, axes)
     and force_map_n (frames, axes, N, N), of the scene's axes.
     Integer pipelines add raw words: depth_words (frames, N, N), force_raw (frames, axes), force_map_raw
-    (frames, axes, N, N), normal_words (frames, H, W, 3), and how many values saturated in each frame.
+    (frames, axes, N, N), normal_words (frames, H, W, 3), how many values saturated in each frame, and whether
+    it can be trusted: validity_measures (frames, measures) and the flags validity (frames,), see
+    `validity.FrameValidity`.
     """
 
     normals: np.ndarray | None = None
@@ -51,6 +54,8 @@ class Result:
     force_map_raw: np.ndarray | None = None
     gradient_saturated: np.ndarray | None = None
     displacement_saturated: np.ndarray | None = None
+    validity_measures: np.ndarray | None = None
+    validity: np.ndarray | None = None
 
 
 def join(results: list[Result]) -> Result:
@@ -77,6 +82,7 @@ class IntegerPipeline:
     ratio: GradientRatio
     background: np.ndarray  # (H, W, C) uint8
     rest_depth_mm: np.ndarray  # (H, W), the skin at rest; its rim is the boundary prior
+    validity: FrameValidity
     source: PoissonSource | None = None
     solver: Solver | TridiagonalSolver | None = None
     depth: Depth | None = None

@@ -24,6 +24,7 @@ from .integer import (
 from .pipeline import IntegerPipeline
 from .poisson import boundary_term
 from .tridiagonal import tridiagonal_solver
+from .validity import FrameValidity
 
 CHOOSERS = {"dst2d": solver, "tridiagonal": tridiagonal_solver}
 MULTIPLIER_BITS = 17
@@ -114,7 +115,8 @@ def assemble(
     background: np.ndarray,
     rest_depth_mm: np.ndarray,
 ) -> IntegerPipeline:
-    """The integer pipeline up to the depth and the displacement; `with_force` adds the force's weights.
+    """The integer pipeline up to the depth and the displacement; `with_force` adds the force's weights,
+    `with_limits` what makes a frame suspect.
 
     Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
     (models/bounds.py), of any weights where the scene's are loadable. Raises ValueError where a bound does
@@ -129,7 +131,16 @@ def assemble(
         fraction=numbers.gradient_fraction_bits,
     )
     pipeline = IntegerPipeline(
-        scene=scene, layers=layers, ratio=ratio, background=background, rest_depth_mm=rest_depth_mm
+        scene=scene,
+        layers=layers,
+        ratio=ratio,
+        background=background,
+        rest_depth_mm=rest_depth_mm,
+        validity=FrameValidity.unlimited(
+            background.shape,
+            slopes=scene.wants_slopes,
+            displacements=scene.wants_force and scene.wants_solver,
+        ),
     )
     if not scene.wants_solver:
         return pipeline
@@ -190,6 +201,12 @@ def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipelin
     if scene.force.kernel == "collapsed":
         force = force.collapsed()
     return pipeline.replace(force=force, force_n_per_unit=pipeline.displacement_mm_per_unit / scale)
+
+
+def with_limits(pipeline: IntegerPipeline, frames: np.ndarray, *, progress: bool = False) -> IntegerPipeline:
+    """The pipeline with limits around what good frames (frames, H, W, C) measure; see `FrameValidity`."""
+    found = pipeline.run(frames, wanted=["validity_measures"], progress=progress)
+    return pipeline.replace(validity=pipeline.validity.limited(found.validity_measures))
 
 
 def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerPipeline:

@@ -12,6 +12,7 @@ from sim.axi_lite import DECERR, OKAY, SLVERR, read, start, write
 IDENTITY = Identity(**json.loads(os.environ["IDENTITY"]))
 AT = {register.name: register.offset for register in IDENTITY.registers}
 FIELDS = {register.name: {field.name: field for field in register.fields} for register in REGISTERS}
+FLAGS = (0x155, 0)
 RESULT = "result_valid" if IDENTITY.axes else "depth_done"
 
 
@@ -131,7 +132,7 @@ async def control(dut):
 async def errors_stick_until_cleared(dut):
     master = await start(dut)
     for k, name in enumerate(ERRORS):
-        if not hasattr(dut, name):  # found by the registers themselves
+        if name == "frame_suspect" or not hasattr(dut, name):  # found by the registers themselves
             continue
         await pulse(dut, **{name: 1})
         await expect(master, ERRORS=1 << k)
@@ -187,7 +188,7 @@ async def frames_and_results(dut):
         assert not await level(dut, "interrupt")
         await frame(dut, clocks=20, bad=bad)
         await ClockCycles(dut.clk, 30)
-        result = {RESULT: 1}
+        result = {RESULT: 1, "validity": FLAGS[k]}
         if IDENTITY.axes:
             result["force"] = pack(forces[k][: len(IDENTITY.axes)])
         await pulse(dut, **result)
@@ -195,8 +196,14 @@ async def frames_and_results(dut):
             await ClockCycles(dut.clk, 40)
             await pulse(dut, depth_done=1)
         assert await level(dut, "interrupt")
-        status = bits("STATUS", result_valid=1, last_frame_bad=bad)
+        suspect = int(FLAGS[k] > 0)
+        status = bits("STATUS", result_valid=1, last_frame_bad=bad, last_frame_suspect=suspect)
         await expect(master, STATUS=status, FRAME_COUNT=2 + k, FRAME_ERRORS=1, INTERRUPT_STATUS=1)
+        # What comes without a result is not of the last one.
+        await pulse(dut, validity=0xFF)
+        errors = bits("ERRORS", frame_suspect=suspect)
+        await expect(master, FRAME_VALIDITY=FLAGS[k], ERRORS=errors)
+        await write(master, AT["ERRORS"], errors)
         if IDENTITY.axes:
             await expect(
                 master,

@@ -10,10 +10,12 @@ from models import bundle
 from models.bundle import Bundle
 from models.features import integer_features, scales
 from models.integer import Layer
-from models.quantise import assemble, quantise_layers, with_force, with_force_of
+from models.quantise import assemble, quantise_layers, with_force, with_force_of, with_limits
 
 QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
 """Arguments of Verilator for short simulations: half the time to build."""
+GOOD = (5, 10, 20, 30, 40)
+"""How far the frames that make a specimen's limits differ from the background; larger changes are suspect."""
 NUMBERS = {
     "weight_bits": 6,
     "last_weight_bits": 8,
@@ -114,11 +116,12 @@ def specimen(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed
         kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
         shape = (axes, size, size, 2) if scene.wants_adjoint else kernels
         pipeline = with_force(pipeline, rng.normal(size=shape))
-    return bundle.save(folder, pipeline, {})
+    return bundle.save(folder, with_limits(pipeline, frames(background, GOOD)), {})
 
 
 def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
-    """A bundle with another random network than `known`, and what follows from it; all else is the same."""
+    """A bundle with another random network than `known`, what follows from it, and tighter limits of a good
+    frame; all else is the same."""
     old = known.pipeline
     hidden = tuple(len(layer.weight) for layer in old.layers[:-1])
     pipeline = assemble(
@@ -127,4 +130,5 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
     )
-    return bundle.save(folder, with_force_of(pipeline, old), {})
+    pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD[:2]))
+    return bundle.save(folder, pipeline, {})

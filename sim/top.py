@@ -12,10 +12,13 @@ from gateware.register_map import ID
 from gateware.top_zynq import RasterOutput, TopZynq
 from models.bundle import Bundle
 from models.pipeline import Result
+from models.validity import suspects
 
 from .progress import watched
 from .runner import build
 
+SUSPECT = 1 << 10
+"""Of tuser, in streams of depth and force maps: the frame is not to be trusted."""
 LINGER = 100
 """Clocks that the bench goes on after the last expected beat."""
 
@@ -86,7 +89,7 @@ def bench_settings(top: TopZynq) -> dict:
         "lanes": top.lanes,
         "outputs": {output.name: output.octets for output in top.outputs},
         "axes": list(top.identity.axes),
-        "registers": [*measured, "STATUS"],
+        "registers": [*measured, "FRAME_VALIDITY", "STATUS"],
         "identity": {
             "ID": ID,
             "BUNDLE_HASH_LOW": top.bundle.hash_word & 0xFFFFFFFF,
@@ -195,7 +198,9 @@ def simulate(
     if path.wants_force:
         comparison.add("force", outputs["force_raw"], result.force_raw)
         per_output["force"] = int(result.force_raw.size)
-    _check_markers(markers, outputs, top, len(frames))
+    _check_markers(markers, outputs, top, result.validity)
+    flags = [frame["FRAME_VALIDITY"] for frame in seen["frames"]]
+    markers.add("FRAME_VALIDITY", np.array(flags), result.validity)
     return Report(
         frames=len(frames),
         values_compared=comparison.values,
@@ -210,15 +215,16 @@ def simulate(
     )
 
 
-def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, frames: int) -> None:
-    """Start of frame, end of line, bad-frame mark, row and the lanes that hold values, beat by beat."""
+def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, validity: np.ndarray) -> None:
+    """Start of frame, end of line, row, marks of the frame and the lanes that hold values, beat by beat."""
+    frames, suspect = len(validity), suspects(validity).astype(int)
     for output in top.outputs:
         last = np.zeros((frames, output.rows, output.beats), np.int8)
         last[..., -1] = 1
         user = np.zeros(last.shape, np.int32)
         user[:, 0, 0] = 1
         if output.tagged:
-            user += 4 * np.array(output.row_order)[:, None]
+            user += 4 * np.array(output.row_order)[:, None] + SUSPECT * suspect[:, None, None]
             octets = np.full(output.beats, output.octets)
             octets[-1] -= output.void_octets
             keep = np.broadcast_to((1 << octets) - 1, last.shape)

@@ -9,6 +9,7 @@ import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 
 from gateware.register_map import ERRORS
+from models.validity import suspects
 from sim.bench_top import FOLDER, LINGER, SET, frame_beats, start
 
 with np.load(FOLDER / "frames.npz", allow_pickle=False) as archive:
@@ -18,7 +19,10 @@ ROWS = {"normals": HEIGHT, "depth": HEIGHT - 2, "force_map": HEIGHT - 2}
 COLUMNS = {"normals": WIDTH, "depth": WIDTH - 2, "force_map": WIDTH - 2}
 LINE_BEATS = FRAMES["frames"].shape[2] // SET["lanes"]
 FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
-RESULT_VALID, LAST_FRAME_BAD = 2, 4
+RESULT_VALID, LAST_FRAME_BAD, LAST_FRAME_SUSPECT = 2, 4, 16
+SUSPECT = 1 << 10
+"""Of tuser, in streams of depth and force maps."""
+MARKS = RESULT_VALID | LAST_FRAME_BAD | LAST_FRAME_SUSPECT
 ENABLE, CAPTURE, SOFT_RESET, INTERRUPT = 1, 2, 4, 8
 TEST = {"timeout_time": SET["timeout_cycles"] * SET["period_ps"], "timeout_unit": "ps"}
 STALLS = [[0, 0], [0.3, 0.4]]
@@ -106,6 +110,7 @@ class Run:
         user[:, 0, 0] = 1
         if name != "normals":
             user += 2 * np.array(bad, int).reshape(-1, 1, 1) + 4 * np.array(SET["row_order"])[:, None]
+            user += SUSPECT * suspects(FRAMES["validity"][list(frames)])[:, None, None]
         expected = {"last": last.ravel(), "user": user.ravel()}
         if prefix:
             assert 0 < len(found) < len(words), f"{name}: {len(found)} beats are no part of {len(words)}"
@@ -138,10 +143,16 @@ class Run:
             forces = host.forces[self.results_since :]
             expected = FRAMES["force"][list(frames)].tolist() if SET["axes"] else [[]] * len(frames)
             assert forces == expected, f"forces {forces}, expected {expected}"
-            marks = [word["STATUS"] for word in host.registers[self.results_since :]]
-            marks = [mark & (RESULT_VALID | LAST_FRAME_BAD) for mark in marks]
-            assert marks == [RESULT_VALID | LAST_FRAME_BAD * b for b in bad], f"STATUS {marks}"
-        assert not await host.read("STATUS") & ~(RESULT_VALID | LAST_FRAME_BAD), "frames are in flight"
+            words, validity = host.registers[self.results_since :], FRAMES["validity"][list(frames)].tolist()
+            found = [word["FRAME_VALIDITY"] for word in words]
+            assert found == validity, f"FRAME_VALIDITY {found}, expected {validity}"
+            marks = [word["STATUS"] & MARKS for word in words]
+            expected = [
+                RESULT_VALID | LAST_FRAME_BAD * b | LAST_FRAME_SUSPECT * bool(flags)
+                for b, flags in zip(bad, validity, strict=True)
+            ]
+            assert marks == expected, f"STATUS {marks}, expected {expected}"
+        assert not await host.read("STATUS") & ~MARKS, "frames are in flight"
 
     async def expect(self, **registers: int) -> None:
         for name, value in registers.items():

@@ -42,7 +42,8 @@ def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
         assert found[0] is None or (found[0] != found[1]).any(axis=tuple(range(1, found[0].ndim))).all()
     result = join(results)
     archive = {"frames": np.concatenate([images, images]), **expected_words(top, result)}
-    np.savez(tmp_path / "frames.npz", **archive, force=result.force_raw)
+    np.savez(tmp_path / "frames.npz", **archive, force=result.force_raw, validity=result.validity)
+    assert (results[0].validity != results[1].validity).any()
     settings = bench_settings(top) | {
         "timeout_cycles": 60_000,
         "row_order": next((o.row_order for o in top.outputs if o.tagged), None),

@@ -59,6 +59,9 @@ def check_frames(hardware: Hardware) -> None:
         "gradient_saturated": path.pipeline.scene.wants_slopes and result.gradient_saturated.any(),
         "displacement_saturated": path.wants_displacement and result.displacement_saturated.any(),
     }
+    assert not result.validity[: len(MILD)].any()
+    assert result.validity[len(MILD) :].all()
+    saturated["frame_suspect"] = True
     errors = sum(1 << ERRORS.index(name) for name, seen in saturated.items() if seen)
     for stall in ((0, 0), (0.5, 0.3), (0, 0.8)):
         found = hardware.run(images, stall)
@@ -188,6 +191,7 @@ def check_faults(hardware: Hardware) -> None:
     }
     errors = [
         tuple(name for name, wanted in of_scene.items() if wanted and getattr(results[0], name)[k])
+        + ("frame_suspect",) * bool(results[0].validity[k])
         for k in range(len(images))
     ]
     assert not any(errors[: len(MILD)])
@@ -195,15 +199,18 @@ def check_faults(hardware: Hardware) -> None:
         scenario["errors"] += {name for k in scenario["frames"] for name in errors[k]}
     saturating = {kinds: k for k, kinds in enumerate(errors) if kinds}
     if all(of_scene.values()):
-        assert len(saturating) == 3, f"{list(saturating)}: one of each kind and both are wanted"
+        kinds = {tuple(name for name in names if name != "frame_suspect") for names in saturating} - {()}
+        assert len(kinds) == 3, f"{list(saturating)}: one of each kind and both are wanted"
+    assert any("frame_suspect" in kinds for kinds in saturating)
 
     # From here on the second frame is the background.
     captured = len(images)
     images = np.concatenate([images, mild[1:4]])
     results.append(pipeline.replace(background=mild[1]).run(np.array(mild[1:4])))
     assert not results[1].gradient_saturated.any()
+    assert not results[1].validity.any()
     result = join(results)
-    archive = {"frames": images, **expected_words(hardware.top, result)}
+    archive = {"frames": images, "validity": result.validity, **expected_words(hardware.top, result)}
     if pipeline.scene.wants_force:
         archive["force"] = result.force_raw
     folder = hardware.folder / "faults"

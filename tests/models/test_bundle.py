@@ -70,7 +70,8 @@ class TestRoundTrip:
         bundle.save(tmp_path / "b", empty, {})
         assert same(empty, bundle.load(tmp_path / "b").pipeline) > 5
         with np.load(tmp_path / "b" / "integers.npz") as archive:
-            assert {name.split(".")[0] for name in archive.files} == {"layers", "background", "rest_depth_mm"}
+            kept = {"layers", "background", "rest_depth_mm", "validity"}
+            assert {name.split(".")[0] for name in archive.files} == kept
 
     @pytest.mark.parametrize(
         "largest", [127, 128, -128, -129, 32767, 32768, 2**31 - 1, 2**31, -(2**31), 2**40]
@@ -156,11 +157,11 @@ class TestRefusals:
     def test_the_folder_is_missing(self, tmp_path):
         refused(tmp_path / "nowhere", "no such file; is .* a bundle folder")
 
-    @pytest.mark.parametrize("version", [0, 1, 3, "2", None])
+    @pytest.mark.parametrize("version", [0, 2, 4, "3", None])
     def test_another_version(self, folder, version):
         content = json.loads((folder / "bundle.json").read_text())
         (folder / "bundle.json").write_text(json.dumps({**content, "format_version": version}))
-        refused(folder, f"format_version = {version!r}: expected 2")
+        refused(folder, f"format_version = {version!r}: expected 3")
 
     @pytest.mark.parametrize("text", ["", "{", "[1]", "7", "\udcff"])
     def test_text_that_is_no_bundle(self, folder, text):

@@ -46,7 +46,12 @@ def defined(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
             found["force_map_raw"] = pipeline.force.force_map(words)
     elif pipeline.force is not None:
         found["force_raw"] = pipeline.force(slopes if pipeline.quantiser is None else words[..., None])
-    return found
+    columns = [np.array([pipeline.validity.of_pixels(frame, pipeline.background) for frame in frames])]
+    for name in ("gradient", "displacement"):
+        if name in pipeline.validity.names:
+            columns.append(found[f"{name}_saturated"][:, None])
+    measures = np.hstack(columns)
+    return found | {"validity_measures": measures, "validity": pipeline.validity.flags(measures)}
 
 
 def int64_loop(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:

@@ -198,7 +198,7 @@ def test_only_what_the_scene_wants_is_there(build, tiny_data, monkeypatch, outpu
     pipeline = build(outputs=outputs)
     assert {stage for stage in STAGES if getattr(pipeline, stage) is not None} == set(stages)
     found = pipeline.run(tiny_data.frames[:2])
-    always = {"normals", "slopes", "normal_words", "gradient_saturated"}
+    always = {"normals", "slopes", "normal_words", "gradient_saturated", "validity_measures", "validity"}
     assert {name for name, value in vars(found).items() if value is not None} == always | set(results)
 
 

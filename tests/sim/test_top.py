@@ -8,6 +8,7 @@ from amaranth.back import verilog
 
 from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
+from models.validity import REASONS
 from sim.bench_specimen import QUICK, frames, scene, specimen
 from sim.top import Comparison, SimulationFailure, simulate
 
@@ -74,7 +75,7 @@ def test_corrupted_goldens_are_found(hardware):
     assert (found.mismatches, found.first_mismatch, found.frames) == (0, "", 3)
     assert found.values_by_output == {"depth": 3 * 14**2, "normals": 3 * 16**2 * 3, "force": 3}
     assert found.values_compared == sum(found.values_by_output.values())
-    assert found.markers_compared == 3 * (14 * 7 * 3 + 16 * 8 * 2)
+    assert found.markers_compared == 3 * (14 * 7 * 3 + 16 * 8 * 2 + 1)
     assert json.loads(json.dumps(found.as_dict()))["latency_cycles"]["initiation_interval"] == 128
     places = {
         "depth_words": [(0, 0, 0), (1, 7, 3), (2, 13, 13)],
@@ -86,6 +87,15 @@ def test_corrupted_goldens_are_found(hardware):
         assert found.mismatches == len(where)
         assert found.first_mismatch.startswith(name.split("_")[0].removesuffix("s"))
         assert found.values_compared == sum(found.values_by_output.values())
+
+    # A frame's flags are compared where a host reads them and in every beat of the depth.
+    validity = result.validity.copy()
+    validity[0] ^= 1
+    found = run(hardware, validity=validity)
+    assert (found.mismatches, found.first_mismatch[:10]) == (14 * 7 + 1, "depth.tuse")
+    validity[0] = result.validity[0] ^ 1 << REASONS.index("displacement")
+    found = run(hardware, validity=validity)
+    assert (found.mismatches, found.first_mismatch[:14]) == (1, "FRAME_VALIDITY")
 
     # Goldens of more frames than came out.
     found = run(hardware, depth_words=np.concatenate([result.depth_words, result.depth_words[:1]]))
