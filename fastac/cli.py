@@ -511,6 +511,55 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
     click.echo(f"{output / synthesis.FILE}")
 
 
+@main.command()
+@click.argument("spec", type=INPUT)
+@output_option("build/sweep/SPEC.sqlite", "The results: one SQLite file.")
+@click.option(
+    "--cache",
+    type=INPUT,
+    default=Path("build/sweep/cache"),
+    show_default=True,
+    help="Folder of datasets and trained models, shared by all sweeps.",
+)
+@click.option("--workers", type=click.IntRange(1), help="Local processes. [default: one for each core]")
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on the Dask cluster of this scheduler, such as tcp://host:8786, whose workers see the same files"
+    " and have one thread each.",
+)
+@progress_option
+def sweep(spec, output, cache, workers, scheduler, progress):
+    """Measure all designs that SPEC describes: errors, cycles, resources, energy.
+
+    SPEC is a TOML file: `scene`, a base scene; [axes], scene keys with lists of values, such as
+    "numbers.data_bits" = [18, 22, 26] (several tables with [[axes]]; keys with commas between them move
+    together); `method`, "grid" or "optuna" with `trials`, `seed` and `objectives`; `frames` and `split` to
+    evaluate on; `data`, a dataset, for recorded sensors. Paths are relative to SPEC.
+
+    Errors are those of the bit-exact emulator on held-out frames; cycles follow from the design's formulas;
+    resources and energy are estimates. Nothing is simulated in RTL: `fastac trade --confirm` does that.
+    Models are trained once for all points that share them. A point that cannot be is recorded with its error.
+    Results and models are kept: an interrupted sweep goes on where it was.
+    """
+    from fastac import sweep as sweeps
+    from fastac import sweep_spec
+    from fastac.sweep_models import Setting
+    from fastac.sweep_results import Results
+
+    content, base = sweep_spec.load(spec)
+    if scheduler and workers:
+        raise click.UsageError("--workers is of local processes: give it or --scheduler")
+    data = content.data and str((spec.parent / content.data).resolve())
+    if data is None and base.sensor.source == "recorded":
+        raise click.UsageError(f"{spec}: data: missing: scene {base.name} is of a recorded sensor")
+    setting = Setting(str(cache.resolve()), data, content.split, content.frames)
+    results = Results(output or Path("build/sweep") / f"{spec.stem}.sqlite")
+    with sweeps.dask_pool(scheduler) if scheduler else sweeps.local_pool(workers) as pool:
+        counts = sweeps.run(content, base, spec.parent, results, setting, pool, progress=progress)
+    click.echo(f"{results.path}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+
+
 def print_summary(folder: Path) -> None:
     from fastac.report import summary_rows
 
