@@ -525,8 +525,8 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Run on the Dask cluster of this scheduler, such as tcp://host:8786, whose workers see the same files"
-    " and have one thread each.",
+    help="Run on the Dask cluster of this scheduler, such as tcp://host:8786; its workers have one thread each"
+    " and see the same files.",
 )
 @progress_option
 def sweep(spec, output, cache, workers, scheduler, progress):
@@ -558,6 +558,93 @@ def sweep(spec, output, cache, workers, scheduler, progress):
     with sweeps.dask_pool(scheduler) if scheduler else sweeps.local_pool(workers) as pool:
         counts = sweeps.run(content, base, spec.parent, results, setting, pool, progress=progress)
     click.echo(f"{results.path}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+
+
+MARKED = ("paper", "fast", "force")
+"""Scenes of this repository that `trade` marks where it finds them."""
+
+
+@main.command()
+@click.argument("results", type=INPUT, nargs=-1, required=True)
+@output_option("build/trade", "Folder for trade.html, its pictures, and what --confirm builds.")
+@click.option(
+    "--mark",
+    "marked",
+    type=INPUT,
+    multiple=True,
+    metavar="SCENE",
+    help="Mark the design of this scene; repeatable. [default: scenes/paper.toml, fast.toml, force.toml]",
+)
+@click.option(
+    "--pick", metavar="LIMITS", help='Write the best scene within limits: "depth_mae_mm<0.03, dsp<220".'
+)
+@click.option(
+    "--by",
+    default="latency_cycles,energy_uj",
+    show_default=True,
+    metavar="METRICS",
+    help="What is best: the smallest first metric, then the next.",
+)
+@click.option(
+    "--scene", "scene_file", type=INPUT, help="Where --pick writes. [default: picked.toml in the folder]"
+)
+@click.option(
+    "--confirm", type=click.IntRange(1), metavar="N", help="Build N random designs of the front, and compare."
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of --confirm.")
+@progress_option
+def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress):
+    """Show what speed costs: the fronts of RESULTS, one or several files of `fastac sweep`.
+
+    Writes a page to explore, with a table of what each doubling of the speed costs, and pictures of the
+    fronts. --pick writes the scene of the best design within limits, ready for `fastac build`; limits are
+    metrics with < <= > >= and a number, separated by commas; a wrong name lists all there are.
+
+    --confirm takes N random designs of the front over error, cycles, DSP and energy, builds their Verilog and
+    sends held-out frames through it: every value must be the integer model's and every latency the one
+    stated. What was found is kept in RESULTS; those that are known are not simulated again.
+    """
+    from fastac import trade as trading
+    from fastac import trade_page
+
+    sources = [trading.read(path) for path in results]
+    designs = trading.distinct(sources)
+    rows = [row for _, row in designs]
+    different = 0
+    if confirm:
+        from fastac import trade_confirm
+
+        best = {row.key for row in trading.best_designs(rows)}
+        chosen = [(source, row) for source, row in designs if row.key in best]
+        click.echo(f"front over error, cycles, DSP and energy: {len(chosen)} of {len(designs)} designs")
+
+        def tell(row, content):
+            verdict = "exact" if content["is_exact"] else f"DIFFERENT: {content['first_mismatch']}"
+            counts = f"{content['mismatches']} mismatches of {content['values_compared']:,}"
+            click.echo(f"{row.key[:12]} {verdict}: {counts}, cycles {content['cycles_counted']}")
+
+        found = trade_confirm.run(
+            chosen, confirm, seed, (output or Path("build/trade")) / "rtl", tell, progress=progress
+        )
+        different = sum(not content["is_exact"] for content in found)
+    output = output or Path("build/trade")
+    paths = marked or [path for name in MARKED if (path := Path("scenes") / f"{name}.toml").exists()]
+    stars = {s.name: row for s in map(scenes.load, paths) for row in rows if trading.is_scene(row, s)}
+    shown = trade_page.Trade(sources, rows, stars)
+    for table in trade_page.tables(shown)[: len(shown.errors)]:
+        click.echo(table.text)
+    if pick:
+        by_names = [name.strip() for name in by.split(",")]
+        best = trading.pick(rows, pick, by_names)
+        path = scene_file or output / "picked.toml"
+        trading.write_scene(best, path, f"fastac trade --pick {pick!r} --by {by}")
+        click.echo(f"{path}: {trade_page.named(best)}")
+        for name in sorted({*by_names, *trading.asked(pick)}):
+            click.echo(f"  {name:32s} {best.metrics[name]:.6g}")
+    for path in trade_page.write(shown, output):
+        click.echo(path)
+    if different:
+        raise click.ClickException(f"{different} designs differ in RTL")
 
 
 def print_summary(folder: Path) -> None:

@@ -32,7 +32,7 @@ class SweepError(RuntimeError):
 
 @dataclass(frozen=True)
 class Pool:
-    """Where tasks run: `start` makes an executor, which is used as long as it lives; `slots` of them at once."""
+    """Where tasks run: in what `start` makes, and again if its processes are killed; `slots` at once."""
 
     start: Callable[[], Executor]
     slots: int
@@ -95,11 +95,15 @@ def perform(task: dict) -> dict:
                 models.steps[task["step"]].perform()
                 return {}
             return {"metrics": models.metrics(), "seconds": monotonic() - start}
-    except ValueError as error:  # of the scene: a word too short, a device too small, data that lack something
+    except (
+        ValueError
+    ) as error:  # of the scene: a word too short, a device too small, data that lack something
         return {"infeasible": _line(error)}
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
-        return {"failed": f"{type(error).__name__}: {_line(error)} ({Path(where.filename).name}:{where.lineno})"}
+        return {
+            "failed": f"{type(error).__name__}: {_line(error)} ({Path(where.filename).name}:{where.lineno})"
+        }
 
 
 def _line(error: BaseException) -> str:
@@ -187,7 +191,11 @@ class Sweep:
         busy = {step.key for _, step in self.running.values() if step is not None}
         for job in self.jobs:
             for step in job.steps:
-                if not self._is_present(step) and step.key not in busy and all(map(self._is_present, step.needs)):
+                if (
+                    not self._is_present(step)
+                    and step.key not in busy
+                    and all(map(self._is_present, step.needs))
+                ):
                     return job, step
         for job in self.jobs:
             if all(map(self._is_present, job.steps)):

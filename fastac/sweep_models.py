@@ -8,7 +8,7 @@ the others wait for it.
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property, lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -27,17 +27,23 @@ from models.hyperforce import HyperForce
 from models.pipeline import IntegerPipeline
 from sensor import dataset, fingertip
 
-POINT_SOURCES = ("models/*.py", "gateware/*.py", "fastac/sweep_models.py", "fastac/energy.py", "fastac/resource*")
+POINT_SOURCES = (
+    "models/*.py",
+    "gateware/*.py",
+    "fastac/sweep_models.py",
+    "fastac/energy.py",
+    "fastac/resource*",
+)
 START = "start."
 """Prefix of the force model's parameters in the cache."""
 
 
-@lru_cache(maxsize=None)
+@cache
 def sources(patterns: tuple[str, ...]) -> str:
     return digest_sources(patterns)
 
 
-@lru_cache(maxsize=None)
+@cache
 def digest_data(path: Path) -> str:
     return digest_file(path)
 
@@ -138,7 +144,11 @@ class PointModels:
         measured = ["data", "normals"]
         if scene.wants_force:
             shape = chosen("force", "kernel_size", "clamp", "fit", "hidden")
-            taught = slopes | {"axes": scene.force_axes, "force": shape, "training": chosen("training", "force")}
+            taught = slopes | {
+                "axes": scene.force_axes,
+                "force": shape,
+                "training": chosen("training", "force"),
+            }
             add("force", taught, self._force, ("data", "normals"))
             measured.append("force")
         outputs = {"outputs": content["outputs"], "mode": scene.poisson.mode, "clamp": scene.force.clamp}
@@ -211,7 +221,9 @@ class PointModels:
         found |= {f"float_{name}": value for name, value in floats.items()}
         for prefix in ("", "float_"):
             if len(self.scene.force_axes) == 1:  # to stand beside the same axis of a force of three
-                found[f"{prefix}force_{'xyz'[self.scene.force_axes[0]]}_mae_n"] = found[f"{prefix}force_mae_n"]
+                found[f"{prefix}force_{'xyz'[self.scene.force_axes[0]]}_mae_n"] = found[
+                    f"{prefix}force_mae_n"
+                ]
         found |= latency(self.scene, flat=not pipeline.rest_depth_mm.any())
         estimated = resources.estimate(pipeline)
         found |= {name: estimated[key]["value"] for name, key in RESOURCES.items()}

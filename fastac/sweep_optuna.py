@@ -10,9 +10,9 @@ from fastac.sweep_spec import Point, Spec, expand, point_of
 
 
 class Optimiser:
-    """Points that a tree-structured Parzen estimator asks for, `spec.trials` in all.
+    """Points that a tree-structured Parzen estimator asks for: `spec.trials` in all, `slots` at once.
 
-    Trials of an earlier run are told to it first. At most `slots` points are asked for at once. With one worker the same seed gives the same points; with
+    Trials of an earlier run are told to it first. With one worker the same seed gives the same points; with
     several, what is asked for depends on what is known by then.
     Source: Ozaki et al., "Multiobjective Tree-Structured Parzen Estimator", JAIR 2022.
     """
@@ -49,9 +49,7 @@ class Optimiser:
     def _told(self, choice: dict, row: Row | None) -> optuna.trial.FrozenTrial:
         values = self._values(row)
         state = optuna.trial.TrialState.FAIL if values is None else optuna.trial.TrialState.COMPLETE
-        return optuna.trial.create_trial(
-            params=choice, distributions=self.space, values=values, state=state
-        )
+        return optuna.trial.create_trial(params=choice, distributions=self.space, values=values, state=state)
 
     def ask(self, under_way: int) -> Point | None:
         """The next point, chosen with what is known; None at the end, and while enough are under way."""

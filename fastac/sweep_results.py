@@ -91,7 +91,9 @@ class Results:
         scene = None if row.scene is None else json.dumps(row.scene)
         values = (row.key, row.status, json.dumps(row.axes), scene, json.dumps(row.metrics), row.error)
         with self._connection() as connection:
-            connection.execute("INSERT OR REPLACE INTO points VALUES (?, ?, ?, ?, ?, ?, ?)", (*values, row.seconds))
+            connection.execute(
+                "INSERT OR REPLACE INTO points VALUES (?, ?, ?, ?, ?, ?, ?)", (*values, row.seconds)
+            )
 
     def rows(self) -> list[Row]:
         """All points, in the order in which they were added."""
@@ -100,7 +102,15 @@ class Results:
                 "SELECT key, status, axes, scene, metrics, error, seconds FROM points ORDER BY rowid"
             ).fetchall()
         return [
-            Row(key, status, json.loads(axes), scene and json.loads(scene), json.loads(metrics), error, seconds)
+            Row(
+                key,
+                status,
+                json.loads(axes),
+                scene and json.loads(scene),
+                json.loads(metrics),
+                error,
+                seconds,
+            )
             for key, status, axes, scene, metrics, error, seconds in rows
         ]
 

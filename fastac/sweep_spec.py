@@ -71,7 +71,11 @@ def _field(key: str) -> bool:
     model, (*outer, last) = Scene, key.split(".")
     for name in outer:
         found = model.model_fields.get(name)
-        if found is None or not isinstance(found.annotation, type) or not issubclass(found.annotation, Strict):
+        if (
+            found is None
+            or not isinstance(found.annotation, type)
+            or not issubclass(found.annotation, Strict)
+        ):
             return False
         model = found.annotation
     return last in model.model_fields and last != "name"

@@ -99,7 +99,13 @@ def select(found: list[Part], patterns: Iterable[str]) -> list[Part]:
 
 
 def perform(
-    found: list[Part], cache: Path, chosen: list[Part], tasks: Iterable[Task], *, progress: bool, jobs: int = 1
+    found: list[Part],
+    cache: Path,
+    chosen: list[Part],
+    tasks: Iterable[Task],
+    *,
+    progress: bool,
+    jobs: int = 1,
 ) -> dict[str, dict]:
     """Results by part and task: those in the cache, and those that `tasks` find for the `chosen` parts.
 
