@@ -525,7 +525,7 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Run on the Dask cluster of this scheduler, such as tcp://host:8786; its workers have one thread each"
+    help="Run on the Dask cluster of this scheduler, such as tcp://host:8786. Workers have a thread each"
     " and see the same files.",
 )
 @progress_option
@@ -645,6 +645,27 @@ def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress
         click.echo(path)
     if different:
         raise click.ClickException(f"{different} designs differ in RTL")
+
+
+@main.command()
+@click.argument("scene_files", type=INPUT, nargs=-1, required=True, metavar="SCENE...")
+@click.option(
+    "--builds",
+    type=INPUT,
+    default=Path("build"),
+    show_default=True,
+    help="Where the builds are whose wall times are shown.",
+)
+def scope(scene_files, builds):
+    """Show what each SCENE simulates, trains, elaborates and verifies, and what it does without.
+
+    A Markdown table with a column for each scene. Area is estimated from the scene's words, with random
+    weights; nothing is trained or elaborated for it. Wall times are those of the builds that are there.
+    """
+    from fastac import scope as scoping
+
+    found = [scoping.Scope(s, builds / s.name) for s in map(scenes.load, scene_files)]
+    click.echo(scoping.table(found))
 
 
 def print_summary(folder: Path) -> None:

@@ -114,13 +114,15 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
     scene, frame, solver = pipeline.scene, Frame(pipeline), pipeline.solver
     lanes = frame.lanes
     normals, words = list(frame.normals(pipeline.layers)), 0
-    if pipeline.layers[0].loadable:
+    loadable = pipeline.layers[0].loadable
+    if loadable:
         words = sum(layer.weight.size * layer.weight_bits for layer in pipeline.layers)
     found = {
         "control": {"one": 1, "lanes": lanes, "loadable_bits": words},
         "background": {"one": 1, "bits": lanes * frame.channels * 9},
         "normals": {
-            "adder_bits": _bits(normals, "addition", frame),
+            "adder_bits": _bits(normals, "addition", frame) * loadable,
+            "digit_bits": _bits(normals, "addition", frame) * (not loadable),
             "product_bits": _bits(normals, "multiplication", frame),
             "activation_bits": lanes
             * sum(len(a.weight) * a.requantisation.bits for a, _ in pairwise(pipeline.layers)),

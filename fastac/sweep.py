@@ -17,7 +17,16 @@ from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
 from fastac.scene import Scene
-from fastac.sweep_models import POINT_SOURCES, PointModels, Setting, Step, origins, point_key, sources
+from fastac.sweep_models import (
+    POINT_SOURCES,
+    PointModels,
+    Setting,
+    Step,
+    generation,
+    origins,
+    point_key,
+    sources,
+)
 from fastac.sweep_results import Results, Row
 from fastac.sweep_spec import Point, Spec, grid
 
@@ -272,6 +281,7 @@ class Sweep:
                 outcome.get("metrics", {}),
                 outcome.get(status, ""),
                 outcome.get("seconds", 0.0),
+                generation(self.setting),
             )
             self.results.add(row)
             self.known[row.key], name = row, status
@@ -292,7 +302,8 @@ def run(
 ) -> dict[str, int]:
     """Measure all points of a specification in `folder` into `results`; see `Sweep.run`."""
     known = {"spec": spec.model_dump(mode="json"), "scene": base.model_dump(mode="json")}
-    results.set_facts(known | {"setting": asdict(setting), "origins": origins()})
+    known |= {"setting": asdict(setting), "generation": generation(setting)}
+    results.set_facts(known | {"origins": origins()})
     if spec.method == "grid":
         source = Grid(list(grid(spec, base, folder)))
     else:

@@ -254,8 +254,13 @@ def origins() -> dict[str, str]:
     return found | {"latency_us": "latency_cycles / the scene's assumed clock"}
 
 
-def point_key(content: dict, setting: Setting) -> str:
-    """Of a point: what it is, the code, the frames."""
+def generation(setting: Setting) -> str:
+    """What all comparable points share: the code, the data, the frames."""
     data = None if setting.data is None else digest_data(Path(setting.data))
     code = sources((*POINT_SOURCES, *TRAINING_SOURCES, "sensor/*.py"))
-    return digest([content, code, data, setting.split, setting.frames])
+    return digest([code, data, setting.split, setting.frames])
+
+
+def point_key(content: dict, setting: Setting) -> str:
+    """Of a point: what it is, and its generation."""
+    return digest([content, generation(setting)])

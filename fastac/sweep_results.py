@@ -16,7 +16,8 @@ CREATE TABLE IF NOT EXISTS points (
     scene TEXT,
     metrics TEXT NOT NULL,
     error TEXT NOT NULL,
-    seconds REAL NOT NULL
+    seconds REAL NOT NULL,
+    generation TEXT NOT NULL
 );
 CREATE TABLE IF NOT EXISTS trials (number INTEGER PRIMARY KEY, choice TEXT NOT NULL, key TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS confirmations (key TEXT PRIMARY KEY, content TEXT NOT NULL);
@@ -44,6 +45,8 @@ class Row:
     metrics: dict[str, float] = field(default_factory=dict)
     error: str = ""
     seconds: float = 0.0
+    generation: str = ""
+    """Of code, data and frames: points of different ones are not to be compared."""
 
 
 class Results:
@@ -89,30 +92,21 @@ class Results:
 
     def add(self, row: Row) -> None:
         scene = None if row.scene is None else json.dumps(row.scene)
-        values = (row.key, row.status, json.dumps(row.axes), scene, json.dumps(row.metrics), row.error)
+        axes, metrics = json.dumps(row.axes), json.dumps(row.metrics)
+        values = (row.key, row.status, axes, scene, metrics, row.error, row.seconds, row.generation)
         with self._connection() as connection:
-            connection.execute(
-                "INSERT OR REPLACE INTO points VALUES (?, ?, ?, ?, ?, ?, ?)", (*values, row.seconds)
-            )
+            connection.execute("INSERT OR REPLACE INTO points VALUES (?, ?, ?, ?, ?, ?, ?, ?)", values)
 
-    def rows(self) -> list[Row]:
-        """All points, in the order in which they were added."""
+    def rows(self, generation: str | None = None) -> list[Row]:
+        """All points, or those of a generation, in the order in which they were added."""
+        columns = "key, status, axes, scene, metrics, error, seconds, generation"
         with self._connection() as connection:
-            rows = connection.execute(
-                "SELECT key, status, axes, scene, metrics, error, seconds FROM points ORDER BY rowid"
-            ).fetchall()
-        return [
-            Row(
-                key,
-                status,
-                json.loads(axes),
-                scene and json.loads(scene),
-                json.loads(metrics),
-                error,
-                seconds,
-            )
-            for key, status, axes, scene, metrics, error, seconds in rows
+            rows = connection.execute(f"SELECT {columns} FROM points ORDER BY rowid").fetchall()
+        found = [
+            Row(key, status, json.loads(axes), scene and json.loads(scene), json.loads(metrics), *rest)
+            for key, status, axes, scene, metrics, *rest in rows
         ]
+        return [row for row in found if generation in (None, row.generation)]
 
     def add_trial(self, choice: dict, key: str) -> None:
         with self._connection() as connection:

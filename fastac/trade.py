@@ -48,9 +48,10 @@ class Source:
 
 
 def read(path: Path) -> Source:
-    """A results file. Raises ResultsError, or TradeError where no point is done."""
+    """A results file, the points of its last generation. Raises ResultsError, or TradeError without any."""
     results = Results(path, create=False)
-    found = Source(results, results.facts(), results.rows())
+    facts = results.facts()
+    found = Source(results, facts, results.rows(facts.get("generation")))
     if not found.done:
         raise TradeError(f"{path}: no point is done")
     return found
