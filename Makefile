@@ -6,7 +6,7 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test unit lint bench identities synth verify verify-photographs clean
+.PHONY: all build test unit lint bench identities synth verify verify-photographs trade scope samples clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -68,6 +68,22 @@ verify: $(READY)
 
 verify-photographs: $(PRESSES)
 	$(FASTAC) verify scenes/gelsight.toml --data $(PRESSES)
+
+# What speed costs: every specification in sweeps/, on all cores, then the page and its tables.
+SWEEPS := $(wildcard sweeps/*.toml)
+RESULTS := $(patsubst sweeps/%.toml,build/sweep/%.sqlite,$(SWEEPS))
+
+trade: $(READY)
+	for spec in $(SWEEPS); do $(FASTAC) sweep $$spec || exit 1; done
+	$(FASTAC) trade $(RESULTS)
+
+# Only what is required: a column for each scene, with the wall times of the builds that are there.
+scope: $(READY)
+	$(FASTAC) scope scenes/*.toml
+
+# The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
+samples: $(SYNTH)
+	$(VENV)/bin/python -m fastac.resource_samples
 
 clean:
 	rm -rf build

@@ -107,7 +107,7 @@ class Build:
         if self.data_file is not None:  # what it must hold depends on the scene
             source = settings() | {"file": digest_file(self.data_file)}
         source |= {"depth": scene.wants_solver, "rest": scene.wants_slopes, "labels": scene.training.labels}
-        network = ("training", "numbers") if scene.training.labels == "force" else ("training",)
+        network = ("network", "training", *(("numbers",) if scene.training.labels == "force" else ()))
         weights, integers = folder / "normals.npz", folder / "integers.npz"
         steps = [
             Step(
@@ -128,7 +128,7 @@ class Build:
             Step(
                 "integers",
                 lambda: training.integers(self.data, scene, weights, integers, progress=progress),
-                settings("training", "numbers"),
+                settings("network", "training", "numbers"),
                 TRAINING_SOURCES,
                 ("integers.npz",),
                 ("normals",),

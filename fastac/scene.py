@@ -116,6 +116,17 @@ class Protocol(Strict):
     seed: Annotated[int, Field(ge=0)] = 1
 
 
+class Network(Strict):
+    """The pixel network: three hidden layers, then the normal."""
+
+    width: Annotated[int, Field(ge=4, le=64)] = 16
+    """Neurons of each hidden layer; 16 are the paper's."""
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        return (self.width,) * 3
+
+
 class Numbers(Strict):
     """Word lengths. Widths that are not listed follow from computed bounds."""
 
@@ -216,6 +227,7 @@ class Scene(Strict):
     ]
     sensor: Sensor
     protocol: Protocol = Protocol()
+    network: Network = Network()
     numbers: Numbers = Numbers()
     poisson: Poisson = Poisson()
     force: Force = Force()

@@ -100,6 +100,14 @@ def luts(part: Part, folder: Path) -> dict[str, int]:
     return {"lut": logic + memory, "lut_as_memory": memory, "carry8": -(-found.get("CARRY4", 0) // 2)}
 
 
+def everything(part: Part, folder: Path) -> dict[str, float]:
+    """What `luts` finds of one instance, and its `dsp48e2`, `ramb36` and `uram288`, of the same run."""
+    found = luts(part, folder)
+    blocks = cells(folder / "count.json")
+    found["ramb36"] = blocks.get("RAMB36E2", 0) + blocks.get("RAMB18E2", 0) / 2
+    return found | {name.lower(): blocks.get(name, 0) for name in ("DSP48E2", "URAM288")}
+
+
 def dsp_registers(part: Part, folder: Path) -> dict[str, int]:
     """DSP48E1 of one instance on 7-series, and how many have their A, B, M and P registers in use."""
     if "cell $mul " not in part.text:

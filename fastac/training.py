@@ -83,7 +83,7 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
     if scene.training.labels == "force":
         network, history = train_force_labels.train(data, scene, progress=progress)
     else:
-        network, history = train_normals.train(data, scene.training, progress=progress)
+        network, history = train_normals.train(data, scene.training, scene.network.hidden, progress=progress)
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
 
 
@@ -119,30 +119,60 @@ def force(
     data: Dataset, scene: Scene, weights: Path, integers: Path, output: Path, *, progress: bool
 ) -> None:
     """Train the force model on what the float pipeline finds, then fit it to what each pipeline finds."""
-    rest, truth = rest_depth_mm(data), {}
+    start, arrays = start_force(data, scene, load_arrays(weights), progress=progress)
+    pipeline = integer_pipeline(load_arrays(integers), data, scene)
+    save_arrays(output, arrays | fit_force("integer", pipeline, data, start, progress=progress))
+
+
+def start_force(
+    data: Dataset, scene: Scene, weights: dict[str, np.ndarray], *, progress: bool
+) -> tuple[HyperForce | None, dict[str, np.ndarray]]:
+    """The force model that every pipeline's fit starts from, and the float pipeline's own fit as arrays.
+
+    No model where the weights of the slopes are fitted directly.
+    """
+    pipeline, start, arrays = float_pipeline(weights, data, scene), None, {}
+    found, truth = force_samples(pipeline, data, progress=progress)
+    if scene.force.fit != "slopes":
+        start, history = train_force.train(scene, rest_depth_mm(data), found, truth, progress=progress)
+        arrays = curve(history, "force")
+    return start, arrays | _fit_force("float", scene, start, found, truth, progress=progress)
+
+
+def fit_force(
+    name: str,
+    pipeline: FloatPipeline | IntegerPipeline,
+    data: Dataset,
+    start: HyperForce | None,
+    *,
+    progress: bool,
+) -> dict[str, np.ndarray]:
+    """The force's weights for what a pipeline finds: `force.{name}_weights` and how they were chosen."""
+    found, truth = force_samples(pipeline, data, progress=progress)
+    return _fit_force(name, pipeline.scene, start, found, truth, progress=progress)
+
+
+def force_samples(
+    pipeline: FloatPipeline | IntegerPipeline, data: Dataset, *, progress: bool
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """What the pipeline finds for the force model, and the true forces, by split."""
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
-    for split, index in splits.items():
-        truth[split] = data.forces_n(index, scene.force_axes)
-    start, arrays = None, {}
-    for name, pipeline in (
-        ("float", float_pipeline(load_arrays(weights), data, scene)),
-        ("integer", integer_pipeline(load_arrays(integers), data, scene)),
-    ):
-        found = {
-            s: force_input(pipeline, data.frames[i], data.background, progress=progress)
-            for s, i in splits.items()
-        }
-        if scene.force.fit == "slopes":
-            fitted, history = slope_force.fit(found, truth, progress=progress)
-        else:
-            if start is None:
-                start, history = train_force.train(scene, rest, found, truth, progress=progress)
-                arrays |= curve(history, "force")
-            model, history = train_force.refit(scene, start, found, truth)
-            fitted = force_weights(model, scene)
-        arrays[f"force.{name}_weights"] = fitted.astype(np.float32)
-        arrays |= curve(history, f"force_{name}")
-    save_arrays(output, arrays)
+    found = {
+        split: force_input(pipeline, data.frames[index], data.background, progress=progress)
+        for split, index in splits.items()
+    }
+    return found, {s: data.forces_n(index, pipeline.scene.force_axes) for s, index in splits.items()}
+
+
+def _fit_force(
+    name: str, scene: Scene, start: HyperForce | None, found: dict, truth: dict, *, progress: bool
+) -> dict[str, np.ndarray]:
+    if start is None:
+        fitted, history = slope_force.fit(found, truth, progress=progress)
+    else:
+        model, history = train_force.refit(scene, start, found, truth)
+        fitted = force_weights(model, scene)
+    return {f"force.{name}_weights": fitted.astype(np.float32)} | curve(history, f"force_{name}")
 
 
 def force_input(

@@ -8,6 +8,7 @@ runs again; files appear whole or not at all.
 import hashlib
 import json
 import os
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -91,7 +92,15 @@ class Workspace:
             stamp = json.loads(self._stamp(step).read_text())
         except (OSError, json.JSONDecodeError):
             return False
-        return stamp == {"key": self.key(step), "files": self._files(step)}
+        current = {"key": self.key(step), "files": self._files(step)}
+        return isinstance(stamp, dict) and current == {name: stamp.get(name) for name in current}
+
+    def seconds(self, name: str) -> float | None:
+        """How long a step took when it last ran; None if that is not known."""
+        try:
+            return float(json.loads((self.folder / ".stamps" / f"{name}.json").read_text())["seconds"])
+        except (OSError, ValueError, KeyError, TypeError):
+            return None
 
     def perform(self, step: Step, announce: Callable[[str, bool], None]) -> None:
         """Run a step unless it is up to date; `announce(name, current)` is called first."""
@@ -99,9 +108,11 @@ class Workspace:
         announce(step.name, current)
         if not current:
             self._stamp(step).unlink(missing_ok=True)
+            start = time.monotonic()
             step.run()
+            seconds = time.monotonic() - start
             files = self._files(step)
             if files is None:
                 raise RuntimeError(f"step {step.name}: an output is missing: {', '.join(step.outputs)}")
-            write_json(self._stamp(step), {"key": self.key(step), "files": files})
+            write_json(self._stamp(step), {"key": self.key(step), "files": files, "seconds": seconds})
         self._keys[step.name] = self.key(step)

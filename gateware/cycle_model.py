@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from fastac.scene import Scene
 from models.bounds import reciprocal_distance
-from models.features import HIDDEN, WIDTH, limits
+from models.features import WIDTH, limits
 from models.fixed import signed_width
 
 from .background import BackgroundSubtraction
@@ -40,7 +40,7 @@ class Figures:
 class CycleModel(FrameCycles):
     """The figures of the datapath that a scene needs, equal to those of `Datapath` and so of its Verilog.
 
-    hidden : neurons of the pixel network's hidden layers
+    hidden : neurons of the pixel network's hidden layers; None: as the scene has them
     flat : whether the depth at rest is zero, so that no table adds it in difference mode; None: as the
         scene's geometry has it
 
@@ -48,10 +48,12 @@ class CycleModel(FrameCycles):
     multipliers and clocks.
     """
 
-    def __init__(self, scene: Scene, *, hidden: Sequence[int] = HIDDEN, flat: bool | None = None):
+    def __init__(self, scene: Scene, *, hidden: Sequence[int] | None = None, flat: bool | None = None):
         self.scene, self.lanes = scene, scene.hardware.pixels_per_clock
         if flat is None:
             flat = scene.sensor.geometry == "flat"
+        if hidden is None:
+            hidden = scene.network.hidden
         sizes = (len(scene.sensor.channel_names) + 2, *hidden, NORMAL)
         self.guard, self.background = FrameGuard, BackgroundSubtraction
         self.mlp = Figures(NormalMlp.latency_of(sizes[:-1]), multipliers=self._network_multipliers(sizes))
@@ -134,7 +136,7 @@ class CycleModel(FrameCycles):
         )
 
 
-def cycles(scene: Scene, *, hidden: Sequence[int] = HIDDEN, flat: bool | None = None) -> dict:
+def cycles(scene: Scene, *, hidden: Sequence[int] | None = None, flat: bool | None = None) -> dict:
     """Clocks of the scene's hardware if nothing stalls: what the report's `latency_cycles` counts.
 
     `stage` are the shares of normals, depth and force, `part` those of each of their stages;
@@ -152,6 +154,6 @@ def cycles(scene: Scene, *, hidden: Sequence[int] = HIDDEN, flat: bool | None = 
     return found
 
 
-def multipliers(scene: Scene, *, hidden: Sequence[int] = HIDDEN) -> dict[str, int]:
+def multipliers(scene: Scene, *, hidden: Sequence[int] | None = None) -> dict[str, int]:
     """Products a clock of the scene's hardware, by stage: `Datapath.multipliers`."""
     return CycleModel(scene, hidden=hidden).multipliers

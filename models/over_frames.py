@@ -1,4 +1,4 @@
-"""Work over many frames: one thread for each core, a chunk of frames at a time."""
+"""Work over many frames: a thread for each core, a chunk of frames at a time."""
 
 import os
 import threading
@@ -20,6 +20,12 @@ Outputs = dict[str, tuple[tuple[int, ...], type]]
 @cache
 def _blas() -> ThreadpoolController:
     return ThreadpoolController()
+
+
+def threads() -> int:
+    """OMP_NUM_THREADS where it is set, as for BLAS; else one for each core."""
+    stated = os.environ.get("OMP_NUM_THREADS", "")
+    return int(stated) if stated.isdecimal() and int(stated) else os.cpu_count() or 1
 
 
 def choose(outputs: Outputs, wanted: Iterable[str] | None) -> Outputs:
@@ -55,8 +61,8 @@ def over_frames(
     if not len(frames):
         raise ValueError("frames: none to process")
     found = {name: np.empty((len(frames), *shape), kind) for name, (shape, kind) in outputs.items()}
-    threads = min(os.cpu_count() or 1, len(frames))
-    step = min(CHUNK, -(-len(frames) // threads))
+    workers = min(threads(), len(frames))
+    step = min(CHUNK, -(-len(frames) // workers))
     local = threading.local()
 
     def run(start: int) -> int:
@@ -69,7 +75,7 @@ def over_frames(
     with (
         tqdm(total=len(frames), desc=label, unit="frame", disable=not progress, leave=False) as bar,
         _blas().limit(limits=1, user_api="blas"),
-        ThreadPoolExecutor(threads) as pool,
+        ThreadPoolExecutor(workers) as pool,
     ):
         for count in pool.map(run, range(0, len(frames), step)):
             bar.update(count)

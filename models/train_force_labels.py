@@ -17,7 +17,7 @@ from fastac.scene import Scene
 from sensor.dataset import Dataset
 
 from . import slope_force
-from .features import DIFFERENCE_SCALE, coordinate_codes, integer_features, scales
+from .features import DIFFERENCE_SCALE, HIDDEN, coordinate_codes, integer_features, scales
 from .normals import PixelNetwork
 from .threads import single_thread
 from .train_normals import ScaledNetwork, Unit
@@ -63,13 +63,13 @@ def mixtures_of(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
     return mixtures * STEEPEST / np.quantile(np.abs(flat @ mixtures.T), 1 - 1e-4, axis=0)[:, None]
 
 
-def linear_network(mixtures: np.ndarray) -> PixelNetwork:
+def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> PixelNetwork:
     """A network whose slopes are `mixtures` (2, C) of the scaled differences: a linear model.
 
     The first four neurons of each layer carry both mixtures, each as two rectified halves; the others are
     random, and their way out starts at zero.
     """
-    network = PixelNetwork(mixtures.shape[1] + 2)
+    network = PixelNetwork(mixtures.shape[1] + 2, hidden)
     halves = torch.tensor(np.stack([mixtures[0], -mixtures[0], mixtures[1], -mixtures[1]]))
     first, *middle, last = network.linears
     with torch.no_grad():
@@ -143,7 +143,7 @@ def start(data: Dataset, scene: Scene, *, progress: bool = False) -> ForceFromPi
     mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
     fields, cosines = linear_fields(mixed, force, progress=progress)
     lowest = slope_force.spectra(fields, cosines)
-    network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32))
+    network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32), scene.network.hidden)
     return ForceFromPixels(network, lowest, data.background.shape, scene.numbers.slope_limit)
 
 

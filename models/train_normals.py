@@ -14,7 +14,7 @@ from fastac.scene import Training
 from sensor.dataset import Dataset
 
 from .ensemble import Ensemble
-from .features import COORDINATE_SCALE, integer_features, scales
+from .features import COORDINATE_SCALE, HIDDEN, integer_features, scales
 from .integer import Layer, Requantisation
 from .normals import PixelNetwork, normal_loss
 from .threads import single_thread
@@ -166,8 +166,13 @@ def _tensors(pixels: dict[str, tuple[np.ndarray, np.ndarray]]) -> tuple[torch.Te
     return torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y)
 
 
-def train(data: Dataset, settings: Training, *, progress: bool = False) -> tuple[PixelNetwork, list[dict]]:
-    """Fit the float network to a dataset's train split; returns it and its learning curve."""
+def train(
+    data: Dataset, settings: Training, hidden: tuple[int, ...] = HIDDEN, *, progress: bool = False
+) -> tuple[PixelNetwork, list[dict]]:
+    """Fit the float network to a dataset's train split; returns it and its learning curve.
+
+    hidden : neurons of its hidden layers
+    """
     pixels = labelled(data, settings)
     x, y = pixels["train"]
     unit = scales(x.shape[1] - 2)
@@ -188,7 +193,7 @@ def train(data: Dataset, settings: Training, *, progress: bool = False) -> tuple
             settings.position_noise,
         )(teacher, x, y, copies=settings.teachers, progress=progress)
         teacher.eval()
-    network = PixelNetwork(x.shape[1])
+    network = PixelNetwork(x.shape[1], hidden)
     fit = Fit(
         settings.normals_epochs,
         settings.normals_batch_px,

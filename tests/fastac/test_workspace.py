@@ -170,3 +170,15 @@ def test_json_is_whole_or_as_it_was(tmp_path):
         write_json(path, {"a": object()})
     assert json.loads(path.read_text()) == {"a": [1, 2]}
     assert [p.name for p in path.parent.iterdir()] == ["x.json"]
+
+
+def test_steps_are_timed(bench):
+    place = Workspace(bench.folder)
+    assert place.seconds("first") is None
+    bench.run()
+    took = place.seconds("first")
+    assert 0 <= took < 60
+    bench.run()
+    assert place.seconds("first") == took  # of the run that made it
+    (bench.folder / ".stamps" / "first.json").write_text("[]")
+    assert place.seconds("first") is None

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from fastac.scene import Numbers, load
+from fastac.scene import Network, Numbers, load
 from gateware.cycle_model import CycleModel, cycles, multipliers
 from gateware.datapath import Datapath
 from models.bounds import reciprocal_distance, reciprocals
@@ -125,6 +125,15 @@ def test_limits_of_the_scenes(name, hardware, limits):
     assert sum(found["stage"].values()) == sum(found["part"].values()) == found["first_pixel_to_force"]
     frame = 128 * 128 // at(name, **hardware).hardware.pixels_per_clock
     assert found["first_pixel_to_force"] - found["last_pixel_to_force"] == frame - 1
+
+
+@pytest.mark.parametrize("weights", ["loadable", "baked"])
+def test_the_width_of_the_network_is_the_scenes(tmp_path, weights):
+    wanted = scene(("depth",), weights=weights)
+    wanted = wanted.model_copy(update={"network": Network(width=7)})
+    pipeline = specimen(tmp_path / "bundle", wanted, hidden=(7, 7, 7)).pipeline
+    check(Datapath(pipeline), CycleModel(wanted))
+    assert cycles(wanted) == cycles(wanted, hidden=(7, 7, 7)) != cycles(wanted, hidden=(9, 9, 9))
 
 
 def test_multipliers_of_the_scenes():

@@ -9,6 +9,11 @@ from models.over_frames import CHUNK, choose, over_frames, require_frames
 OUTPUTS = {"double": ((2,), np.int64), "index": ((), np.int32)}
 
 
+@pytest.fixture(autouse=True)
+def no_limit(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+
+
 class Worker:
     """Doubles frames of two numbers; notes where and on how many at once."""
 
@@ -48,6 +53,16 @@ def test_few_frames_are_shared_out(monkeypatch):
     made: list[Worker] = []
     run(7, lambda: Worker(made))
     assert sorted(size for worker in made for size in worker.sizes) == [1, 3, 3]
+
+
+@pytest.mark.parametrize(("stated", "workers"), [("1", 1), ("2", 2), ("0", 3), ("many", 3), ("", 3)])
+def test_the_environment_limits_the_threads(monkeypatch, stated, workers):
+    monkeypatch.setattr(module.os, "cpu_count", lambda: 3)
+    monkeypatch.setenv("OMP_NUM_THREADS", stated)
+    assert module.threads() == workers
+    made: list[Worker] = []
+    run(workers, lambda: Worker(made))
+    assert [size for worker in made for size in worker.sizes] == [1] * workers
 
 
 def test_what_goes_wrong_in_a_thread_is_raised():

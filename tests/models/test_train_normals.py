@@ -346,3 +346,8 @@ class TestFinetune:
         target /= np.linalg.norm(target, axis=1, keepdims=True)
         before = loss_of(by_integers(layers, x), target)
         assert from_these[0]["train_loss"] == pytest.approx(before, rel=0.2)
+
+
+def test_the_width_of_the_hidden_layers(tiny_data, make_scene):
+    network, _ = train(tiny_data, make_scene(training={"normals_epochs": 1}).training, (5, 6, 7))
+    assert [len(layer.weight) for layer in network.linears] == [5, 6, 7, 3]

@@ -1,0 +1,158 @@
+"""What a sweep varies: its specification in TOML, and the scenes that follow from it."""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from fastac import scene as scenes
+from fastac.scene import Count, Scene, Strict
+
+Values = Annotated[list, Field(min_length=1)]
+Axes = Annotated[dict[str, Values], Field(min_length=1)]
+
+
+class SpecError(ValueError):
+    """A specification that cannot be used; the message is one line that names file, key and value."""
+
+
+class Spec(Strict):
+    """A sweep. Paths are relative to the file that it was read from.
+
+    An axis is a scene's key with the values that it takes: "numbers.data_bits" = [18, 22, 26]. Keys with
+    commas between them move together: each value is given to all of them or, if it is a list as long as
+    there are keys, one to each. The axis "scene" takes other base scenes.
+    """
+
+    scene: str
+    """What is not an axis is as in this scene."""
+    axes: Annotated[list[Axes], Field(min_length=1)]
+    """One grid or, as [[axes]], several, whose points are put together."""
+    method: Literal["grid", "optuna"] = "grid"
+    data: str | None = None
+    """A dataset for all points, instead of pressing the virtual fingertip."""
+    split: Literal["train", "validation", "test"] = "test"
+    frames: Count = 48
+    """How many of the split every point is evaluated on, spread over it."""
+    trials: Count = 100
+    """Of Optuna: so many points are tried."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    objectives: Annotated[tuple[str, ...], Field(min_length=1)] = ("depth_mae_mm", "latency_cycles", "dsp")
+    """Metrics that Optuna makes small, all at once."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A choice of values by key, and the scene that it makes; None and the reason where there is none.
+
+    The key "scene" names another base scene's file.
+    """
+
+    axes: dict
+    scene: Scene | None
+    error: str = ""
+
+    @property
+    def content(self) -> dict:
+        """What a result depends on: the scene, without its name and what is simulated only."""
+        if self.scene is None:
+            return {"impossible": self.axes}
+        return self.scene.model_dump(mode="json", exclude={"name", "simulation"})
+
+
+def _field(key: str) -> bool:
+    """Whether the scene's schema has a dotted key."""
+    model, (*outer, last) = Scene, key.split(".")
+    for name in outer:
+        found = model.model_fields.get(name)
+        if (
+            found is None
+            or not isinstance(found.annotation, type)
+            or not issubclass(found.annotation, Strict)
+        ):
+            return False
+        model = found.annotation
+    return last in model.model_fields and last != "name"
+
+
+def keys_of(axis: str) -> list[str]:
+    return [key.strip() for key in axis.split(",")]
+
+
+def expand(axis: str, value) -> dict:
+    """The keys that an axis' value sets."""
+    keys = keys_of(axis)
+    each = isinstance(value, list) and len(keys) > 1
+    return dict(zip(keys, value if each else [value] * len(keys), strict=True))
+
+
+def load(path: Path) -> tuple[Spec, Scene]:
+    """A specification and its base scene. Raises SpecError, or SceneError for the scene."""
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise SpecError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SpecError(f"{path}: {error}") from None
+    if isinstance(content.get("axes"), dict):
+        content["axes"] = [content["axes"]]
+    try:
+        spec = Spec.model_validate(content)
+    except ValidationError as error:
+        raise SpecError(f"{path}: {scenes.describe(error)}") from None
+    for grid in spec.axes:
+        for axis, values in grid.items():
+            keys = keys_of(axis)
+            for key in keys:
+                if key != "scene" and not _field(key):
+                    raise SpecError(f"{path}: axes: {key!r}: a scene has no such key")
+            for value in values:
+                if len(keys) > 1 and isinstance(value, list) and len(value) != len(keys):
+                    raise SpecError(f"{path}: axes: {axis!r}: {value!r}: expected {len(keys)} values")
+    if spec.method == "optuna" and len(spec.axes) > 1:
+        raise SpecError(f"{path}: method = 'optuna': expected one table of axes")
+    return spec, scenes.load(path.parent / spec.scene)
+
+
+def point_of(base: Scene, choice: dict, folder: Path) -> Point:
+    """The base scene with a choice of values; an impossible one says why. `folder` is the specification's."""
+    if "scene" in choice:
+        base = scenes.load(folder / choice["scene"])
+    content = base.model_dump(mode="json")
+    for key, value in choice.items():
+        if key == "scene":
+            continue
+        inner, (*outer, last) = content, key.split(".")
+        for name in outer:
+            inner = inner[name]
+        inner[last] = value
+    try:
+        return Point(choice, Scene.model_validate(content))
+    except ValidationError as error:
+        return Point(choice, None, scenes.describe(error))
+
+
+def grid(spec: Spec, base: Scene, folder: Path) -> Iterator[Point]:
+    """Every point of all grids, each different scene once."""
+    seen = set()
+    for axes in spec.axes:
+        for values in product(*axes.values()):
+            choice = {}
+            for axis, value in zip(axes, values, strict=True):
+                choice |= expand(axis, value)
+            point = point_of(base, choice, folder)
+            key = digest(point.content)
+            if key not in seen:
+                seen.add(key)
+                yield point
+
+
+def digest(content) -> str:
+    """A short hash of JSON content."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]
