@@ -634,7 +634,7 @@ def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress
     paths = marked or [path for name in MARKED if (path := Path("scenes") / f"{name}.toml").exists()]
     stars = {s.name: row for s in map(scenes.load, paths) for row in rows if trading.is_scene(row, s)}
     shown = trade_page.Trade(sources, rows, stars)
-    for table in trade_page.tables(shown)[: len(shown.errors)]:
+    for table in trade_page.tables(shown):
         click.echo(table.text)
     if pick:
         by_names = [name.strip() for name in by.split(",")]
