@@ -589,7 +589,10 @@ MARKED = ("paper", "fast", "force")
     "--scene", "scene_file", type=INPUT, help="Where --pick writes. [default: picked.toml in the folder]"
 )
 @click.option(
-    "--confirm", type=click.IntRange(1), metavar="N", help="Build N random designs of the front, and compare."
+    "--confirm",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Build N random designs of the fronts, and compare.",
 )
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of --confirm.")
 @progress_option
@@ -600,9 +603,9 @@ def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress
     fronts. --pick writes the scene of the best design within limits, ready for `fastac build`; limits are
     metrics with < <= > >= and a number, separated by commas; a wrong name lists all there are.
 
-    --confirm takes N random designs of the front over error, cycles, DSP and energy, builds their Verilog and
-    sends held-out frames through it: every value must be the integer model's and every latency the one
-    stated. What was found is kept in RESULTS; those that are known are not simulated again.
+    --confirm takes N random designs of the fronts over an error, cycles, DSP and energy, builds their
+    Verilog and sends held-out frames through it: every value must be the integer model's and every latency
+    the one stated. What was found is kept in RESULTS; those that are known are not simulated again.
     """
     from fastac import trade as trading
     from fastac import trade_page
@@ -616,7 +619,7 @@ def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress
 
         best = {row.key for row in trading.best_designs(rows)}
         chosen = [(source, row) for source, row in designs if row.key in best]
-        click.echo(f"front over error, cycles, DSP and energy: {len(chosen)} of {len(designs)} designs")
+        click.echo(f"fronts over an error, cycles, DSP and energy: {len(chosen)} of {len(designs)} designs")
 
         def tell(row, content):
             verdict = "exact" if content["is_exact"] else f"DIFFERENT: {content['first_mismatch']}"
@@ -631,7 +634,7 @@ def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress
     paths = marked or [path for name in MARKED if (path := Path("scenes") / f"{name}.toml").exists()]
     stars = {s.name: row for s in map(scenes.load, paths) for row in rows if trading.is_scene(row, s)}
     shown = trade_page.Trade(sources, rows, stars)
-    for table in trade_page.tables(shown)[: len(shown.errors)]:
+    for table in trade_page.tables(shown):
         click.echo(table.text)
     if pick:
         by_names = [name.strip() for name in by.split(",")]

@@ -221,7 +221,7 @@ class Sweep:
                 "step": step and step.name,
                 "sources": sources(POINT_SOURCES),
             }
-            self.bar.set_postfix_str(f"{step.name if step else 'points'}", refresh=False)
+            self.bar.set_postfix_str(step.name if step else "points")
             if step is not None and step.name == "data":
                 self._outcome(job, step, perform(task))  # here, for it has processes of its own
                 continue

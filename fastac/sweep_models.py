@@ -161,7 +161,7 @@ class PointModels:
 
     def _generate(self, output: Path) -> None:
         """With everything that any point might want: they all learn from the same presses."""
-        fingertip.generate(self.scene.model_copy(update={"outputs": ("depth",)}), output)
+        fingertip.generate(self.scene.model_copy(update={"outputs": ("depth",)}), output, progress=False)
 
     def _normals(self, output: Path) -> None:
         training.normals(self.data, self.scene, output, progress=False)

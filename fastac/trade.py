@@ -94,19 +94,16 @@ def front(rows: Iterable[Row], names: Sequence[str]) -> list[Row]:
     return sorted(kept, key=lambda row: row.metrics[names[-1]])
 
 
-def error_of(rows: Iterable[Row]) -> str:
-    """The error that fronts over several costs are about: the depth's where it is measured."""
-    rows = list(rows)
-    for name in ("depth_mae_mm", "force_z_mae_n", "normal_mae_deg", "force_mae_n"):
-        if any(name in row.metrics for row in rows):
-            return name
-    raise TradeError("no point has an error of depth, force or normals")
-
-
 def best_designs(rows: Iterable[Row]) -> list[Row]:
-    """The front over error and all costs at once."""
+    """What is on the front over all costs and one of the errors; that of depth-less designs is the force's.
+
+    Raises TradeError where nothing has an error.
+    """
     rows = list(rows)
-    return front(rows, (error_of(rows), *COSTS))
+    found = {row.key: row for error in ERRORS for row in front(rows, (error, *COSTS))}
+    if not found:
+        raise TradeError(f"no point has an error of {', '.join(ERRORS)}")
+    return list(found.values())
 
 
 def faster(rows: Iterable[Row], error: str) -> list[tuple[float, Row]]:

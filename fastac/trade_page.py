@@ -177,6 +177,13 @@ def _hover(row: Row) -> str:
     return "<br>".join(lines)
 
 
+def scale(rows: Sequence[Row], cost: str) -> str:
+    """Of a cost's axis: over less than a decade a logarithm has no room for its labels."""
+    values = [row.metrics[cost] for row in rows]
+    paper = [PAPER_CYCLES] if cost == "latency_cycles" else []
+    return "log" if min(values) > 0 and max(values + paper) > 10 * min(values) else "linear"
+
+
 def figure(shown: Trade, error: str) -> go.Figure:
     """Error against each cost: all points, the front, marked scenes, confirmed points, the paper."""
     found = make_subplots(1, len(COSTS), shared_yaxes=True, horizontal_spacing=0.03)
@@ -222,7 +229,7 @@ def figure(shown: Trade, error: str) -> go.Figure:
                 1,
                 k,
             )
-        found.update_xaxes(title_text=label, type="log", row=1, col=k)
+        found.update_xaxes(title_text=label, type=scale(rows, cost), row=1, col=k)
     found.update_yaxes(title_text=ERRORS[error], type="log", row=1, col=1)
     found.update_yaxes(type="log")
     found.update_layout(
@@ -240,7 +247,7 @@ def picture(shown: Trade, error: str, path: Path) -> None:
         def at(rows: Sequence[Row], over=cost) -> tuple[list[float], list[float]]:
             return [row.metrics[over] for row in rows], [row.metrics[error] for row in rows]
 
-        panel.loglog(*at(rows), ".", color="#9aa7b5", label="designs")
+        panel.semilogy(*at(rows), ".", color="#9aa7b5", label="designs")
         panel.step(*at(trade.front(rows, (error, cost))), "o-", where="post", markersize=4, label="front")
         confirmed = [row for row in rows if row.key in shown.confirmed]
         if confirmed:
@@ -252,6 +259,7 @@ def picture(shown: Trade, error: str, path: Path) -> None:
                 panel.plot(*at([row]), "*", markersize=12, label=f"scene {name}")
         if cost == "latency_cycles" and error in PAPER_ERRORS:
             panel.plot(PAPER_CYCLES, PAPER_ERRORS[error], "D", color="#c0392b", label=PAPER_LABEL)
+        panel.set_xscale(scale(rows, cost))
         panel.set_xlabel(label)
         panel.grid(alpha=0.3, which="both")
     panels[0].set_ylabel(ERRORS[error])

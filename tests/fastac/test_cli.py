@@ -1,6 +1,8 @@
 import json
 import os
 import shutil
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import replace
 
 import h5py
@@ -11,6 +13,7 @@ from PIL import Image
 
 from fastac import hardware, verify
 from fastac import scene as scenes
+from fastac import sweep as sweeps
 from fastac.cli import main
 from models import bundle as bundles
 from models.float_pipeline import FloatPipeline
@@ -670,8 +673,12 @@ def spec(toml, tmp_path):
 
 
 def test_sweep_and_trade(spec, toml, tiny_file, tmp_path, monkeypatch):
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    for name in sweeps.THREAD_VARIABLES:
         monkeypatch.setenv(name, "1")
+    one_thread = sweeps.Pool(
+        lambda: ThreadPoolExecutor(1), 1
+    )  # processes take longer to start than this takes
+    monkeypatch.setattr(sweeps, "local_pool", lambda workers: nullcontext(one_thread))
     spec.write_text(f'data = "{tiny_file}"\n{spec.read_text()}')
     results, page = tmp_path / "r.sqlite", tmp_path / "page"
     sweep = ("sweep", spec, "-o", results, "--cache", tmp_path / "cache", "--workers", 1, "--no-progress")
@@ -688,9 +695,11 @@ def test_sweep_and_trade(spec, toml, tiny_file, tmp_path, monkeypatch):
 
 def test_sweeps_that_cannot_start(spec, toml, tmp_path):
     assert "spec.toml: frame: unknown key" in fail("sweep", edited(spec, "frames", "frame"))
-    assert run("sweep", spec, "--workers", 1, "--scheduler", "tcp://here:1").exit_code == 2
+    assert (
+        run("sweep", edited(spec, "frame =", "frames ="), "--workers", 1, "--scheduler", "x").exit_code == 2
+    )
     toml.write_text(toml.read_text().replace('channels = "bgr+nir"', 'channels = "bgr"\nsource = "recorded"'))
-    result = run("sweep", edited(spec, "frame =", "frames ="))
+    result = run("sweep", spec)
     assert result.exit_code == 2
     assert "data: missing" in result.output
     assert "no such file" in fail("trade", tmp_path / "none.sqlite")

@@ -37,6 +37,8 @@ def test_best_designs_count_every_cost():
         row("poor", depth_mae_mm=3, **costs),
     ]
     assert {r.key for r in trade.best_designs(rows)} == {"accurate", "frugal"}
+    rows.append(row("depthless", force_z_mae_n=1, **costs))
+    assert {r.key for r in trade.best_designs(rows)} == {"accurate", "frugal", "depthless"}
     with pytest.raises(TradeError, match="no point has an error"):
         trade.best_designs([row("x", **costs)])
 
