@@ -47,6 +47,8 @@ STAGES = {
 BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
 HALF_SHAPES = ((36, 512, 0.5), (18, 1024, 0.5), (9, 2048, 0.5), (4, 4096, 0.5), (2, 8192, 0.5))
 """Bits and words of a RAMB36E2, and of a RAMB18E2, which is half of one (Xilinx UG573)."""
+SHALLOW_WORDS = 64
+"""Memories of so few words become distributed RAM, unless they are asked to be blocks."""
 
 
 def stage_of(instance: str) -> str:
@@ -74,7 +76,9 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
     if solver is not None:
         source, difference = pipeline.source, scene.poisson.mode == "difference"
         own = signed_width(int(np.abs(source.offset).max()))
-        yield "source", 1, lanes * (source.width if loadable and difference else own), frame.inner_beats
+        deep = frame.inner_beats > SHALLOW_WORDS
+        if deep:
+            yield "source", 1, lanes * (source.width if loadable and difference else own), frame.inner_beats
         transforms = [solver.row_forward, solver.row_inverse]
         if scene.poisson.solver == "tridiagonal":
             yield "reversal", 1, lanes * solver.elimination.output_width, frame.inner_beats
@@ -87,7 +91,8 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
                 yield "transposition", lanes, transform.output_width, page
             transforms += [solver.column_forward, solver.column_inverse]
             distance = int(solver.division.shift.max() - solver.division.shift.min()).bit_length()
-            yield "division", 1, lanes * (17 + distance), frame.inner_beats
+            if deep:
+                yield "division", 1, lanes * (17 + distance), frame.inner_beats
         half = (frame.size + 1) // 2
         for transform in transforms:
             yield "transforms", 1, lanes * half * transform.coefficient_width, frame.row_beats
@@ -145,11 +150,12 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
             found["transposition"] = {"one": 1, "bits": lanes * lanes * width}
             distance = int(solver.division.shift.max() - solver.division.shift.min()).bit_length()
             found["division"] = {"one": 1, "bits": lanes * solver.division.product_width * distance}
-        kinds = 1 if lanes == 1 else 2
+        folds = sum(half * (t.input_width + 1) for t in transforms)
         found["transforms"] = {
-            "fold_bits": sum(kinds * half * (t.input_width + 1) for t in transforms),
+            # A single lane adds and subtracts in turn; several have halves of either kind.
+            "alternating_bits": folds if lanes == 1 else 0,
+            "fold_bits": 0 if lanes == 1 else 2 * folds,
             "tree_bits": sum(lanes * half * (t.input_width + t.coefficient_width) for t in transforms),
-            "lanes": lanes * len(transforms),
         }
         found["depth"] = {"one": 1, "bits": lanes * pipeline.depth.width}
     force = pipeline.force

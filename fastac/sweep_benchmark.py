@@ -6,6 +6,7 @@ The models are trained before any clock runs. Every worker is a process of this 
 has measured a point (and so loaded the frames) before its clock runs; no result is kept.
 """
 
+import logging
 import tempfile
 import time
 from pathlib import Path
@@ -42,7 +43,9 @@ def seconds(points: list[Point], setting: Setting, workers: int, folder: Path) -
 
     sweeps.single_threaded()
     with (
-        LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as cluster,
+        LocalCluster(
+            n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+        ) as cluster,
         sweeps.dask_pool(cluster.scheduler_address) as pool,
     ):
         for part in (points[:workers], points):
