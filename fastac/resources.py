@@ -47,7 +47,7 @@ STAGES = {
 BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
 HALF_SHAPES = ((36, 512, 0.5), (18, 1024, 0.5), (9, 2048, 0.5), (4, 4096, 0.5), (2, 8192, 0.5))
 """Bits and words of a RAMB36E2, and of a RAMB18E2, which is half of one (Xilinx UG573)."""
-SHALLOW_WORDS = 64
+SHALLOW_WORDS = 256
 """Memories of so few words become distributed RAM, unless they are asked to be blocks."""
 
 
