@@ -126,6 +126,8 @@ def of_depth(pipeline: IntegerPipeline) -> list[WorstCase]:
     """Depth and displacement of the solver's largest words where the skin at rest is the highest."""
     depth, n = pipeline.depth, len(pipeline.depth.rest)
     top = (1 << (depth.input_width - 1)) - 1
+    if depth.loadable:  # any word of the solver, as its own solution at rest is one
+        depth = replace(depth, rest=np.full((n, n), top))
     inputs = np.stack([np.full((n, n), top), np.full((n, n), -top - 1)])
     heights, displacements = depth(inputs)
     range_bound = top + 1 + magnitude(depth.rest)
@@ -134,13 +136,13 @@ def of_depth(pipeline: IntegerPipeline) -> list[WorstCase]:
             "depth",
             "depth, displacement",
             depth.width,
-            2 * (top + 1) if depth.loadable else range_bound,
+            range_bound,
             range_bound,
             max(magnitude(heights), magnitude(displacements)),
             depth,
             inputs,
             heights,
-            "any word of the solver",
+            "any word of the solver" + ", and any rest that can be loaded" * depth.loadable,
         )
     ]
     if pipeline.quantiser is not None:
