@@ -52,8 +52,8 @@ def of_frames(scene: Scene, mean_dn: float) -> list[Fault]:
         levels = (0, 0.5, 0.8, 0.9, 0.95, 0.98, 1)
         apply = partial(_dimmed, channel)
         found.append(Fault(f"{name} light", "of its brightness", levels, 1, apply))
-    shares = (0, 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02)
-    found.append(Fault("dead pixels", "of all", shares, 0, faults.dead_pixels))
+    percent = (0, 0.05, 0.1, 0.2, 0.5, 1, 2)
+    found.append(Fault("dead pixels", "%", percent, 0, _dead))
     sigmas = (0, 0.35, 0.5, 0.7, 1, 1.5, 2, 4)
     found.append(Fault("defocus", "px, sigma", sigmas, 0, faults.defocused))
     return found
@@ -61,6 +61,10 @@ def of_frames(scene: Scene, mean_dn: float) -> list[Fault]:
 
 def _dimmed(channel: int, frames: np.ndarray, factor: float) -> np.ndarray:
     return faults.dimmed(frames, channel, factor)
+
+
+def _dead(frames: np.ndarray, percent: float) -> np.ndarray:
+    return faults.dead_pixels(frames, percent / 100)
 
 
 def presses(scene: Scene, folder: Path, *, progress: bool) -> Dataset:

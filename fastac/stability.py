@@ -22,7 +22,7 @@ from sensor.dataset import Dataset, read
 from sim import top as simulation
 
 FILE = "stability.json"
-BATCH = 250
+BATCH = 100
 EVERY = 50
 """Frames from one appearance of the same frame to the next, not counting where in a batch it lies."""
 RTL_EVERY = 10
@@ -41,7 +41,7 @@ def perturbed(frames: np.ndarray, count: int, rng: np.random.Generator, *, every
 def emulate(pipeline: IntegerPipeline, frames: np.ndarray, count: int, *, progress: bool) -> dict:
     """`count` consecutive frames in batches; every field of the recurring one is compared to the last bit.
 
-    All frames of the first batch come again as the last one, backwards.
+    The first batch comes again as the last one, backwards.
     """
     rng = np.random.default_rng(1)
     alone = pipeline.run(frames[:1])
@@ -59,11 +59,12 @@ def emulate(pipeline: IntegerPipeline, frames: np.ndarray, count: int, *, progre
     with tqdm(total=count, desc="emulator", unit="frame", disable=not progress) as bar:
         while found["frames"] < count:
             size = min(BATCH, count - found["frames"])
-            last = found["frames"] + size == count and size == len(first)
-            batch = first[::-1] if last else perturbed(frames, size, rng, every=EVERY)
+            last = found["frames"] + size == count
+            backwards = np.arange(size)[::-1]
+            batch = first[backwards] if last else perturbed(frames, size, rng, every=EVERY)
             result = pipeline.run(batch)
             if last:
-                compare(result, before, slice(None), slice(None, None, -1))
+                compare(result, before, slice(None), backwards)
             else:
                 again = np.arange(0, size, EVERY)
                 found["recurrences"] += len(again)

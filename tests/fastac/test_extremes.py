@@ -66,14 +66,14 @@ def test_errors_and_flags_of_every_fault(content, tiny_bundle):
         "load",
     }
     good = rows["gain", 1.0]
-    for name, level in (("offset", 0.0), ("B light", 1.0), ("dead pixels", 0.0), ("defocus", 0.0)):
+    for name, level in (("offset", 0.0), ("B light", 1.0), ("dead pixels", 0), ("defocus", 0.0)):
         assert rows[name, level]["integer"] == good["integer"]
     for key in drift.ERRORS:
         assert rows["R light", 0.0]["integer"][key] > good["integer"][key]
     for channel in "BGR":
         assert rows[f"{channel} light", 0.0]["suspect_share"] == 1
         assert f"brightness_{channel.lower()}" in rows[f"{channel} light", 0.0]["reasons"]
-    assert rows["dead pixels", 0.02]["suspect_share"] == 1
+    assert rows["dead pixels", 2]["suspect_share"] == 1
     assert content["good_frames"]["train"]["flagged"] == content["good_frames"]["validation"]["flagged"] == 0
     loads = [level for name, level in rows if name == "load"]
     assert loads == sorted(loads)
