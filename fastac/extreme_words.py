@@ -52,7 +52,7 @@ def rows(
             place = folder / "rtl" / case.word.split(",")[0].replace(" ", "_")
             try:
                 compared[name] = compare(case, place, lanes=lanes)
-            except SystemExit:
+            except (SystemExit, RuntimeError):
                 raise ExtremesError(f"{place}: {name}: the hardware differs from the integers") from None
             write_json(file, {"key": key, "beats": compared})
         if name in compared:

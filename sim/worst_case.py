@@ -28,6 +28,7 @@ from models.integer import (
 from models.tridiagonal import Recurrence, Substitution
 from models.worst_case import WorstCase
 
+from .bench_specimen import QUICK
 from .preloaded import WithParameters
 from .stream import check, pack
 
@@ -91,7 +92,7 @@ def _force(case: WorstCase, lanes: int):
 def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, ...] = (0,)) -> int:
     """Send the case's inputs through its stage's hardware; returns how many beats were compared.
 
-    Raises where one differs from the integers (see `sim.stream.check`).
+    Raises where one differs from the integers (see `sim.stream.check`); the bench's output is in the folder.
     """
     stage = case.stage
     if isinstance(stage, Layer):
@@ -112,5 +113,15 @@ def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, .
         expected = pack(_rows(outputs, lanes), width)
         mask = pack(_rows(np.full_like(outputs, -1), lanes), width)
     name = case.name.replace(" ", "_")
-    check(dut, name, folder / name, inputs=inputs, expected=expected, mask=mask, stalls=stalls)
+    check(
+        dut,
+        name,
+        folder / name,
+        inputs=inputs,
+        expected=expected,
+        mask=mask,
+        stalls=stalls,
+        build_args=QUICK,
+        log_file=folder / f"{name}.log",
+    )
     return len(expected)
