@@ -6,7 +6,8 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test unit lint bench identities synth verify verify-photographs trade scope samples clean
+.PHONY: all build test unit lint bench identities extremes stability synth verify verify-photographs trade scope \
+	samples clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -39,6 +40,14 @@ bench: $(READY)
 identities: $(READY)
 	$(FASTAC) train scenes/fast.toml
 	$(VENV)/bin/python -m fastac.identities build/fast
+
+# The figures of docs/extremes.md; what has been simulated already is kept.
+extremes: build
+	$(VENV)/bin/python -m fastac.extremes build/$(SCENE)
+
+# Thousands of frames through the emulator, and some through the whole simulated hardware.
+stability: build
+	$(VENV)/bin/python -m fastac.stability build/$(SCENE) --rtl-frames 100
 
 # The synthesis tools are an extra of their own: 250 MB that only this target needs.
 $(SYNTH): $(READY)

@@ -36,6 +36,9 @@ SOURCES = (
 """What a row follows from, beside its Verilog and its frames."""
 LIMITS = {"elaboration_s": 60, "build_s": 180, "simulation_s_per_frame": 20}
 """To be met on two cores."""
+SPECIAL = ("black", "white", "checkerboard", "bright pixel", "missing pixels", "missing rows", "0 or 255")
+MISSING = 0.05
+"""Share of the pixels that are missing in a special frame."""
 STALLED_FRAMES = 2
 STALL = (0.3, 0.3)
 """Probabilities that the source of frames pauses, and that an output is not taken."""
@@ -78,16 +81,23 @@ def fit(bundle: Bundle, folder: Path, lanes: int) -> tuple[Bundle, str]:
 
 
 def special_frames(background: np.ndarray) -> np.ndarray:
-    """What no camera sends, (4, H, W, C): all black, all white, a checkerboard, one bright pixel."""
+    """What no camera sends, (7, H, W, C): all black, all white, a checkerboard, one bright pixel, missing
+    pixels, missing rows, and 0 or 255 at random in every channel, which makes the steepest slopes."""
     checkerboard = np.where(np.indices(background.shape[:2]).sum(axis=0) % 2, 255, 0)
     bright = background.copy()
     bright[background.shape[0] // 2, background.shape[1] // 2] = 255
+    rng, pixels, rows = np.random.default_rng(1), background.copy(), background.copy()
+    pixels[rng.random(background.shape[:2]) < MISSING] = 0
+    rows[len(rows) // 2 : len(rows) // 2 + len(rows) // 8] = 0
     return np.stack(
         [
             np.zeros_like(background),
             np.full_like(background, 255),
             np.broadcast_to(checkerboard[..., None], background.shape).astype(np.uint8),
             bright,
+            pixels,
+            rows,
+            rng.choice(np.array([0, 255], np.uint8), background.shape),
         ]
     )
 

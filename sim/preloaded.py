@@ -1,8 +1,8 @@
 # amaranth: UnusedElaboratable=no
-"""For benches: a component whose loadable tables are written anew before its first beat."""
+"""For benches: components whose tables are loaded before their first beat, or whose parameters stand."""
 
 import numpy as np
-from amaranth import Module, Signal, unsigned
+from amaranth import Const, Module, Signal, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect
@@ -50,4 +50,20 @@ class Preloaded(wiring.Component):
             self.i.ready.eq(component.i.ready & done),
             *(getattr(self, name).eq(getattr(component, name)) for name in self.flags),
         ]
+        return m
+
+
+class WithParameters(wiring.Component):
+    """`component` between its streams `i` and `o`, `image` standing at its port `parameters`."""
+
+    def __init__(self, component, image: int):
+        self.component, self.image = component, image
+        super().__init__({"i": In(component.i.signature.flip()), "o": Out(component.o.signature)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.component = component = self.component
+        connect(m, wiring.flipped(self.i), component.i)
+        connect(m, component.o, wiring.flipped(self.o))
+        m.d.comb += component.parameters.eq(Const(self.image, len(component.parameters)))
         return m

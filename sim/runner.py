@@ -92,15 +92,25 @@ def build(
     return runner
 
 
-def simulate(component, name: str, bench: str, folder: Path, **settings: str) -> None:
+def simulate(
+    component,
+    name: str,
+    bench: str,
+    folder: Path,
+    *,
+    build_args: tuple[str, ...] = (),
+    log_file: Path | None = None,
+    **settings: str,
+) -> None:
     """Elaborate, build and run the cocotb tests of module `bench`; a failing test raises.
 
-    `settings` become environment variables of the simulation.
+    `settings` become environment variables of the simulation, whose output goes to `log_file` or is printed;
+    `build_args` are further arguments of Verilator.
     """
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / f"{name}.v"
     text = verilog.convert(component, name=name)
     if not source.exists() or source.read_text() != text:
         source.write_text(text)
-    runner = build(source, name, folder)
-    runner.test(hdl_toplevel=name, test_module=bench, build_dir=folder, extra_env=settings)
+    runner = build(source, name, folder, build_args=build_args)
+    runner.test(hdl_toplevel=name, test_module=bench, build_dir=folder, extra_env=settings, log_file=log_file)

@@ -41,6 +41,8 @@ def check(
     stalls: Sequence[float] = (0, 0.3, 0.9),
     seed: int = 1,
     timeout_cycles: int = 1_000_000,
+    build_args: tuple[str, ...] = (),
+    log_file: Path | None = None,
 ) -> None:
     """Simulate `component` (ports `i`, `o`) and compare everything that leaves it; raises on a difference.
 
@@ -48,6 +50,7 @@ def check(
     mask : bits of each output payload to compare (void lanes of a last beat are nobody's business).
     latencies : (input index, output index, cycles) from acceptance to transfer, asserted without stalls.
     flags : for each one-bit output port, in how many cycles in which `o` transfers it must be high.
+    build_args, log_file : further arguments of Verilator; where the output goes in place of the terminal
     stalls : probability per cycle that a side pauses; one run each, from one build.
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -64,4 +67,12 @@ def check(
     }
     path = folder / f"{name}.json"
     path.write_text(json.dumps(bench))
-    simulate(component, name, "sim.bench_stream", folder, BENCH=str(path))
+    simulate(
+        component,
+        name,
+        "sim.bench_stream",
+        folder,
+        build_args=build_args,
+        log_file=log_file,
+        BENCH=str(path),
+    )

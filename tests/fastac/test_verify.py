@@ -88,14 +88,20 @@ class TestFit:
 
 
 def test_special_frames():
-    background = np.full((4, 6, 3), 100, np.uint8)
-    black, white, checkerboard, bright = verify.special_frames(background)
+    background = np.full((16, 6, 3), 100, np.uint8)
+    black, white, checkerboard, bright, pixels, rows, extremes = verify.special_frames(background)
     assert (black == 0).all()
     assert (white == 255).all()
     assert checkerboard[0, :, 0].tolist() == [0, 255, 0, 255, 0, 255]
-    assert checkerboard[:, 0, 2].tolist() == [0, 255, 0, 255]
+    assert checkerboard[:4, 0, 2].tolist() == [0, 255, 0, 255]
     assert (bright == 255).sum() == 3
-    assert (bright == 100).sum() == 4 * 6 * 3 - 3
+    assert (bright == 100).sum() == 16 * 6 * 3 - 3
+    missing = (pixels == 0).all(axis=2)
+    assert 0 < missing.sum() < 16
+    assert (pixels[~missing] == 100).all()
+    assert (rows == 0).all(axis=(1, 2)).nonzero()[0].tolist() == [8, 9]
+    assert set(np.unique(extremes)) == {0, 255}
+    assert len(verify.SPECIAL) == 7
     assert (background == 100).all()
 
 
@@ -119,9 +125,9 @@ def test_campaign(bundle, data, tmp_path):
     content = verify.run(bundle, data, np.array([0, 2]), (2,), tmp_path, **SETTINGS)
     assert json.loads((tmp_path / "verify.json").read_text()) == content
     assert content["bundle_sha256"] == bundle.digest
-    assert (content["frame_indices"], content["special_frames"]) == ([0, 2], 4)
+    assert (content["frame_indices"], content["special_frames"]) == ([0, 2], 7)
     rows = content["rows"]
-    assert [(row["lanes"], row["stalls"], row["frames"]) for row in rows] == [(2, False, 6), (2, True, 2)]
+    assert [(row["lanes"], row["stalls"], row["frames"]) for row in rows] == [(2, False, 9), (2, True, 2)]
     for row in rows:
         assert row["mismatches"] == 0
         assert row["values_compared"] == row["frames"] * 16 * 16 * 3
@@ -160,7 +166,7 @@ class TestResuming:
         simulator.fails_at = 3
         with pytest.raises(OSError, match="No space left"):
             verify.run(bundle, data, index, (1, 2), tmp_path, **SETTINGS)
-        done = [(1, False, 6), (1, True, 2), (2, False, 6)]
+        done = [(1, False, 9), (1, True, 2), (2, False, 9)]
         assert simulator.asked == done
         assert len(json.loads((tmp_path / "verify.json").read_text())["rows"]) == 3
         simulator.fails_at = None
@@ -174,13 +180,13 @@ class TestResuming:
         verify.run(bundle, data, np.array([0, 2]), (1,), tmp_path, **SETTINGS)
         # The stalled frames are the first and the last: another second one does not concern them.
         verify.run(bundle, data, np.array([0, 1]), (1,), tmp_path, **SETTINGS)
-        assert simulator.asked[2:] == [(1, False, 6)]
+        assert simulator.asked[2:] == [(1, False, 9)]
         other = verify.derive(bundle, tmp_path / "other", lanes=1, weights="baked")
         verify.run(other, data, np.array([0, 1]), (1,), tmp_path, **SETTINGS)
-        assert simulator.asked[3:] == [(1, False, 6), (1, True, 2)]
+        assert simulator.asked[3:] == [(1, False, 9), (1, True, 2)]
         monkeypatch.setattr(verify, "digest_sources", lambda patterns: "another bench")
         verify.run(other, data, np.array([0, 1]), (1,), tmp_path, **SETTINGS)
-        assert simulator.asked[5:] == [(1, False, 6), (1, True, 2)]
+        assert simulator.asked[5:] == [(1, False, 9), (1, True, 2)]
 
 
 ROW = {

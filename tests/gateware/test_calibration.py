@@ -51,7 +51,11 @@ def test_words(bundles, name):
     assert chain >> (32 * layout.chain_words - 64) == other.hash_word
     bits = layout.registers["network"]
     assert chain % (1 << bits) == Datapath(own.pipeline).mlp.parameter_image(other.pipeline.layers)
-    assert list(layout.registers) == ["network"] + ["constant"] * (name == "adjoint")
+    assert list(layout.registers) == ["network", *["constant"] * (name == "adjoint"), "limits"]
+    low = sum(layout.registers.values()) - layout.registers["limits"]
+    limits = chain >> low & (1 << layout.registers["limits"]) - 1
+    assert limits == Datapath(own.pipeline).validity.limits_image(other.pipeline.validity)
+    assert limits != Datapath(own.pipeline).validity.limits_image(own.pipeline.validity)
     if name == "adjoint":
         force = other.pipeline.force
         for axis in range(3):

@@ -1,0 +1,160 @@
+"""How errors grow as a sensor drifts or breaks, and from where on its frames are flagged as suspect."""
+
+import hashlib
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+
+from fastac import accuracy
+from fastac.scene import Scene
+from models import metrics
+from models.bundle import Bundle
+from models.float_pipeline import FloatPipeline
+from models.validity import REASONS
+from sensor import faults, fingertip
+from sensor.dataset import Dataset, read
+
+ERRORS = {"depth_mae_mm": "depth error, mm", "force_mae_n": "force error, N"}
+LOADS = (1.5, 2, 3, 4, 6)
+"""Overload, in the largest load that the models were trained on."""
+LIGHT_N = 0.01
+MARKED = 0.5
+"""Share of the frames flagged from which on a level is marked in the plots."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A fault of growing strength: its levels, in `unit`, and the frames that it makes of good ones."""
+
+    name: str
+    unit: str
+    levels: tuple[float, ...]
+    good: float
+    apply: Callable[[np.ndarray, float], np.ndarray]
+
+
+def of_frames(scene: Scene, mean_dn: float) -> list[Fault]:
+    """Every fault that can be done to frames, each at levels from good to worst."""
+    drift = (0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15, 0.2)
+    both = (*(-x for x in reversed(drift[1:])), *drift)
+    found = [
+        Fault("gain", "", tuple(round(1 + x, 2) for x in both), 1, faults.gain),
+        Fault("offset", "DN", tuple(round(x * mean_dn, 1) for x in both), 0, faults.offset),
+    ]
+    for channel, name in enumerate(scene.sensor.channel_names):
+        levels = (0, 0.5, 0.8, 0.9, 0.95, 0.98, 1)
+        apply = partial(_dimmed, channel)
+        found.append(Fault(f"{name} light", "of its brightness", levels, 1, apply))
+    percent = (0, 0.05, 0.1, 0.2, 0.5, 1, 2)
+    found.append(Fault("dead pixels", "%", percent, 0, _dead))
+    sigmas = (0, 0.35, 0.5, 0.7, 1, 1.5, 2, 4)
+    found.append(Fault("defocus", "px, sigma", sigmas, 0, faults.defocused))
+    return found
+
+
+def _dimmed(channel: int, frames: np.ndarray, factor: float) -> np.ndarray:
+    return faults.dimmed(frames, channel, factor)
+
+
+def _dead(frames: np.ndarray, percent: float) -> np.ndarray:
+    return faults.dead_pixels(frames, percent / 100)
+
+
+def presses(scene: Scene, folder: Path, *, progress: bool) -> Dataset:
+    """Virtual presses at 0.01 N, the scene's largest load, and overloads; made once, and kept in `folder`."""
+    largest = max(scene.protocol.loads_n)
+    loads = (LIGHT_N, largest, *(largest * factor for factor in LOADS))
+    protocol = scene.protocol.model_copy(
+        update={"train_grid": 1, "validation_grid": 1, "test_grid": 4, "loads_n": loads}
+    )
+    content = scene.sensor.model_dump_json() + protocol.model_dump_json() + str(scene.wants_solver)
+    file = folder / f"presses-{hashlib.sha256(content.encode()).hexdigest()[:12]}.h5"
+    if not file.exists():
+        fingertip.generate(scene.model_copy(update={"protocol": protocol}), file, progress=progress)
+    return read(file, scene)
+
+
+def take(data: Dataset, index: np.ndarray) -> Dataset:
+    """The samples `index` of a dataset alone."""
+    arrays = ("frames", "split", "normals", "depth_mm", "valid", "force_n", "group")
+    chosen = {name: getattr(data, name)[index] for name in arrays if getattr(data, name) is not None}
+    indenter = data.indenter and {name: values[index] for name, values in data.indenter.items()}
+    return replace(data, indenter=indenter, **chosen)
+
+
+def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundle: Bundle) -> dict:
+    """Errors of both models on all frames of `data`, and how many are flagged, for what."""
+    index = np.arange(len(data))
+    row = {"fault": fault, "unit": unit, "level": level, "frames": len(data)}
+    for name, pipeline in models.items():
+        result, rest = pipeline.run(data.frames), pipeline.run(data.background[None])
+        found = metrics.evaluate(result, rest, data, index, bundle.scene)
+        row[name] = {key: found[key] for key in ERRORS if key in found}
+        fields = [value for value in vars(result).values() if value is not None]
+        row[name]["finite"] = all(bool(np.isfinite(value).all()) for value in fields)
+    # The integer model is the last: its flags are the hardware's.
+    row["suspect_share"] = float((result.validity != 0).mean())
+    counts = {name: int((result.validity >> k & 1).sum()) for k, name in enumerate(REASONS)}
+    row["reasons"] = {name: count for name, count in counts.items() if count}
+    return row
+
+
+def measure(
+    bundle: Bundle, data: Dataset, index: np.ndarray, folder: Path, *, progress: Callable
+) -> Iterator[dict]:
+    """Of every fault and level, and of presses of every load, the errors and how many frames are flagged.
+
+    index : the held-out frames that the faults are done to; progress : wraps the list of faults
+    """
+    models = {
+        "float": accuracy.of_dataset(FloatPipeline.from_bundle(bundle), data),
+        "integer": accuracy.of_dataset(bundle.pipeline, data),
+    }
+    good = take(data, index)
+    cases = of_frames(bundle.scene, float(data.background.mean()))
+    for fault in progress(cases):
+        for level in fault.levels:
+            changed = replace(good, frames=fault.apply(good.frames, level))
+            yield _row(fault.name, fault.unit, level, models, changed, bundle)
+    if bundle.scene.sensor.source == "simulated" and bundle.scene.wants_force:
+        pressed = presses(bundle.scene, folder, progress=False)
+        loads = np.array([LIGHT_N, *(max(bundle.scene.protocol.loads_n) * f for f in (1, *LOADS))])
+        each = np.tile(np.arange(len(loads)), len(pressed) // len(loads))
+        for k, load in enumerate(loads):
+            yield _row("load", "N", float(load), models, take(pressed, np.flatnonzero(each == k)), bundle)
+
+
+def figure(rows: list[dict], file: Path) -> None:
+    """A plot per fault: errors of float and integer model against its level, and from where it is flagged."""
+    names = list(dict.fromkeys(row["fault"] for row in rows))
+    kinds = [key for key in ERRORS if any(key in row["integer"] for row in rows)]
+    plot, axes = plt.subplots(
+        len(names), max(len(kinds), 1), figsize=(6 * max(len(kinds), 1), 2.6 * len(names)), squeeze=False
+    )
+    for name, line in zip(names, axes, strict=True):
+        chosen = [row for row in rows if row["fault"] == name]
+        levels = [row["level"] for row in chosen]
+        for key, axis in zip(kinds, line, strict=False):
+            for model, style in (("float", "C0--"), ("integer", "C3-")):
+                axis.plot(levels, [row[model].get(key) for row in chosen], style, label=model, lw=1.2)
+            axis.set(xlabel=f"{name} {chosen[0]['unit']}".strip(), ylabel=ERRORS[key], yscale="log")
+            for row in chosen:
+                if row["suspect_share"] >= MARKED:
+                    axis.plot(row["level"], row["integer"].get(key), "kx", ms=6)
+            share = axis.twinx()
+            share.fill_between(levels, [100 * row["suspect_share"] for row in chosen], color="0.5", alpha=0.2)
+            share.set(ylim=(0, 102), ylabel="flagged, %")
+        line[0].legend(loc="best", fontsize=7)
+    plot.suptitle(
+        "Errors of held-out frames; crosses: half of the frames or more say: do not trust this frame"
+    )
+    plot.tight_layout(rect=(0, 0, 1, 0.99))
+    plot.savefig(file, dpi=110)
+    plt.close(plot)

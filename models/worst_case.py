@@ -1,0 +1,255 @@
+"""Inputs that drive each stage's words to their worst case: what a bound promises, tried.
+
+Of the stages of one pixel and of the force; those of the Poisson solver are in worst_case_solver.py.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from .fixed import signed_width
+from .integer import Layer, PatchForce
+from .pipeline import IntegerPipeline
+
+SATURATES = "saturates there, and sets its flag"
+
+
+@dataclass(frozen=True, eq=False)
+class WorstCase:
+    """A word of a stage, and inputs of the stage that drive it to its largest magnitude.
+
+    bound : what the word's width was chosen for
+    range_bound : the largest magnitude for inputs of the stage's own range, by interval arithmetic; less than
+        `bound` where that allows for more
+    reached : the largest magnitude of the word, by the stage's integer function, on `inputs`
+    stage : the tables; where it takes loadable ones, with those that are the worst
+    outputs : of the stage on `inputs`
+    """
+
+    name: str
+    word: str
+    width: int
+    bound: int
+    range_bound: int
+    reached: int
+    stage: object = field(repr=False)
+    inputs: np.ndarray = field(repr=False)
+    outputs: np.ndarray = field(repr=False)
+    note: str = ""
+
+    @property
+    def percent(self) -> float:
+        """Of what the inputs' range allows for that was reached."""
+        return 100 * self.reached / self.range_bound
+
+    @property
+    def bound_percent(self) -> float:
+        return 100 * self.reached / self.bound
+
+    @property
+    def head_room_bits(self) -> int:
+        """Bits of the word, with its sign, that what was reached does not need."""
+        return self.width - signed_width(self.reached)
+
+
+def magnitude(values: np.ndarray) -> int:
+    return int(np.abs(values).max())
+
+
+def interval(weight: np.ndarray, low, high, constant=0) -> int:
+    """The largest |weight @ x + constant| over rows of `weight` (rows, terms), low <= x <= high."""
+    upper = np.maximum(weight * low, weight * high).sum(axis=-1) + constant
+    lower = np.minimum(weight * low, weight * high).sum(axis=-1) + constant
+    return max(magnitude(upper), magnitude(lower))
+
+
+def extremes(weight: np.ndarray, low, high) -> np.ndarray:
+    """Inputs (2·rows, terms) that make each row of weight @ x the largest, then the lowest."""
+    return np.concatenate([np.where(weight > 0, high, low), np.where(weight > 0, low, high)])
+
+
+def heaviest(layer: Layer) -> Layer:
+    """The layer with the largest weights and biases that can be loaded: neurons of one sign each, in turn."""
+    sign = 1 - 2 * (np.arange(len(layer.weight)) % 2)
+    weight = np.broadcast_to(layer.weight_limit * sign[:, None], layer.weight.shape)
+    return replace(layer, weight=weight.copy(), bias=layer.bias_limit * sign)
+
+
+def of_layers(pipeline: IntegerPipeline) -> list[WorstCase]:
+    """Accumulators of each layer; of the worst weights and biases where any can be loaded."""
+    found = []
+    for k, layer in enumerate(pipeline.layers):
+        if layer.loadable:
+            layer = heaviest(layer)
+        low = -layer.input_limit if k == 0 else 0 * layer.input_limit  # activations are never negative
+        inputs = extremes(layer.weight, low, layer.input_limit)
+        outputs = layer.accumulate(inputs)
+        found.append(
+            WorstCase(
+                f"layer {k}",
+                "accumulator",
+                layer.accumulator_width,
+                layer.accumulator_bound,
+                interval(layer.weight, low, layer.input_limit, layer.bias),
+                magnitude(outputs),
+                layer,
+                inputs,
+                outputs,
+                "any weights that can be loaded" if layer.loadable else "",
+            )
+        )
+    return found
+
+
+def of_ratio(pipeline: IntegerPipeline) -> WorstCase:
+    """Slopes of normals as steep as the network's word holds, with n_z of every sign."""
+    ratio = pipeline.ratio
+    top = (1 << (ratio.normal_width - 1)) - 1
+    values = np.array([-top, -1, 0, 1, top])
+    inputs = np.stack(np.meshgrid(values, values, values, indexing="ij"), axis=-1).reshape(-1, 3)
+    outputs, _ = ratio(inputs)
+    return WorstCase(
+        "gradient ratio",
+        "slope",
+        ratio.width,
+        ratio.limit,
+        ratio.limit,
+        magnitude(outputs),
+        ratio,
+        inputs,
+        outputs,
+        SATURATES,
+    )
+
+
+def of_depth(pipeline: IntegerPipeline) -> list[WorstCase]:
+    """Depth and displacement of the solver's largest words where the skin at rest is the highest."""
+    depth, n = pipeline.depth, len(pipeline.depth.rest)
+    top = (1 << (depth.input_width - 1)) - 1
+    if depth.loadable:  # any word of the solver, as its own solution at rest is one
+        depth = replace(depth, rest=np.full((n, n), top))
+    inputs = np.stack([np.full((n, n), top), np.full((n, n), -top - 1)])
+    heights, displacements = depth(inputs)
+    range_bound = top + 1 + magnitude(depth.rest)
+    found = [
+        WorstCase(
+            "depth",
+            "depth, displacement",
+            depth.width,
+            range_bound,
+            range_bound,
+            max(magnitude(heights), magnitude(displacements)),
+            depth,
+            inputs,
+            heights,
+            "any word of the solver" + ", and any rest that can be loaded" * depth.loadable,
+        )
+    ]
+    if pipeline.quantiser is not None:
+        quantiser = pipeline.quantiser
+        words, _ = quantiser(displacements)
+        found.append(
+            WorstCase(
+                "displacement",
+                "quantised",
+                quantiser.bits + quantiser.clamp,
+                quantiser.top,
+                quantiser.top,
+                magnitude(words),
+                (depth, quantiser),
+                inputs,
+                words,
+                SATURATES,
+            )
+        )
+    return found
+
+
+def of_patches(force: PatchForce) -> list[WorstCase]:
+    """Responses of the pixels, and the resultant, for displacements by the signs of the kernels."""
+    n, half, top = force.kernel.shape[1], force.size // 2, force.displacement_limit
+    low = -top if force.signed else 0
+    # Words beyond the edge of the image meet no displacement.
+    near = np.arange(n)[:, None] + np.arange(force.size) - half
+    near = (near >= 0) & (near < n)
+    flat = (force.kernel * (near[:, None, :, None] & near[None, :, None, :])).reshape(-1, force.size**2)
+    reach = np.maximum(
+        np.maximum(flat * low, flat * top).sum(axis=1), -np.minimum(flat * low, flat * top).sum(axis=1)
+    )
+    axis, row, column = np.unravel_index(reach.argmax(), force.kernel.shape[:3])
+    kernel = force.kernel[axis, row, column]
+    frames = np.zeros((2, n + 2 * half, n + 2 * half), np.int64)
+    window = (slice(row, row + force.size), slice(column, column + force.size))
+    for frame, sign in zip(frames, (1, -1), strict=True):
+        frame[window] = np.where(sign * kernel > 0, top, low)
+    inputs = frames[:, half : half + n, half : half + n]
+    collapsed = force.collapsed().weight[..., 0].reshape(len(force.kernel), -1)
+    whole = extremes(collapsed, low, top).reshape(-1, n, n)
+    outputs = force.force_map(inputs)
+    return [
+        WorstCase(
+            "pixel response",
+            "response",
+            force.pixel_width,
+            force.pixel_bound,
+            interval(flat, low, top),
+            magnitude(outputs),
+            force,
+            inputs,
+            force(inputs),
+            "displacements beyond the image's edge are 0",
+        ),
+        WorstCase(
+            "force",
+            "accumulator",
+            force.width,
+            force.bound,
+            interval(collapsed, low, top),
+            magnitude(force(whole)),
+            force,
+            whole,
+            force(whole),
+            "kernels that overlap cancel: the bound adds the magnitudes of all their words",
+        ),
+    ]
+
+
+def of_weighted_sum(pipeline: IntegerPipeline) -> WorstCase:
+    """The force as one weight per input, for inputs by the signs of the weights and the worst constants."""
+    force = pipeline.force
+    top = force.input_limit
+    low = -top if force.input_signed else 0
+    weight = force.weight.reshape(len(force.weight), -1)
+    note = ""
+    if force.loadable:  # whatever the slopes at rest are
+        force = replace(force, constant=np.abs(weight).sum(axis=1) * top)
+        note = "any constant that can be loaded"
+    inputs = extremes(weight, low, top).reshape(-1, *force.weight.shape[1:])
+    outputs = force(inputs)
+    range_bound = interval(weight, low, top, force.constant)
+    return WorstCase(
+        "force",
+        "accumulator",
+        force.width,
+        force.bound,
+        range_bound,
+        magnitude(outputs),
+        force,
+        inputs,
+        outputs,
+        note,
+    )
+
+
+def of_pixels(pipeline: IntegerPipeline) -> list[WorstCase]:
+    """All but the solver's: every stage that the pipeline has."""
+    found = of_layers(pipeline)
+    if pipeline.scene.wants_slopes:
+        found.append(of_ratio(pipeline))
+    if pipeline.depth is not None:
+        found += of_depth(pipeline)
+    if isinstance(pipeline.force, PatchForce):
+        found += of_patches(pipeline.force)
+    elif pipeline.force is not None:
+        found.append(of_weighted_sum(pipeline))
+    return found
