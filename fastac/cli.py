@@ -73,16 +73,30 @@ def run_build(scene, folder: Path, data: Path | None, progress: bool, until: str
 @main.command()
 @click.argument("scene", type=INPUT)
 @output_option("build/SCENE/data.h5", "The dataset to write.")
+@click.option(
+    "--cache",
+    type=INPUT,
+    default=Path("build/cache"),
+    show_default=True,
+    help="Folder of finite-element compliances, computed once for each gel.",
+)
 @progress_option
-def data(scene, output, progress):
-    """Press the virtual fingertip of SCENE on the paper's three grids and write the dataset."""
+def data(scene, output, cache, progress):
+    """Press the virtual fingertip of SCENE on the paper's three grids and write the dataset.
+
+    Samples whose tangential load the contact cannot carry are left out and counted.
+    """
+    from sensor.dataset import read
     from sensor.fingertip import generate
 
     scene = scenes.load(scene)
     output = output or build_folder(scene, None) / "data.h5"
     output.parent.mkdir(parents=True, exist_ok=True)
-    generate(scene, output, progress=progress)
+    generate(scene, output, cache=cache, progress=progress)
     click.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB, simulated")
+    written = read(output, scene)
+    if scene.tangential_shares:
+        click.echo(f"{len(written)} samples; friction could not carry {written.left_out}, left out")
 
 
 @main.group("import", cls=Group)
@@ -238,11 +252,11 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
     network is worth. The trainings are kept beside the bundle, in leave_one_out, and resumed.
     """
     from fastac import accuracy, leave_one_out
+    from fastac.frames import read
     from fastac.workspace import write_json
-    from sensor import dataset
 
     model = load_bundle(bundle)
-    samples = dataset.read(data, model.scene)
+    samples = read(data, model.scene, progress=progress)
     if leave_one_group_out:
         folder = (bundle if (bundle / "bundle").is_dir() else bundle.parent) / "leave_one_out"
         content = leave_one_out.evaluate(samples, model.scene, data, folder, progress=progress)
@@ -271,11 +285,11 @@ def predict(bundle, data, use_float, split, output, progress):
     The integers are those of the hardware, bit for bit.
     """
     from fastac import accuracy
+    from fastac.frames import read
     from models.float_pipeline import FloatPipeline
-    from sensor import dataset
 
     model = load_bundle(bundle)
-    samples = dataset.read(data, model.scene)
+    samples = read(data, model.scene, progress=progress)
     index = accuracy.choose(samples, split, data)
     pipeline = FloatPipeline.from_bundle(model) if use_float else model.pipeline
     result = accuracy.of_dataset(pipeline, samples).run(samples.frames[index], progress=progress)
@@ -373,11 +387,11 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     A simulator that traces is slower, and is built in a folder of its own.
     """
     from fastac import accuracy, hardware
-    from sensor import dataset
+    from fastac.frames import read
     from sim.top import trace_file
 
     model = load_bundle(bundle)
-    samples = dataset.read(data, model.scene)
+    samples = read(data, model.scene, progress=progress)
     count = frames or (1 if trace else model.scene.simulation.frames)
     index = accuracy.spread(accuracy.choose(samples, split, data), count)
     output = output or bundle / "sim"
@@ -441,7 +455,7 @@ def verify(source, data, split, lanes, frames, output, progress):
     """
     from fastac import accuracy
     from fastac import verify as campaign
-    from sensor import dataset
+    from fastac.frames import read
 
     folder = source
     if source.suffix == ".toml":
@@ -450,7 +464,7 @@ def verify(source, data, split, lanes, frames, output, progress):
         run_build(scene, folder, data, progress, until="bundle")
     model = load_bundle(folder)
     data = data or folder / "data.h5"
-    samples = dataset.read(data, model.scene)
+    samples = read(data, model.scene, progress=progress)
     index = accuracy.spread(accuracy.choose(samples, split, data), frames)
     output = output or folder / "verify"
     content = campaign.run(model, samples, index, lanes, output, progress=progress)
@@ -545,10 +559,10 @@ def build(scene, data, output, progress):
 def report(folder, data):
     """Write report.json and report.html of the build in FOLDER again, and print the summary."""
     from fastac import report as reporting
-    from sensor import dataset
+    from fastac.frames import read
 
     model = load_bundle(folder)
-    samples = dataset.read(data or folder / "data.h5", model.scene)
+    samples = read(data or folder / "data.h5", model.scene)
     reporting.write(folder, model, samples)
     print_summary(folder)
 

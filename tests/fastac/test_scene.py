@@ -143,6 +143,21 @@ SENSOR = "[sensor]\ngeometry = "
             '[poisson]\nsolver = "tridiagonal"\n[hardware]\npixels_per_clock = 4',
             "poisson.solver: 'tridiagonal' needs rows of 5 beats or more; 14 values at 4 pixels_per_clock",
         ),
+        (
+            MINIMAL + "[sensor.elastomer]\nfriction = 0.5",
+            "sensor.elastomer = {'friction': 0.5}: friction: 0.5 needs mechanics 'fem'",
+        ),
+        (
+            MINIMAL + "[protocol]\ntangential_shares = [0.3]",
+            "protocol.tangential_shares: only friction carries them",
+        ),
+        (MINIMAL + "raw10 = { alpha = 0.5 }", "sensor = {"),
+        (
+            MINIMAL + 'frames = "raw10"\nraw10 = { beta = 0.5 }',
+            "sensor.raw10.beta = 0.5: Input should be greater than or equal to 1",
+        ),
+        (MINIMAL + 'frames = "raw12"', "sensor.frames = 'raw12': Input should be 'channels' or 'raw10'"),
+        (MINIMAL + "[protocol]\ncorners_mm = [[1, 2]]", "protocol.corners_mm.1: missing"),
         # not TOML
         ("outputs = [", "Invalid value (at end of document)"),
         ('name = "x"\nname = "y"', "Cannot overwrite a value"),
