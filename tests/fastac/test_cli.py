@@ -82,7 +82,7 @@ class TestHelp:
                     "report",
                 ],
             ),
-            (("data",), ["SCENE", "--output", "--no-progress", "build/SCENE/data.h5"]),
+            (("data",), ["SCENE", "--output", "--cache", "--no-progress", "build/SCENE/data.h5"]),
             (("import",), ["ball-press", "force"]),
             (
                 ("import", "force"),
@@ -190,6 +190,19 @@ class TestData:
         assert data.channels == ("B", "G", "R", "NIR")
         assert len(data) == 2 * (1 + 4 + 4)
         assert data.pitch_mm == 0.25
+
+    def test_says_how_many_samples_friction_could_not_carry(self, toml, tmp_path, one_process):
+        text = (
+            toml.read_text().replace('"force_z"]', '"force_xyz"]').replace("train_grid = 3", "train_grid = 1")
+        )
+        gel = 'thickness_mm = 2.0, mechanics = "fem", friction = 0.6, elements = 8, layers = 1 }'
+        toml.write_text(text.replace("thickness_mm = 2.0 }", gel))
+        cache = tmp_path / "cache"
+        result = succeed("data", toml, "-o", tmp_path / "d.h5", "--cache", cache, "--no-progress")
+        data = dataset.read(tmp_path / "d.h5")
+        assert f"{len(data)} samples; friction could not carry {data.left_out}, left out" in result.stdout
+        assert len(data) + data.left_out == 2 * (1 + 4 + 4) * 9
+        assert [path.suffix for path in cache.iterdir()] == [".npz"]
 
     def test_goes_to_the_build_folder_of_the_scene(self, toml, tmp_path, monkeypatch, one_process):
         monkeypatch.chdir(tmp_path)

@@ -1,4 +1,4 @@
-"""The skin at the pixels: what it shares with the nodes' displacement, and the ball's own shape in contact."""
+"""The skin at the pixels: the displacement of the nodes, and in contact the shape of the ball."""
 
 import numpy as np
 import pytest

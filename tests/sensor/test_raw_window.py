@@ -42,7 +42,7 @@ def test_three_colours_are_a_choice_of_the_processing_not_of_the_camera():
 
 def test_dots_are_dark_where_they_have_moved_to():
     dotted = sensor(markers={"spacing_mm": 2.0, "radius_mm": 0.5}, grain=0.0)
-    moved = np.zeros((32, 24, 2)) + (0.25, 0.5)
+    moved = np.full((32, 24, 2), (0.25, 0.5))
     light = window_light(*rest(dotted), dotted, moved)[..., 1]
     plain = window_light(*rest(sensor(grain=0.0)), sensor(grain=0.0))[..., 1]
     lacking = 1 - light / plain
