@@ -99,6 +99,78 @@ def data(scene, output, cache, progress):
         click.echo(f"{len(written)} samples; friction could not carry {written.left_out}, left out")
 
 
+def cad_options(command):
+    """The skin at rest, and where the machine has the sensor's origin."""
+    options = [
+        click.option(
+            "--cad", type=INPUT, help="STL in mm, or height map .npy in mm. [default: the scene's skin]"
+        ),
+        click.option("--cad-pitch-mm", type=float, help="Distance of a height map's samples, mm."),
+        click.option(
+            "--origin-mm",
+            type=float,
+            nargs=3,
+            default=(0.0, 0.0, 0.0),
+            show_default=True,
+            help="x, y, z of the sensor's origin in the machine's coordinates: the image's centre, the lowest"
+            " corner of the skin.",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def load_cad(scene, path: Path | None, pitch_mm: float | None):
+    from sensor import cad
+
+    return cad.of_file(scene.sensor, path, pitch_mm) if path else cad.of_scene(scene.sensor)
+
+
+@main.command()
+@click.argument("scene", type=INPUT)
+@click.option("-o", "--output", type=INPUT, required=True, help="The CSV file to write.")
+@cad_options
+@click.option(
+    "--simulate", type=INPUT, metavar="FOLDER", help="Press the virtual rig so, and record it here."
+)
+@click.option(
+    "--cache",
+    type=INPUT,
+    default=Path("build/cache"),
+    show_default=True,
+    help="Folder of finite-element compliances, computed once for each gel.",
+)
+@progress_option
+def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, cache, progress):
+    """Write the poses and loads of SCENE's protocol for a machine, a CSV file with one row per sample.
+
+    Columns split, index, x_mm, y_mm, z_mm, load_n, tangential_x_n, tangential_y_n: lead the ball's lowest
+    point to x, y; it first touches the skin at z. Press until F_z is load_n, then drag until the force on the
+    ball is tangential_x_n, tangential_y_n. The grids lie between the scene's protocol.corners_mm. --simulate
+    records the virtual rig as `fastac import cnc` reads it.
+    """
+    import tempfile
+
+    from fastac import cnc
+    from sensor import dataset, poses
+    from sensor.fingertip import generate
+
+    scene = scenes.load(scene)
+    rows = cnc.planned(scene, load_cad(scene, cad, cad_pitch_mm), origin_mm)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    poses.write(output, rows)
+    click.echo(f"{output}: {len(rows)} samples")
+    if simulate:
+        with tempfile.TemporaryDirectory(dir=output.parent) as folder:
+            generate(scene, Path(folder) / "data.h5", cache=cache, progress=progress)
+            samples = dataset.read(Path(folder) / "data.h5", scene)
+        cnc.write_recording(scene, samples, simulate, origin_mm, progress)
+        click.echo(
+            f"{simulate}: {len(samples)} frames, simulated; friction could not carry {samples.left_out}"
+        )
+
+
 @main.group("import", cls=Group)
 def import_():
     """Turn recordings into datasets."""
@@ -208,6 +280,56 @@ def force_recording(
     tested = ", ".join(dict.fromkeys(written.group[written.indices("test")].tolist()))
     click.echo(f"{output}: {len(written)} frames ({counts}), force {', '.join(written.force_axes)}")
     click.echo(f"test: {tested}")
+
+
+@import_.command("cnc")
+@click.argument("folder", type=INPUT)
+@click.option(
+    "--scene", type=INPUT, required=True, help="Scene of the sensor: size, pitch, channels, frames."
+)
+@cad_options
+@click.option(
+    "--ball-mm", type=float, help="Diameter of the ball, mm. [default: the scene's protocol.ball_mm]"
+)
+@click.option(
+    "--raw-size-px", type=int, nargs=2, help="Rows and columns of .raw images. [default: the scene's window]"
+)
+@click.option("--skip-lost", is_flag=True, help="Leave out, and count, samples in which a marker is lost.")
+@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+@progress_option
+def cnc_recording(
+    folder, scene, cad, cad_pitch_mm, origin_mm, ball_mm, raw_size_px, skip_lost, output, progress
+):
+    """Import what a machine recorded in FOLDER: frames, poses and forces, with geometry from CAD and ball.
+
+    FOLDER has poses.csv, with the columns that `fastac protocol` writes and force_x_n, force_y_n, force_z_n
+    as the gauge measured them, and of each sample a frame named by its index: 000012.raw (packed RAW10) or
+    .npy; of a scene of channels .npy or .png, NIR as 000012.nir.png. background.* has nothing touching. z_mm
+    is where the ball's lowest point stood.
+
+    Normals and depth are known, and valid, where the ball is certain to touch, of vertical samples only. The
+    last sample is the background: the skin at rest.
+    """
+    from fastac import cnc
+    from sensor.dataset import read
+
+    scene = scenes.load(scene)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    cnc.import_recording(
+        scene,
+        folder,
+        load_cad(scene, cad, cad_pitch_mm),
+        output,
+        ball_mm=scene.protocol.ball_mm if ball_mm is None else ball_mm,
+        origin_mm=origin_mm,
+        raw_size_px=raw_size_px,
+        skip_lost=skip_lost,
+        progress=progress,
+    )
+    written = read(output)
+    counts = ", ".join(f"{len(written.indices(s))} {s}" for s in ("train", "validation", "test"))
+    left_out = f", {written.left_out} left out" if written.left_out else ""
+    click.echo(f"{output}: {len(written)} frames ({counts}){left_out}")
 
 
 @main.command()

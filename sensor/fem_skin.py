@@ -21,9 +21,11 @@ ITERATIONS, CLOSE_PX = 5, 1e-3
 """Of Newton's method, to find which point of the skin lies above a pixel, and how near it has to come."""
 LEAST_AREA = 0.4
 """Area of compressed skin over that at rest that Newton's steps reckon with, at least."""
-TOUCHING_MM, HOLE_MM = 3e-3, 0.03
-"""Gap below which a pixel counts as touching, and the same inside a contact: nodes touch to 2 µm where
-nothing slides, and between them their spline swings by up to 0.03 mm."""
+TOUCHING_MM = 3e-3
+"""Gap below which a pixel counts as touching: nodes touch to 2 µm where nothing slides."""
+SHARPEST_MM = 0.6
+"""Radius of the skin's sharpest bend. The spline between nodes may miss a bend's sagitta over an element:
+pixels between nodes or pixels that touch do too if their gap is less."""
 
 
 @dataclass(frozen=True)
@@ -58,10 +60,22 @@ def skin_of(contact: GelContact, sensor: Sensor, indenter: Indenter, x_mm: float
 
     z, ball_p, ball_q = indenter.surface(x - x_mm - contact.way_mm[0], y - y_mm - contact.way_mm[1])
     z = z + contact.first_touch_mm + contact.way_mm[2]
-    touching = binary_fill_holes(depth > z - TOUCHING_MM) & (depth > z - HOLE_MM)
+    near = depth > z - (nodes_x[1] - nodes_x[0]) ** 2 / (8 * SHARPEST_MM)
+    touching = near & binary_fill_holes(
+        _between_touching(contact, from_v, from_u) | (depth > z - TOUCHING_MM)
+    )
     p[touching], q[touching] = ball_p[touching], ball_q[touching]
     depth = np.where(touching, z, np.minimum(depth, z))
     return Skin(normals_from_slopes(p, q), depth, touching, moved[..., :2])
+
+
+def _between_touching(contact: GelContact, from_v: np.ndarray, from_u: np.ndarray) -> np.ndarray:
+    """Whether the skin above each pixel, (H, W), lies in an element whose four nodes touch; nodes span the
+    pixels' centres evenly."""
+    last = [size - 1 for size in contact.touching.shape]
+    height, width = from_v.shape
+    at = [from_v * last[0] / (height - 1), from_u * last[1] / (width - 1)]
+    return map_coordinates(contact.touching.astype(float), at, order=1, mode="nearest") > 1 - 1e-9
 
 
 def _sources(moved_px: np.ndarray) -> np.ndarray:

@@ -83,7 +83,24 @@ class TestHelp:
                 ],
             ),
             (("data",), ["SCENE", "--output", "--cache", "--no-progress", "build/SCENE/data.h5"]),
-            (("import",), ["ball-press", "force"]),
+            (("import",), ["ball-press", "cnc", "force"]),
+            (("protocol",), ["SCENE", "--output", "--cad", "--origin-mm", "--simulate", "tangential_x_n"]),
+            (
+                ("import", "cnc"),
+                [
+                    "FOLDER",
+                    "--scene",
+                    "--cad",
+                    "--cad-pitch-mm",
+                    "--origin-mm",
+                    "--ball-mm",
+                    "--raw-size-px",
+                    "--skip-lost",
+                    "--output",
+                    "force_x_n",
+                    "000012.nir.png",
+                ],
+            ),
             (
                 ("import", "force"),
                 [
@@ -179,6 +196,28 @@ class TestHelp:
         result = run(*arguments)
         assert result.exit_code == 2
         assert message in result.stderr
+
+
+class TestMachine:
+    def test_a_simulated_recording_comes_back_as_a_dataset(self, toml, tmp_path, one_process):
+        text = toml.read_text().replace("train_grid = 3", "train_grid = 1")
+        gel = 'thickness_mm = 2.0, mechanics = "fem", elements = 8, layers = 1 }'
+        toml.write_text(text.replace("thickness_mm = 2.0 }", gel))
+        options = ("--origin-mm", 10, 20, -5, "--cache", tmp_path / "cache", "--no-progress")
+        recording = tmp_path / "recording"
+        said = succeed("protocol", toml, "-o", tmp_path / "p.csv", "--simulate", recording, *options).stdout
+        assert "p.csv: 18 samples" in said
+        assert "18 frames, simulated" in said
+        command = ("import", "cnc", recording, "--scene", toml, "-o", tmp_path / "d.h5", "--no-progress")
+        assert "19 frames (3 train, 8 validation, 8 test)" in succeed(*command, *options[:4]).stdout
+        assert len(dataset.read(tmp_path / "d.h5")) == 19
+        message = fail(*command)
+        assert "poses.csv, line 2: " in message
+        assert "outside the skin" in message
+        assert "not empty" in fail(
+            "protocol", toml, "-o", tmp_path / "p.csv", "--simulate", recording, *options
+        )
+        assert "expected an STL file" in fail(*command, "--cad", tmp_path / "p.csv")
 
 
 class TestData:

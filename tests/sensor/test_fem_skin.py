@@ -54,7 +54,7 @@ def test_depth_is_that_of_the_nodes_spline(pressed):
     x, y = pixel_centres_mm(SENSOR)
     depth = contact.depth_at(x, y, lambda x, y: rest_depth_at_mm(SENSOR, x, y))
     error = np.abs(depth - skin.depth_mm)
-    assert error[~skin.touching].max() < 0.032  # what HOLE_MM may leave
+    assert error[~skin.touching].max() < 0.15  # a bend over an element of 0.8 mm
     assert np.quantile(error[~skin.touching], 0.98) < 1e-3
     assert error[skin.touching].max() < 0.12  # the spline between nodes 0.8 mm apart
     np.testing.assert_allclose(skin.tangential_mm, contact.displacement_at(x, y)[..., :2], atol=1e-9)
