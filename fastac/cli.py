@@ -439,6 +439,38 @@ def predict(bundle, data, use_float, split, output, progress):
 
 
 @main.command()
+@click.argument("bundles", type=INPUT, metavar="BUNDLE...", nargs=-1, required=True)
+@click.option(
+    "--load-n", type=click.FloatRange(min=0, min_open=True), help="[default: 3 × the protocol's largest]"
+)
+@click.option("-o", "--output", type=INPUT, required=True, help="Folder for the page, pictures and errors.")
+@progress_option
+def objects(bundles, load_n, output, progress):
+    """Press a strawberry, a fingerprint and LED pads on the virtual sensor; BUNDLEs reconstruct them.
+
+    Give one of three channels and one of four to compare them: they see the same skin. Writes objects.html
+    with point clouds to turn and the three-axis force on the curved surface, a picture of each object with
+    normals and depth, and objects.json with the errors. The objects are pressed on the elastic layer, which
+    is solved at the pixels. All of it is simulated.
+    """
+    from fastac import object_figures
+    from fastac import objects as test_objects
+    from fastac.workspace import write_json
+
+    shown = test_objects.reconstruct({path: load_bundle(path) for path in bundles}, load_n, progress=progress)
+    output.mkdir(parents=True, exist_ok=True)
+    for item in shown:
+        object_figures.draw(item, output / f"{item.name}.png")
+    temporary = output / ".objects.html.part"
+    temporary.write_text(object_figures.page(shown), encoding="utf-8")
+    temporary.replace(output / "objects.html")
+    content = test_objects.summary(shown)
+    write_json(output / "objects.json", content)
+    click.echo(test_objects.table(content))
+    click.echo(output / "objects.html")
+
+
+@main.command()
 @click.argument("bundle", type=INPUT)
 @output_option("BUNDLE/verilog", "Folder to write; replaced when the new one is complete.")
 @progress_option

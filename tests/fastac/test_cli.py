@@ -131,6 +131,7 @@ class TestHelp:
                 ],
             ),
             (("train",), ["SCENE", "--data", "--output", "--no-progress", "Resumes"]),
+            (("objects",), ["BUNDLE...", "--load-n", "--output", "strawberry", "objects.html", "simulated"]),
             (("evaluate",), ["BUNDLE", "--data", "--split", "--json", "[train|validation|test|all]"]),
             (("predict",), ["BUNDLE", "DATA", "--float", "--split", "--output", "HDF5"]),
             (("verilog",), ["BUNDLE", "--output", "XCZU19EG"]),
