@@ -1,9 +1,12 @@
 """RAW10 frames become channels in one place, once."""
 
+import json
+
 import numpy as np
 import pytest
 
 from fastac import frames
+from fastac.build import Build
 from sensor import dataset
 from sensor.fingertip import generate
 
@@ -71,3 +74,15 @@ def test_a_press_is_as_clear_in_raw10_as_in_channels(raw_file, raw_scene, tmp_pa
     moved = data.rest_depth_mm - data.depth_mm > 0.02
     change = np.abs(data.frames.astype(int) - data.background).mean(axis=-1)
     assert change[moved].mean() > 2 * change[:, [0, -1]].mean()
+
+
+def test_training_and_evaluation_take_them(make_scene, tmp_path):
+    protocol = {"train_grid": 2, "validation_grid": 1, "test_grid": 1}
+    quick = {"normals_epochs": 2, "finetune_epochs": 1, "force_epochs": 1}
+    scene = make_scene(sensor=RAW, protocol=protocol, training=quick)
+    build = Build(scene, tmp_path / "raw", progress=False)
+    build.run(lambda name, current: None, until="evaluate")
+    assert len(list((tmp_path / "cache").glob("frames-*.npz"))) == 1
+    errors = json.loads((tmp_path / "raw" / "accuracy.json").read_text())
+    assert 0 < errors["integer"]["normal_mae_deg"] < 30
+    assert build.bundle.pipeline.background.shape == (16, 16, 4)

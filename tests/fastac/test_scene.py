@@ -33,6 +33,11 @@ def test_what_the_shipped_scenes_say():
     assert gelsight.sensor.channel_names == ("B", "G", "R")
     assert gelsight.sensor.source == "recorded"
     assert not gelsight.wants_force
+    rig = load(SCENES / "fingertip.toml")
+    assert (rig.sensor.frames, rig.sensor.elastomer.mechanics) == ("raw10", "fem")
+    assert (rig.tangential_shares, paper.tangential_shares) == ((0.3, 0.6), ())
+    assert paper.sensor.elastomer.mechanics == "layer"
+    assert paper.sensor.frames == "channels"
 
 
 @pytest.mark.parametrize(

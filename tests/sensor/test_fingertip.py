@@ -1,3 +1,5 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -187,6 +189,22 @@ def test_worker_processes_change_nothing_in_finite_elements(rig, tmp_path):
     one, two = read(path), read(tmp_path / "d.h5")
     for key in ("frames", "background", "normals", "depth_mm", "force_n", "markers_px", "tangential_mm"):
         np.testing.assert_array_equal(getattr(one, key), getattr(two, key))
+
+
+def test_the_shipped_rig_records_raw10_with_dots_and_tangential_loads(tmp_path):
+    """scenes/fingertip.toml on a coarse mesh, one place in each grid, one load."""
+    text = (Path(__file__).parents[2] / "scenes" / "fingertip.toml").read_text()
+    text = text.replace('mechanics = "fem"', 'mechanics = "fem"\nelements = 12\nlayers = 2')
+    grids = "train_grid = 1\nvalidation_grid = 1\ntest_grid = 1\nloads_n = [1.0]"
+    small = parse(f"{text}\n[protocol]\n{grids}\n", origin="fingertip", default_name="fingertip")
+    generate(small, tmp_path / "d.h5", cache=tmp_path, progress=False, processes=1)
+    data = read(tmp_path / "d.h5", small)
+    assert len(data) + data.left_out == 3 * 9
+    assert data.raw10.shape[1:] == data.background.shape == (512, 512)
+    assert data.markers_px.shape[1:] == (81, 2)
+    change = np.abs(data.raw10.astype(int) - data.background).reshape(len(data), 128, 4, 128, 4)
+    touched = np.abs(data.rest_depth_mm - data.depth_mm) > 0.2
+    assert change.mean(axis=(2, 4))[touched].mean() > 2 * change[:, 0].mean()
 
 
 def test_a_vertical_load_beyond_the_gel_is_an_error(rig, tmp_path):
