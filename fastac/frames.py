@@ -72,6 +72,7 @@ def _keep(path: Path, data: Dataset, sensor: Sensor, progress: bool) -> None:
     try:
         with os.fdopen(handle, "wb") as file:
             np.savez(file, frames=frames, background=channels(data.background, sensor))
+        os.chmod(temporary, 0o644)
         os.replace(temporary, path)
     except BaseException:
         os.unlink(temporary)

@@ -7,6 +7,7 @@ from PIL import Image
 from fastac import cnc
 from fastac.cnc_frames import CncFrames
 from fastac.scene import Sensor, parse
+from models.raw10 import pack
 from sensor import dataset
 from sensor.cad import of_file, of_scene
 from sensor.fingertip import generate
@@ -187,6 +188,12 @@ def test_a_larger_raw_image_is_cut_to_the_window(scene, own, tmp_path):
     np.save(tmp_path / "000001.npy", large[:, :100])
     with pytest.raises(ImportFailure, match=r"000001\.npy: crop_px width = 192: expected at most 100"):
         frames.read("000001")
+    np.save(tmp_path / "000003.npy", large[:195, :239])
+    with pytest.raises(ImportFailure, match=r"000003\.npy: 239 x 195 px: expected multiples of 4"):
+        frames.read("000003")
+    (tmp_path / "000004.raw").write_bytes(pack(large).tobytes())
+    whole = CncFrames(tmp_path, scene.sensor, (200, 240))
+    np.testing.assert_array_equal(whole.read("000004"), own.raw10[0])
     np.save(tmp_path / "000002.npy", large.astype(np.int32))
     with pytest.raises(ImportFailure, match=r"000002\.npy: int32 .*expected uint16"):
         frames.read("000002")
