@@ -16,12 +16,13 @@ import numpy as np
 
 from fastac.accuracy import spread
 from fastac.cli import load_bundle
+from fastac.frames import read
 from models import direct
 from models.bundle import Bundle, BundleError
 from models.emulator import Emulator
 from models.float_pipeline import FloatPipeline
 from models.pipeline import Result
-from sensor.dataset import DatasetError, read
+from sensor.dataset import DatasetError
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2

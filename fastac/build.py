@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fastac import accuracy, hardware, synth, training
+from fastac import accuracy, frames, hardware, synth, training
 from fastac import report as reporting
 from fastac.scene import Scene
 from fastac.workspace import Step, Workspace, digest_file, write_json
@@ -14,7 +14,7 @@ from gateware.platform_xczu19eg import DeviceError, check_multipliers
 from models import bundle
 from sensor import dataset, fingertip
 
-TRAINING_SOURCES = ("models/*.py", "fastac/training.py", "sensor/samples.py")
+TRAINING_SOURCES = ("models/*.py", "fastac/training.py", "fastac/frames.py", "sensor/samples.py")
 HARDWARE_SOURCES = (
     "gateware/*.py",
     "gateware/*.vlt",
@@ -62,7 +62,12 @@ class Build:
 
     @cached_property
     def data(self) -> dataset.Dataset:
-        return dataset.read(self.data_path, self.scene)
+        return frames.read(self.data_path, self.scene, cache=self.cache, progress=self.progress)
+
+    @property
+    def cache(self) -> Path:
+        """What builds share: compliances, processed frames."""
+        return self.folder.parent / "cache"
 
     @cached_property
     def bundle(self) -> bundle.Bundle:
@@ -70,7 +75,7 @@ class Build:
 
     def _generate(self) -> None:
         if self.data_file is None:
-            fingertip.generate(self.scene, self.data_path, progress=self.progress)
+            fingertip.generate(self.scene, self.data_path, cache=self.cache, progress=self.progress)
         training.require(self.data, self.scene, self.data_path)
 
     def _assemble(self) -> None:
@@ -106,6 +111,7 @@ class Build:
         source = settings("protocol")
         if self.data_file is not None:  # what it must hold depends on the scene
             source = settings() | {"file": digest_file(self.data_file)}
+        source |= {"tangential": scene.tangential_shares}
         source |= {"depth": scene.wants_solver, "rest": scene.wants_slopes, "labels": scene.training.labels}
         network = ("network", "training", *(("numbers",) if scene.training.labels == "force" else ()))
         weights, integers = folder / "normals.npz", folder / "integers.npz"

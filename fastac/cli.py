@@ -73,16 +73,102 @@ def run_build(scene, folder: Path, data: Path | None, progress: bool, until: str
 @main.command()
 @click.argument("scene", type=INPUT)
 @output_option("build/SCENE/data.h5", "The dataset to write.")
+@click.option(
+    "--cache",
+    type=INPUT,
+    default=Path("build/cache"),
+    show_default=True,
+    help="Folder of finite-element compliances, computed once for each gel.",
+)
 @progress_option
-def data(scene, output, progress):
-    """Press the virtual fingertip of SCENE on the paper's three grids and write the dataset."""
+def data(scene, output, cache, progress):
+    """Press the virtual fingertip of SCENE on the paper's three grids and write the dataset.
+
+    Samples whose tangential load the contact cannot carry are left out and counted.
+    """
     from sensor.fingertip import generate
 
     scene = scenes.load(scene)
     output = output or build_folder(scene, None) / "data.h5"
     output.parent.mkdir(parents=True, exist_ok=True)
-    generate(scene, output, progress=progress)
+    generate(scene, output, cache=cache, progress=progress)
     click.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB, simulated")
+    if scene.tangential_shares:
+        with h5py.File(output, "r") as file:
+            count, left_out = len(file["split"]), file.attrs.get("left_out", 0)
+        click.echo(f"{count} samples; friction could not carry {left_out}, left out")
+
+
+def cad_options(command):
+    """The skin at rest, and where the machine has the sensor's origin."""
+    options = [
+        click.option(
+            "--cad", type=INPUT, help="STL in mm, or height map .npy in mm. [default: the scene's skin]"
+        ),
+        click.option("--cad-pitch-mm", type=float, help="Distance of a height map's samples, mm."),
+        click.option(
+            "--origin-mm",
+            type=float,
+            nargs=3,
+            default=(0.0, 0.0, 0.0),
+            show_default=True,
+            help="x, y, z of the sensor's origin in the machine's coordinates: the image's centre, the lowest"
+            " corner of the skin.",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+def load_cad(scene, path: Path | None, pitch_mm: float | None):
+    from sensor import cad
+
+    return cad.of_file(scene.sensor, path, pitch_mm) if path else cad.of_scene(scene.sensor)
+
+
+@main.command()
+@click.argument("scene", type=INPUT)
+@click.option("-o", "--output", type=INPUT, required=True, help="The CSV file to write.")
+@cad_options
+@click.option(
+    "--simulate", type=INPUT, metavar="FOLDER", help="Press the virtual rig so, and record it here."
+)
+@click.option(
+    "--cache",
+    type=INPUT,
+    default=Path("build/cache"),
+    show_default=True,
+    help="Folder of finite-element compliances, computed once for each gel.",
+)
+@progress_option
+def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, cache, progress):
+    """Write the poses and loads of SCENE's protocol for a machine, a CSV file with one row per sample.
+
+    Columns split, index, x_mm, y_mm, z_mm, load_n, tangential_x_n, tangential_y_n: lead the ball's lowest
+    point to x, y; it first touches the skin at z. Press until F_z is load_n, then drag until the force on the
+    ball is tangential_x_n, tangential_y_n. The grids lie between the scene's protocol.corners_mm. --simulate
+    records the virtual rig as `fastac import cnc` reads it.
+    """
+    import tempfile
+
+    from fastac import cnc
+    from sensor import dataset, poses
+    from sensor.fingertip import generate
+
+    scene = scenes.load(scene)
+    rows = cnc.planned(scene, load_cad(scene, cad, cad_pitch_mm), origin_mm)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    poses.write(output, rows)
+    click.echo(f"{output}: {len(rows)} samples")
+    if simulate:
+        with tempfile.TemporaryDirectory(dir=output.parent) as folder:
+            generate(scene, Path(folder) / "data.h5", cache=cache, progress=progress)
+            samples = dataset.read(Path(folder) / "data.h5", scene)
+        cnc.write_recording(scene, samples, simulate, origin_mm, progress)
+        click.echo(
+            f"{simulate}: {len(samples)} frames, simulated; friction could not carry {samples.left_out}"
+        )
 
 
 @main.group("import", cls=Group)
@@ -196,6 +282,56 @@ def force_recording(
     click.echo(f"test: {tested}")
 
 
+@import_.command("cnc")
+@click.argument("folder", type=INPUT)
+@click.option(
+    "--scene", type=INPUT, required=True, help="Scene of the sensor: size, pitch, channels, frames."
+)
+@cad_options
+@click.option(
+    "--ball-mm", type=float, help="Diameter of the ball, mm. [default: the scene's protocol.ball_mm]"
+)
+@click.option(
+    "--raw-size-px", type=int, nargs=2, help="Rows and columns of .raw images. [default: the scene's window]"
+)
+@click.option("--skip-lost", is_flag=True, help="Leave out, and count, samples in which a marker is lost.")
+@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+@progress_option
+def cnc_recording(
+    folder, scene, cad, cad_pitch_mm, origin_mm, ball_mm, raw_size_px, skip_lost, output, progress
+):
+    """Import what a machine recorded in FOLDER: frames, poses and forces, with geometry from CAD and ball.
+
+    FOLDER has poses.csv, with the columns that `fastac protocol` writes and force_x_n, force_y_n, force_z_n
+    as the gauge measured them, and of each sample a frame named by its index: 000012.raw (packed RAW10) or
+    .npy; of a scene of channels .npy or .png, NIR as 000012.nir.png. background.* has nothing touching. z_mm
+    is where the ball's lowest point stood.
+
+    Normals and depth are known, and valid, where the ball is certain to touch, of vertical samples only. The
+    last sample is the background: the skin at rest.
+    """
+    from fastac import cnc
+    from sensor.dataset import read
+
+    scene = scenes.load(scene)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    cnc.import_recording(
+        scene,
+        folder,
+        load_cad(scene, cad, cad_pitch_mm),
+        output,
+        ball_mm=scene.protocol.ball_mm if ball_mm is None else ball_mm,
+        origin_mm=origin_mm,
+        raw_size_px=raw_size_px,
+        skip_lost=skip_lost,
+        progress=progress,
+    )
+    written = read(output)
+    counts = ", ".join(f"{len(written.indices(s))} {s}" for s in ("train", "validation", "test"))
+    left_out = f", {written.left_out} left out" if written.left_out else ""
+    click.echo(f"{output}: {len(written)} frames ({counts}){left_out}")
+
+
 @main.command()
 @click.argument("scene", type=INPUT)
 @click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")
@@ -238,11 +374,11 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
     network is worth. The trainings are kept beside the bundle, in leave_one_out, and resumed.
     """
     from fastac import accuracy, leave_one_out
+    from fastac.frames import read
     from fastac.workspace import write_json
-    from sensor import dataset
 
     model = load_bundle(bundle)
-    samples = dataset.read(data, model.scene)
+    samples = read(data, model.scene, progress=progress)
     if leave_one_group_out:
         folder = (bundle if (bundle / "bundle").is_dir() else bundle.parent) / "leave_one_out"
         content = leave_one_out.evaluate(samples, model.scene, data, folder, progress=progress)
@@ -271,11 +407,11 @@ def predict(bundle, data, use_float, split, output, progress):
     The integers are those of the hardware, bit for bit.
     """
     from fastac import accuracy
+    from fastac.frames import read
     from models.float_pipeline import FloatPipeline
-    from sensor import dataset
 
     model = load_bundle(bundle)
-    samples = dataset.read(data, model.scene)
+    samples = read(data, model.scene, progress=progress)
     index = accuracy.choose(samples, split, data)
     pipeline = FloatPipeline.from_bundle(model) if use_float else model.pipeline
     result = accuracy.of_dataset(pipeline, samples).run(samples.frames[index], progress=progress)
@@ -300,6 +436,38 @@ def predict(bundle, data, use_float, split, output, progress):
         written = sorted(set(file) - {"frame_index"})
     temporary.replace(output)
     click.echo(f"{output}: {', '.join(written)} of {len(index)} frames")
+
+
+@main.command()
+@click.argument("bundles", type=INPUT, metavar="BUNDLE...", nargs=-1, required=True)
+@click.option(
+    "--load-n", type=click.FloatRange(min=0, min_open=True), help="[default: 3 × the protocol's largest]"
+)
+@click.option("-o", "--output", type=INPUT, required=True, help="Folder for the page, pictures and errors.")
+@progress_option
+def objects(bundles, load_n, output, progress):
+    """Press a strawberry, a fingerprint and LED pads on the virtual sensor; BUNDLEs reconstruct them.
+
+    Give one of three channels and one of four to compare them: they see the same skin. Writes objects.html
+    with point clouds to turn and the three-axis force on the curved surface, a picture of each object with
+    normals and depth, and objects.json with the errors. The objects are pressed on the elastic layer, which
+    is solved at the pixels. All of it is simulated.
+    """
+    from fastac import object_figures
+    from fastac import objects as test_objects
+    from fastac.workspace import write_json
+
+    shown = test_objects.reconstruct({path: load_bundle(path) for path in bundles}, load_n, progress=progress)
+    output.mkdir(parents=True, exist_ok=True)
+    for item in shown:
+        object_figures.draw(item, output / f"{item.name}.png")
+    temporary = output / ".objects.html.part"
+    temporary.write_text(object_figures.page(shown), encoding="utf-8")
+    temporary.replace(output / "objects.html")
+    content = test_objects.summary(shown)
+    write_json(output / "objects.json", content)
+    click.echo(test_objects.table(content))
+    click.echo(output / "objects.html")
 
 
 @main.command()
@@ -373,11 +541,11 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     A simulator that traces is slower, and is built in a folder of its own.
     """
     from fastac import accuracy, hardware
-    from sensor import dataset
+    from fastac.frames import read
     from sim.top import trace_file
 
     model = load_bundle(bundle)
-    samples = dataset.read(data, model.scene)
+    samples = read(data, model.scene, progress=progress)
     count = frames or (1 if trace else model.scene.simulation.frames)
     index = accuracy.spread(accuracy.choose(samples, split, data), count)
     output = output or bundle / "sim"
@@ -441,7 +609,7 @@ def verify(source, data, split, lanes, frames, output, progress):
     """
     from fastac import accuracy
     from fastac import verify as campaign
-    from sensor import dataset
+    from fastac.frames import read
 
     folder = source
     if source.suffix == ".toml":
@@ -450,7 +618,7 @@ def verify(source, data, split, lanes, frames, output, progress):
         run_build(scene, folder, data, progress, until="bundle")
     model = load_bundle(folder)
     data = data or folder / "data.h5"
-    samples = dataset.read(data, model.scene)
+    samples = read(data, model.scene, progress=progress)
     index = accuracy.spread(accuracy.choose(samples, split, data), frames)
     output = output or folder / "verify"
     content = campaign.run(model, samples, index, lanes, output, progress=progress)
@@ -705,10 +873,10 @@ def build(scene, data, output, progress):
 def report(folder, data):
     """Write report.json and report.html of the build in FOLDER again, and print the summary."""
     from fastac import report as reporting
-    from sensor import dataset
+    from fastac.frames import read
 
     model = load_bundle(folder)
-    samples = dataset.read(data or folder / "data.h5", model.scene)
+    samples = read(data or folder / "data.h5", model.scene)
     reporting.write(folder, model, samples)
     print_summary(folder)
 

@@ -15,13 +15,13 @@ from tqdm import tqdm
 
 from fastac import adjoint_fits, training
 from fastac.cli import INPUT, load_bundle, progress_option
+from fastac.frames import read
 from fastac.variants import integer_variant, slope_words, variant
 from models import quantise
 from models.adjoint import slope_weights
 from models.bundle import Bundle
 from models.hyperforce import collapse
 from models.poisson import boundary_term, solve, source_of
-from sensor.dataset import read
 
 SOLVERS = ("dst2d", "tridiagonal")
 

@@ -17,7 +17,7 @@ from models.image_processing import ImageProcessing, downsample
 from models.raw10 import MAXIMUM, pack, unpack
 from sensor.camera import exposure
 from sensor.elastomer import Layer
-from sensor.fingertip import surface
+from sensor.layer_rig import surface
 from sensor.mosaic import CELL, CHANNELS
 from sensor.raw_camera import RawCamera
 

@@ -12,10 +12,14 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 CHANNELS = {"bgr": ("B", "G", "R"), "bgr+nir": ("B", "G", "R", "NIR")}
 FORCES = {"force_x": (0,), "force_y": (1,), "force_z": (2,), "force_xyz": (0, 1, 2)}
 """The axes of each output that is a force."""
+TANGENTIAL_SHARES = (0.3, 0.6)
+"""The paper's (supplement, section I)."""
 RECURRENCE_BEATS = 5
 """The tridiagonal solver's rows take at least as many clocks, for each row needs the one before it."""
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
+Share = Annotated[float, Field(ge=0, le=2)]
+Point = tuple[float, float]
 
 
 class SceneError(ValueError):
@@ -40,6 +44,21 @@ class Elastomer(Strict):
     thickness_mm: Positive = 3.0
     thickness_variation: Annotated[float, Field(ge=0, lt=1)] = 0.3
     rim_mm: Positive = 1.5
+    mechanics: Literal["layer", "fem"] = "layer"
+    """layer: elastic and without friction, the skin moves along z only. fem: finite elements, all three axes,
+    with friction."""
+    friction: Annotated[float, Field(ge=0, le=10)] = 0.0
+    """Coulomb's coefficient between skin and indenter; with finite elements only."""
+    elements: Annotated[int, Field(ge=4, le=96)] = 40
+    """Finite elements along the image's longer side; the compliance takes memory as their fourth power."""
+    layers: Annotated[int, Field(ge=1, le=16)] = 4
+    """Finite elements through the thickness."""
+
+    @model_validator(mode="after")
+    def _friction_needs_elements(self):
+        if self.friction and self.mechanics == "layer":
+            raise ValueError(f"friction: {self.friction:g} needs mechanics 'fem'; a layer has none")
+        return self
 
 
 class Light(Strict):
@@ -80,12 +99,34 @@ class Markers(Strict):
         return self
 
 
+class Raw10(Strict):
+    """The camera of RAW10 frames, an RGB-IR filter array seen at 4 × 4 raw pixels a pixel, and what makes
+    B, G, R, NIR of its frames (models/image_processing.py). In 10-bit digital numbers."""
+
+    exposure: Annotated[float, Field(gt=0, le=1)] = 0.75
+    """Share of an 8-bit frame's exposure: a visible pixel also has room for its crosstalk."""
+    crosstalk: tuple[Share, Share, Share] = (0.8, 0.8, 0.8)
+    """NIR response of B, G and R pixels over that of NIR pixels."""
+    black_level_dn: Annotated[int, Field(ge=0, le=1022)] = 64
+    electrons_per_dn: Positive = 8.0
+    read_noise_dn: Annotated[float, Field(ge=0, le=1023)] = 1.0
+    vignetting: Annotated[float, Field(ge=0, lt=0.99)] = 0.2
+    dead_share: Annotated[float, Field(ge=0, le=0.1)] = 1e-4
+    method: Literal["demosaic", "binning"] = "demosaic"
+    """demosaic: the paper's list of steps. binning: the mean of each colour in a cell."""
+    alpha: Annotated[float, Field(ge=0, le=4)] = 0.8
+    beta: Annotated[float, Field(ge=1, le=1023)] = 1.0
+    dead_pixel_dn: Positive = 128.0
+
+
 class Sensor(Strict):
     geometry: Literal["fingertip", "flat"]
     height_px: Annotated[int, Field(ge=16, le=256)] = 128
     width_px: Annotated[int, Field(ge=16, le=256)] = 128
     pitch_mm: Positive = 0.125
     channels: Literal["bgr", "bgr+nir"] = "bgr+nir"
+    frames: Literal["channels", "raw10"] = "channels"
+    """What a dataset holds: channels, and nothing processes them, or the camera's RAW10 images."""
     source: Literal["simulated", "recorded"] = "simulated"
     ellipsoid: Ellipsoid = Ellipsoid()
     elastomer: Elastomer = Elastomer()
@@ -99,6 +140,13 @@ class Sensor(Strict):
     root. 8 is a pixel of 8,000 electrons' full well at an analogue gain of 4, as short exposures need."""
     grain: Annotated[float, Field(ge=0, lt=0.3)] = 0.04
     """Standard deviation of the painted skin's albedo from pixel to pixel; the pattern is fixed."""
+    raw10: Raw10 = Raw10()
+
+    @model_validator(mode="after")
+    def _raw10_is_used(self):
+        if self.frames == "channels" and self.raw10 != Raw10():
+            raise ValueError("raw10: settings of RAW10 frames need frames = 'raw10'")
+        return self
 
     @property
     def channel_names(self) -> tuple[str, ...]:
@@ -113,6 +161,13 @@ class Protocol(Strict):
     test_grid: Count = 8
     loads_n: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 1.0, 1.5)
     ball_mm: Positive = 5.0
+    tangential_shares: tuple[Positive, ...] | None = None
+    """Tangential loads, in shares of F_z, each in four directions, after each vertical one. Not given: the
+    paper's 0.3 and 0.6 where tangential forces are wanted and the gel has friction, and else none."""
+    corners_mm: tuple[Point, Point, Point, Point] | None = None
+    """x, y of the corners of the region that is pressed: top left, top right, bottom left, bottom right as
+    the image shows them; positions are bilinear between them. Not given: all but the rim and what a ball
+    needs."""
     seed: Annotated[int, Field(ge=0)] = 1
 
 
@@ -267,6 +322,11 @@ class Scene(Strict):
             raise ValueError("force.fit: 'slopes' needs poisson.solver 'adjoint'")
         if self.training.labels == "force":
             self._force_alone()
+        if self.protocol.tangential_shares and not self.sensor.elastomer.friction:
+            raise ValueError(
+                "protocol.tangential_shares: only friction carries them; set sensor.elastomer.friction and"
+                " mechanics = 'fem'"
+            )
         row_beats = -(-self.inner_px // lanes)
         if self.wants_solver and self.poisson.solver == "tridiagonal" and row_beats < RECURRENCE_BEATS:
             raise ValueError(
@@ -318,6 +378,14 @@ class Scene(Strict):
     @property
     def wants_force(self) -> bool:
         return bool(self.force_axes)
+
+    @property
+    def tangential_shares(self) -> tuple[float, ...]:
+        """Of F_z: the tangential loads of the protocol."""
+        if self.protocol.tangential_shares is not None:
+            return self.protocol.tangential_shares
+        wanted = {0, 1} & set(self.force_axes) and self.sensor.elastomer.friction
+        return TANGENTIAL_SHARES if wanted else ()
 
     @property
     def wants_force_map(self) -> bool:

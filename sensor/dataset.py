@@ -1,7 +1,7 @@
 """The dataset format: one HDF5 file, the same for simulated and recorded frames.
 
     frames          (N, H, W, C) uint8      attributes: pitch_mm, channels ("B,G,R,NIR"), source,
-    background      (H, W, C) uint8                     format_version
+    background      (H, W, C) uint8                     format_version; left_out, if samples were
     split           (N,) text: train, validation or test
     normals         (N, H, W, 3) float32    outward unit normals            ┐
     depth_mm        (N, H, W) float32       z, the skin's height            │ each present only
@@ -10,7 +10,13 @@
     force_n         (N, axes) float32       z is positive in compression    │
     group           (N,) text               the recording of each frame     │
     rest_depth_mm   (H, W) float32          z of the untouched skin         │
+    markers_px      (N, M, 2) float32       (u, v) of each dot's centre     │
+    tangential_mm   (N, H, W, 2) float32    d_x, d_y of the skin that is at │
+                                            each pixel at rest              │
     indenter/…      (N, …) numbers          pose and shape; NaN: no indenter┘
+
+Instead of `frames` there may be `raw10` (N, 4H, 4W) uint16, RAW10 images as the camera gives them; the
+background is then (4H, 4W) uint16, one too. What makes channels of them is fastac/frames.py.
 
 `force_n` has the axes x, y, z, or those that the attribute force_axes ("z") lists: a force gauge knows one.
 Ground truth is finite, and normals are unit vectors with n_z > 0, wherever it is valid; elsewhere it means
@@ -31,19 +37,26 @@ from sensor.samples import FORCE_AXES, SPLITS, Dataset, DatasetError, check
 __all__ = ["FORCE_AXES", "SPLITS", "Dataset", "DatasetError", "read", "write"]
 
 FORMAT_VERSION = 1
-CHUNKED = ("frames", "normals", "depth_mm", "valid")
+CHUNKED = ("frames", "raw10", "normals", "depth_mm", "valid", "tangential_mm")
 """Stored and compressed in whole frames: one frame is read without touching its neighbours."""
 ARRAYS = {
     "background": np.uint8,
     "frames": np.uint8,
+    "raw10": np.uint16,
     "normals": np.float32,
     "depth_mm": np.float32,
     "valid": np.bool_,
     "force_n": np.float32,
     "rest_depth_mm": np.float32,
+    "markers_px": np.float32,
+    "tangential_mm": np.float32,
 }
 TEXTS = ("split", "group")
-REQUIRED = ("background", "frames", "split")
+REQUIRED = ("background", "split")
+
+
+def _type(key: str, raw10: bool) -> type:
+    return np.uint16 if raw10 and key == "background" else ARRAYS[key]
 
 
 def write(
@@ -53,8 +66,9 @@ def write(
     channels: tuple[str, ...],
     source: str,
     background: np.ndarray,
-    frames: np.ndarray,
     split: np.ndarray,
+    frames: np.ndarray | None = None,
+    raw10: np.ndarray | None = None,
     normals: np.ndarray | None = None,
     depth_mm: np.ndarray | None = None,
     valid: np.ndarray | None = None,
@@ -63,6 +77,9 @@ def write(
     rest_depth_mm: np.ndarray | None = None,
     force_axes: tuple[str, ...] = FORCE_AXES,
     group: np.ndarray | None = None,
+    markers_px: np.ndarray | None = None,
+    tangential_mm: np.ndarray | None = None,
+    left_out: int = 0,
 ) -> None:
     """Write a dataset; the file appears complete or not at all.
 
@@ -72,26 +89,30 @@ def write(
     given = {
         "background": background,
         "frames": frames,
+        "raw10": raw10,
         "normals": normals,
         "depth_mm": depth_mm,
         "valid": valid,
         "force_n": force_n,
         "rest_depth_mm": rest_depth_mm,
+        "markers_px": markers_px,
+        "tangential_mm": tangential_mm,
     }
     arrays = {}
     for key, array in given.items():
         if array is not None:
             array = np.asarray(array)
-            to_float = ARRAYS[key] is np.float32 and array.dtype.kind == "f"
-            if not to_float and array.dtype != ARRAYS[key]:
-                raise DatasetError(f"{path}: {key} = {array.dtype}: expected {np.dtype(ARRAYS[key])}")
-            arrays[key] = array.astype(ARRAYS[key], copy=False)
+            kind = _type(key, raw10 is not None)
+            if not (kind is np.float32 and array.dtype.kind == "f") and array.dtype != kind:
+                raise DatasetError(f"{path}: {key} = {array.dtype}: expected {np.dtype(kind)}")
+            arrays[key] = array.astype(kind, copy=False)
     poses = None if indenter is None else {key: np.asarray(array, float) for key, array in indenter.items()}
     texts = {"split": np.asarray(split, dtype=str)}
     if group is not None:
         texts["group"] = np.asarray(group, dtype=str)
     axes = tuple(force_axes)
-    data = Dataset(pitch_mm, tuple(channels), source, indenter=poses, force_axes=axes, **arrays, **texts)
+    known = {"indenter": poses, "force_axes": axes, "left_out": left_out}
+    data = Dataset(pitch_mm, tuple(channels), source, **known, **arrays, **texts)
     check(data, None, str(path))
     if not path.parent.is_dir():
         raise DatasetError(f"{path}: {path.parent} is not a folder")
@@ -105,6 +126,8 @@ def write(
             file.attrs["source"] = source
             if force_n is not None and axes != FORCE_AXES:
                 file.attrs["force_axes"] = ",".join(axes)
+            if left_out:
+                file.attrs["left_out"] = left_out
             for key, array in arrays.items():
                 packed = {"compression": "lzf", "shuffle": True} if key in CHUNKED else {}
                 chunks = (1, *array.shape[1:]) if key in CHUNKED else None
@@ -151,7 +174,7 @@ def _content(file: h5py.File, path: Path) -> dict:
     for key in kinds:
         if key not in file.attrs:
             raise DatasetError(f"{path}: {key}: missing attribute")
-    for key, kind in (kinds | {"force_axes": str}).items():
+    for key, kind in (kinds | {"force_axes": str, "left_out": np.integer}).items():
         if key not in file.attrs:
             continue
         value = file.attrs[key]
@@ -173,6 +196,7 @@ def _content(file: h5py.File, path: Path) -> dict:
     }
     if "force_axes" in attributes:
         content["force_axes"] = tuple(attributes["force_axes"].split(","))
+    content["left_out"] = int(attributes.get("left_out", 0))
     for key in (*TEXTS, *ARRAYS):
         stored = file.get(key)
         if stored is None:
@@ -186,8 +210,9 @@ def _content(file: h5py.File, path: Path) -> dict:
                 raise DatasetError(f"{path}: {key} = {stored.dtype}: expected text")
             content[key] = np.asarray(stored.asstr()[()], dtype=str)
             continue
-        if stored.dtype != ARRAYS[key]:
-            raise DatasetError(f"{path}: {key} = {stored.dtype}: expected {np.dtype(ARRAYS[key])}")
+        kind = np.dtype(_type(key, "raw10" in file))
+        if stored.dtype != kind:
+            raise DatasetError(f"{path}: {key} = {stored.dtype}: expected {kind}")
         content[key] = stored[()]
     if "indenter" in file:
         content["indenter"] = _indenter(file["indenter"], path)

@@ -124,13 +124,32 @@ class Layer:
         free_gap = ball - self.rest_depth_mm
         if not np.any(under > 0):
             raise ContactError(f"ball at x = {x_mm:g} mm, y = {y_mm:g} mm: expected inside the image")
-        free_gap -= free_gap.min()
+        where = f"ball of {ball_mm:g} mm at x = {x_mm:g} mm, y = {y_mm:g} mm with {load_n:g} N"
+        contact = self._settle(free_gap, load_n, where)
+        if under[contact.pressure_mpa > 0].min() < (0.05 * ball_mm) ** 2:
+            raise ContactError(f"{where}: the skin reaches the ball's equator")
+        return contact
 
-        # Only pixels under the ball can touch it, so the solver works in their bounding box.
-        v, u = np.nonzero(under > 0)
+    def press_surface(self, surface_mm: np.ndarray, *, load_n: float, what: str = "surface") -> Contact:
+        """Press any rigid lower surface z (H, W), infinite beside it, along −z with `load_n`; `what` is for
+        errors. Only where the surface stands along x and y matters, not how high.
+
+        Raises ContactError where the contact would reach the fixed rim or the layer's base.
+        """
+        if not np.isfinite(surface_mm).any():
+            raise ContactError(f"{what}: expected inside the image")
+        return self._settle(surface_mm - self.rest_depth_mm, load_n, f"{what} with {load_n:g} N")
+
+    def _settle(self, free_gap: np.ndarray, load_n: float, where: str) -> Contact:
+        """The contact of a body that is `free_gap` (H, W) above the skin, infinite beside it."""
+        free_gap = free_gap - free_gap.min()
+        under = np.isfinite(free_gap)
+
+        # Only pixels under the body can touch it, so the solver works in their bounding box.
+        v, u = np.nonzero(under)
         rows, columns = slice(v.min(), v.max() + 1), slice(u.min(), u.max() + 1)
-        allowed = (under > 0) & (self.modulation > STIFF)
-        pressure = np.zeros_like(ball)
+        allowed = under & (self.modulation > STIFF)
+        pressure = np.zeros_like(free_gap)
         pressure[rows, columns] = self._solve(
             self._window_operator(rows, columns),
             free_gap[rows, columns],
@@ -141,16 +160,13 @@ class Layer:
         touching = pressure > 0
         approach = float((free_gap + displacement)[touching].mean())
         gap = free_gap + displacement - approach
-        self._check(gap, under, touching, approach, x_mm, y_mm, ball_mm, load_n)
+        self._check(gap, approach, where)
         area = touching.sum() * self.sensor.pitch_mm**2
         return Contact(displacement, pressure, gap, approach, float(np.sqrt(area / np.pi)))
 
-    def _check(self, gap, under, touching, approach, x_mm, y_mm, ball_mm, load_n):
-        where = f"ball of {ball_mm:g} mm at x = {x_mm:g} mm, y = {y_mm:g} mm with {load_n:g} N"
+    def _check(self, gap: np.ndarray, approach: float, where: str) -> None:
         if gap.min() < -1e-3 * approach:
             raise ContactError(f"{where}: the contact reaches the fixed rim")
-        if under[touching].min() < (0.05 * ball_mm) ** 2:
-            raise ContactError(f"{where}: the skin reaches the ball's equator")
         if approach > self.sensor.elastomer.thickness_mm:
             thickness = self.sensor.elastomer.thickness_mm
             raise ContactError(f"{where}: sinks {approach:.2f} mm into {thickness:g} mm of elastomer")

@@ -3,6 +3,7 @@
 F is the skin's force on the indenter, F_x along u, F_y along v, F_z positive in compression, as in a dataset.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -117,19 +118,50 @@ class Gel:
         phase is divided into `steps`, for friction remembers. Raises ContactError for an indenter beside the
         skin or on its rim, and for a load that friction, the indenter's face or the thickness cannot carry.
         """
-        where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm with {load_n:g} N" + (
-            f" and {tangential_n[0]:g}, {tangential_n[1]:g} N sideways" if tangential_n else ""
-        )
+        drags = () if tangential_n is None else (tangential_n,)
+        keys = {"load_n": load_n, "friction": friction, "drags_n": drags, "steps": steps}
+        contact = self.presses(indenter, x_mm, y_mm, **keys)[-1]
+        if isinstance(contact, ContactError):
+            raise contact
+        return contact
+
+    def presses(
+        self,
+        indenter: Indenter,
+        x_mm: float,
+        y_mm: float,
+        *,
+        load_n: float,
+        friction: float = 0.0,
+        drags_n: Sequence[tuple[float, float]] = (),
+        steps: int = 4,
+    ) -> list[GelContact | ContactError]:
+        """`press` without a drag, then each of `drags_n` (F_x, F_y) from there, as `press` would alone.
+
+        In place of a drag that cannot be carried is its error. Raises ContactError as `press` does where the
+        vertical load cannot.
+        """
+        where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm with {load_n:g} N"
         if not load_n > 0:
             raise ContactError(f"{where}: expected a load of more than 0")
         if not 0 <= friction <= 10:
             raise ContactError(f"{where}: friction = {friction:g}: expected 0 to 10")
         touch_mm = self._first_touch_mm(indenter, x_mm, y_mm, where)
         problem, candidates, other_gap = self._problem(indenter, x_mm, y_mm, touch_mm, friction, where)
-        state = self._load(problem, load_n, tangential_n, steps, where)
-        contact = self._contact(problem, state, candidates, touch_mm)
+        down = self._press_down(problem, load_n, steps, where)
+        contact = self._contact(problem, down, candidates, touch_mm)
         self._check(contact, other_gap, where)
-        return contact
+        found: list[GelContact | ContactError] = [contact]
+        for drag in drags_n:
+            dragged = f"{where} and {drag[0]:g}, {drag[1]:g} N sideways"
+            try:
+                state = self._drag(problem, down, load_n, drag, steps, dragged)
+                contact = self._contact(problem, state, candidates, touch_mm)
+                self._check(contact, other_gap, dragged)
+                found.append(contact)
+            except ContactError as error:
+                found.append(error)
+        return found
 
     def _first_touch_mm(self, indenter: Indenter, x_mm: float, y_mm: float, where: str) -> float:
         x, y = self._fine_x_mm, self._fine_y_mm
@@ -161,20 +193,27 @@ class Gel:
         return problem, candidates, other_gap
 
     @staticmethod
-    def _load(problem, load_n, tangential_n, steps, where) -> State:
+    def _press_down(problem: ContactProblem, load_n: float, steps: int, where: str) -> State:
         down = Load(np.eye(3), np.array([False, False, True]), np.array([0.0, 0.0, load_n]))
         try:
-            state = problem.follow(problem.rest(), down, steps)
-            size = np.hypot(*tangential_n) if tangential_n else 0.0
-            if size > 0:
-                along = np.array([*tangential_n, 0.0]) / size
-                axes = np.stack([along, np.cross((0, 0, 1), along), (0, 0, 1)])
-                value = np.array([size, 0.0, load_n])
-                state = problem.follow(state, Load(axes, np.array([True, False, True]), value), steps)
-                if not state.sticking.any():
-                    raise ContactError(f"{where}: slides, a friction of {problem.friction:g} is too little")
+            return problem.follow(problem.rest(), down, steps)
         except NotConvergedError:
             raise ContactError(f"{where}: no equilibrium: more than the contact can carry") from None
+
+    @staticmethod
+    def _drag(problem: ContactProblem, start: State, load_n: float, drag_n, steps: int, where: str) -> State:
+        size = np.hypot(*drag_n)
+        if size == 0:
+            return start
+        along = np.array([*drag_n, 0.0]) / size
+        axes = np.stack([along, np.cross((0, 0, 1), along), (0, 0, 1)])
+        load = Load(axes, np.array([True, False, True]), np.array([size, 0.0, load_n]))
+        try:
+            state = problem.follow(start, load, steps)
+        except NotConvergedError:
+            raise ContactError(f"{where}: no equilibrium: more than the contact can carry") from None
+        if not state.sticking.any():
+            raise ContactError(f"{where}: slides, a friction of {problem.friction:g} is too little")
         return state
 
     def _contact(self, problem: ContactProblem, state: State, candidates, touch_mm: float) -> GelContact:

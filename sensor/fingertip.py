@@ -1,9 +1,9 @@
-"""The virtual fingertip: ball presses on a simulated sensor, after the paper's protocol.
+"""The virtual fingertip: a simulated sensor pressed after the paper's protocol, to the dataset format.
 
-At each point of three grids that share no point (train, validation, test; supplement, section I) a ball is
-pressed vertically at each of the scene's loads. Positions are of the ball's axis, in mm from the image's
-centre. The dataset holds normals, forces and poses, which cost nothing, and depth only if the scene has
-something to solve for it.
+The scene says which gel (sensor/rig.py), which loads (sensor/protocol.py) and which frames. The dataset holds
+normals, forces and poses, which cost nothing, and depth only if the scene has something to solve for it. The
+paper knows normals and depth of vertical samples only; here those of tangential ones are known just as well,
+and are kept. What friction cannot carry is left out, and counted.
 """
 
 import multiprocessing
@@ -11,156 +11,138 @@ import os
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
 from tqdm import tqdm
 
-from fastac.scene import Protocol, Scene, Sensor
+from fastac.scene import Scene, Sensor
 from sensor import dataset
 from sensor.camera import background, render
-from sensor.elastomer import Contact, Layer
-from sensor.geometry import ball_slopes, normals_from_slopes, rest_depth_mm, rest_slopes
+from sensor.elastomer import ContactError
+from sensor.geometry import rest_depth_mm
+from sensor.mosaic import CELL
+from sensor.protocol import FingertipError, stations
+from sensor.raw_window import background_raw10, render_raw10
+from sensor.rig import Pressed, Rig, rig_of
+from sensor.skin_paint import marker_pixels
 
-MARGIN_BALLS = 0.3
-"""Distance from the fixed rim to the outermost positions, in ball diameters: as much as the contact grows."""
+CACHE = Path("build/cache")
+"""Where finite-element compliances are kept, unless the caller says otherwise."""
 
-
-class FingertipError(ValueError):
-    """A scene that the virtual fingertip cannot press; the message is one line with key and value."""
-
-
-def positions_mm(sensor: Sensor, protocol: Protocol) -> dict[str, np.ndarray]:
-    """Positions (n², 2) of the ball's axis, x and y in mm, for each split.
-
-    All three grids are taken from one lattice of 2m × 2m points, m the largest grid: train from the points
-    that are even along both axes, test odd along both, validation odd along x and even along y. So no two
-    splits come closer than one step of the lattice.
-    """
-    margin = sensor.elastomer.rim_mm + MARGIN_BALLS * protocol.ball_mm
-    half_x = (sensor.width_px - 1) * sensor.pitch_mm / 2 - margin
-    half_y = (sensor.height_px - 1) * sensor.pitch_mm / 2 - margin
-    if half_x <= 0 or half_y <= 0:
-        raise FingertipError(
-            f"protocol.ball_mm = {protocol.ball_mm:g}: no room for it between rims of"
-            f" {sensor.elastomer.rim_mm:g} mm on {sensor.width_px} x {sensor.height_px} px"
-            f" of {sensor.pitch_mm:g} mm"
-        )
-    sizes = {"train": protocol.train_grid, "validation": protocol.validation_grid, "test": protocol.test_grid}
-    parity = {"train": (0, 0), "validation": (1, 0), "test": (1, 1)}
-    largest = max(sizes.values())
-    positions = {}
-    for split, size in sizes.items():
-        chosen = np.rint((np.arange(size) + 0.5) / size * largest - 0.5).astype(int)
-        along_x, along_y = (2 * (2 * chosen + odd) / (2 * largest - 1) - 1 for odd in parity[split])
-        x, y = np.meshgrid(along_x * half_x, along_y * half_y)
-        positions[split] = np.stack([x.ravel(), y.ravel()], axis=-1)
-    return positions
+_rig: Rig | None = None
+"""The gel of this worker process."""
 
 
-def surface(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: float):
-    """The pressed skin: normals (H, W, 3) and depth_mm (H, W), float64.
-
-    Where the skin touches the ball its slopes are the ball's own. Elsewhere they are the untouched
-    skin's, in closed form, less the displacement's derivative by a cubic spline.
-    """
-    sensor = layer.sensor
-    rows = np.arange(sensor.height_px) * sensor.pitch_mm
-    columns = np.arange(sensor.width_px) * sensor.pitch_mm
-    spline = RectBivariateSpline(rows, columns, contact.displacement_mm)
-    p, q = rest_slopes(sensor)
-    p -= spline(rows, columns, dy=1)
-    q -= spline(rows, columns, dx=1)
-    touching = contact.pressure_mpa > 0
-    p[touching], q[touching] = ball_slopes(layer.x_mm[touching] - x_mm, layer.y_mm[touching] - y_mm, ball_mm)
-    return normals_from_slopes(p, q), layer.rest_depth_mm - contact.displacement_mm
+def _start_worker(sensor: Sensor, cache: Path) -> None:
+    global _rig
+    _rig = rig_of(sensor, cache, progress=False)
 
 
-def contact_force_n(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: float) -> np.ndarray:
-    """The skin's force on the ball, (3,) in N, z positive in compression.
-
-    Without friction the pressure acts along the surface's normal: a pressure P on the image's plane gives
-    (−p, −q, 1)·P, with the ball's slopes p, q. On a tilted skin a vertical press so has tangential forces.
-    """
-    touching = contact.pressure_mpa > 0
-    p, q = ball_slopes(layer.x_mm[touching] - x_mm, layer.y_mm[touching] - y_mm, ball_mm)
-    pressure = contact.pressure_mpa[touching] * layer.sensor.pitch_mm**2
-    return np.array([-(p * pressure).sum(), -(q * pressure).sum(), pressure.sum()])
+def _press(task) -> list[dict | None]:
+    """The samples of a station, as `sample` gives them; None for one that friction cannot carry."""
+    station, ball_mm, sensor, seeds = task
+    return [
+        None if isinstance(pressed, ContactError) else sample(pressed, sensor, np.random.default_rng(seed))
+        for pressed, seed in zip(_rig.presses(station, ball_mm), seeds, strict=True)
+    ]
 
 
-_layer: Layer | None = None
-"""The elastomer of this worker process."""
+def sample(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> dict:
+    """What a dataset holds of one press, with its frame; see `_empty` for the keys."""
+    view = render if sensor.frames == "channels" else render_raw10
+    arrays = {
+        "frame": view(pressed.normals, pressed.depth_mm, sensor, rng, pressed.tangential_mm),
+        "normals": pressed.normals.astype(np.float32),
+        "depth_mm": pressed.depth_mm.astype(np.float32),
+        "force_n": pressed.force_n,
+    }
+    if sensor.markers is not None:
+        arrays["markers_px"] = marker_pixels(sensor, pressed.tangential_mm)
+        if pressed.tangential_mm is not None:
+            arrays["tangential_mm"] = pressed.tangential_mm.astype(np.float32)
+    return {**arrays, "pose": pressed.pose}
 
 
-def _start_worker(sensor: Sensor) -> None:
-    global _layer
-    _layer = Layer(sensor)
+def _empty(scene: Scene, count: int) -> dict[str, np.ndarray]:
+    """Room for `count` samples of what the scene's dataset holds."""
+    sensor = scene.sensor
+    image = (count, sensor.height_px, sensor.width_px)
+    if sensor.frames == "raw10":
+        frame = np.empty((count, CELL * sensor.height_px, CELL * sensor.width_px), np.uint16)
+    else:
+        frame = np.empty((*image, len(sensor.channel_names)), np.uint8)
+    room = {"frame": frame, "normals": np.empty((*image, 3), np.float32), "force_n": np.empty((count, 3))}
+    if scene.wants_solver:
+        room["depth_mm"] = np.empty(image, np.float32)
+    if sensor.markers is not None:
+        room["markers_px"] = np.empty((count, len(marker_pixels(sensor)), 2))
+        if sensor.elastomer.mechanics == "fem":
+            room["tangential_mm"] = np.empty((*image, 2), np.float32)
+    return room
 
 
-def _press(task):
-    """One sample of the dataset, from its position, load, ball and seed."""
-    (x_mm, y_mm), load_n, ball_mm, seed = task
-    contact = _layer.press(x_mm, y_mm, ball_mm=ball_mm, load_n=load_n)
-    normals, depth_mm = surface(contact, _layer, x_mm, y_mm, ball_mm)
-    frame = render(normals, depth_mm, _layer.sensor, np.random.default_rng(seed))
-    pose = (x_mm, y_mm, ball_mm, contact.approach_mm, contact.contact_radius_mm)
-    force = contact_force_n(contact, _layer, x_mm, y_mm, ball_mm)
-    return frame, normals.astype(np.float32), depth_mm.astype(np.float32), force, pose
+def _perform(scene: Scene, tasks: list, cache: Path, processes: int, progress: bool):
+    """The samples of each task, in order. The compliance is there before the workers look for it."""
+    global _rig
+    if processes == 1 or scene.sensor.elastomer.mechanics == "fem":
+        _rig = rig_of(scene.sensor, cache, progress=progress)
+    if processes == 1:
+        yield from map(_press, tasks)
+        return
+    _rig = None
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(processes, _start_worker, (scene.sensor, cache)) as pool:
+        yield from pool.imap(_press, tasks, chunksize=4)
 
 
-def generate(scene: Scene, path: Path | str, *, progress: bool = True, processes: int | None = None) -> None:
+def generate(
+    scene: Scene,
+    path: Path | str,
+    *,
+    cache: Path | str = CACHE,
+    progress: bool = True,
+    processes: int | None = None,
+) -> None:
     """Press the scene's protocol on its virtual sensor and write the dataset to `path`.
 
-    The result depends on the scene alone, not on the number of processes (default: one per core).
-    Raises FingertipError if the scene's sensor is a recorded one or too small for the ball, and
-    ContactError if a press is beyond the elastomer's model.
+    The result depends on the scene alone, not on the number of processes (default: one per core). `cache`
+    is the folder of finite-element compliances, which are computed once. Raises FingertipError if the
+    scene's sensor is a recorded one or too small for the ball, and ContactError if a vertical press is
+    beyond the elastomer's model.
     """
     sensor, protocol = scene.sensor, scene.protocol
     if sensor.source != "simulated":
         raise FingertipError(f"{scene.name}: sensor.source = {sensor.source!r}: expected 'simulated'")
-    points = [
-        (split, tuple(map(float, position)), load)
-        for split, grid in positions_mm(sensor, protocol).items()
-        for position in grid
-        for load in protocol.loads_n
-    ]
-    background_seed, *seeds = np.random.SeedSequence(protocol.seed).spawn(len(points) + 1)
-    tasks = [
-        (position, load, protocol.ball_mm, seed)
-        for (_, position, load), seed in zip(points, seeds, strict=True)
-    ]
-    shape = (len(points), sensor.height_px, sensor.width_px)
-    frames = np.empty((*shape, len(sensor.channel_names)), np.uint8)
-    normals = np.empty((*shape, 3), np.float32)
-    depth_mm = np.empty(shape, np.float32) if scene.wants_solver else None
-    force_n, poses = np.empty((len(points), 3)), np.empty((len(points), 5))
+    visited = stations(scene)
+    count = sum(len(station.targets_n) for station in visited)
+    background_seed, *seeds = np.random.SeedSequence(protocol.seed).spawn(count + 1)
+    rest, left_out = iter(seeds), 0
+    tasks = [(s, protocol.ball_mm, sensor, [next(rest) for _ in s.targets_n]) for s in visited]
+    room, poses, split = _empty(scene, count), [], []
+    processes = min(processes or os.cpu_count() or 1, len(tasks))
+    with tqdm(total=count, desc="presses", unit="", disable=not progress) as bar:
+        performed = _perform(scene, tasks, Path(cache), processes, progress)
+        for station, samples in zip(visited, performed, strict=True):
+            for found in samples:
+                bar.update()
+                if found is None:
+                    left_out += 1
+                    continue
+                for key, array in room.items():
+                    array[len(poses)] = found[key]
+                poses.append(found["pose"])
+                split.append(station.split)
 
-    def collect(samples):
-        bar = tqdm(samples, total=len(points), desc="presses", unit="", disable=not progress)
-        for i, (frame, normal, depth, force, pose) in enumerate(bar):
-            frames[i], normals[i], force_n[i], poses[i] = frame, normal, force, pose
-            if depth_mm is not None:
-                depth_mm[i] = depth
-
-    processes = min(processes or os.cpu_count() or 1, len(points))
-    if processes == 1:
-        _start_worker(sensor)
-        collect(map(_press, tasks))
-    else:
-        context = multiprocessing.get_context("spawn")
-        with context.Pool(processes, _start_worker, (sensor,)) as pool:
-            collect(pool.imap(_press, tasks, chunksize=4))
-
-    names = ("x_mm", "y_mm", "ball_mm", "approach_mm", "contact_radius_mm")
+    arrays = {key: array[: len(poses)] for key, array in room.items()}
+    frames, take = ("frames", background) if sensor.frames == "channels" else ("raw10", background_raw10)
     dataset.write(
         path,
         pitch_mm=sensor.pitch_mm,
         channels=sensor.channel_names,
         source=f"simulated: virtual {sensor.geometry}, seed {protocol.seed}",
-        background=background(sensor, np.random.default_rng(background_seed)),
-        frames=frames,
-        split=np.array([split for split, _, _ in points]),
-        normals=normals,
-        depth_mm=depth_mm,
-        force_n=force_n,
-        indenter=dict(zip(names, poses.T, strict=True)),
+        background=take(sensor, np.random.default_rng(background_seed)),
+        split=np.array(split),
+        indenter={key: np.array([pose[key] for pose in poses]) for key in poses[0]},
         rest_depth_mm=rest_depth_mm(sensor) if scene.wants_slopes else None,
+        left_out=left_out,
+        **{frames: arrays.pop("frame")},
+        **arrays,
     )

@@ -40,6 +40,16 @@ def rest_slopes(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
     return -c * x / (a * a * root), -c * y / (b * b * root)
 
 
+def rest_depth_at_mm(sensor: Sensor, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
+    """z of the untouched skin above any x, y (…), float64, as `rest_depth_mm` at the pixels."""
+    if sensor.geometry == "flat":
+        return np.zeros(np.broadcast(x_mm, y_mm).shape)
+    a, b, c = sensor.ellipsoid.semi_axes_mm
+    corner_x, corner_y = ((n - 1) * sensor.pitch_mm / 2 for n in (sensor.width_px, sensor.height_px))
+    lowest = np.sqrt(1 - (corner_x / a) ** 2 - (corner_y / b) ** 2)
+    return c * (np.sqrt(np.maximum(1 - (x_mm / a) ** 2 - (y_mm / b) ** 2, 0)) - lowest)
+
+
 def ball_slopes(x_mm: np.ndarray, y_mm: np.ndarray, ball_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """p and q of a skin that lies against a ball of diameter `ball_mm`.
 

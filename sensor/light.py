@@ -34,7 +34,7 @@ def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.
         cosine = -np.einsum("hwi,hwi->hw", to_source, normals) / np.sqrt(distance2)
         direct = np.maximum(cosine, 0)
         if light.specular:
-            lobe = _lobe(to_source / np.sqrt(distance2)[..., None], normals, light.shininess)
+            lobe = _lobe(cosine, normals[..., 2], to_source[..., 2] / np.sqrt(distance2), light.shininess)
             direct = (1 - light.specular) * direct + light.specular * np.where(cosine > 0, lobe, 0)
         direct *= reference / (distance2 + light.softening_mm**2)
         if light.cast_shadows:
@@ -43,8 +43,9 @@ def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.
     return np.stack(shares, axis=-1)
 
 
-def _lobe(to_source: np.ndarray, normals: np.ndarray, shininess: float) -> np.ndarray:
-    """(−n · h)**shininess, (H, W), h half-way between the unit vectors to the source and to the camera."""
-    half = to_source + np.array([0.0, 0.0, -1.0])
-    half /= np.linalg.norm(half, axis=-1, keepdims=True)
-    return np.maximum(-np.einsum("hwi,hwi->hw", half, normals), 0) ** shininess
+def _lobe(cosine: np.ndarray, normal_z: np.ndarray, source_z: np.ndarray, shininess: float) -> np.ndarray:
+    """(−n · h)**shininess, (H, W), h half-way between the unit vectors l to the source and −z to the camera.
+
+    −n · (l − z) is −n · l, the cosine, plus n_z; and |l − z|² is 2 − 2 l_z.
+    """
+    return np.maximum((cosine + normal_z) / np.sqrt(2 - 2 * source_z), 0) ** shininess

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from fastac.scene import CHANNELS, Scene
+from sensor.mosaic import CELL
 
 SPLITS = ("train", "validation", "test")
 FORCE_AXES = ("x", "y", "z")
+RAW10_MAXIMUM = 2**10 - 1
 PITCH_TOLERANCE = 1e-3
 UNIT_TOLERANCE = 1e-4
 """Of a normal's squared length: float32 leaves 1e-7."""
@@ -25,8 +27,10 @@ class Dataset:
     channels: tuple[str, ...]
     source: str
     background: np.ndarray
-    frames: np.ndarray
     split: np.ndarray
+    frames: np.ndarray | None = None
+    raw10: np.ndarray | None = None
+    """Instead of `frames`: RAW10 images, 4 × 4 of their pixels to one of everything else."""
     normals: np.ndarray | None = None
     depth_mm: np.ndarray | None = None
     valid: np.ndarray | None = None
@@ -36,9 +40,13 @@ class Dataset:
     force_axes: tuple[str, ...] = FORCE_AXES
     """What the columns of `force_n` are: a gauge may know one axis only."""
     group: np.ndarray | None = None
+    markers_px: np.ndarray | None = None
+    tangential_mm: np.ndarray | None = None
+    left_out: int = 0
+    """Samples of the protocol that the contact could not carry."""
 
     def __len__(self) -> int:
-        return len(self.frames)
+        return len(self.split)
 
     def knows_force(self, axes: tuple[int, ...]) -> bool:
         """Whether the forces along all of `axes`, 0 to 2 for x to z, were measured."""
@@ -61,6 +69,23 @@ class Dataset:
         return np.flatnonzero(self.split == split)
 
 
+def _size(data: Dataset, need, origin: str) -> tuple[int, int, int]:
+    """Samples, height and width of what a dataset's frames become, from whichever frames it has."""
+    if data.frames is None and data.raw10 is None:
+        raise DatasetError(f"{origin}: frames: missing")
+    need(data.frames is None or data.raw10 is None, "raw10", "beside frames", "one of the two")
+    if data.raw10 is None:
+        need(data.frames.ndim == 4 and len(data.frames), "frames", data.frames.shape, "shape (N, H, W, C)")
+        return data.frames.shape[:3]
+    shape = data.raw10.shape
+    cells = len(shape) == 3 and all(shape) and not shape[1] % CELL and not shape[2] % CELL
+    need(cells, "raw10", shape, f"shape (N, H, W), H and W multiples of {CELL}")
+    for key in ("raw10", "background"):
+        brightest = int(getattr(data, key).max())
+        need(brightest <= RAW10_MAXIMUM, key, brightest, f"10-bit values up to {RAW10_MAXIMUM}")
+    return shape[0], shape[1] // CELL, shape[2] // CELL
+
+
 def check(data: Dataset, scene: Scene | None, origin: str) -> None:
     """Raise DatasetError unless everything fits together; `origin` names the file."""
 
@@ -70,8 +95,7 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
 
     need(np.isfinite(data.pitch_mm) and data.pitch_mm > 0, "pitch_mm", data.pitch_mm, "a positive length")
     need(data.channels in CHANNELS.values(), "channels", ",".join(data.channels), "B,G,R or B,G,R,NIR")
-    need(data.frames.ndim == 4 and len(data.frames), "frames", data.frames.shape, "shape (N, H, W, C)")
-    n, height, width, _ = data.frames.shape
+    n, height, width = _size(data, need, origin)
     ordered = tuple(axis for axis in FORCE_AXES if axis in data.force_axes)
     need(
         data.force_axes == ordered and ordered,
@@ -79,9 +103,11 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
         repr(",".join(data.force_axes)),
         "some of x, y, z, in this order",
     )
+    image = (height, width, len(data.channels))
     shapes = {
-        "frames": (n, height, width, len(data.channels)),
-        "background": (height, width, len(data.channels)),
+        "frames": (n, *image),
+        "raw10": (n, CELL * height, CELL * width),
+        "background": image if data.raw10 is None else (CELL * height, CELL * width),
         "split": (n,),
         "normals": (n, height, width, 3),
         "depth_mm": (n, height, width),
@@ -89,6 +115,8 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
         "force_n": (n, len(data.force_axes)),
         "group": (n,),
         "rest_depth_mm": (height, width),
+        "markers_px": (n, *(() if data.markers_px is None else data.markers_px.shape[1:2]), 2),
+        "tangential_mm": (n, height, width, 2),
     }
     for key, shape in shapes.items():
         array = getattr(data, key)
@@ -100,7 +128,7 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
     for key, array in (data.indenter or {}).items():
         need(array.ndim and len(array) == n, f"indenter/{key}", array.shape, f"{n} entries")
         need(not np.isinf(array).any(), f"indenter/{key}", "infinite", "numbers, or NaN for no indenter")
-    for key in ("force_n", "rest_depth_mm"):
+    for key in ("force_n", "rest_depth_mm", "markers_px", "tangential_mm"):
         array = getattr(data, key)
         need(array is None or np.isfinite(array).all(), key, "NaN or infinite", "finite values")
     for i in range(n):
@@ -124,5 +152,7 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
         need(have == want, "channels", have, f"{want} ({scene.name})")
         size, want = f"{height} x {width} px", f"{sensor.height_px} x {sensor.width_px} px"
         need(size == want, "frames", size, f"{want} ({scene.name})")
+        have = "channels" if data.raw10 is None else "raw10"
+        need(have == sensor.frames, "frames", have, f"{sensor.frames} ({scene.name})")
         close = abs(data.pitch_mm / sensor.pitch_mm - 1) <= PITCH_TOLERANCE
         need(close, "pitch_mm", f"{data.pitch_mm:.6g}", f"{sensor.pitch_mm:g} ({scene.name})")

@@ -56,10 +56,10 @@ def albedo(sensor: Sensor, tangential_mm: np.ndarray | None = None) -> np.ndarra
         paint = map_coordinates(paint, [from_v, from_u], order=1, mode="nearest")
     if sensor.markers is None:
         return paint
-    return paint * (1 - sensor.markers.contrast * _coverage(sensor, marker_pixels(sensor, tangential_mm)))
+    return paint * (1 - sensor.markers.contrast * coverage(sensor, marker_pixels(sensor, tangential_mm)))
 
 
-def _coverage(sensor: Sensor, pixels: np.ndarray) -> np.ndarray:
+def coverage(sensor: Sensor, pixels: np.ndarray) -> np.ndarray:
     """Share of each pixel that the dots at `pixels` (M, 2) cover, (H, W)."""
     radius = sensor.markers.radius_mm / sensor.pitch_mm
     covered = np.zeros((sensor.height_px, sensor.width_px))

@@ -86,8 +86,25 @@ class TestHelp:
                     "report",
                 ],
             ),
-            (("data",), ["SCENE", "--output", "--no-progress", "build/SCENE/data.h5"]),
-            (("import",), ["ball-press", "force"]),
+            (("data",), ["SCENE", "--output", "--cache", "--no-progress", "build/SCENE/data.h5"]),
+            (("import",), ["ball-press", "cnc", "force"]),
+            (("protocol",), ["SCENE", "--output", "--cad", "--origin-mm", "--simulate", "tangential_x_n"]),
+            (
+                ("import", "cnc"),
+                [
+                    "FOLDER",
+                    "--scene",
+                    "--cad",
+                    "--cad-pitch-mm",
+                    "--origin-mm",
+                    "--ball-mm",
+                    "--raw-size-px",
+                    "--skip-lost",
+                    "--output",
+                    "force_x_n",
+                    "000012.nir.png",
+                ],
+            ),
             (
                 ("import", "force"),
                 [
@@ -118,6 +135,7 @@ class TestHelp:
                 ],
             ),
             (("train",), ["SCENE", "--data", "--output", "--no-progress", "Resumes"]),
+            (("objects",), ["BUNDLE...", "--load-n", "--output", "strawberry", "objects.html", "simulated"]),
             (("evaluate",), ["BUNDLE", "--data", "--split", "--json", "[train|validation|test|all]"]),
             (("predict",), ["BUNDLE", "DATA", "--float", "--split", "--output", "HDF5"]),
             (("verilog",), ["BUNDLE", "--output", "XCZU19EG"]),
@@ -185,6 +203,28 @@ class TestHelp:
         assert message in result.stderr
 
 
+class TestMachine:
+    def test_a_simulated_recording_comes_back_as_a_dataset(self, toml, tmp_path, one_process):
+        text = toml.read_text().replace("train_grid = 3", "train_grid = 1")
+        gel = 'thickness_mm = 2.0, mechanics = "fem", elements = 8, layers = 1 }'
+        toml.write_text(text.replace("thickness_mm = 2.0 }", gel))
+        options = ("--origin-mm", 10, 20, -5, "--cache", tmp_path / "cache", "--no-progress")
+        recording = tmp_path / "recording"
+        said = succeed("protocol", toml, "-o", tmp_path / "p.csv", "--simulate", recording, *options).stdout
+        assert "p.csv: 18 samples" in said
+        assert "18 frames, simulated" in said
+        command = ("import", "cnc", recording, "--scene", toml, "-o", tmp_path / "d.h5", "--no-progress")
+        assert "19 frames (3 train, 8 validation, 8 test)" in succeed(*command, *options[:4]).stdout
+        assert len(dataset.read(tmp_path / "d.h5")) == 19
+        message = fail(*command)
+        assert "poses.csv, line 2: " in message
+        assert "outside the skin" in message
+        assert "not empty" in fail(
+            "protocol", toml, "-o", tmp_path / "p.csv", "--simulate", recording, *options
+        )
+        assert "expected an STL file" in fail(*command, "--cad", tmp_path / "p.csv")
+
+
 class TestData:
     def test_writes_the_dataset_and_says_that_it_is_simulated(self, toml, tmp_path, one_process, tiny_data):
         toml.write_text(toml.read_text().replace("train_grid = 3", "train_grid = 1"))
@@ -194,6 +234,19 @@ class TestData:
         assert data.channels == ("B", "G", "R", "NIR")
         assert len(data) == 2 * (1 + 4 + 4)
         assert data.pitch_mm == 0.25
+
+    def test_says_how_many_samples_friction_could_not_carry(self, toml, tmp_path, one_process):
+        text = (
+            toml.read_text().replace('"force_z"]', '"force_xyz"]').replace("train_grid = 3", "train_grid = 1")
+        )
+        gel = 'thickness_mm = 2.0, mechanics = "fem", friction = 0.6, elements = 8, layers = 1 }'
+        toml.write_text(text.replace("thickness_mm = 2.0 }", gel))
+        cache = tmp_path / "cache"
+        result = succeed("data", toml, "-o", tmp_path / "d.h5", "--cache", cache, "--no-progress")
+        data = dataset.read(tmp_path / "d.h5")
+        assert f"{len(data)} samples; friction could not carry {data.left_out}, left out" in result.stdout
+        assert len(data) + data.left_out == 2 * (1 + 4 + 4) * 9
+        assert [path.suffix for path in cache.iterdir()] == [".npz"]
 
     def test_goes_to_the_build_folder_of_the_scene(self, toml, tmp_path, monkeypatch, one_process):
         monkeypatch.chdir(tmp_path)

@@ -33,6 +33,11 @@ def test_what_the_shipped_scenes_say():
     assert gelsight.sensor.channel_names == ("B", "G", "R")
     assert gelsight.sensor.source == "recorded"
     assert not gelsight.wants_force
+    rig = load(SCENES / "fingertip.toml")
+    assert (rig.sensor.frames, rig.sensor.elastomer.mechanics) == ("raw10", "fem")
+    assert (rig.tangential_shares, paper.tangential_shares) == ((0.3, 0.6), ())
+    assert paper.sensor.elastomer.mechanics == "layer"
+    assert paper.sensor.frames == "channels"
 
 
 @pytest.mark.parametrize(
@@ -143,6 +148,21 @@ SENSOR = "[sensor]\ngeometry = "
             '[poisson]\nsolver = "tridiagonal"\n[hardware]\npixels_per_clock = 4',
             "poisson.solver: 'tridiagonal' needs rows of 5 beats or more; 14 values at 4 pixels_per_clock",
         ),
+        (
+            MINIMAL + "[sensor.elastomer]\nfriction = 0.5",
+            "sensor.elastomer = {'friction': 0.5}: friction: 0.5 needs mechanics 'fem'",
+        ),
+        (
+            MINIMAL + "[protocol]\ntangential_shares = [0.3]",
+            "protocol.tangential_shares: only friction carries them",
+        ),
+        (MINIMAL + "raw10 = { alpha = 0.5 }", "sensor = {"),
+        (
+            MINIMAL + 'frames = "raw10"\nraw10 = { beta = 0.5 }',
+            "sensor.raw10.beta = 0.5: Input should be greater than or equal to 1",
+        ),
+        (MINIMAL + 'frames = "raw12"', "sensor.frames = 'raw12': Input should be 'channels' or 'raw10'"),
+        (MINIMAL + "[protocol]\ncorners_mm = [[1, 2]]", "protocol.corners_mm.1: missing"),
         # not TOML
         ("outputs = [", "Invalid value (at end of document)"),
         ('name = "x"\nname = "y"', "Cannot overwrite a value"),

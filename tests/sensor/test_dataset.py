@@ -254,3 +254,44 @@ class TestGroups:
             file["group"] = np.arange(N)
         with pytest.raises(DatasetError, match="group = int64: expected text"):
             read(tmp_path / "g.h5")
+
+
+def raw_content():
+    rng = np.random.default_rng(2)
+    known = content()
+    for key in ("frames", "background"):
+        del known[key]
+    raw = rng.integers(0, 1024, (N + 1, 4 * H, 4 * W), dtype=np.uint16)
+    return known | {"raw10": raw[1:], "background": raw[0]}
+
+
+def test_raw10_stands_in_for_frames(tmp_path):
+    markers, moved = np.zeros((N, 5, 2)), np.ones((N, H, W, 2))
+    write(tmp_path / "d.h5", **raw_content(), markers_px=markers, tangential_mm=moved, left_out=7)
+    data = read(tmp_path / "d.h5", scene(frames="raw10"))
+    assert len(data) == N
+    assert data.frames is None
+    np.testing.assert_array_equal(data.raw10, raw_content()["raw10"])
+    assert (data.raw10.dtype, data.background.dtype) == (np.uint16, np.uint16)
+    assert (data.markers_px.shape, data.tangential_mm.dtype) == ((N, 5, 2), np.float32)
+    assert data.left_out == 7
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"frames": content()["frames"]}, "raw10 = beside frames: expected one of the two"),
+        ({"raw10": raw_content()["raw10"].astype(np.uint8)}, "raw10 = uint8: expected uint16"),
+        ({"background": content()["background"]}, "background = uint8: expected uint16"),
+        ({"raw10": raw_content()["raw10"] + np.uint16(2)}, "raw10 = 102.: expected 10-bit values up to 1023"),
+        ({"raw10": raw_content()["raw10"][:, :-1]}, "raw10 = .*: expected shape .*multiples of 4"),
+        ({"raw10": raw_content()["raw10"][:, :-4]}, "background = .*expected shape"),
+        ({"markers_px": np.zeros((N, 4))}, "markers_px = .*expected shape"),
+        ({"markers_px": np.full((N, 4, 2), np.nan)}, "markers_px = NaN"),
+        ({"tangential_mm": np.zeros((N, H, W))}, "tangential_mm = .*expected shape"),
+    ],
+)
+def test_refuses_bad_raw10_and_markers(tmp_path, changes, message):
+    with pytest.raises(DatasetError, match=message):
+        write(tmp_path / "d.h5", **raw_content() | changes)
+    assert list(tmp_path.iterdir()) == []

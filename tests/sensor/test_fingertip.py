@@ -1,10 +1,14 @@
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from fastac.scene import Protocol, parse
 from sensor.dataset import read
-from sensor.elastomer import Layer
-from sensor.fingertip import FingertipError, generate, positions_mm, surface
+from sensor.elastomer import ContactError, Layer
+from sensor.fingertip import generate
+from sensor.layer_rig import surface
+from sensor.protocol import FingertipError, positions_mm
 
 
 def scene(outputs='["depth", "force_z"]', geometry="fingertip", channels="bgr+nir", protocol="", extra=""):
@@ -131,4 +135,81 @@ def test_refuses_recorded_scenes_and_sensors_too_small(tmp_path):
         generate(recorded, tmp_path / "d.h5", progress=False)
     with pytest.raises(FingertipError, match=r"protocol\.ball_mm = 30: no room"):
         generate(scene(protocol="ball_mm = 30.0"), tmp_path / "d.h5", progress=False)
+    assert list(tmp_path.iterdir()) == []
+
+
+FEM = """
+markers = { spacing_mm = 2.0, radius_mm = 0.5 }
+elastomer = { mechanics = "fem", friction = 0.5, elements = 10, layers = 2 }
+"""
+
+
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory):
+    """A scene of the finite-element gel, its dataset's file, and the folder of compliances."""
+    folder = tmp_path_factory.mktemp("fem")
+    small = scene('["depth", "force_xyz"]', extra=FEM)
+    generate(small, folder / "d.h5", cache=folder / "cache", progress=False, processes=1)
+    return small, folder / "d.h5", folder / "cache"
+
+
+def test_the_finite_element_gel_gives_all_loads_and_counts_what_slides(rig):
+    small, path, cache = rig
+    data = read(path, small)
+    assert data.left_out > 0
+    assert len(data) + data.left_out == (4 + 1 + 4) * 2 * 9
+    assert len(list(cache.glob("compliance-*.npz"))) == 1
+    load, target = data.indenter["load_n"], np.stack([data.indenter[f"tangential_{k}_n"] for k in "xy"], -1)
+    np.testing.assert_allclose(data.force_n[:, 2], load, rtol=1e-5)
+    size = np.linalg.norm(target, axis=1)
+    dragged = size > 0
+    along = np.einsum("ni,ni->n", data.force_n[:, :2], target)[dragged] / size[dragged]
+    np.testing.assert_allclose(along, size[dragged], rtol=1e-4)
+    assert set(np.round(size[dragged] / load[dragged], 6)) <= {0.3, 0.6}
+    assert (~dragged).sum() == 18, "every vertical sample is there"
+
+
+def test_finite_element_ground_truth_fits_together(rig):
+    small, path, _ = rig
+    data = read(path, small)
+    sunk = data.rest_depth_mm - data.depth_mm
+    np.testing.assert_allclose(sunk[:, [0, -1]], 0, atol=1e-6)
+    deepest = sunk.max(axis=(1, 2))
+    assert (deepest > 0.1).all()
+    assert (deepest < data.indenter["approach_mm"] + 0.3).all()
+    moved = data.markers_px - data.markers_px.mean(axis=0)
+    assert data.markers_px.shape[1:] == (49, 2)
+    assert np.abs(moved).max() > 0.2
+    assert data.tangential_mm.shape == (len(data), 32, 32, 2)
+
+
+def test_worker_processes_change_nothing_in_finite_elements(rig, tmp_path):
+    small, path, cache = rig
+    generate(small, tmp_path / "d.h5", cache=cache, progress=False, processes=2)
+    one, two = read(path), read(tmp_path / "d.h5")
+    for key in ("frames", "background", "normals", "depth_mm", "force_n", "markers_px", "tangential_mm"):
+        np.testing.assert_array_equal(getattr(one, key), getattr(two, key))
+
+
+def test_the_shipped_rig_records_raw10_with_dots_and_tangential_loads(tmp_path):
+    """scenes/fingertip.toml on a coarse mesh, one place in each grid, one load."""
+    text = (Path(__file__).parents[2] / "scenes" / "fingertip.toml").read_text()
+    text = text.replace('mechanics = "fem"', 'mechanics = "fem"\nelements = 12\nlayers = 2')
+    grids = "train_grid = 1\nvalidation_grid = 1\ntest_grid = 1\nloads_n = [1.0]"
+    small = parse(f"{text}\n[protocol]\n{grids}\n", origin="fingertip", default_name="fingertip")
+    generate(small, tmp_path / "d.h5", cache=tmp_path, progress=False, processes=1)
+    data = read(tmp_path / "d.h5", small)
+    assert len(data) + data.left_out == 3 * 9
+    assert data.raw10.shape[1:] == data.background.shape == (512, 512)
+    assert data.markers_px.shape[1:] == (81, 2)
+    change = np.abs(data.raw10.astype(int) - data.background).reshape(len(data), 128, 4, 128, 4)
+    touched = np.abs(data.rest_depth_mm - data.depth_mm) > 0.2
+    assert change.mean(axis=(2, 4))[touched].mean() > 2 * change[:, 0].mean()
+
+
+def test_a_vertical_load_beyond_the_gel_is_an_error(rig, tmp_path):
+    small, _, cache = rig
+    heavy = small.model_copy(update={"protocol": small.protocol.model_copy(update={"loads_n": (40.0,)})})
+    with pytest.raises(ContactError, match="with 40 N"):
+        generate(heavy, tmp_path / "d.h5", cache=cache, progress=False, processes=1)
     assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+
+from fastac.scene import parse
+from sensor.protocol import FingertipError, positions_mm, stations
+
+TEXT = """
+name = "p"
+outputs = ["force_xyz"]
+[sensor]
+geometry = "flat"
+[sensor.elastomer]
+mechanics = "fem"
+friction = 0.8
+[protocol]
+train_grid = 2
+validation_grid = 1
+test_grid = 2
+loads_n = [0.5, 1.0]
+"""
+
+
+def scene(extra=""):
+    return parse(TEXT + extra, origin="p")
+
+
+def test_each_vertical_load_is_followed_by_its_tangential_ones():
+    found = stations(scene())
+    assert [(s.split, s.load_n) for s in found[:3]] == [("train", 0.5), ("train", 1.0), ("train", 0.5)]
+    assert len(found) == (4 + 1 + 4) * 2
+    assert found[0].targets_n[0] == (0, 0)
+    sizes = [np.hypot(*t) / found[1].load_n for t in found[1].tangential_n]
+    np.testing.assert_allclose(sizes, [0.3] * 4 + [0.6] * 4)
+    np.testing.assert_allclose(np.sum(found[1].tangential_n, axis=0), 0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "shares"),
+    [
+        ("", "", (0.3, 0.6)),
+        ('"force_xyz"', '"force_z"', ()),
+        ("friction = 0.8", "", ()),
+        ("train_grid = 2", "train_grid = 2\ntangential_shares = [0.1]", (0.1,)),
+        ("train_grid = 2", "train_grid = 2\ntangential_shares = []", ()),
+        ('["force_xyz"]', '["depth"]', ()),
+    ],
+)
+def test_tangential_loads_are_those_that_the_scene_wants_and_friction_allows(old, new, shares):
+    found = parse(TEXT.replace(old, new) if old else TEXT, origin="p")
+    assert found.tangential_shares == shares
+    assert len(stations(found)[0].tangential_n) == 4 * len(shares)
+
+
+def test_positions_between_four_corners_are_bilinear():
+    rectangle = positions_mm(scene().sensor, scene().protocol)
+    reach = 7.9375 - 1.5 - 1.5
+    box = [[-reach, -reach], [reach, -reach], [-reach, reach], [reach, reach]]
+    same = scene(f"corners_mm = {box}")
+    for split, found in positions_mm(same.sensor, same.protocol).items():
+        np.testing.assert_allclose(found, rectangle[split], atol=1e-12)
+    skewed = scene("corners_mm = [[-4.0, -3.0], [3.0, -4.0], [-2.0, 5.0], [4.0, 3.0]]")
+    found = positions_mm(skewed.sensor, skewed.protocol)
+    np.testing.assert_allclose(found["train"][0], (-4, -3))
+    np.testing.assert_allclose(found["test"][-1], (4, 3))
+    # Of 4 x 4 points, the second train point along x is the third: two thirds of the upper edge.
+    np.testing.assert_allclose(found["train"][1], (-4 + 7 * 2 / 3, -3 - 2 / 3))
+
+
+def test_refuses_corners_beside_the_skin():
+    far = scene("corners_mm = [[-4, -3], [3, -4], [-2, 9], [4, 3]]")
+    with pytest.raises(FingertipError, match=r"protocol\.corners_mm = -2, 9: expected inside the skin"):
+        stations(far)
