@@ -14,10 +14,15 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from fastac.objects import Shown
+from fastac.scene import Sensor
 from sensor.geometry import pixel_centres_mm, rest_depth_mm
 
 ARROWS = 400
 """Arrows of force that are drawn, at most: those of the pixels with the largest forces on a coarser grid."""
+
+
+LONGEST = 8
+"""The longest arrow is the image's width over this."""
 
 
 def _step(count: int) -> int:
@@ -25,31 +30,41 @@ def _step(count: int) -> int:
     return max(int(np.ceil(np.sqrt(count / ARROWS))), 1)
 
 
-def arrows(item: Shown) -> tuple[np.ndarray, np.ndarray]:
-    """Feet (n, 3) in mm on the pressed skin and forces (n, 3) in N: of squares of pixels, summed."""
-    force, depth = item.truth.force_map_n, item.truth.pressed.depth_mm
-    x, y = pixel_centres_mm(item.sensor)
-    step = _step(int(item.truth.pressed.touching.sum()))
-    height, width = (n // step * step for n in depth.shape)
+def arrows(force_n: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """Feet (n, 3) in mm on the pressed skin and forces (n, 3) in N of a force map (H, W, 3): of squares of
+    pixels, summed, where they press."""
+    x, y = pixel_centres_mm(sensor)
+    step = _step(int((force_n[..., 2] > 0).sum()))
+    beyond = [(0, -size % step) for size in depth_mm.shape]
+    blocks = [(size + more) // step for size, (_, more) in zip(depth_mm.shape, beyond, strict=True)]
 
-    def squares(image: np.ndarray) -> np.ndarray:
-        cut = image[:height, :width]
-        return cut.reshape(height // step, step, width // step, step, *image.shape[2:]).swapaxes(1, 2)
+    def squares(image: np.ndarray, mode: str) -> np.ndarray:
+        whole = np.pad(image, [*beyond, (0, 0)][: image.ndim], mode=mode)
+        return whole.reshape(blocks[0], step, blocks[1], step, *image.shape[2:]).swapaxes(1, 2)
 
-    total = squares(force).sum(axis=(2, 3))
-    feet = np.stack([squares(image).mean(axis=(2, 3)) for image in (x, y, depth)], axis=-1)
+    total = squares(force_n, "constant").sum(axis=(2, 3))
+    feet = np.stack([squares(image, "edge").mean(axis=(2, 3)) for image in (x, y, depth_mm)], axis=-1)
     loaded = total[..., 2] > 0
     return feet[loaded], total[loaded]
 
 
-def _mm_per_n(item: Shown, force: np.ndarray) -> float:
-    """Scale of the arrows: the longest is an eighth of the image."""
-    return item.sensor.width_px * item.sensor.pitch_mm / 8 / np.linalg.norm(force, axis=1).max()
+def force_maps(item: Shown) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Force maps (H, W, 3) in N and the skins (H, W) that they act on: the true one, and that of each bundle
+    whose scene wants all three axes of it, zero on the boundary."""
+    maps = {"truth": (item.truth.force_map_n, item.truth.pressed.depth_mm)}
+    for name, found in item.found.items():
+        image = found.result.force_map_n
+        if image is not None and image.shape[1] == 3:
+            maps[name] = (
+                np.pad(np.moveaxis(image[0], 0, -1), [(1, 1), (1, 1), (0, 0)]),
+                found.result.depth_mm[0],
+            )
+    return maps
 
 
 def draw(item: Shown, path: Path) -> None:
     """A PNG: of truth and of each bundle input, normals, displacement, its error, point cloud; and forces."""
-    rest, truth = rest_depth_mm(item.sensor), item.truth.pressed
+    rest, truth, forces = rest_depth_mm(item.sensor), item.truth.pressed, force_maps(item)
     rows = [("truth", None, truth.normals, truth.depth_mm)]
     for name, found in item.found.items():
         rows.append((name, found.frame, found.result.normals[0], found.result.depth_mm[0]))
@@ -78,11 +93,13 @@ def draw(item: Shown, path: Path) -> None:
                 figure.colorbar(shown, ax=axis, shrink=0.75).ax.tick_params(labelsize=6)
         axis = figure.add_subplot(len(rows), 5, 5 * row + 5, projection="3d")
         axis.scatter(x[::2, ::2], y[::2, ::2], depth[::2, ::2], c=(rest - depth)[::2, ::2], s=1, cmap="magma")
-        axis.set_title(f"{name}: point cloud, mm" + (", force" if row == 0 else ""), fontsize=7)
+        axis.set_title(f"{name}: point cloud, mm" + (", force" if name in forces else ""), fontsize=7)
         axis.tick_params(labelsize=5)
-        if row == 0:
-            feet, force = arrows(item)
-            axis.quiver(*feet.T, *(force * _mm_per_n(item, force)).T, color="tab:blue", linewidth=0.6)
+        if name in forces:
+            feet, force = arrows(*forces[name], item.sensor)
+            longest = np.linalg.norm(force, axis=1).max(initial=np.finfo(float).tiny)
+            scale = item.sensor.width_px * item.sensor.pitch_mm / LONGEST / longest
+            axis.quiver(*feet.T, *(force * scale).T, color="tab:blue", linewidth=0.6)
     figure.suptitle(f"{item.name}, {truth.pose['load_n']:g} N, simulated", fontsize=9)
     figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
@@ -95,14 +112,12 @@ def _cloud(item: Shown, depth: np.ndarray) -> go.Scatter3d:
     return go.Scatter3d(x=x.ravel(), y=y.ravel(), z=depth.ravel(), mode="markers", marker=style)
 
 
-def _forces(item: Shown) -> tuple[go.Surface, go.Cone]:
+def _forces(item: Shown, force_n: np.ndarray, depth_mm: np.ndarray) -> tuple[go.Surface, go.Cone]:
     """The pressed skin, coloured by the force on it, and the force's three axes as cones."""
     x, y = pixel_centres_mm(item.sensor)
-    size = np.linalg.norm(item.truth.force_map_n, axis=-1) * 1e3
-    skin = go.Surface(
-        x=x, y=y, z=item.truth.pressed.depth_mm, surfacecolor=size, colorscale="Viridis", showscale=False
-    )
-    feet, force = arrows(item)
+    size = np.linalg.norm(force_n, axis=-1) * 1e3
+    skin = go.Surface(x=x, y=y, z=depth_mm, surfacecolor=size, colorscale="Viridis", showscale=False)
+    feet, force = arrows(force_n, depth_mm, item.sensor)
     cones = dict(zip("xyzuvw", (*feet.T, *force.T), strict=True))
     return skin, go.Cone(**cones, anchor="tail", colorscale="Blues", showscale=False, sizemode="scaled")
 
@@ -113,13 +128,15 @@ def page(shown: list[Shown]) -> str:
     for item in shown:
         depths = {"truth": item.truth.pressed.depth_mm}
         depths |= {name: found.result.depth_mm[0] for name, found in item.found.items()}
-        titles = [f"{name}: depth, mm" for name in depths] + ["three-axis force on the skin"]
+        forces = force_maps(item)
+        titles = [f"{name}: depth, mm" for name in depths] + [f"{name}: three-axis force" for name in forces]
         specs = [[{"type": "scene"}] * len(titles)]
         figure = make_subplots(rows=1, cols=len(titles), specs=specs, subplot_titles=titles)
         for column, depth in enumerate(depths.values(), start=1):
             figure.add_trace(_cloud(item, depth), row=1, col=column)
-        for trace in _forces(item):
-            figure.add_trace(trace, row=1, col=len(titles))
+        for column, known in enumerate(forces.values(), start=len(depths) + 1):
+            for trace in _forces(item, *known):
+                figure.add_trace(trace, row=1, col=column)
         figure.update_scenes(aspectmode="data")
         load = item.truth.pressed.pose["load_n"]
         figure.update_layout(title=f"{item.name}, {load:g} N, simulated", showlegend=False, height=480)

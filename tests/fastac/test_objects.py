@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from fastac import objects
 from fastac.cli import main
-from fastac.object_figures import arrows, page
+from fastac.object_figures import arrows, force_maps, page
 from sensor.protocol import FingertipError
 
 ONE = Path("one")
@@ -42,9 +42,23 @@ def test_every_object_is_reconstructed(shown, tiny_bundle):
 
 def test_arrows_are_the_whole_force(shown):
     for item in shown:
-        feet, force = arrows(item)
+        feet, force = arrows(item.truth.force_map_n, item.truth.pressed.depth_mm, item.sensor)
         np.testing.assert_allclose(force.sum(axis=0), item.truth.pressed.force_n, atol=1e-9)
         assert (np.abs(feet[:, :2]) < 2).all()
+
+
+def test_a_bundle_s_own_force_map_is_drawn_where_it_has_three_axes(shown):
+    item = shown[0]
+    (name,) = item.found
+    assert list(force_maps(item)) == ["truth"]
+    own = np.zeros((1, 3, 14, 14))
+    own[0, :, 4, 5] = 0.1, 0.2, 0.3
+    found = replace(item.found[name], result=replace(item.found[name].result, force_map_n=own))
+    maps = force_maps(replace(item, found={name: found}))
+    np.testing.assert_array_equal(maps[name][0][5, 6], (0.1, 0.2, 0.3))
+    _, force = arrows(*maps[name], item.sensor)
+    np.testing.assert_allclose(force, [(0.1, 0.2, 0.3)])
+    assert f"{name}: three-axis force" in page([replace(item, found={name: found})])
 
 
 def test_the_page_holds_all_and_needs_no_network(shown):
