@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.accuracy import spread
-from fastac.cli import load_bundle
+from fastac.cli_common import load_bundle
 from fastac.frames import read
 from models import direct
 from models.bundle import Bundle, BundleError

@@ -13,7 +13,7 @@ import click
 from tqdm import tqdm
 
 from fastac import accuracy, drift, extreme_frames, extreme_words
-from fastac.cli import INPUT, load_bundle, progress_option
+from fastac.cli_common import INPUT, load_bundle, progress_option
 from fastac.workspace import write_json
 from models.bundle import Bundle
 from models.validity import REASONS

@@ -14,7 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac import adjoint_fits, training
-from fastac.cli import INPUT, load_bundle, progress_option
+from fastac.cli_common import INPUT, load_bundle, progress_option
 from fastac.frames import read
 from fastac.variants import integer_variant, slope_words, variant
 from models import quantise

@@ -14,7 +14,7 @@ import numpy as np
 from fastac import frames
 from fastac import scene as scenes
 from fastac.benchmark import fastest
-from fastac.cli import INPUT, progress_option
+from fastac.cli_common import INPUT, progress_option
 from fastac.scene import Scene, SceneError
 from sensor.camera import render
 from sensor.fem_gel import GelContact

@@ -14,7 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac import hardware
-from fastac.cli import INPUT, load_bundle, progress_option
+from fastac.cli_common import INPUT, load_bundle, progress_option
 from fastac.workspace import write_json
 from models.pipeline import IntegerPipeline
 from sensor import faults

@@ -16,7 +16,8 @@ from tqdm import tqdm
 
 from fastac import sweep as sweeps
 from fastac import sweep_spec
-from fastac.cli import INPUT, Lanes
+from fastac.cli_common import INPUT
+from fastac.cli_verify import Lanes
 from fastac.sweep_models import PointModels, Setting
 from fastac.sweep_results import Results
 from fastac.sweep_spec import Point

@@ -683,7 +683,7 @@ class TestHardware:
             built.append((scene.name, until))
             shutil.copytree(tiny_folder, folder)
 
-        monkeypatch.setattr("fastac.cli.run_build", build)
+        monkeypatch.setattr("fastac.cli_verify.run_build", build)
         message = fail("verify", toml)
         assert built == [("tiny", "bundle")]
         assert message.startswith("build/tiny/data.h5: ")

@@ -1,0 +1,58 @@
+"""Commands that do everything in order, and tell the result."""
+
+import json
+from pathlib import Path
+
+import click
+
+from fastac import scene as scenes
+from fastac.cli_common import (
+    INPUT,
+    build_folder,
+    load_bundle,
+    output_option,
+    progress_option,
+    run_build,
+)
+
+
+def print_summary(folder: Path) -> None:
+    from fastac.report import summary_rows
+
+    report = json.loads((folder / "report.json").read_text())
+    for what, ours, paper, _ in summary_rows(report):
+        click.echo(f"{what:48s} {ours}" + (f"   (paper: {paper})" if paper else ""))
+    click.echo(f"{folder / 'report.html'}")
+
+
+@click.command()
+@click.argument("scene", type=INPUT)
+@click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")
+@output_option("build/SCENE", "The build folder.")
+@progress_option
+def build(scene, data, output, progress):
+    """From SCENE to frames, trained integers, Verilog, its proof on held-out frames, and the report.
+
+    Steps whose inputs have not changed are kept; an interrupted build resumes where it stopped.
+    """
+    scene = scenes.load(scene)
+    folder = build_folder(scene, output)
+    run_build(scene, folder, data, progress, until=None)
+    print_summary(folder)
+    mismatches = json.loads((folder / "report.json").read_text())["rtl_vs_integer"]["mismatches"]
+    if mismatches:
+        raise click.ClickException(f"{mismatches} mismatches between Verilog and integer model")
+
+
+@click.command()
+@click.argument("folder", type=INPUT)
+@click.option("--data", type=INPUT, help="The dataset of the build. [default: FOLDER/data.h5]")
+def report(folder, data):
+    """Write report.json and report.html of the build in FOLDER again, and print the summary."""
+    from fastac import report as reporting
+    from fastac.frames import read
+
+    model = load_bundle(folder)
+    samples = read(data or folder / "data.h5", model.scene)
+    reporting.write(folder, model, samples)
+    print_summary(folder)
