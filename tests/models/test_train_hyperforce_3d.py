@@ -50,13 +50,14 @@ def test_learns_a_stiffness_that_depends_on_the_place(make_scene, parts):
     assert found["xyz", True] < 0.1 * found["z", True]
 
 
-def test_keeps_the_best_and_ends_with_the_closed_form(make_scene, parts):
+def test_keeps_the_best_and_both_closed_forms_are_better_than_a_few_epochs(make_scene, parts):
     model, history = fit(make_scene, parts)
-    assert [entry["epoch"] for entry in history] == [*range(1, 7), 7]
+    assert [entry["epoch"] for entry in history] == list(range(8))
     x = select(make_scene(), parts[0]["validation"], "xyz")
     error = error_n(model, x, torch.from_numpy(parts[1]["validation"].astype(np.float32)))
     assert error == pytest.approx(min(entry["validation_mae_n"] for entry in history), rel=1e-5)
-    assert history[-1]["validation_mae_n"] < history[-2]["validation_mae_n"]
+    descent = min(entry["validation_mae_n"] for entry in history[1:-1])
+    assert max(history[0]["validation_mae_n"], history[-1]["validation_mae_n"]) < descent
 
 
 def test_interrupted_training_goes_on_to_the_same_bits(make_scene, parts, tmp_path, monkeypatch):
@@ -90,7 +91,7 @@ def test_stops_when_the_validation_error_no_longer_falls(make_scene, parts, monk
     """At a rate at which nothing is learned any more."""
     monkeypatch.setattr(train_hyperforce_3d, "PATIENCE", 3)
     _, history = fit(make_scene, parts, training={"force_epochs": 400, "force_learning_rate": 3.0})
-    errors = [entry["validation_mae_n"] for entry in history[:-1]]
+    errors = [entry["validation_mae_n"] for entry in history[1:-1]]
     assert len(errors) < 400
     assert min(errors[-3:]) > min(errors)
     assert np.argmin(errors) == len(errors) - 4
