@@ -76,8 +76,11 @@ class TangentialField:
             raise MarkerError(
                 f"markers: {len(kept)} of {len(tracked.lost)} left: the displacement field needs {MINIMUM}"
             )
-        field = self if len(kept) == len(tracked.lost) else self._of_subset(tuple(kept.tolist()))
-        return field.dense_px(tracked.displacement_px[kept])
+        return self.of_seen(kept).dense_px(tracked.displacement_px[kept])
+
+    def of_seen(self, kept: np.ndarray) -> "TangentialField":
+        """The field of the markers with these indices, whose matrix is kept for the next frame."""
+        return self if len(kept) == len(self.centre_px) else self._of_subset(tuple(kept.tolist()))
 
 
 def displacement_mm(
