@@ -20,7 +20,7 @@ import numpy as np
 
 from fastac import frames, training
 from fastac import scene as scenes
-from fastac.cli import INPUT, load_bundle, output_option, progress_option
+from fastac.cli_common import INPUT, load_bundle, output_option, progress_option
 from fastac.scene import Scene
 from fastac.workspace import digest_file, digest_sources, write_json
 from models import displacement
