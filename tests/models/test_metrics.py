@@ -16,7 +16,15 @@ TILTED = (-0.6, 0.0, 0.8)  # p = 0.75, q = 0
 
 def dataset(count: int = 2, **parts) -> Dataset:
     frames = np.zeros((count, SIZE, SIZE, 3), np.uint8)
-    return Dataset(0.1, ("B", "G", "R"), "made up", frames[0], frames, np.full(count, "test"), **parts)
+    return Dataset(
+        pitch_mm=0.1,
+        channels=("B", "G", "R"),
+        source="made up",
+        background=frames[0],
+        frames=frames,
+        split=np.full(count, "test"),
+        **parts,
+    )
 
 
 def filled(value, count: int = 2) -> np.ndarray:
