@@ -5,8 +5,6 @@ from pathlib import Path
 import click
 
 INPUT = click.Path(path_type=Path)
-
-
 SPLITS = click.Choice(["train", "validation", "test", "all"])
 
 
@@ -30,6 +28,12 @@ def progress_option(command):
 
 def output_option(default: str, text: str):
     return click.option("-o", "--output", type=INPUT, default=None, help=f"{text} [default: {default}]")
+
+
+def cache_option(text: str):
+    return click.option(
+        "--cache", type=INPUT, default=Path("build/cache"), show_default=True, help=f"Folder of {text}."
+    )
 
 
 def load_bundle(path: Path):

@@ -6,19 +6,13 @@ import click
 import h5py
 
 from fastac import scene as scenes
-from fastac.cli_common import INPUT, build_folder, output_option, progress_option
+from fastac.cli_common import INPUT, build_folder, cache_option, output_option, progress_option
 
 
 @click.command()
 @click.argument("scene", type=INPUT)
 @output_option("build/SCENE/data.h5", "The dataset to write.")
-@click.option(
-    "--cache",
-    type=INPUT,
-    default=Path("build/cache"),
-    show_default=True,
-    help="Folder of finite-element compliances, computed once for each gel.",
-)
+@cache_option("finite-element compliances, computed once for each gel")
 @progress_option
 def data(scene, output, cache, progress):
     """Press the virtual fingertip of SCENE on the paper's three grids and write the dataset.
@@ -73,13 +67,7 @@ def load_cad(scene, path: Path | None, pitch_mm: float | None):
 @click.option(
     "--simulate", type=INPUT, metavar="FOLDER", help="Press the virtual rig so, and record it here."
 )
-@click.option(
-    "--cache",
-    type=INPUT,
-    default=Path("build/cache"),
-    show_default=True,
-    help="Folder of finite-element compliances, computed once for each gel.",
-)
+@cache_option("finite-element compliances, computed once for each gel")
 @progress_option
 def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, cache, progress):
     """Write the poses and loads of SCENE's protocol for a machine, a CSV file with one row per sample.

@@ -7,6 +7,19 @@ from fastac.cli_common import INPUT, Group, progress_option
 from fastac.cli_data import cad_options, load_cad
 
 
+def size_options(command):
+    """Rows and columns that photographs are resampled to."""
+    for name, text in (("--width-px", "Columns likewise."), ("--height-px", "Rows to resample to.")):
+        command = click.option(name, type=click.IntRange(16, 256), default=128, show_default=True, help=text)(
+            command
+        )
+    return command
+
+
+def split_counts(data) -> str:
+    return ", ".join(f"{len(data.indices(split))} {split}" for split in ("train", "validation", "test"))
+
+
 @click.group("import", cls=Group)
 def import_():
     """Turn recordings into datasets."""
@@ -20,12 +33,7 @@ def import_():
 @click.option("--background", type=INPUT, required=True, help="Photograph with nothing touching.")
 @click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
 @click.option("--px-per-mm", type=float, required=True, help="Scale of the original photographs.")
-@click.option(
-    "--height-px", type=click.IntRange(16, 256), default=128, show_default=True, help="Rows to resample to."
-)
-@click.option(
-    "--width-px", type=click.IntRange(16, 256), default=128, show_default=True, help="Columns likewise."
-)
+@size_options
 @click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
 def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_px, output):
     """Import photographs of a ball pressed onto a flat gel, from FOLDER.
@@ -48,8 +56,7 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
         width_px=width_px,
     )
     written = read(output)
-    counts = ", ".join(f"{len(written.indices(s))} {s}" for s in ("train", "validation", "test"))
-    click.echo(f"{output}: {len(written)} frames ({counts}), pitch {written.pitch_mm:.5f} mm")
+    click.echo(f"{output}: {len(written)} frames ({split_counts(written)}), pitch {written.pitch_mm:.5f} mm")
 
 
 @import_.command("force")
@@ -67,12 +74,7 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
 @click.option(
     "--held-out", multiple=True, metavar="GROUP", help="Test on this group; repeatable. [default: the last]"
 )
-@click.option(
-    "--height-px", type=click.IntRange(16, 256), default=128, show_default=True, help="Rows to resample to."
-)
-@click.option(
-    "--width-px", type=click.IntRange(16, 256), default=128, show_default=True, help="Columns likewise."
-)
+@size_options
 @click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
 @progress_option
 def force_recording(
@@ -112,9 +114,10 @@ def force_recording(
         progress=progress,
     )
     written = read(output)
-    counts = ", ".join(f"{len(written.indices(s))} {s}" for s in ("train", "validation", "test"))
     tested = ", ".join(dict.fromkeys(written.group[written.indices("test")].tolist()))
-    click.echo(f"{output}: {len(written)} frames ({counts}), force {', '.join(written.force_axes)}")
+    click.echo(
+        f"{output}: {len(written)} frames ({split_counts(written)}), force {', '.join(written.force_axes)}"
+    )
     click.echo(f"test: {tested}")
 
 
@@ -163,6 +166,5 @@ def cnc_recording(
         progress=progress,
     )
     written = read(output)
-    counts = ", ".join(f"{len(written.indices(s))} {s}" for s in ("train", "validation", "test"))
     left_out = f", {written.left_out} left out" if written.left_out else ""
-    click.echo(f"{output}: {len(written)} frames ({counts}){left_out}")
+    click.echo(f"{output}: {len(written)} frames ({split_counts(written)}){left_out}")

@@ -45,7 +45,7 @@ class Lanes(click.ParamType):
     type=click.IntRange(min=1),
     default=10,
     show_default=True,
-    help="How many of the dataset, spread over the split; four special ones are added.",
+    help="How many of the dataset, spread over the split; seven special ones are added.",
 )
 @output_option("BUNDLE/verify", "Folder for verify.json and, by lanes, bundles, Verilog and simulators.")
 @progress_option

@@ -67,12 +67,16 @@ def _dead(frames: np.ndarray, percent: float) -> np.ndarray:
     return faults.dead_pixels(frames, percent / 100)
 
 
-def presses(scene: Scene, folder: Path, *, progress: bool) -> Dataset:
-    """Virtual presses at 0.01 N, the scene's largest load, and overloads; made once, and kept in `folder`."""
+def loads_n(scene: Scene) -> tuple[float, ...]:
+    """0.01 N, the largest load that the models were trained on, and overloads."""
     largest = max(scene.protocol.loads_n)
-    loads = (LIGHT_N, largest, *(largest * factor for factor in LOADS))
+    return (LIGHT_N, largest, *(largest * factor for factor in LOADS))
+
+
+def presses(scene: Scene, folder: Path, *, progress: bool) -> Dataset:
+    """Virtual presses at each of `loads_n`, load by load at each place; made once, and kept in `folder`."""
     protocol = scene.protocol.model_copy(
-        update={"train_grid": 1, "validation_grid": 1, "test_grid": 4, "loads_n": loads}
+        update={"train_grid": 1, "validation_grid": 1, "test_grid": 4, "loads_n": loads_n(scene)}
     )
     content = scene.sensor.model_dump_json() + protocol.model_dump_json() + str(scene.wants_solver)
     file = folder / f"presses-{hashlib.sha256(content.encode()).hexdigest()[:12]}.h5"
@@ -125,7 +129,7 @@ def measure(
             yield _row(fault.name, fault.unit, level, models, changed, bundle)
     if bundle.scene.sensor.source == "simulated" and bundle.scene.wants_force:
         pressed = presses(bundle.scene, folder, progress=False)
-        loads = np.array([LIGHT_N, *(max(bundle.scene.protocol.loads_n) * f for f in (1, *LOADS))])
+        loads = loads_n(bundle.scene)
         each = np.tile(np.arange(len(loads)), len(pressed) // len(loads))
         for k, load in enumerate(loads):
             yield _row("load", "N", float(load), models, take(pressed, np.flatnonzero(each == k)), bundle)

@@ -20,7 +20,7 @@ import numpy as np
 
 from fastac import frames, training
 from fastac import scene as scenes
-from fastac.cli_common import INPUT, load_bundle, output_option, progress_option
+from fastac.cli_common import INPUT, cache_option, load_bundle, output_option, progress_option
 from fastac.scene import Scene
 from fastac.workspace import digest_file, digest_sources, write_json
 from models import displacement
@@ -238,9 +238,7 @@ def run(
     help="True ones, those found in the frames, or both.",
 )
 @output_option("build/SCENE/force_ablation", "Folder for JSON, plot and runs.")
-@click.option(
-    "--cache", type=INPUT, default=frames.CACHE, show_default=True, help="Folder of processed frames."
-)
+@cache_option("processed frames")
 @progress_option
 def main(origin, data, displacements, output, cache, progress):
     """HyperForce's six forms, trained and compared with the paper's table.

@@ -14,7 +14,7 @@ import numpy as np
 from fastac import frames
 from fastac import scene as scenes
 from fastac.benchmark import fastest
-from fastac.cli_common import INPUT, progress_option
+from fastac.cli_common import INPUT, cache_option, progress_option
 from fastac.scene import Scene, SceneError
 from sensor.camera import render
 from sensor.fem_gel import GelContact
@@ -68,7 +68,7 @@ def measure(scene: Scene, cache: Path, progress: bool) -> list[str]:
 
 @click.command()
 @click.argument("scene", type=INPUT)
-@click.option("--cache", type=INPUT, default=frames.CACHE, show_default=True, help="Folder of compliances.")
+@cache_option("compliances")
 @progress_option
 def main(scene: Path, cache: Path, progress: bool) -> None:
     """Time the virtual rig of SCENE, a finite-element one."""

@@ -78,7 +78,7 @@ class Scope:
             "labels: depth": "yes" if scene.wants_solver and scene.sensor.source == "simulated" else ABSENT,
             "labels: skin at rest": "yes" if by_geometry and curved and scene.wants_slopes else ABSENT,
             "labels: force": ", ".join("xyz"[axis] for axis in scene.force_axes) or ABSENT,
-            "demosaicing": f"{ABSENT} (frames are channels)",
+            "demosaicing": "yes" if scene.sensor.frames == "raw10" else f"{ABSENT} (frames are channels)",
         }
 
     def trained(self) -> dict[str, str]:

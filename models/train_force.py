@@ -45,10 +45,7 @@ def train(
     force = {k: torch.from_numpy(v.astype(np.float32)) for k, v in force_n.items()}
     torch.manual_seed(settings.seed)
     model = build(scene, rest_depth_mm, axes=force["train"].shape[1])
-    # Weights of order one give forces of the right order.
-    volume = pressed["train"].abs().flatten(1).sum(dim=1).mean()
-    unit = float(force["train"].abs().mean() / volume.clamp(min=1e-9))
-    model.unit.fill_(unit / scene.force.kernel_size)
+    model.start_from(pressed["train"], force["train"])
     epochs, rate = settings.force_epochs, settings.force_learning_rate
     optimiser = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=settings.force_weight_decay)
     count = len(pressed["train"])
@@ -74,7 +71,7 @@ def train(
         if "validation" in pressed:
             entry["validation_mae_n"] = _error(model, pressed, force, "validation")
             if entry["validation_mae_n"] < best:
-                best, best_state = entry["validation_mae_n"], _copy(model.state_dict())
+                best, best_state = entry["validation_mae_n"], copy.deepcopy(model.state_dict())
         history.append(entry)
         bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
     bar.close()
@@ -125,7 +122,3 @@ def _pressed(scene: Scene, displacement_mm: dict[str, np.ndarray]) -> dict[str, 
 def _error(model: HyperForce, pressed: dict, force: dict, split: str) -> float:
     with torch.inference_mode():
         return (model(pressed[split]) - force[split]).abs().sum(dim=1).mean().item()
-
-
-def _copy(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    return {k: v.clone() for k, v in state.items()}

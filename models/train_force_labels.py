@@ -9,6 +9,8 @@ frames averaged over small blocks: contacts are smooth, and it is many times fas
 The fields are fitted once more afterwards, by models/slope_force.py, to what each arithmetic finds.
 """
 
+import copy
+
 import numpy as np
 import torch
 from tqdm import tqdm
@@ -181,7 +183,7 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     history = []
     best, best_state = np.inf, None
     if len(change["validation"]):  # what it starts from counts too: training must not lose it
-        best, best_state = _error(model, change, force), _copy(model.state_dict())
+        best, best_state = _error(model, change, force), copy.deepcopy(model.state_dict())
         history.append({"epoch": 0, "train_mae_n": np.nan, "validation_mae_n": best})
     bar = tqdm(total=steps, desc="slopes from forces", unit="step", disable=not progress, leave=False)
     for epoch in range(settings.force_epochs):
@@ -201,7 +203,7 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
         if len(change["validation"]):
             entry["validation_mae_n"] = _error(model, change, force)
             if entry["validation_mae_n"] < best:
-                best, best_state = entry["validation_mae_n"], _copy(model.state_dict())
+                best, best_state = entry["validation_mae_n"], copy.deepcopy(model.state_dict())
         history.append(entry)
         bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
     bar.close()
@@ -214,10 +216,6 @@ def _error(model: ForceFromPixels, change: dict, force: dict) -> float:
     with torch.inference_mode():
         found = torch.cat([model(part) for part in change["validation"].split(64)])
         return (found - force["validation"]).abs().sum(dim=1).mean().item()
-
-
-def _copy(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    return {k: v.clone() for k, v in state.items()}
 
 
 def labelled_by(

@@ -128,17 +128,14 @@ class _Run:
             dynamic=dynamic,
             axes=force_n.shape[1],
         )
-        # Weights of order one give forces of the right order.
-        volume = x.abs().flatten(1).sum(dim=1).mean()
-        unit = float(force_n.abs().mean() / volume.clamp(min=1e-9))
-        self.model.unit.fill_(unit / scene.force.kernel_size)
+        self.model.start_from(x, force_n)
         self.optimiser = torch.optim.AdamW(
             self.model.parameters(),
             lr=settings.force_learning_rate,
             weight_decay=settings.force_weight_decay,
         )
         self.history: list[dict] = []
-        self.best_n, self.best_state = np.inf, _copy(self.model.state_dict())
+        self.best_n, self.best_state = np.inf, copy.deepcopy(self.model.state_dict())
 
     @property
     def stalled(self) -> bool:
@@ -176,7 +173,7 @@ class _Run:
             }
         )
         if validation_mae_n < self.best_n:
-            self.best_n, self.best_state = validation_mae_n, _copy(self.model.state_dict())
+            self.best_n, self.best_state = validation_mae_n, copy.deepcopy(self.model.state_dict())
 
     def save(self, path: Path) -> None:
         """Everything that the training goes on from; the file is never half there."""
@@ -221,7 +218,3 @@ class _Run:
         keys = [key.removeprefix("history.") for key in arrays if key.startswith("history.")]
         columns = [arrays[f"history.{key}"].tolist() for key in keys]
         self.history = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]
-
-
-def _copy(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    return {k: v.clone() for k, v in state.items()}

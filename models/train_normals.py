@@ -4,6 +4,7 @@ Bit-true fine-tuning runs the integer arithmetic of models/integer.py forward, a
 through its roundings; what it optimises is exactly what the hardware computes.
 """
 
+import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,7 +91,7 @@ class Fit:
         noisy = bool(spread.any())
         best, best_state, history = np.inf, None, []
         if validation is not None:  # what it starts from counts too: fine-tuning must not lose it
-            best, best_state = _loss(model, *validation), _copy(model.state_dict())
+            best, best_state = _loss(model, *validation), copy.deepcopy(model.state_dict())
         bar = tqdm(total=steps, desc=self.label, unit="step", disable=not progress, leave=False)
         for epoch in range(self.epochs):
             total = 0.0
@@ -113,7 +114,7 @@ class Fit:
             if validation is not None:
                 entry["validation_loss"] = _loss(model, *validation)
                 if entry["validation_loss"] < best:
-                    best, best_state = entry["validation_loss"], _copy(model.state_dict())
+                    best, best_state = entry["validation_loss"], copy.deepcopy(model.state_dict())
             history.append(entry)
             bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
         bar.close()
@@ -126,10 +127,6 @@ def _loss(model, x: torch.Tensor, y: torch.Tensor) -> float:
     with torch.inference_mode():
         chunks = zip(x.split(1 << 16), y.split(1 << 16), strict=True)
         return sum(normal_loss(model(a), b).item() * len(a) for a, b in chunks) / len(x)
-
-
-def _copy(state: dict[str, torch.Tensor]) -> dict[str, torch.Tensor]:
-    return {k: v.clone() for k, v in state.items()}
 
 
 class ScaledNetwork(torch.nn.Module):
