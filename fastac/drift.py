@@ -87,7 +87,8 @@ def presses(scene: Scene, folder: Path, *, progress: bool) -> Dataset:
 
 def take(data: Dataset, index: np.ndarray) -> Dataset:
     """The samples `index` of a dataset alone."""
-    arrays = ("frames", "split", "normals", "depth_mm", "valid", "force_n", "group")
+    geometry = ("normals", "depth_mm", "valid", "markers_px", "tangential_mm")
+    arrays = ("frames", "split", *geometry, "force_n", "group")
     chosen = {name: getattr(data, name)[index] for name in arrays if getattr(data, name) is not None}
     indenter = data.indenter and {name: values[index] for name, values in data.indenter.items()}
     return replace(data, indenter=indenter, **chosen)
