@@ -55,8 +55,9 @@ def verify(source, data, split, lanes, frames, output, progress):
     Of a SCENE the model is trained first, unless its build folder has it. At each number of lanes the same
     model becomes hardware with a hash of its own. The frames, then one all black, one all white, a
     checkerboard, one with a bright pixel, two with pixels and rows missing and one of 0 or 255 at random go
-    through it back to back; two of them once more with random stalls at both ends. Every value is compared with the integer model. Where loadable weights need more DSP
-    slices than the device has, the weights are baked in, and the table says so.
+    through it back to back; two of them once more with random stalls at both ends. Every value is compared
+    with the integer model. Where loadable weights need more DSP slices than the device has, the weights are
+    baked in, and the table says so.
 
     Rows are kept while Verilog and frames are the same, so an interrupted campaign goes on where it was.
     Times beyond 60 s to elaborate, 180 s to build and 20 s a frame (meant for two cores) are marked with "!".
