@@ -17,7 +17,7 @@ import numpy as np
 from gateware.packed_products import packing
 from gateware.shift_add import canonical_signed_digits
 from models.features import WIDTH
-from models.fixed import signed_width
+from models.fixed import FLOOR, NEAREST, signed_width
 from models.integer import EigenvalueDivision, Layer, PatchForce, SineTransform, WeightedSum
 from models.pipeline import IntegerPipeline
 from models.tridiagonal import Elimination, Recurrence
@@ -145,7 +145,8 @@ class Frame:
         yield addition(self.size * half * (self.size if self.lanes == 1 else 2), width + 1)
         yield memory(self.inner_beats, self.lanes * half * transform.coefficient_width, self.row_beats)
         yield multiplication(self.inner * half, width + 1, transform.coefficient_width)
-        yield addition(self.inner * half, transform.accumulator_width)
+        addends = half - (transform.rounding == FLOOR)  # the products and, to round, a half unit
+        yield addition(self.inner * addends, transform.accumulator_width)
 
     def transposition(self, width: int) -> Iterator[Work]:
         banks = 2 * self.inner_beats * self.lanes  # written and read
@@ -155,7 +156,8 @@ class Frame:
         distance = int(division.shift.max() - division.shift.min()).bit_length()
         yield memory(self.inner_beats, self.lanes * (MANTISSA_BITS + distance), self.inner_beats)
         yield multiplication(self.inner, division.input_width, MANTISSA_BITS)
-        yield addition(self.inner, division.output_width)
+        if division.rounding == NEAREST:
+            yield addition(self.inner, division.output_width)
 
     def recurrence(self, recurrence: Recurrence) -> Iterator[Work]:
         words = int((recurrence.varying + 1).sum())
@@ -166,7 +168,9 @@ class Frame:
             operand = max(recurrence.input_width, operand) + 1
             yield addition(self.inner, operand)
         yield multiplication(self.inner, operand, recurrence.shift + 1)
-        yield addition(self.inner, operand + recurrence.shift)
+        # Elimination's sum only rounds; substitution's adds what is known of the row, too.
+        if recurrence.rounding == NEAREST or not isinstance(recurrence, Elimination):
+            yield addition(self.inner, operand + recurrence.shift)
 
     def reversal(self, width: int) -> Iterator[Work]:
         yield memory(2 * self.inner_beats, self.lanes * width, self.inner_beats)

@@ -195,6 +195,13 @@ class Numbers(Strict):
     slope_limit: Literal[1, 2, 4, 8] = 4
     coefficient_fraction_bits: Annotated[int, Field(ge=8, le=17)] = 17
     data_bits: Annotated[int, Field(ge=12, le=26)] = 26
+    rounding: Literal["nearest", "floor"] = "nearest"
+    """How the Poisson solver's transforms, division and recurrences drop bits. floor cuts them off: no half
+    unit is added before. That saves an addend a value and no clock, and the errors, all of one sign, add up.
+    Mean depth error, nearest → floor, of a two-dimensional transform alone, N = 126, by fractional bits of
+    gradients/coefficients/data: 16/16/16: 3.6 → 8.5 µm in absolute mode, 0.019 → 0.93 µm in difference
+    mode; 12/16/12: 1.5 → 87 µm and 0.35 → 15 µm. Slopes and the quantised displacement are always rounded
+    to the nearest, and the network's half units are in its biases."""
     displacement_bits: Annotated[int, Field(ge=4, le=16)] = 16
     kernel_bits: Annotated[int, Field(ge=3, le=12)] = 8
     slope_weight_bits: Annotated[int, Field(ge=6, le=18)] = 16

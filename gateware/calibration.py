@@ -16,6 +16,7 @@ import numpy as np
 
 from models.bounds import Stage
 from models.bundle import Bundle, save
+from models.fixed import NEAREST
 from models.integer import Depth, Layer, PoissonSource, Requantisation, WeightedSum
 from models.pipeline import IntegerPipeline
 from models.quantise import with_force_of
@@ -80,9 +81,14 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 
 
 def identifier(pipeline: IntegerPipeline) -> int:
-    """32 bits that tell hardware apart: the hash of everything that a calibration leaves as it is."""
+    """32 bits that tell hardware apart: the hash of everything that a calibration leaves as it is.
+
+    Rounding to the nearest is not in it: hardware from before there was a choice stays what it is.
+    """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     for name, value in fixed_content(pipeline):
+        if name.endswith(".rounding") and value == NEAREST:
+            continue
         if isinstance(value, np.ndarray):
             digest.update(f"{name} {value.shape}".encode() + value.astype("<i8").tobytes())
         else:

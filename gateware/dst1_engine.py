@@ -55,7 +55,7 @@ class Dst1Engine(wiring.Component):
 
     @classmethod
     def levels_of(cls, size: int) -> int:
-        """Of the adder tree, whose leaves are the products and the half unit that rounds."""
+        """Of the adder tree, whose leaves are the products and the half unit that rounds, 0 with a floor."""
         return cls.half_of(size).bit_length()
 
     @classmethod
@@ -163,7 +163,7 @@ class Dst1Engine(wiring.Component):
 
     def _rounded_sum(self, m, advance, terms):
         """The tree over `terms` and the half unit, a register after each addition."""
-        terms = [*terms, Const(1 << (self.transform.shift - 1))]
+        terms = [*terms, Const(self.transform.half_unit)]
         for _ in range(self.levels):
             sums = []
             for a, b in zip(terms[::2], [*terms[1::2], Const(0)][: (len(terms) + 1) // 2], strict=True):

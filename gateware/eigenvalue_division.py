@@ -15,7 +15,7 @@ class EigenvalueDivider(wiring.Component):
 
     The reciprocal is a mantissa from a table and a shift, so one DSP48E2 a lane divides where
     input_width <= 27. Rounding needs no half unit of the shift's own size:
-    floor(a / 2**s + 1/2) = (floor(a / 2**(s − 1)) + 1) >> 1.
+    floor(a / 2**s + 1/2) = (floor(a / 2**(s − 1)) + 1) >> 1. A floor lacks the 1, not the register.
 
     Members
     -------
@@ -97,7 +97,7 @@ class EigenvalueDivider(wiring.Component):
                 scaled = register(scaled >> part, f"scaled_{bit}")
                 distance = register(distance, f"distance_{bit}")
             with m.If(advance):
-                m.d.sync += self.o.payload[lane].eq((scaled + 1) >> 1)
+                m.d.sync += self.o.payload[lane].eq((scaled + self.division.half_bit) >> 1)
         return m
 
     def _table(self) -> list:

@@ -113,7 +113,7 @@ class RowRecurrence(wiring.Component):
         ]
 
         places, coefficients = self.tables()
-        half = 1 << (self.recurrence.shift - 1)
+        half = self.recurrence.half_unit
         coefficient_bits = int(self.recurrence.coefficient.max()).bit_length()
         for lane in range(self.lanes):
             depth = len(coefficients[lane])

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .fixed import Fixed, fit
+from .fixed import LARGEST_ERROR, NEAREST, Fixed, check_rounding, fit
 from .integer import EigenvalueDivision, SineTransform
 from .poisson import eigenvalues, row_eigenvalues, sine_matrix
 
@@ -113,14 +113,17 @@ def solver(
     divergence: str,
     coefficient_fraction: int,
     data_bits: int,
+    rounding: str = NEAREST,
 ) -> Solver:
     """Choose every word of the solver from its worst case.
 
     offset : (N, N) integers in the source's unit, as in PoissonSource
     source : format of the right-hand side; slope_limit : the largest |slope| that the slopes' word holds
+    rounding : of every stage; a floor's errors are up to a whole unit, and the words hold them
 
     Raises ValueError where `data_bits` cannot hold a bound.
     """
+    check_rounding(rounding)
     n = len(offset)
     fraction = source.fraction + GUARD_BITS
     matrix = coefficients(n, coefficient_fraction)
@@ -136,7 +139,7 @@ def solver(
         """Fix the word of a stage; returns the rounding error it adds, in px."""
         word = fit(float(bound.max()), width=data_bits, fraction=fraction)
         stages.append(Stage(name, float(bound.max()), word))
-        return 2.0 ** -(word.fraction + 1)
+        return LARGEST_ERROR[rounding] * 2.0**-word.fraction
 
     # Rows: (i, n).
     bound = slope_limit * (along + twice * across)[None, :] + np.abs(constant @ s)
@@ -157,21 +160,25 @@ def solver(
     bound += e1 * across_rows.T + e2 * (np.abs(s) @ reciprocal) + e3 * across[:, None]
     e4 = choose("column_inverse", bound)
     # Inverse rows, (i, j).
-    rounding = (e1 * across_rows.T + e2 * (np.abs(s) @ reciprocal) + (e3 * across[:, None] + e4)) @ np.abs(s)
-    bound = slope_limit * green_norm(s, reciprocal, divergence) + np.abs(s @ solution @ s) + rounding
+    errors = (e1 * across_rows.T + e2 * (np.abs(s) @ reciprocal) + (e3 * across[:, None] + e4)) @ np.abs(s)
+    bound = slope_limit * green_norm(s, reciprocal, divergence) + np.abs(s @ solution @ s) + errors
     choose("row_inverse", bound)
 
     words = [source] + [stage.format for stage in stages]
 
     def transform(into: Fixed, out: Fixed) -> SineTransform:
         shift = coefficient_fraction + into.fraction - out.fraction
-        return SineTransform(matrix, shift, into.width, out.width)
+        return SineTransform(matrix, shift, into.width, out.width, rounding)
 
     return Solver(
         row_forward=transform(words[0], words[1]),
         column_forward=transform(words[1], words[2]),
         division=EigenvalueDivision(
-            mantissa, exponent + words[2].fraction - words[3].fraction, words[2].width, words[3].width
+            mantissa,
+            exponent + words[2].fraction - words[3].fraction,
+            words[2].width,
+            words[3].width,
+            rounding,
         ),
         column_inverse=transform(words[3], words[4]),
         row_inverse=transform(words[4], words[5]),

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def _transform(transform: SineTransform, rows: np.ndarray) -> np.ndarray:
-    return round_shift(rows @ transform.matrix, transform.shift)
+    return round_shift(rows @ transform.matrix, transform.shift, transform.rounding)
 
 
 def solve(solver, source: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The integer Poisson solvers in float64: tables that carry each stage's shift, so that rounding is a floor.
+"""The integer Poisson solvers in float64: tables carry each stage's shift, so that any rounding is a floor.
 
 A power of two only moves the exponent: what is an integer below 2**53 times 2**−shift is exact in float64,
 and so is every partial sum, in whatever order BLAS adds.
@@ -7,6 +7,7 @@ and so is every partial sum, in whatever order BLAS adds.
 import numpy as np
 
 from .bounds import Solver
+from .fixed import NEAREST, half_unit
 from .integer import SineTransform
 from .tridiagonal import Recurrence, TridiagonalSolver
 
@@ -23,9 +24,14 @@ def require_exact(name: str, bound: int) -> None:
         raise NotExactError(f"{name} bound {bound}: integers of 2**53 and more are not exact in float64")
 
 
-def round_in_place(x: np.ndarray) -> np.ndarray:
-    """`floor(x + 1/2)`: what `fixed.round_shift` does once the shift is in the table."""
-    np.add(x, 0.5, out=x)
+def added(rounding: str) -> float:
+    """`fixed.half_unit` once the shift is in the table; a floor's 0 makes +0 of −0, as with integers."""
+    return 0.5 if rounding == NEAREST else 0.0
+
+
+def round_in_place(x: np.ndarray, half: float = 0.5) -> np.ndarray:
+    """`floor(x + half)`: what `fixed.round_shift` does once the shift is in the table; see `added`."""
+    np.add(x, half, out=x)
     return np.floor(x, out=x)
 
 
@@ -46,22 +52,25 @@ class TransformTables:
     def __init__(self, solver: Solver):
         division = solver.division
         bound = _largest(division.input_width) * int(division.mantissa.max())
-        require_exact("division", bound + (1 << int(division.shift.max()) >> 1))
+        require_exact("division", bound + int(half_unit(division.shift.max(), division.rounding)))
         self.row_forward = _transform("row_forward", solver.row_forward)
         self.column_forward = _transform("column_forward", solver.column_forward)
         self.reciprocal = -division.mantissa * 2.0**-division.shift
         self.column_inverse = _transform("column_inverse", solver.column_inverse)
         self.row_inverse = _transform("row_inverse", solver.row_inverse)
+        stages = ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
+        self.halves = [added(getattr(solver, name).rounding) for name in stages]
 
     def solve(self, x: np.ndarray) -> None:
         """Sources (frames, N, N) to solutions, in place."""
         a, b = np.empty((2, *x.shape[1:]))
+        rows, columns, division, columns_back, rows_back = self.halves
         for frame in x:
-            round_in_place(np.matmul(frame, self.row_forward, out=a))
-            round_in_place(np.matmul(self.column_forward, a, out=b))
-            round_in_place(np.multiply(b, self.reciprocal, out=b))
-            round_in_place(np.matmul(self.column_inverse, b, out=a))
-            round_in_place(np.matmul(a, self.row_inverse, out=frame))
+            round_in_place(np.matmul(frame, self.row_forward, out=a), rows)
+            round_in_place(np.matmul(self.column_forward, a, out=b), columns)
+            round_in_place(np.multiply(b, self.reciprocal, out=b), division)
+            round_in_place(np.matmul(self.column_inverse, b, out=a), columns_back)
+            round_in_place(np.matmul(a, self.row_inverse, out=frame), rows_back)
 
 
 class RecurrenceTables:
@@ -80,27 +89,30 @@ class RecurrenceTables:
             "substitution", substitution, _largest(substitution.output_width), y
         )
         self.unit = 2.0**-substitution.drop
+        stages = (solver.row_forward, elimination, substitution, solver.row_inverse)
+        self.halves = [added(stage.rounding) for stage in stages]
 
     @staticmethod
-    def _coefficients(name: str, recurrence: Recurrence, reach: int, added: int = 0) -> np.ndarray:
+    def _coefficients(name: str, recurrence: Recurrence, reach: int, known: int = 0) -> np.ndarray:
         largest = int(recurrence.coefficient.max())
-        require_exact(name, largest * reach + added + (1 << recurrence.shift >> 1))
+        require_exact(name, largest * reach + known + recurrence.half_unit)
         return recurrence.coefficient * 2.0**-recurrence.shift
 
     def solve(self, x: np.ndarray) -> None:
         """Sources (N, frames, N), row by frame by column, to solutions, in place."""
         flat = x.reshape(-1, x.shape[-1])
-        r = round_in_place(np.matmul(flat, self.row_forward)).reshape(x.shape)
+        rows, down, up, rows_back = self.halves
+        r = round_in_place(np.matmul(flat, self.row_forward), rows).reshape(x.shape)
         y = 0.0
         for row, c in zip(r, self.elimination, strict=True):
             np.subtract(y, row, out=row)
             np.multiply(row, c, out=row)
-            y = round_in_place(row)
+            y = round_in_place(row, down)
         np.multiply(r, self.unit, out=r)
-        np.add(r, 0.5, out=r)
+        np.add(r, up, out=r)
         z, product = 0.0, np.empty(r.shape[1:])
         for row, c in zip(r[::-1], self.substitution[::-1], strict=True):
             np.multiply(c, z, out=product)
             np.add(row, product, out=row)
             z = np.floor(row, out=row)
-        round_in_place(np.matmul(r.reshape(flat.shape), self.row_inverse, out=flat))
+        round_in_place(np.matmul(r.reshape(flat.shape), self.row_inverse, out=flat), rows_back)

@@ -44,9 +44,30 @@ def fit(bound: float, *, width: int, fraction: int) -> Fixed:
     raise ValueError(f"{width} data bits cannot hold the bound {bound:.6g}")
 
 
-def round_shift(a: np.ndarray, shift) -> np.ndarray:
-    """`floor(a / 2**shift + 1/2)`: to the nearest, halves upwards; `shift` >= 0, a scalar or an array."""
-    return (a + ((np.int64(1) << shift) >> 1)) >> shift
+NEAREST, FLOOR = "nearest", "floor"
+LARGEST_ERROR = {NEAREST: 0.5, FLOOR: 1.0}
+"""What a rounding changes a value by at most, in units of the last place that it keeps. A floor's changes are
+all of one sign, half a unit downwards on average."""
+
+
+def check_rounding(rounding: str) -> None:
+    """Raise ValueError unless `rounding` is one of those that there are."""
+    if rounding not in LARGEST_ERROR:
+        raise ValueError(f"rounding {rounding!r}: expected {' or '.join(LARGEST_ERROR)}")
+
+
+def half_unit(shift, rounding: str):
+    """What is added before `shift` bits are dropped: half of 2**shift; with a floor nothing, and no gate."""
+    half = (np.int64(1) << shift) >> 1
+    return half if rounding == NEAREST else 0 * half
+
+
+def round_shift(a: np.ndarray, shift, rounding: str = NEAREST) -> np.ndarray:
+    """`a / 2**shift` to the nearest integer, halves upwards, or by "floor" to the next one below.
+
+    shift : >= 0, a scalar or an array
+    """
+    return (a + half_unit(shift, rounding)) >> shift
 
 
 def exact_matmul(a: np.ndarray, b: np.ndarray, bound: int) -> np.ndarray:

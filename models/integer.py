@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .fixed import exact_matmul, round_shift, signed_width
+from .fixed import NEAREST, check_rounding, exact_matmul, half_unit, round_shift, signed_width
 
 
 def _fits(name: str, values, bits: int, *, signed: bool) -> None:
@@ -171,7 +171,7 @@ def divergence_of(slopes: np.ndarray, divergence: str) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class SineTransform:
-    """One orthonormal DST-I pass along rows: `round_shift(matrix @ x, shift)`.
+    """One orthonormal DST-I pass along rows: `round_shift(matrix @ x, shift, rounding)`.
 
     matrix[k, n] = round(2**coefficient_fraction · sqrt(2/(N+1)) · sin(π(k+1)(n+1)/(N+1))).
     `bound` is the largest magnitude of the output that any input of the whole chain can reach.
@@ -181,6 +181,7 @@ class SineTransform:
     shift: int
     input_width: int
     output_width: int
+    rounding: str = NEAREST
 
     def __post_init__(self):
         n = len(self.matrix)
@@ -188,10 +189,16 @@ class SineTransform:
             raise ValueError(f"matrix {self.matrix.shape}: expected square and symmetric")
         if self.shift < 1:
             raise ValueError(f"shift {self.shift}: expected at least 1")
+        check_rounding(self.rounding)
 
     @property
     def size(self) -> int:
         return len(self.matrix)
+
+    @property
+    def half_unit(self) -> int:
+        """What rounding adds to a sum before the shift; 0 with a floor."""
+        return int(half_unit(self.shift, self.rounding))
 
     @property
     def coefficient_width(self) -> int:
@@ -200,7 +207,7 @@ class SineTransform:
     @cached_property
     def accumulator_bound(self) -> int:
         """max over rows of Σ|coefficient|·|x|max, plus the half unit that rounding adds."""
-        return (int(np.abs(self.matrix).sum(axis=1).max()) << (self.input_width - 1)) + (1 << self.shift >> 1)
+        return (int(np.abs(self.matrix).sum(axis=1).max()) << (self.input_width - 1)) + self.half_unit
 
     @property
     def accumulator_width(self) -> int:
@@ -208,12 +215,13 @@ class SineTransform:
 
     def __call__(self, rows: np.ndarray) -> np.ndarray:
         """Rows (..., N) to their transforms (..., N)."""
-        return round_shift(exact_matmul(rows, self.matrix, self.accumulator_bound), self.shift)
+        sums = exact_matmul(rows, self.matrix, self.accumulator_bound)
+        return round_shift(sums, self.shift, self.rounding)
 
 
 @dataclass(frozen=True, eq=False)
 class EigenvalueDivision:
-    """`round_shift(−x · mantissa, shift)`, element by element.
+    """`round_shift(−x · mantissa, shift, rounding)`, element by element.
 
     The eigenvalues 2cos(πm/(N+1)) + 2cos(πn/(N+1)) − 4 are negative; mantissa · 2**−shift is the reciprocal
     of their magnitude times the change of units, the mantissa normalised to 17 bits.
@@ -223,8 +231,10 @@ class EigenvalueDivision:
     shift: np.ndarray  # (N, N)
     input_width: int
     output_width: int
+    rounding: str = NEAREST
 
     def __post_init__(self):
+        check_rounding(self.rounding)
         _fits("mantissa", self.mantissa, 17, signed=False)
         _fits("shift", self.shift - 1, 6, signed=False)
         for table in (self.mantissa, self.shift):
@@ -236,12 +246,17 @@ class EigenvalueDivision:
         return len(self.mantissa)
 
     @property
+    def half_bit(self) -> int:
+        """What rounding adds once all bits of a shift but one are dropped; 0 with a floor."""
+        return int(half_unit(1, self.rounding))
+
+    @property
     def product_width(self) -> int:
         return self.input_width + 17
 
     def __call__(self, coefficients: np.ndarray) -> np.ndarray:
         """Coefficients (..., N, N), of either orientation, to the solution's coefficients."""
-        return round_shift(-coefficients * self.mantissa, self.shift)
+        return round_shift(-coefficients * self.mantissa, self.shift, self.rounding)
 
 
 @dataclass(frozen=True, eq=False)

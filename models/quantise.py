@@ -163,6 +163,7 @@ def assemble(
         divergence=divergence,
         coefficient_fraction=numbers.coefficient_fraction_bits,
         data_bits=numbers.data_bits,
+        rounding=numbers.rounding,
     )
     if scene.poisson.mode == "difference":
         rest = to_words(rest_depth_mm[1:-1, 1:-1] / pitch, Fixed(62, chosen.depth_format.fraction))

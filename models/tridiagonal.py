@@ -12,13 +12,13 @@ row, so that only low modes need a coefficient per row for long.
 Source: Press et al., "Numerical Recipes", 3rd ed., sections 2.4 and 20.4.1.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from .bounds import GUARD_BITS, Stage, coefficients, green_norm, stencil_norms
-from .fixed import Fixed, fit, round_shift
+from .fixed import LARGEST_ERROR, NEAREST, Fixed, check_rounding, fit, half_unit, round_shift
 from .integer import SineTransform
 from .poisson import eigenvalues
 
@@ -34,8 +34,10 @@ class Recurrence:
     shift: int
     input_width: int
     output_width: int
+    rounding: str = field(default=NEAREST, kw_only=True)
 
     def __post_init__(self):
+        check_rounding(self.rounding)
         n = len(self.coefficient)
         if self.coefficient.shape != (n, n):
             raise ValueError(f"coefficient {self.coefficient.shape}: expected square")
@@ -49,6 +51,11 @@ class Recurrence:
     def size(self) -> int:
         return len(self.coefficient)
 
+    @property
+    def half_unit(self) -> int:
+        """What rounding adds to a sum before the shift; 0 with a floor."""
+        return int(half_unit(self.shift, self.rounding))
+
     @cached_property
     def varying(self) -> np.ndarray:
         """(N,): the row from which on a mode's coefficient stays the same; a table ends there."""
@@ -58,22 +65,22 @@ class Recurrence:
 
 @dataclass(frozen=True, eq=False)
 class Elimination(Recurrence):
-    """`y[i] = round_shift(coefficient[i] · (y[i−1] − r[i]), shift)` down the rows; y before the first is 0.
+    """`y[i] = round_shift(coefficient[i] · (y[i−1] − r[i]), shift, rounding)` down the rows.
 
-    Input and output have the same fraction.
+    y before the first row is 0. Input and output have the same fraction.
     """
 
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """Row-transformed sources (..., N, N), rows by modes, to y of the same shape."""
         y, above = np.empty(r.shape, np.int64), 0
         for i, c in enumerate(self.coefficient):
-            y[..., i, :] = above = round_shift(c * (above - r[..., i, :]), self.shift)
+            y[..., i, :] = above = round_shift(c * (above - r[..., i, :]), self.shift, self.rounding)
         return y
 
 
 @dataclass(frozen=True, eq=False)
 class Substitution(Recurrence):
-    """`z[i] = round_shift(coefficient[i] · z[i+1] + (y[i] << (shift − drop)), shift)` up the rows.
+    """`z[i] = round_shift(coefficient[i] · z[i+1] + (y[i] << (shift − drop)), shift, rounding)` up the rows.
 
     z behind the last row is 0; z has `drop` fractional bits fewer than y.
     """
@@ -90,7 +97,7 @@ class Substitution(Recurrence):
         z, below = np.empty(y.shape, np.int64), 0
         for i in reversed(range(self.size)):
             total = self.coefficient[i] * below + (y[..., i, :] << (self.shift - self.drop))
-            z[..., i, :] = below = round_shift(total, self.shift)
+            z[..., i, :] = below = round_shift(total, self.shift, self.rounding)
         return z
 
 
@@ -151,14 +158,16 @@ def tridiagonal_solver(
     divergence: str,
     coefficient_fraction: int,
     data_bits: int,
+    rounding: str = NEAREST,
 ) -> TridiagonalSolver:
     """Choose every word of the solver from its worst case; parameters and errors as of `bounds.solver`.
 
     A word's worst case is the L1 norm of the integer tables' own way from the slopes to it, times the
     slopes' limit, plus the constant, plus every rounding before it, times the L1 norm of that rounding's way.
-    A recurrence carries its own roundings along: in y[i] they add up to half a unit times
-    Σ_k Π c[j] over k < j <= i, 38 half units in the lowest mode of N = 126.
+    A recurrence carries its own roundings along: in y[i] they add up to what one is at most, half a unit or
+    with a floor a whole one, times Σ_k Π c[j] over k < j <= i, 38 times in the lowest mode of N = 126.
     """
+    check_rounding(rounding)
     n = len(offset)
     matrix = coefficients(n, coefficient_fraction)
     s = matrix * 2.0**-coefficient_fraction
@@ -184,27 +193,28 @@ def tridiagonal_solver(
         return operators.sum(axis=2).T
 
     def choose(name: str, bound: np.ndarray, own: np.ndarray | float, fraction: int) -> float:
-        """Fix a word that holds `bound` and `own` half units of itself; returns its half unit, in px."""
+        """Fix a word that holds `bound` and `own` of its own roundings; returns the largest one, in px."""
         for bits in range(fraction, -1, -1):
-            worst = float((bound + own * 2.0 ** -(bits + 1)).max())
+            worst = float((bound + own * (LARGEST_ERROR[rounding] * 2.0**-bits)).max())
             word = fit(worst, width=data_bits, fraction=bits)
             if word.fraction == bits:
                 break
         stages.append(Stage(name, worst, word))
-        return 2.0 ** -(word.fraction + 1)
+        return LARGEST_ERROR[rounding] * 2.0**-word.fraction
 
     fraction = source.fraction + GUARD_BITS
     rows = slope_limit * (along + twice * across)[None, :] + np.abs(constant)
     choose("row_forward", rows, 0.0, fraction)
     # Rows and y share their fraction: y − r is then one bit wider, and fits the multiplier's port.
-    half = choose("elimination", reached(eliminate), ways(eliminate) + ways(down), stages[0].format.fraction)
+    own = ways(eliminate) + ways(down)
+    error = choose("elimination", reached(eliminate), own, stages[0].format.fraction)
     y = stages[1].format
     r = fit(float(rows.max()), width=data_bits, fraction=y.fraction)
     stages[0] = Stage("row_forward", stages[0].bound_px, r)
-    disturbed = half * ways(solve + up @ down)
-    half = choose("back_substitution", reached(solve) + disturbed, ways(up), y.fraction)
+    disturbed = error * ways(solve + up @ down)
+    error = choose("back_substitution", reached(solve) + disturbed, ways(up), y.fraction)
     z = stages[2].format
-    disturbed += half * ways(up)
+    disturbed += error * ways(up)
     # Of the way from slopes to solution the ideal one is symmetric, so quick to search; to it comes what the
     # rounded coefficients change at most: both stencils' weights times Σ over modes and rows of the change.
     change = np.abs(solve - _ideal(s, n)).sum(axis=2).T * across
@@ -215,10 +225,14 @@ def tridiagonal_solver(
     depth = stages[3].format
     shift = coefficient_fraction
     return TridiagonalSolver(
-        row_forward=SineTransform(matrix, shift + source.fraction - r.fraction, source.width, r.width),
-        elimination=Elimination(table, shift, r.width, y.width),
-        substitution=Substitution(table, shift, y.width, z.width, y.fraction - z.fraction),
-        row_inverse=SineTransform(matrix, shift + z.fraction - depth.fraction, z.width, depth.width),
+        row_forward=SineTransform(
+            matrix, shift + source.fraction - r.fraction, source.width, r.width, rounding
+        ),
+        elimination=Elimination(table, shift, r.width, y.width, rounding=rounding),
+        substitution=Substitution(table, shift, y.width, z.width, y.fraction - z.fraction, rounding=rounding),
+        row_inverse=SineTransform(
+            matrix, shift + z.fraction - depth.fraction, z.width, depth.width, rounding
+        ),
         stages=tuple(stages),
     )
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from .bounds import Solver, stencil_norms
+from .fixed import LARGEST_ERROR
 from .integer import PoissonSource, SineTransform, divergence_of
 from .pipeline import IntegerPipeline
 from .tridiagonal import TridiagonalSolver, row_operators
@@ -149,7 +150,9 @@ def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
         worst, slopes = _stimulus(pipeline, weights[name])
         inputs, outputs = words_of(solver, worst(np.stack([slopes, -slopes])))[name]
         table = getattr(solver, name)
-        bound = int(np.floor(stage.bound_px * 2.0**stage.format.fraction + 0.5))  # it is rounded once more
+        # It is rounded once more; a floor takes −bound farther from 0.
+        up = LARGEST_ERROR[table.rounding]
+        bound = int(np.floor(stage.bound_px * 2.0**stage.format.fraction + up))
         found.append(
             WorstCase(
                 name,
@@ -165,7 +168,7 @@ def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
             )
         )
         if isinstance(table, SineTransform):
-            sums = np.abs(inputs @ table.matrix).max() + (1 << table.shift >> 1)
+            sums = np.abs(inputs @ table.matrix).max() + table.half_unit
             found.append(
                 WorstCase(
                     name,

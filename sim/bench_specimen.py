@@ -42,6 +42,7 @@ def scene(
     solver: str = "dst2d",
     weights: str = "loadable",
     numbers: dict | None = None,
+    rounding: str = "nearest",
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -56,7 +57,7 @@ def scene(
                 "width_px": size,
                 "channels": channels,
             },
-            "numbers": NUMBERS if numbers is None else numbers,
+            "numbers": (NUMBERS if numbers is None else numbers) | {"rounding": rounding},
             "poisson": {"mode": mode, "divergence": divergence, "solver": solver},
             "force": {
                 "kernel": kernel,

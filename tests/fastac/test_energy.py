@@ -137,6 +137,16 @@ class TestCounts:
         assert counts(stages["division"], "multiplication") == [(INNER, solver.division.input_width + 17)]
         assert counts(stages["division"], "memory")[0][0] == INNER
 
+    def test_a_floor_adds_no_half_unit(self, make_pipeline):
+        settings = {"outputs": ["depth"], "numbers": {"rounding": "floor"}}
+        stages = energy.works(make_pipeline(**settings))
+        for name in ("row_forward", "column_forward", "column_inverse", "row_inverse"):
+            assert [count for count, _ in counts(stages[name], "addition")] == [INNER * 7, INNER * 6]
+        assert counts(stages["division"], "addition") == []
+        stages = energy.works(make_pipeline(**settings, poisson={"solver": "tridiagonal"}))
+        for name in ("elimination", "substitution"):  # the difference of rows, and what is known of one
+            assert [count for count, _ in counts(stages[name], "addition")] == [INNER]
+
     def test_several_lanes_fold_once_a_row(self, make_pipeline):
         """And 4 lanes fill 4 beats of a row of 14 with 2 void places."""
         stages = energy.works(make_pipeline(outputs=["depth"], hardware={"pixels_per_clock": 4}))

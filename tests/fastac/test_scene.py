@@ -88,6 +88,10 @@ SENSOR = "[sensor]\ngeometry = "
         (MINIMAL + "width_px = 257", "sensor.width_px = 257: Input should be less than or equal to 256"),
         (MINIMAL + 'channels = "rgb"', "sensor.channels = 'rgb': Input should be 'bgr' or 'bgr+nir'"),
         (MINIMAL + "[numbers]\nslope_limit = 3", "numbers.slope_limit = 3: Input should be 1, 2, 4 or 8"),
+        (
+            MINIMAL + '[numbers]\nrounding = "up"',
+            "numbers.rounding = 'up': Input should be 'nearest' or 'floor'",
+        ),
         (MINIMAL + "[numbers]\nweight_bits = 9", "numbers.weight_bits = 9: Input should be less than"),
         (MINIMAL + "[force]\nkernel_size = 4", "force.kernel_size = 4: Input should be 1, 3, 5 or 7"),
         (MINIMAL + "[simulation]\nframes = 1", "simulation.frames = 1: Input should be greater than"),

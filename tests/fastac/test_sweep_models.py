@@ -56,6 +56,7 @@ def keys(make_scene, setting, **changes):
     [
         ({"hardware": {"pixels_per_clock": 2}}, set()),
         ({"numbers": {"data_bits": 20, "kernel_bits": 6}}, set()),
+        ({"numbers": {"rounding": "floor"}}, set()),
         ({"name": "other", "simulation": {"frames": 9}}, set()),
         ({"force": {"kernel": "collapsed"}}, set()),
         ({"poisson": {"mode": "difference"}}, {"float"}),

@@ -31,6 +31,12 @@ def test_every_combination_once(write):
     assert found[0].axes == {"numbers.data_bits": 18, "poisson.mode": "absolute"}
 
 
+def test_rounding_is_an_axis(write):
+    found = points(write('[axes]\n"numbers.rounding" = ["nearest", "floor", "up"]'))
+    assert [p.scene and p.scene.numbers.rounding for p in found] == ["nearest", "floor", None]
+    assert found[2].error == "numbers.rounding = 'up': Input should be 'nearest' or 'floor'"
+
+
 def test_grids_are_put_together(write):
     bits = '[[axes]]\n"numbers.data_bits" = [18, 26]\n'
     assert len(points(write(bits + '[[axes]]\n"numbers.kernel_bits" = [6, 8]\n'))) == 3  # both have the base

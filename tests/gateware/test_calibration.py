@@ -38,6 +38,16 @@ def bundles(tmp_path_factory):
     return found
 
 
+def test_hardware_keeps_its_rounding(bundles):
+    pipeline = bundles["absolute"][0].pipeline
+    solver = pipeline.solver
+    floor = pipeline.replace(
+        solver=replace(solver, row_forward=replace(solver.row_forward, rounding="floor"))
+    )
+    assert difference(floor, pipeline) == "solver.row_forward.rounding = 'floor': the hardware's is 'nearest'"
+    assert identifier(floor) != identifier(pipeline)
+
+
 @pytest.mark.parametrize("name", WANTED)
 def test_words(bundles, name):
     """The network's parameters, the adjoint's constants and the hash, behind the tables."""

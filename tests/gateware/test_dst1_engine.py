@@ -8,12 +8,16 @@ from models.integer import SineTransform
 from sim.stream import check, pack
 
 
-def sine_transform(size: int, *, input_width: int, fraction: int = 16, shift: int = 15) -> SineTransform:
+def sine_transform(
+    size: int, *, input_width: int, fraction: int = 16, shift: int = 15, rounding: str = "nearest"
+) -> SineTransform:
     k = np.arange(1, size + 1)
     sine = np.sin(np.pi / (size + 1) * (np.outer(k, k) % (2 * size + 2)))
     matrix = np.round(2.0**fraction * np.sqrt(2 / (size + 1)) * sine).astype(np.int64)
-    bound = (int(np.abs(matrix).sum(axis=1).max()) << (input_width - 1)) + (1 << shift >> 1)
-    return SineTransform(matrix, shift, input_width, signed_width(bound >> shift))
+    bound = int(np.abs(matrix).sum(axis=1).max()) << (input_width - 1)
+    # The largest sum to the nearest; a floor of its opposite is the word farthest from 0.
+    top = bound + (1 << shift >> 1) >> shift if rounding == "nearest" else -(-bound >> shift)
+    return SineTransform(matrix, shift, input_width, signed_width(top), rounding)
 
 
 def by_beats(rows, lanes: int, void) -> np.ndarray:
@@ -23,10 +27,17 @@ def by_beats(rows, lanes: int, void) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("size", "lanes", "input_width"), [(14, 1, 20), (15, 1, 26), (14, 2, 3), (17, 4, 20)]
+    ("size", "lanes", "input_width", "rounding"),
+    [
+        (14, 1, 20, "nearest"),
+        (15, 1, 26, "nearest"),
+        (14, 2, 3, "nearest"),
+        (17, 4, 20, "nearest"),
+        (14, 1, 20, "floor"),
+    ],
 )
-def test_rtl_equals_reference(tmp_path, size, lanes, input_width):
-    transform = sine_transform(size, input_width=input_width)
+def test_rtl_equals_reference(tmp_path, size, lanes, input_width, rounding):
+    transform = sine_transform(size, input_width=input_width, rounding=rounding)
     dut = Dst1Engine(transform, lanes=lanes)
     limit = 1 << (input_width - 1)
     # The extremes first: nothing, both limits, and the signs that reach the bound of each accumulator.
@@ -55,11 +66,12 @@ def test_rtl_equals_reference(tmp_path, size, lanes, input_width):
     )
 
 
+@pytest.mark.parametrize("rounding", ["nearest", "floor"])
 @pytest.mark.parametrize(
     ("lanes", "interval", "latency", "multipliers"), [(1, 126, 11, 63), (2, 63, 11, 126), (4, 32, 11, 252)]
 )
-def test_cost_of_the_paper_s_rows(lanes, interval, latency, multipliers):
-    dut = Dst1Engine(sine_transform(126, input_width=20), lanes=lanes)
+def test_cost_of_the_paper_s_rows(lanes, interval, latency, multipliers, rounding):
+    dut = Dst1Engine(sine_transform(126, input_width=20, rounding=rounding), lanes=lanes)
     assert (dut.interval, dut.latency, dut.multipliers) == (interval, latency, multipliers)
 
 

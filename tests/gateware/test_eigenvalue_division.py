@@ -8,13 +8,13 @@ from models.integer import EigenvalueDivision
 from sim.stream import check, pack
 
 
-def eigenvalue_division(size: int, *, input_width: int) -> EigenvalueDivision:
+def eigenvalue_division(size: int, *, input_width: int, rounding: str = "nearest") -> EigenvalueDivision:
     cosine = 2 * np.cos(np.pi * np.arange(1, size + 1) / (size + 1))
     reciprocal = 1 / (4 - (cosine[:, None] + cosine))
     shift = 16 - np.floor(np.log2(reciprocal)).astype(np.int64)
     mantissa = np.minimum(np.round(reciprocal * 2.0**shift), (1 << 17) - 1).astype(np.int64)
     bound = int(((mantissa << (input_width - 1)) >> shift).max()) + 1
-    return EigenvalueDivision(mantissa, shift, input_width, signed_width(bound))
+    return EigenvalueDivision(mantissa, shift, input_width, signed_width(bound), rounding)
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
@@ -43,9 +43,12 @@ def compare(folder, division, lanes: int):
     )
 
 
-@pytest.mark.parametrize(("size", "lanes", "input_width"), [(14, 1, 27), (15, 2, 18)])
-def test_rtl_equals_reference(tmp_path, size, lanes, input_width):
-    division = eigenvalue_division(size, input_width=input_width)
+@pytest.mark.parametrize(
+    ("size", "lanes", "input_width", "rounding"),
+    [(14, 1, 27, "nearest"), (15, 2, 18, "nearest"), (15, 2, 18, "floor")],
+)
+def test_rtl_equals_reference(tmp_path, size, lanes, input_width, rounding):
+    division = eigenvalue_division(size, input_width=input_width, rounding=rounding)
     assert division.shift.min() < division.shift.max()
     compare(tmp_path, division, lanes)
 

@@ -27,17 +27,24 @@ def table(size: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("kind", "size", "lanes"),
-    [("elimination", 5, 1), ("elimination", 18, 4), ("substitution", 14, 2), ("substitution", 18, 4)],
+    ("kind", "size", "lanes", "rounding"),
+    [
+        ("elimination", 5, 1, "nearest"),
+        ("elimination", 18, 4, "nearest"),
+        ("substitution", 14, 2, "nearest"),
+        ("substitution", 18, 4, "nearest"),
+        ("elimination", 11, 2, "floor"),
+        ("substitution", 14, 2, "floor"),
+    ],
 )
-def test_recurrence_equals_reference(tmp_path, kind, size, lanes):
+def test_recurrence_equals_reference(tmp_path, kind, size, lanes, rounding):
     inputs = np.random.default_rng(1).integers(-(2**13), 2**13, (FRAMES, size, size))
     inputs[0], inputs[1] = -(2**13), 2**13 - 1
     if kind == "elimination":
-        recurrence = Elimination(table(size), 17, 14, 20)
+        recurrence = Elimination(table(size), 17, 14, 20, rounding=rounding)
         fed, expected = inputs, recurrence(inputs)
     else:
-        recurrence = Substitution(table(size), 17, 14, 20, drop=size % 4)
+        recurrence = Substitution(table(size), 17, 14, 20, drop=size % 4, rounding=rounding)
         fed, expected = inputs[:, ::-1], recurrence(inputs)[:, ::-1]
     dut = RowRecurrence(recurrence, lanes=lanes)
     beats = FRAMES * size * dut.beats

@@ -61,6 +61,7 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
         (13, 1, "central", {}),
         (14, 2, "backward", {"data_bits": 16, "coefficient_fraction": 12}),
         (18, 4, "central", {}),
+        (13, 1, "central", {"rounding": "floor", "data_bits": 18}),
     ],
 )
 def test_rtl_equals_reference(tmp_path, size, lanes, divergence, numbers):

@@ -26,7 +26,18 @@ class Case:
     solver: Solver
 
 
-def make(n: int, divergence: str, mode: str, *, data_bits: int = 26, coefficient_fraction: int = 17) -> Case:
+ROUNDINGS = ("nearest", "floor")
+
+
+def make(
+    n: int,
+    divergence: str,
+    mode: str,
+    *,
+    data_bits: int = 26,
+    coefficient_fraction: int = 17,
+    rounding: str = "nearest",
+) -> Case:
     rng = np.random.default_rng(n)
     fraction = SLOPE_FRACTION + (divergence == "central")
     v, u = np.indices((n + 2, n + 2)) / (n + 1) - 0.5
@@ -43,6 +54,7 @@ def make(n: int, divergence: str, mode: str, *, data_bits: int = 26, coefficient
         divergence=divergence,
         coefficient_fraction=coefficient_fraction,
         data_bits=data_bits,
+        rounding=rounding,
     )
     return Case(divergence, source, fraction, chosen)
 
@@ -93,9 +105,12 @@ def ideal_operators(n: int, divergence: str) -> tuple[np.ndarray, dict[str, np.n
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("divergence", DIVERGENCES)
-@pytest.mark.parametrize(("n", "data_bits"), [(7, 26), (8, 26), (8, 14)])
-def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, divergence, mode):
-    case = make(n, divergence, mode, data_bits=data_bits)
+@pytest.mark.parametrize(
+    ("n", "data_bits", "rounding"),
+    [(7, 26, "nearest"), (8, 26, "nearest"), (8, 14, "nearest"), (8, 26, "floor"), (8, 14, "floor")],
+)
+def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, rounding, divergence, mode):
+    case = make(n, divergence, mode, data_bits=data_bits, rounding=rounding)
     d, operators = ideal_operators(n, divergence)
     constant = case.source.offset.ravel() * 2.0**-case.fraction
     formats = {stage.name: stage for stage in case.solver.stages}
@@ -123,10 +138,11 @@ def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, d
         assert formats[name].bound_px >= worst[k] * (1 - 1e-4), name
 
 
+@pytest.mark.parametrize("rounding", ROUNDINGS)
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("divergence", DIVERGENCES)
-def test_saturated_random_slopes_stay_inside(divergence, mode):
-    case = make(14, divergence, mode, data_bits=20)
+def test_saturated_random_slopes_stay_inside(divergence, mode, rounding):
+    case = make(14, divergence, mode, data_bits=20, rounding=rounding)
     rng = np.random.default_rng(3)
     signs = rng.choice([-LIMIT, LIMIT], (200, 16, 16, 2))
     blocks = rng.choice([-LIMIT, LIMIT], (200, 4, 4, 2)).repeat(4, axis=1).repeat(4, axis=2)
@@ -174,6 +190,27 @@ def test_integer_solver_approximates_the_float_one(
     assert np.abs(expected).max() > 5
     error = np.abs(found - expected).max() / np.abs(expected).max()
     assert tolerance / 20 < error < tolerance  # a tolerance that says something
+
+
+@pytest.mark.parametrize("data_bits", [14, 26])
+def test_a_floor_s_words_hold_whole_units_of_error(data_bits):
+    """Of the words before it, whose roundings reach it; the first word sees none."""
+    chosen = {r: make(14, "central", "absolute", data_bits=data_bits, rounding=r).solver for r in ROUNDINGS}
+    first, *others = zip(chosen["nearest"].stages, chosen["floor"].stages, strict=True)
+    assert first[0] == first[1]
+    for nearest, floor in others:
+        unit = 2.0**-nearest.format.fraction
+        assert nearest.bound_px < floor.bound_px < nearest.bound_px + 200 * unit
+        assert (
+            floor.format.limit * 2.0**-floor.format.fraction >= floor.bound_px + 2.0**-floor.format.fraction
+        )
+    names = ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
+    assert {getattr(chosen["floor"], name).rounding for name in names} == {"floor"}
+
+
+def test_an_unknown_rounding_is_refused():
+    with pytest.raises(ValueError, match="rounding 'up': expected nearest or floor"):
+        make(7, "central", "absolute", rounding="up")
 
 
 def test_too_few_data_bits_are_refused():

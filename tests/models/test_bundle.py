@@ -56,6 +56,20 @@ class TestRoundTrip:
         assert found.scene == tiny_bundle.scene
         assert found.pipeline.provenance["source"].startswith("simulated")
 
+    def test_bundles_from_before_there_was_a_choice_round_to_the_nearest(self, tiny_bundle, folder):
+        content = json.loads((folder / "bundle.json").read_text())
+        del content["sha256"], content["pipeline"]["fields"]["scene"]["scene"]["numbers"]["rounding"]
+        stages = content["pipeline"]["fields"]["solver"]["fields"]
+        for name in ("row_forward", "column_forward", "division", "column_inverse", "row_inverse"):
+            assert stages[name]["fields"].pop("rounding") == "nearest"
+        arrays = bundle.load(folder).floats
+        arrays = {f"float.{k}": v for k, v in arrays.items()}
+        with np.load(folder / "integers.npz") as archive:
+            arrays |= {k: v.astype(np.int64) if v.dtype.kind == "i" else v for k, v in archive.items()}
+        content["sha256"] = bundle._digest(content, arrays)
+        (folder / "bundle.json").write_text(json.dumps(content))
+        assert same(bundle.load(folder).pipeline, tiny_bundle.pipeline) > 20
+
     def test_computes_the_same_after_it(self, tiny_bundle, tiny_data, tmp_path):
         bundle.save(tmp_path / "b", tiny_bundle.pipeline, tiny_bundle.floats)
         before = tiny_bundle.pipeline.run(tiny_data.frames[:2])

@@ -97,6 +97,12 @@ SPECIMENS = {
     ),
     "force map": (MAP, {"solver": "tridiagonal"}),
     "force maps, K = 7, no clamp": ((XYZ, "force_map"), {"clamp": False, "kernel_size": 7}),
+    "depth and force, cut off": ((DEPTH, Z), {"rounding": "floor"}),
+    "depth, difference, cut off": ((DEPTH,), {"mode": "difference", "rounding": "floor"}),
+    "depth and forces by recurrences, cut off": (
+        (DEPTH, XYZ),
+        {"solver": "tridiagonal", "rounding": "floor", "clamp": False},
+    ),
     "adjoint": ((Z,), {"solver": "adjoint"}),
     "adjoint, three axes, backward": ((XYZ,), {"solver": "adjoint", "divergence": "backward"}),
 }

@@ -4,7 +4,7 @@ from math import floor
 import numpy as np
 import pytest
 
-from models.fixed import Fixed, exact_matmul, fit, round_shift, signed_width, to_words
+from models.fixed import Fixed, check_rounding, exact_matmul, fit, round_shift, signed_width, to_words
 
 
 @pytest.mark.parametrize(
@@ -59,11 +59,27 @@ def test_round_shift_is_to_the_nearest_and_halves_go_up():
     np.testing.assert_array_equal(round_shift(np.array([-3, -1, 1, 3]), 1), [-1, 0, 1, 2])
 
 
-def test_round_shift_takes_a_shift_for_each_value():
+def test_round_shift_cuts_off_with_a_floor():
+    a = np.arange(-1000, 1000)
+    for shift in (0, 1, 2, 5, 9):
+        exact = [floor(Fraction(int(x), 2**shift)) for x in a]
+        np.testing.assert_array_equal(round_shift(a, shift, "floor"), exact)
+    np.testing.assert_array_equal(round_shift(np.array([-3, -1, 1, 3]), 1, "floor"), [-2, -1, 0, 1])
+
+
+@pytest.mark.parametrize(("rounding", "half"), [("nearest", Fraction(1, 2)), ("floor", 0)])
+def test_round_shift_takes_a_shift_for_each_value(rounding, half):
     a = np.array([2**42 + 3, -(2**42) - 3, 1000, -1000])
     shift = np.array([3, 3, 0, 40])
-    exact = [floor(Fraction(int(x), 2 ** int(s)) + Fraction(1, 2)) for x, s in zip(a, shift, strict=True)]
-    np.testing.assert_array_equal(round_shift(a, shift), exact)
+    exact = [floor(Fraction(int(x), 2 ** int(s)) + half) for x, s in zip(a, shift, strict=True)]
+    np.testing.assert_array_equal(round_shift(a, shift, rounding), exact)
+
+
+def test_there_are_two_roundings():
+    for rounding in ("nearest", "floor"):
+        check_rounding(rounding)
+    with pytest.raises(ValueError, match="rounding 'up': expected nearest or floor"):
+        check_rounding("up")
 
 
 def product(a: np.ndarray, b: np.ndarray) -> list[list[int]]:

@@ -28,6 +28,9 @@ def nearest(value: Fraction) -> int:
     return floor(value + Fraction(1, 2))
 
 
+ROUNDINGS = {"nearest": nearest, "floor": floor}
+
+
 def requantised(a: int, multiplier: int, shift: int, bits: int) -> int:
     return min(floor(Fraction(multiplier * max(0, a), 2**shift)), 2**bits - 1)
 
@@ -243,16 +246,18 @@ class TestSineTransform:
         ]
         return np.array(one)
 
+    @pytest.mark.parametrize("rounding", ROUNDINGS)
     @pytest.mark.parametrize(("n", "input_width", "shift"), [(5, 8, 3), (8, 20, 13), (9, 26, 17)])
-    def test_equals_the_rounded_product(self, n, input_width, shift):
-        transform = SineTransform(self.matrix(n, 17), shift, input_width, 40)
+    def test_equals_the_rounded_product(self, n, input_width, shift, rounding):
+        transform = SineTransform(self.matrix(n, 17), shift, input_width, 40, rounding)
+        rounded = ROUNDINGS[rounding]
         limit = 1 << (input_width - 1)
         rng = np.random.default_rng(n)
         rows = np.vstack([np.full(n, -limit), np.full(n, limit - 1), rng.integers(-limit, limit, (20, n))])
         matrix = transform.matrix.tolist()
         expected = [
             [
-                nearest(Fraction(sum(c * int(x) for c, x in zip(coefficients, row, strict=True)), 2**shift))
+                rounded(Fraction(sum(c * int(x) for c, x in zip(coefficients, row, strict=True)), 2**shift))
                 for coefficients in matrix
             ]
             for row in rows
@@ -260,14 +265,16 @@ class TestSineTransform:
         assert transform(rows).tolist() == expected
         assert transform(rows.reshape(2, -1, n)).shape == (2, len(rows) // 2, n)
 
-    def test_the_worst_signs_reach_the_accumulator_s_bound(self):
-        transform = SineTransform(self.matrix(6, 12), 5, 10, 30)
+    @pytest.mark.parametrize(("rounding", "half"), [("nearest", 16), ("floor", 0)])
+    def test_the_worst_signs_reach_the_accumulator_s_bound(self, rounding, half):
+        transform = SineTransform(self.matrix(6, 12), 5, 10, 30, rounding)
+        assert transform.half_unit == half
         row = transform.matrix[np.abs(transform.matrix).sum(axis=1).argmax()]
         # Only the most negative word has the magnitude 2**9, so one sign of the two reaches it.
         worst = np.where(row > 0, -512, 511)
         reached = abs(int(sum(int(a) * int(b) for a, b in zip(row, worst, strict=True))))
         assert reached <= transform.accumulator_bound
-        assert transform.accumulator_bound == int(np.abs(row).sum()) * 512 + 16
+        assert transform.accumulator_bound == int(np.abs(row).sum()) * 512 + half
         assert transform.accumulator_bound < 2 ** (transform.accumulator_width - 1)
         assert reached > 0.99 * transform.accumulator_bound
 
@@ -283,10 +290,13 @@ class TestSineTransform:
             SineTransform(np.array([[1, 2], [3, 1]]), 1, 8, 8)
         with pytest.raises(ValueError, match="shift 0: expected at least 1"):
             SineTransform(np.eye(2, dtype=int), 0, 8, 8)
+        with pytest.raises(ValueError, match="rounding 'ceil': expected nearest or floor"):
+            SineTransform(np.eye(2, dtype=int), 1, 8, 8, "ceil")
 
 
 class TestEigenvalueDivision:
-    def test_equals_the_rounded_product(self):
+    @pytest.mark.parametrize("rounding", ROUNDINGS)
+    def test_equals_the_rounded_product(self, rounding):
         rng = np.random.default_rng(1)
         mantissa = rng.integers(1 << 16, 1 << 17, (4, 4))
         mantissa = np.maximum(mantissa, mantissa.T)
@@ -295,10 +305,10 @@ class TestEigenvalueDivision:
         shift[0] = shift[:, 0] = 1  # where the last place of the product still counts
         x = rng.integers(-(1 << 25), 1 << 25, (3, 4, 4))
         x[0] = -(1 << 25)
-        found = EigenvalueDivision(mantissa, shift, 26, 30)(x)
+        found = EigenvalueDivision(mantissa, shift, 26, 30, rounding)(x)
         for index in np.ndindex(x.shape):
             exact = Fraction(-int(x[index]) * int(mantissa[index[1:]]), 2 ** int(shift[index[1:]]))
-            assert found[index] == nearest(exact)
+            assert found[index] == ROUNDINGS[rounding](exact)
 
     def test_product_width_holds_every_product(self):
         division = EigenvalueDivision(np.full((2, 2), (1 << 17) - 1), np.ones((2, 2), int), 26, 30)
@@ -319,6 +329,10 @@ class TestEigenvalueDivision:
     def test_refusals(self, mantissa, shift, message):
         with pytest.raises(ValueError, match=message):
             EigenvalueDivision(np.array(mantissa), np.array(shift), 26, 30)
+
+    def test_refuses_an_unknown_rounding(self):
+        with pytest.raises(ValueError, match="rounding 'ceil': expected nearest or floor"):
+            EigenvalueDivision(np.array([[1]]), np.array([[1]]), 26, 30, "ceil")
 
 
 class TestDepth:

@@ -265,6 +265,20 @@ def test_only_what_the_scene_wants_is_assembled(make_scene):
     assert assembled(make_scene(outputs=["force_z"])).quantiser is not None
 
 
+@pytest.mark.parametrize(
+    ("solver", "stages"),
+    [
+        ("dst2d", ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")),
+        ("tridiagonal", ("row_forward", "elimination", "substitution", "row_inverse")),
+    ],
+)
+def test_every_stage_of_the_solver_rounds_as_the_scene_says(make_scene, solver, stages):
+    for rounding in ("nearest", "floor"):
+        scene = make_scene(poisson={"solver": solver}, numbers={"rounding": rounding})
+        found = assembled(scene).solver
+        assert [getattr(found, name).rounding for name in stages] == [rounding] * len(stages)
+
+
 def test_too_few_data_bits_are_refused(make_scene):
     scene = make_scene(
         sensor={"geometry": "flat", "height_px": 96, "width_px": 96}, numbers={"data_bits": 12}

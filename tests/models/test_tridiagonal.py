@@ -33,7 +33,19 @@ class Case:
     solver: TridiagonalSolver
 
 
-def make(n: int, divergence: str, mode: str, *, data_bits: int = 26, coefficient_fraction: int = 17) -> Case:
+HALVES = {"nearest": 0.5, "floor": 0.0}
+"""By rounding: what is added before the fraction is dropped."""
+
+
+def make(
+    n: int,
+    divergence: str,
+    mode: str,
+    *,
+    data_bits: int = 26,
+    coefficient_fraction: int = 17,
+    rounding: str = "nearest",
+) -> Case:
     fraction = SLOPE_FRACTION + (divergence == "central")
     v, u = np.indices((n + 2, n + 2)) / (n + 1) - 0.5
     if mode == "absolute":
@@ -49,6 +61,7 @@ def make(n: int, divergence: str, mode: str, *, data_bits: int = 26, coefficient
         divergence=divergence,
         coefficient_fraction=coefficient_fraction,
         data_bits=data_bits,
+        rounding=rounding,
     )
     return Case(source, fraction, chosen)
 
@@ -110,20 +123,22 @@ def test_coefficients_are_exact_until_they_are_within_half_a_unit_of_their_limit
         assert row == 0 or found[row - 1, mode] != found[row, mode]
 
 
-def test_recurrences_round_each_step_to_the_nearest():
+@pytest.mark.parametrize(("rounding", "half"), HALVES.items())
+def test_recurrences_round_each_step(rounding, half):
     n, rng = 5, np.random.default_rng(1)
     c = thomas_coefficients(n, 9)
-    eliminate, substitute = Elimination(c, 9, 20, 20), Substitution(c, 9, 20, 20, drop=4)
+    eliminate = Elimination(c, 9, 20, 20, rounding=rounding)
+    substitute = Substitution(c, 9, 20, 20, drop=4, rounding=rounding)
     r = rng.integers(-1000, 1000, (3, n, n))
     y, z = eliminate(r), substitute(r)
     for frame in range(3):
         for mode in range(n):
             above = below = 0
             for i in range(n):
-                above = int(np.floor(c[i, mode] * (above - r[frame, i, mode]) / 512 + 0.5))
+                above = int(np.floor(c[i, mode] * (above - r[frame, i, mode]) / 512 + half))
                 assert y[frame, i, mode] == above
                 k = n - 1 - i
-                below = int(np.floor(c[k, mode] * below / 512 + r[frame, k, mode] / 16 + 0.5))
+                below = int(np.floor(c[k, mode] * below / 512 + r[frame, k, mode] / 16 + half))
                 assert z[frame, k, mode] == below
 
 
@@ -137,27 +152,30 @@ def test_recurrences_solve_each_mode_s_system():
         assert np.abs(z[:, mode] - dense).max() < 1e-4 * np.abs(dense).max() + 5
 
 
+@pytest.mark.parametrize(("rounding", "half"), HALVES.items())
 @pytest.mark.parametrize("kind", [Elimination, Substitution])
-def test_roundings_add_up_to_what_the_bound_allows_them(kind):
-    """The lowest mode, driven by inputs that make every rounding as large as it can be."""
+def test_roundings_add_up_to_what_the_bound_allows_them(kind, rounding, half):
+    """The lowest mode, driven by inputs that make every rounding as large as it can be: upwards to the
+    nearest, downwards with a floor, which has no other way."""
     n = 60
     table = thomas_coefficients(n, 17)
     c = table[:, 0] * 2.0**-17
     down = kind is Elimination
-    recurrence = kind(table, 17, 26, 26) if down else kind(table, 17, 26, 26, drop=9)
+    recurrence = kind(table, 17, 26, 26, **({} if down else {"drop": 9}), rounding=rounding)
+    sign, largest = (1, 0.5) if rounding == "nearest" else (-1, 1.0)
     inputs, candidates = np.zeros((n, n), int), np.arange(-300, 301)
     rounded, exact, words = 0, 0.0, np.zeros(n, int)
     errors, allowed, before = np.zeros(n), np.zeros(n), 0.0
     for i in range(n) if down else reversed(range(n)):
         steps = c[i] * (rounded - candidates) if down else c[i] * rounded + candidates / 512
-        k = (np.floor(steps + 0.5) - steps).argmax()
+        k = (sign * (np.floor(steps + half) - steps)).argmax()
         inputs[i, 0] = candidates[k]
-        rounded = int(np.floor(steps[k] + 0.5))
+        rounded = int(np.floor(steps[k] + half))
         exact = c[i] * (exact - candidates[k]) if down else c[i] * exact + candidates[k] / 512
-        words[i], errors[i], allowed[i] = rounded, rounded - exact, 0.5 + c[i] * before
+        words[i], errors[i], allowed[i] = rounded, sign * (rounded - exact), largest + c[i] * before
         before = allowed[i]
     np.testing.assert_array_equal(recurrence(inputs)[:, 0], words)
-    ways = row_operators(table * 2.0**-17)[0 if down else 1][0].sum(axis=1) / 2
+    ways = row_operators(table * 2.0**-17)[0 if down else 1][0].sum(axis=1) * largest
     np.testing.assert_allclose(allowed, ways)
     assert (errors <= allowed + 1e-9).all()
     assert errors.max() > 0.95 * allowed.max() > 4
@@ -165,9 +183,12 @@ def test_roundings_add_up_to_what_the_bound_allows_them(kind):
 
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("divergence", DIVERGENCES)
-@pytest.mark.parametrize(("n", "data_bits"), [(7, 26), (8, 26), (8, 14)])
-def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, divergence, mode):
-    case = make(n, divergence, mode, data_bits=data_bits)
+@pytest.mark.parametrize(
+    ("n", "data_bits", "rounding"),
+    [(7, 26, "nearest"), (8, 26, "nearest"), (8, 14, "nearest"), (8, 26, "floor"), (8, 14, "floor")],
+)
+def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, rounding, divergence, mode):
+    case = make(n, divergence, mode, data_bits=data_bits, rounding=rounding)
     d, operators = ideal_operators(n, divergence)
     constant = case.source.offset.ravel() * 2.0**-case.fraction
     formats = {stage.name: stage for stage in case.solver.stages}
@@ -193,10 +214,18 @@ def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, d
         assert formats[name].bound_px >= worst[k] * (1 - 1e-4), name
 
 
+@pytest.mark.parametrize("rounding", HALVES)
 @pytest.mark.parametrize("coefficient_fraction", [8, 17])
 @pytest.mark.parametrize("divergence", DIVERGENCES)
-def test_saturated_random_slopes_stay_inside(divergence, coefficient_fraction):
-    case = make(14, divergence, "absolute", data_bits=20, coefficient_fraction=coefficient_fraction)
+def test_saturated_random_slopes_stay_inside(divergence, coefficient_fraction, rounding):
+    case = make(
+        14,
+        divergence,
+        "absolute",
+        data_bits=20,
+        coefficient_fraction=coefficient_fraction,
+        rounding=rounding,
+    )
     rng = np.random.default_rng(3)
     signs = rng.choice([-LIMIT, LIMIT], (200, 16, 16, 2))
     blocks = rng.choice([-LIMIT, LIMIT], (200, 4, 4, 2)).repeat(4, axis=1).repeat(4, axis=2)
@@ -220,6 +249,19 @@ def test_widths_follow_the_words_and_fit_the_multiplier(mode, data_bits):
     assert chosen.depth_format is words[-1]
     for stage in chosen.stages:
         assert stage.format.limit * 2.0**-stage.format.fraction >= stage.bound_px
+
+
+@pytest.mark.parametrize("data_bits", [14, 26])
+def test_a_floor_s_words_hold_whole_units_of_error(data_bits):
+    nearest, floor = (
+        make(14, "central", "absolute", data_bits=data_bits, rounding=rounding).solver for rounding in HALVES
+    )
+    assert nearest.stages[0] == floor.stages[0]  # no rounding comes before it
+    for a, b in zip(nearest.stages[1:], floor.stages[1:], strict=True):
+        assert a.bound_px < b.bound_px < a.bound_px + 200 * 2.0**-a.format.fraction
+        assert b.format.limit * 2.0**-b.format.fraction >= b.bound_px
+    parts = (floor.row_forward, floor.elimination, floor.substitution, floor.row_inverse)
+    assert {part.rounding for part in parts} == {"floor"}
 
 
 @pytest.mark.parametrize(
@@ -254,5 +296,9 @@ def test_refusals():
         Elimination(c, 9, 12, 12)
     with pytest.raises(ValueError, match="drop 11: expected 0 to shift = 10"):
         Substitution(c, 10, 12, 12, drop=11)
+    with pytest.raises(ValueError, match="rounding 'up': expected nearest or floor"):
+        Elimination(c, 10, 12, 12, rounding="up")
+    with pytest.raises(ValueError, match="rounding 'up': expected nearest or floor"):
+        make(14, "central", "absolute", rounding="up")
     with pytest.raises(ValueError, match="5 data bits cannot hold the bound"):
         make(14, "central", "absolute", data_bits=5)
