@@ -36,18 +36,34 @@ def attempts(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[d
         raise ValueError(f"split: {len(x['train'])} training frames without validation: expected {HELD_OUT}")
     if not np.abs(force_n["train"]).max():
         raise ValueError("force_n: zero in every training frame: expected some force to learn")
+    return _try_all(x, force_n)[0]
+
+
+def choose(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> tuple[np.ndarray, list[dict]]:
+    """The weights (features, axes) of the best attempt, and all `attempts`; with a validation split one
+    decomposition serves both."""
+    history, weights = _try_all(x, force_n)
+    if "validation" in x:
+        return weights[history.index(best(history))], history
+    return fit(x["train"], force_n["train"], best(history)), history
+
+
+def _try_all(x, force_n) -> tuple[list[dict], np.ndarray]:
+    """The attempts, and the weights of each, from the frames that were not held out."""
     if "validation" in x:
         seen, unseen = (x["train"], force_n["train"]), (x["validation"], force_n["validation"])
     else:
         held = np.arange(len(x["train"])) % HELD_OUT == HELD_OUT - 1
         seen, unseen = ((x["train"][part], force_n["train"][part]) for part in (~held, held))
-    return [
+    found = solve(*seen, REGULARISATION)
+    history = [
         {
             "regularisation": float(regularisation),
             "validation_mae_n": float(np.abs(unseen[0] @ weights - unseen[1]).sum(axis=1).mean()),
         }
-        for regularisation, weights in zip(REGULARISATION, solve(*seen, REGULARISATION), strict=True)
+        for regularisation, weights in zip(REGULARISATION, found, strict=True)
     ]
+    return history, found
 
 
 def best(history: list[dict]) -> dict:

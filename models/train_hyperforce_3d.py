@@ -98,9 +98,8 @@ def train(
 def refit(model: HyperForce3D, x: dict[str, torch.Tensor], force_n: dict[str, np.ndarray]) -> HyperForce3D:
     """The last layer anew, by ridge regression, strength by the validation split; `model` stays as it is."""
     features = {split: model.features(frames) for split, frames in x.items()}
-    chosen = ridge.best(ridge.attempts(features, force_n))
     fitted = copy.deepcopy(model)
-    fitted.set_last(ridge.fit(features["train"], force_n["train"], chosen))
+    fitted.set_last(ridge.choose(features, force_n)[0])
     return fitted
 
 

@@ -89,6 +89,17 @@ def test_noise_asks_for_more_regularisation():
     assert strong > 1e3 * weak
 
 
+@pytest.mark.parametrize("validation", [True, False])
+def test_what_is_chosen_is_the_best_attempt_fitted_to_all_training_frames(validation):
+    x, force = splits(noise=0.5)
+    if not validation:
+        x, force = {"train": x["train"]}, {"train": force["train"]}
+    weights, history = ridge.choose(x, force)
+    assert history == ridge.attempts(x, force)
+    expected = ridge.fit(x["train"], force["train"], ridge.best(history))
+    np.testing.assert_allclose(weights, expected, rtol=1e-9)
+
+
 def test_best_is_the_smallest_error():
     history = [{"validation_mae_n": error, "regularisation": k} for k, error in enumerate((3.0, 1.0, 2.0))]
     assert ridge.best(history)["regularisation"] == 1
