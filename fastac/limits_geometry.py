@@ -1,0 +1,160 @@
+"""Experiments on what limits gradients and depth; each switches off one thing, all else stays as it is."""
+
+import os
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from fastac import frames, training
+from fastac.build import Build
+from fastac.drift import take
+from fastac.reproduce_geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
+from fastac.reproduce_section import stamped_key, vertical
+from fastac.scene import Scene, Sensor
+from fastac.workspace import content_hash, digest_sources, read_or_make
+from models import metrics
+from models.float_pipeline import FloatPipeline
+from models.pipeline import Result
+from sensor.dataset import SPLITS, Dataset
+from sensor.geometry import pixel_centres_mm, rest_slopes
+from sensor.redraw import redraw
+from sensor.skin_paint import coverage, marker_pixels
+
+SOURCES = (
+    "models/*.py",
+    "sensor/*.py",
+    "fastac/training.py",
+    "fastac/frames.py",
+    "fastac/limits_geometry.py",
+)
+NOISELESS_ELECTRONS_PER_DN = 1e6
+"""The photon noise of n digital numbers is then √n / 1000 of one, below any rounding."""
+
+
+def variants(sensor: Sensor) -> dict[str, Sensor]:
+    """The sensor less one of its imperfections each, and less all of them; those that it has."""
+    noise = {"noise_dn": 0.0, "electrons_per_dn": NOISELESS_ELECTRONS_PER_DN}
+    if sensor.frames == "raw10":
+        still = {"electrons_per_dn": NOISELESS_ELECTRONS_PER_DN, "read_noise_dn": 0.0}
+        noise["raw10"] = sensor.raw10.model_copy(update=still)
+    plain = {"specular": 0.0, "cast_shadows": False}
+    changes = {
+        "no camera noise": noise,
+        "no grain of the paint": {"grain": 0.0},
+        "no dots": {"markers": None},
+        "no gloss, no cast shadows": {"light": sensor.light.model_copy(update=plain)},
+    }
+    found = {name: sensor.model_copy(update=change) for name, change in changes.items()}
+    found = {name: changed for name, changed in found.items() if changed != sensor}
+    if len(found) > 1:
+        everything = {key: value for change in changes.values() for key, value in change.items()}
+        found["none of these"] = sensor.model_copy(update=everything)
+    return {"as recorded": sensor} | found
+
+
+def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: bool) -> Dataset:
+    """The presses of a dataset as another sensor sees them, in channels."""
+
+    def processed(image: np.ndarray) -> np.ndarray:
+        return image if sensor.frames == "channels" else frames.channels(image, sensor)
+
+    background, draw = redraw(data, sensor, seed)
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        done = pool.map(lambda sample: processed(draw(sample)), range(len(data)))
+        images = np.stack(list(tqdm(done, total=len(data), desc=label, disable=not progress, leave=False)))
+    return replace(data, frames=images, background=processed(background))
+
+
+def training_errors(scene: Scene, data: Dataset, weights: Path, *, progress: bool) -> dict:
+    """A pixel network trained on a dataset, and the errors of its gradients and depth on the test split."""
+    if not weights.exists():
+        training.normals(data, scene, weights, progress=progress)
+    pipeline = training.float_pipeline(training.load_arrays(weights), data, scene)
+    return summary(judge(pipeline, data, data.indices("test"), progress=progress)[0])
+
+
+def summary(errors: dict) -> dict[str, float]:
+    """Of what `judge` found: the total gradient error and that of depth with prior."""
+    return {
+        "gradient_mae_mm_per_px": errors["gradient_mae_mm_per_px"]["total"],
+        "depth_mae_mm": errors["depth_mae_mm"]["prior"],
+    }
+
+
+def networks(build: Build, folder: Path) -> dict[str, dict]:
+    """By variant: errors of networks trained and judged on the vertical presses that it sees, by channels."""
+    scene, found = build.scene, {}
+    index = np.sort(np.concatenate([vertical(build.data, split) for split in SPLITS]))
+    data, rgb = take(build.data, index), rgb_scene(scene)
+    base = [scene.model_dump(mode="json"), stamped_key(build, "data"), digest_sources(SOURCES)]
+    for name, sensor in variants(scene.sensor).items():
+        slug = name.replace(",", "").replace(" ", "-")
+        key = content_hash(*base, name, sensor.model_dump(mode="json"))
+
+        def both(name=name, sensor=sensor, slug=slug, key=key) -> dict:
+            seen = data
+            if name != "as recorded":
+                seed = scene.protocol.seed
+                seen = seen_by(sensor, data, seed, label=f"frames, {name}", progress=build.progress)
+            pairs = {"bgr": (rgb, rgb_data(seen)), "bgr+nir": (scene, seen)}
+            return {
+                channels: training_errors(
+                    of, part, folder / f"{slug}-{channels}-{key}.npz", progress=build.progress
+                )
+                for channels, (of, part) in pairs.items()
+            }
+
+        found[name] = read_or_make(folder / f"{slug}-{key}.json", both)
+    return found
+
+
+def regions(build: Build) -> dict[str, dict[str, float]]:
+    """Where the gradient errors of the build's float pipeline are: shares of pixels and of the whole error.
+
+    Under dots: of the pressed or of the resting skin, either of which spoils a difference. In contact: within
+    the contact's radius of the ball's axis.
+    """
+    scene, data = build.scene, build.data
+    index, sensor = vertical(data, "test"), build.scene.sensor
+    pipeline = FloatPipeline.from_bundle(build.bundle)
+    slopes = pipeline.run(data.frames[index], wanted=("slopes",), progress=build.progress).slopes
+    error = np.abs(slopes - true_slopes(data, index)).sum(axis=-1) * scene.sensor.pitch_mm
+    x, y = pixel_centres_mm(sensor)
+    pose = {key: data.indenter[key][index, None, None] for key in ("x_mm", "y_mm", "contact_radius_mm")}
+    contact = np.hypot(x - pose["x_mm"], y - pose["y_mm"]) <= pose["contact_radius_mm"]
+    dots = np.zeros_like(contact)
+    if sensor.markers is not None:
+        rest = coverage(sensor, marker_pixels(sensor)) > 0
+        dots = rest | np.stack([coverage(sensor, data.markers_px[k]) > 0 for k in index])
+    parts = {"under dots": dots, "in contact": contact & ~dots, "elsewhere": ~contact & ~dots}
+    return {
+        name: {
+            "pixels_percent": float(100 * part.mean()),
+            "gradient_mae_mm_per_px": float(error[part].mean()),
+            "error_percent": float(100 * error[part].sum() / error.sum()),
+        }
+        for name, part in parts.items()
+        if part.any()
+    }
+
+
+def true_slopes(data: Dataset, index: np.ndarray) -> np.ndarray:
+    """(frames, H, W, 2), float64."""
+    normals = data.normals[index].astype(np.float64)
+    return -normals[..., :2] / normals[..., 2:]
+
+
+def solver(build: Build) -> dict[str, float]:
+    """Depth errors of the Poisson solver alone, from true normals, in mm: by what is solved for."""
+    scene, data = build.scene, build.data
+    index, rest_mm = vertical(data, "test"), training.rest_depth_mm(data)
+    slopes = true_slopes(data, index)
+    change = slopes - np.stack(rest_slopes(scene.sensor), axis=-1)
+    depths = {
+        "difference": rest_mm + absolute_depth_mm(change, scene, None),
+        "absolute": absolute_depth_mm(slopes, scene, rest_mm),
+    }
+    return {mode: metrics.depth_mae_mm(Result(depth_mm=depth), data, index) for mode, depth in depths.items()}
