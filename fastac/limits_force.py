@@ -14,7 +14,7 @@ from fastac import force_ablation, training
 from fastac.accuracy import of_dataset
 from fastac.build import Build
 from fastac.force_ablation import Fields
-from fastac.limits_geometry import seen_by, variants
+from fastac.limits_geometry import NOISELESS, seen_by, variants
 from fastac.reproduce_section import stamped_key
 from fastac.scene import Scene
 from fastac.workspace import content_hash, digest_sources, read_or_make
@@ -77,7 +77,7 @@ def smaller_loads(data: Dataset, parts: Fields) -> Fields | None:
 def noiseless(build: Build) -> Fields:
     """What the build's float pipeline and the dots show in frames without camera noise."""
     scene, data = build.scene, build.data
-    sensor, label = variants(scene.sensor)["no camera noise"], "frames, no camera noise"
+    sensor, label = variants(scene.sensor)[NOISELESS], f"frames, {NOISELESS}"
     seen = seen_by(sensor, data, scene.protocol.seed, label=label, progress=build.progress)
     pipeline = of_dataset(FloatPipeline.from_bundle(build.bundle), seen)
     arrays = force_ablation.find_arrays(pipeline, seen, progress=build.progress)
@@ -103,7 +103,7 @@ def run(build: Build, folder: Path, found_file: Path) -> dict[str, dict]:
     if scene.force.clamp:
         experiments["true, d_z not clamped"] = (free, lambda: true)
         experiments["found, d_z not clamped"] = (free, lambda: found)
-    if "no camera noise" in variants(scene.sensor):
+    if NOISELESS in variants(scene.sensor):
         experiments["found in frames without camera noise"] = (scene, lambda: noiseless(build))
     base = [scene.model_dump(mode="json"), stamped_key(build, "bundle"), digest_sources(SOURCES)]
     errors = {}

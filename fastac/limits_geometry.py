@@ -34,6 +34,12 @@ NOISELESS_ELECTRONS_PER_DN = 1e6
 """The photon noise of n digital numbers is then √n / 1000 of one, below any rounding."""
 
 
+SPARSE = 2
+RECORDED, NOISELESS, IDEAL = "as recorded", "no camera noise", "none of these"
+WITH_RGB = (RECORDED, NOISELESS, IDEAL)
+"""The experiments that are done with RGB-only too."""
+
+
 def variants(sensor: Sensor) -> dict[str, Sensor]:
     """The sensor less one of its imperfections each, and less all of them; those that it has."""
     noise = {"noise_dn": 0.0, "electrons_per_dn": NOISELESS_ELECTRONS_PER_DN}
@@ -42,7 +48,7 @@ def variants(sensor: Sensor) -> dict[str, Sensor]:
         noise["raw10"] = sensor.raw10.model_copy(update=still)
     plain = {"specular": 0.0, "cast_shadows": False}
     changes = {
-        "no camera noise": noise,
+        NOISELESS: noise,
         "no grain of the paint": {"grain": 0.0},
         "no dots": {"markers": None},
         "no gloss, no cast shadows": {"light": sensor.light.model_copy(update=plain)},
@@ -51,8 +57,8 @@ def variants(sensor: Sensor) -> dict[str, Sensor]:
     found = {name: changed for name, changed in found.items() if changed != sensor}
     if len(found) > 1:
         everything = {key: value for change in changes.values() for key, value in change.items()}
-        found["none of these"] = sensor.model_copy(update=everything)
-    return {"as recorded": sensor} | found
+        found[IDEAL] = sensor.model_copy(update=everything)
+    return {RECORDED: sensor} | found
 
 
 def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: bool) -> Dataset:
@@ -69,9 +75,17 @@ def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: b
 
 
 def training_errors(scene: Scene, data: Dataset, weights: Path, *, progress: bool) -> dict:
-    """A pixel network trained on a dataset, and the errors of its gradients and depth on the test split."""
+    """A pixel network trained on a dataset, and the errors of its gradients and depth on the test split.
+
+    It learns from every SPARSE-th row and column, in batches as much smaller: as many steps, in less time.
+    """
     if not weights.exists():
-        training.normals(data, scene, weights, progress=progress)
+        known = np.zeros(data.normals.shape[:3], bool)
+        known[:, ::SPARSE, ::SPARSE] = True
+        batch_px = -(-scene.training.normals_batch_px // SPARSE**2)
+        settings = scene.training.model_copy(update={"normals_batch_px": batch_px})
+        sparse = scene.model_copy(update={"training": settings})
+        training.normals(replace(data, valid=known), sparse, weights, progress=progress)
     pipeline = training.float_pipeline(training.load_arrays(weights), data, scene)
     return summary(judge(pipeline, data, data.indices("test"), progress=progress)[0])
 
@@ -84,30 +98,39 @@ def summary(errors: dict) -> dict[str, float]:
     }
 
 
+def wider(scene: Scene) -> Scene:
+    """The scene with a pixel network twice as wide."""
+    network = scene.network.model_copy(update={"width": 2 * scene.network.width})
+    return scene.model_copy(update={"network": network})
+
+
 def networks(build: Build, folder: Path) -> dict[str, dict]:
-    """By variant: errors of networks trained and judged on the vertical presses that it sees, by channels."""
+    """By experiment: errors of networks trained and judged on the vertical presses, by channels."""
     scene, found = build.scene, {}
     index = np.sort(np.concatenate([vertical(build.data, split) for split in SPLITS]))
-    data, rgb = take(build.data, index), rgb_scene(scene)
-    base = [scene.model_dump(mode="json"), stamped_key(build, "data"), digest_sources(SOURCES)]
-    for name, sensor in variants(scene.sensor).items():
+    data = take(build.data, index)
+    experiments = {name: (scene, sensor) for name, sensor in variants(scene.sensor).items()}
+    experiments[f"{RECORDED}, a network twice as wide"] = (wider(scene), scene.sensor)
+    base = [stamped_key(build, "data"), digest_sources(SOURCES)]
+    for name, (of, sensor) in experiments.items():
         slug = name.replace(",", "").replace(" ", "-")
-        key = content_hash(*base, name, sensor.model_dump(mode="json"))
+        key = content_hash(*base, name, of.model_dump(mode="json"), sensor.model_dump(mode="json"))
 
-        def both(name=name, sensor=sensor, slug=slug, key=key) -> dict:
+        def judged(name=name, of=of, sensor=sensor, slug=slug, key=key) -> dict:
             seen = data
-            if name != "as recorded":
+            if sensor != scene.sensor:
                 seed = scene.protocol.seed
                 seen = seen_by(sensor, data, seed, label=f"frames, {name}", progress=build.progress)
-            pairs = {"bgr": (rgb, rgb_data(seen)), "bgr+nir": (scene, seen)}
+            pairs = {"bgr": (rgb_scene(of), rgb_data(seen))} if name in WITH_RGB else {}
+            pairs["bgr+nir"] = (of, seen)
             return {
                 channels: training_errors(
-                    of, part, folder / f"{slug}-{channels}-{key}.npz", progress=build.progress
+                    its, part, folder / f"{slug}-{channels}-{key}.npz", progress=build.progress
                 )
-                for channels, (of, part) in pairs.items()
+                for channels, (its, part) in pairs.items()
             }
 
-        found[name] = read_or_make(folder / f"{slug}-{key}.json", both)
+        found[name] = read_or_make(folder / f"{slug}-{key}.json", judged)
     return found
 
 

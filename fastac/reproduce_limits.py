@@ -48,10 +48,13 @@ def tables(content: dict) -> list[Table]:
     rows = []
     networks = {"as recorded, the build's networks": content["build"], **content["networks"]}
     for name, found in networks.items():
-        gradient = [found[channels]["gradient_mae_mm_per_px"] for channels in NAMES]
-        depth = [found[channels]["depth_mae_mm"] for channels in NAMES]
-        reduction = 100 * (1 - gradient[1] / gradient[0])
-        rows.append([name, *map(number, gradient), f"{reduction:.1f}", *map(number, depth)])
+        gradient, depth = (
+            [found[channels][key] if channels in found else None for channels in NAMES]
+            for key in ("gradient_mae_mm_per_px", "depth_mae_mm")
+        )
+        reduction = "" if gradient[0] is None else f"{100 * (1 - gradient[1] / gradient[0]):.1f}"
+        cells = [["" if value is None else number(value) for value in pair] for pair in (gradient, depth)]
+        rows.append([name, *cells[0], reduction, *cells[1]])
     head = [f"gradient, {name}" for name in NAMES.values()]
     head = ["frames", *head, "reduction %", *(f"depth, {name}" for name in NAMES.values())]
     found = [
@@ -99,21 +102,23 @@ def draw(content: dict, path: Path) -> None:
     for axis, (label, found, names, key) in zip(axes[0], panels, strict=False):
         at = np.arange(len(found))
         for k, (channels, title) in enumerate(names.items()):
-            heights = [errors[channels][key] for errors in found.values()]
-            axis.barh(at + (k - 0.5) * 0.4, heights, 0.38, label=title)
-        axis.set_yticks(at, found)
-        axis.set_xlabel(label)
-        axis.invert_yaxis()
-        axis.legend(fontsize=7)
+            here = [n for n, errors in enumerate(found.values()) if channels in errors]
+            heights = [errors[channels][key] for errors in found.values() if channels in errors]
+            axis.barh(at[here] + (k - 0.5) * 0.4, heights, 0.38, label=title)
+        _finish(axis, found, label)
     if "force" in content:
         axis, at = axes[0, 2], np.arange(len(content["force"]))
         for k, name in enumerate(AXES):
             heights = [errors["nmae_percent"][k] for errors in content["force"].values()]
             axis.barh(at + (k - 1) * 0.27, heights, 0.25, label=f"F_{name}")
-        axis.set_yticks(at, content["force"])
-        axis.set_xlabel("force, NMAE %")
-        axis.invert_yaxis()
-        axis.legend(fontsize=7)
+        _finish(axis, content["force"], "force, NMAE %")
     figure.tight_layout()
     figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
+
+
+def _finish(axis, names, label: str) -> None:
+    axis.set_yticks(range(len(names)), names, fontsize=7)
+    axis.set_xlabel(label)
+    axis.invert_yaxis()
+    axis.legend(fontsize=7, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))

@@ -228,6 +228,7 @@ def tables(content: dict) -> list[Table]:
     ]
     notes += [f"No {name}: {why}." for name, why in content["absent"].items()]
     rtl = content["rtl_vs_integer"]
+    notes.append("The RTL's stages overlap: its cycles are what each adds to the latency of the whole.")
     notes.append(
         f"RTL against integer model: {rtl['mismatches']} mismatches in {rtl['values_compared']:,} values,"
         f" {rtl['frames']} frames. Errors: {content['test_frames']} test frames, from the image to the stage."
@@ -252,6 +253,6 @@ def draw(content: dict, path: Path) -> None:
     axis.set_yscale("log")
     axis.set_xticks(at, TITLES.values())
     axis.set_ylabel("latency, ms; RTL: cycles / assumed clock")
-    axis.legend(fontsize=7)
+    axis.legend(fontsize=7, ncols=6, loc="lower center", bbox_to_anchor=(0.5, 1))
     figure.savefig(path, dpi=110, bbox_inches="tight")
     plt.close(figure)
