@@ -163,12 +163,23 @@ def plot(path: Path, pairs: dict[str, tuple[np.ndarray, np.ndarray]], source: st
 
 
 def run(
-    origin: Path, path: Path, output: Path, kinds: tuple[str, ...], cache: Path, *, progress: bool
+    origin: Path,
+    path: Path,
+    output: Path,
+    kinds: tuple[str, ...],
+    cache: Path,
+    *,
+    data: Dataset | None = None,
+    progress: bool,
 ) -> dict:
-    """The whole comparison, written to the folder `output`; returns what its JSON holds."""
+    """The whole comparison, written to the folder `output`; returns what its JSON holds.
+
+    data : the dataset in the file `path`, if it has been read already
+    """
     bundle = load_bundle(origin) if origin.is_dir() else None
     scene = bundle.scene if bundle else scenes.load(origin)
-    data = frames.read(path, scene, cache=cache, progress=progress)
+    if data is None:
+        data = frames.read(path, scene, cache=cache, progress=progress)
     require(data, scene, path, "true" in kinds)
     code, digest = digest_sources(SOURCES), digest_file(path)
     runs, content, pairs = output / "runs", {}, {}

@@ -50,14 +50,15 @@ def closed_form(scene: Scene, rest_depth_mm: np.ndarray, parts: Fields) -> dict[
     return force_ablation.errors(found_n, forces["test"])
 
 
-def mixed(true: Fields, found: Fields, kept: dict[str, np.ndarray]) -> dict[str, Fields]:
-    """d_x, d_y of the one and d_z of the other, of the frames (bool, by split) whose dots were all seen."""
+def seen(true: Fields, kept: dict[str, np.ndarray]) -> Fields:
+    """Those of the frames (bool, by split) whose dots were all found."""
+    return tuple({split: part[split][kept[split]] for split in SPLITS} for part in true)
 
-    def of(tangential: dict, normal: dict) -> Fields:
-        return {s: np.concatenate([tangential[s][:, :2], normal[s][:, 2:]], axis=1) for s in SPLITS}, found[1]
 
-    seen = {split: true[0][split][kept[split]] for split in SPLITS}
-    return {"true d_x, d_y; found d_z": of(seen, found[0]), "found d_x, d_y; true d_z": of(found[0], seen)}
+def mixed(tangential: Fields, normal: Fields) -> Fields:
+    """d_x and d_y of the one, d_z of the other, of the same frames."""
+    pairs = {split: (tangential[0][split][:, :2], normal[0][split][:, 2:]) for split in SPLITS}
+    return {split: np.concatenate(pair, axis=1) for split, pair in pairs.items()}, normal[1]
 
 
 def smaller_loads(data: Dataset, parts: Fields) -> Fields | None:
@@ -78,10 +79,10 @@ def noiseless(build: Build) -> Fields:
     """What the build's float pipeline and the dots show in frames without camera noise."""
     scene, data = build.scene, build.data
     sensor, label = variants(scene.sensor)[NOISELESS], f"frames, {NOISELESS}"
-    seen = seen_by(sensor, data, scene.protocol.seed, label=label, progress=build.progress)
-    pipeline = of_dataset(FloatPipeline.from_bundle(build.bundle), seen)
-    arrays = force_ablation.find_arrays(pipeline, seen, progress=build.progress)
-    return force_ablation.found_fields(arrays, seen)[0]
+    still = seen_by(sensor, data, scene.protocol.seed, label=label, progress=build.progress)
+    pipeline = of_dataset(FloatPipeline.from_bundle(build.bundle), still)
+    arrays = force_ablation.find_arrays(pipeline, still, progress=build.progress)
+    return force_ablation.found_fields(arrays, still)[0]
 
 
 def run(build: Build, folder: Path, found_file: Path) -> dict[str, dict]:
@@ -93,11 +94,11 @@ def run(build: Build, folder: Path, found_file: Path) -> dict[str, dict]:
     found = force_ablation.found_fields(arrays, data)[0]
     kept = {split: arrays[f"{split}.kept"] for split in SPLITS}
     free = scene.model_copy(update={"force": scene.force.model_copy(update={"clamp": False})})
-    mixtures = mixed(true, found, kept)
     experiments: dict[str, tuple[Scene, Callable[[], Fields | None]]] = {
         "true displacements": (scene, lambda: true),
         "found displacements": (scene, lambda: found),
-        **{name: (scene, lambda parts=parts: parts) for name, parts in mixtures.items()},
+        "true d_x, d_y; found d_z": (scene, lambda: mixed(seen(true, kept), found)),
+        "found d_x, d_y; true d_z": (scene, lambda: mixed(found, seen(true, kept))),
         "true, without the largest load": (scene, lambda: smaller_loads(data, true)),
     }
     if scene.force.clamp:

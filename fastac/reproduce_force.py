@@ -35,10 +35,16 @@ def lacks(build: Build) -> str | None:
 
 def run(build: Build, folder: Path) -> dict:
     """The ablation on the build's dataset and network, and the build's own force, from d_z alone."""
-    content = force_ablation.run(
-        build.folder, build.data_path, folder, ("true", "found"), build.cache, progress=build.progress
-    )
     data, axes = build.data, build.scene.force_axes
+    content = force_ablation.run(
+        build.folder,
+        build.data_path,
+        folder,
+        ("true", "found"),
+        build.cache,
+        data=data,
+        progress=build.progress,
+    )
     index = data.indices("test")
     truth_n = data.forces_n(index, axes)
     pipelines = {"float": FloatPipeline.from_bundle(build.bundle), "integer": build.bundle.pipeline}

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastac.limits_force import closed_form, mixed, smaller_loads
+from fastac.limits_force import closed_form, mixed, seen, smaller_loads
 from sensor.samples import SPLITS
 
 COUNTS = {"train": 40, "validation": 10, "test": 10}
@@ -48,20 +48,16 @@ def test_the_clamp_is_the_scene_s(drawn, make_scene):
 
 
 def test_mixtures_take_each_component_from_where_they_say(drawn):
-    fields, forces = drawn
     kept = {split: np.arange(count) % 3 > 0 for split, count in COUNTS.items()}
-    found = (
-        {split: -field[kept[split]] for split, field in fields.items()},
-        {split: force[kept[split]] for split, force in forces.items()},
-    )
-    mixtures = mixed(drawn, found, kept)
+    true = seen(drawn, kept)
+    found = {split: -field for split, field in true[0].items()}, true[1]
     for split in SPLITS:
-        true = fields[split][kept[split]]
-        of_normal, its_force = mixtures["true d_x, d_y; found d_z"]
-        np.testing.assert_array_equal(of_normal[split], true * [[[[1]], [[1]], [[-1]]]])
-        of_tangential, _ = mixtures["found d_x, d_y; true d_z"]
-        np.testing.assert_array_equal(of_tangential[split], true * [[[[-1]], [[-1]], [[1]]]])
-        assert its_force[split] is found[1][split]
+        np.testing.assert_array_equal(true[0][split], drawn[0][split][kept[split]])
+        np.testing.assert_array_equal(true[1][split], drawn[1][split][kept[split]])
+        sign = np.array([1, 1, -1])[:, None, None]
+        np.testing.assert_array_equal(mixed(true, found)[0][split], sign * true[0][split])
+        np.testing.assert_array_equal(mixed(found, true)[0][split], -sign * true[0][split])
+        assert mixed(true, found)[1][split] is true[1][split]
 
 
 def test_smaller_loads_are_all_but_the_largest(drawn, tiny_data):
