@@ -1,8 +1,10 @@
 """Experiments on what limits gradients and depth; each switches off one thing, all else stays as it is."""
 
+import json
+import multiprocessing
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,7 @@ from fastac.drift import take
 from fastac.reproduce_geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
 from fastac.reproduce_section import stamped_key, vertical
 from fastac.scene import Scene, Sensor
-from fastac.workspace import content_hash, digest_sources, read_or_make
+from fastac.workspace import content_hash, digest_sources, write_json
 from models import metrics
 from models.float_pipeline import FloatPipeline
 from models.pipeline import Result
@@ -74,20 +76,44 @@ def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: b
     return replace(data, frames=images, background=processed(background))
 
 
-def training_errors(scene: Scene, data: Dataset, weights: Path, *, progress: bool) -> dict:
-    """A pixel network trained on a dataset, and the errors of its gradients and depth on the test split.
+@dataclass(frozen=True)
+class Training:
+    """A pixel network to be trained on a dataset, and the file for its weights.
 
     It learns from every SPARSE-th row and column, in batches as much smaller: as many steps, in less time.
     """
-    if not weights.exists():
-        known = np.zeros(data.normals.shape[:3], bool)
+
+    scene: Scene
+    data: Dataset
+    weights: Path
+
+    def perform(self, *, progress: bool = False) -> None:
+        known = np.zeros(self.data.normals.shape[:3], bool)
         known[:, ::SPARSE, ::SPARSE] = True
-        batch_px = -(-scene.training.normals_batch_px // SPARSE**2)
-        settings = scene.training.model_copy(update={"normals_batch_px": batch_px})
-        sparse = scene.model_copy(update={"training": settings})
-        training.normals(replace(data, valid=known), sparse, weights, progress=progress)
-    pipeline = training.float_pipeline(training.load_arrays(weights), data, scene)
-    return summary(judge(pipeline, data, data.indices("test"), progress=progress)[0])
+        batch_px = -(-self.scene.training.normals_batch_px // SPARSE**2)
+        settings = self.scene.training.model_copy(update={"normals_batch_px": batch_px})
+        sparse = self.scene.model_copy(update={"training": settings})
+        training.normals(replace(self.data, valid=known), sparse, self.weights, progress=progress)
+
+    def errors(self, *, progress: bool) -> dict[str, float]:
+        """Of gradients and depth on the test split, all pixels."""
+        arrays = training.load_arrays(self.weights)
+        pipeline = training.float_pipeline(arrays, self.data, self.scene)
+        return summary(judge(pipeline, self.data, self.data.indices("test"), progress=progress)[0])
+
+
+def train_all(trainings: list[Training], processes: int, *, progress: bool) -> None:
+    """Those whose weights are not there yet, each on one core; the results do not depend on `processes`."""
+    missing = [one for one in trainings if not one.weights.exists()]
+    if processes == 1 or len(missing) < 2:
+        for one in missing:
+            one.perform(progress=progress)
+        return
+    # What a network does not learn from need not travel.
+    slim = [replace(one, data=replace(one.data, depth_mm=None, tangential_mm=None)) for one in missing]
+    with multiprocessing.get_context("spawn").Pool(min(processes, len(slim))) as pool:
+        done = pool.imap_unordered(Training.perform, slim)
+        list(tqdm(done, total=len(slim), desc="pixel networks", disable=not progress, leave=False))
 
 
 def summary(errors: dict) -> dict[str, float]:
@@ -106,32 +132,35 @@ def wider(scene: Scene) -> Scene:
 
 def networks(build: Build, folder: Path) -> dict[str, dict]:
     """By experiment: errors of networks trained and judged on the vertical presses, by channels."""
-    scene, found = build.scene, {}
+    scene = build.scene
     index = np.sort(np.concatenate([vertical(build.data, split) for split in SPLITS]))
     data = take(build.data, index)
     experiments = {name: (scene, sensor) for name, sensor in variants(scene.sensor).items()}
     experiments[f"{RECORDED}, a network twice as wide"] = (wider(scene), scene.sensor)
     base = [stamped_key(build, "data"), digest_sources(SOURCES)]
+    files, drawn = {}, {}
     for name, (of, sensor) in experiments.items():
         slug = name.replace(",", "").replace(" ", "-")
         key = content_hash(*base, name, of.model_dump(mode="json"), sensor.model_dump(mode="json"))
-
-        def judged(name=name, of=of, sensor=sensor, slug=slug, key=key) -> dict:
-            seen = data
-            if sensor != scene.sensor:
-                seed = scene.protocol.seed
-                seen = seen_by(sensor, data, seed, label=f"frames, {name}", progress=build.progress)
-            pairs = {"bgr": (rgb_scene(of), rgb_data(seen))} if name in WITH_RGB else {}
-            pairs["bgr+nir"] = (of, seen)
-            return {
-                channels: training_errors(
-                    its, part, folder / f"{slug}-{channels}-{key}.npz", progress=build.progress
-                )
-                for channels, (its, part) in pairs.items()
-            }
-
-        found[name] = read_or_make(folder / f"{slug}-{key}.json", judged)
-    return found
+        files[name] = folder / f"{slug}-{key}.json"
+        if files[name].exists():
+            continue
+        seen = data
+        if sensor != scene.sensor:
+            label = f"frames, {name}"
+            seen = seen_by(sensor, data, scene.protocol.seed, label=label, progress=build.progress)
+        pairs = {"bgr": (rgb_scene(of), rgb_data(seen))} if name in WITH_RGB else {}
+        pairs["bgr+nir"] = (of, seen)
+        drawn[name] = {
+            channels: Training(its, part, folder / f"{slug}-{channels}-{key}.npz")
+            for channels, (its, part) in pairs.items()
+        }
+    everything = [one for trainings in drawn.values() for one in trainings.values()]
+    train_all(everything, os.cpu_count() or 1, progress=build.progress)
+    for name, trainings in drawn.items():
+        errors = {channels: one.errors(progress=build.progress) for channels, one in trainings.items()}
+        write_json(files[name], errors)
+    return {name: json.loads(file.read_text()) for name, file in files.items()}
 
 
 def regions(build: Build) -> dict[str, dict[str, float]]:

@@ -2,7 +2,18 @@
 
 import numpy as np
 
-from fastac.limits_geometry import IDEAL, NOISELESS, RECORDED, seen_by, true_slopes, variants
+from fastac import training
+from fastac.limits_geometry import (
+    IDEAL,
+    NOISELESS,
+    RECORDED,
+    Training,
+    seen_by,
+    train_all,
+    true_slopes,
+    variants,
+)
+from fastac.reproduce_geometry import rgb_data, rgb_scene
 from fastac.scene import Light, Markers, Raw10
 
 EVERYTHING = {"markers": Markers(), "light": Light(specular=0.1, cast_shadows=True)}
@@ -56,3 +67,21 @@ def test_true_slopes_are_those_of_the_normals(tiny_data):
     normals = tiny_data.normals[[2, 5]]
     np.testing.assert_allclose(slopes[..., 0] * normals[..., 2], -normals[..., 0], atol=1e-7)
     np.testing.assert_allclose(slopes[..., 1] * normals[..., 2], -normals[..., 1], atol=1e-7)
+
+
+def test_trainings_are_the_same_in_any_number_of_processes(make_scene, tiny_data, tmp_path):
+    scene = make_scene(training={"normals_epochs": 1})
+    pairs = {"nir": (scene, tiny_data), "rgb": (rgb_scene(scene), rgb_data(tiny_data))}
+    found = []
+    for processes in (1, 2):
+        folder = tmp_path / str(processes)
+        folder.mkdir()
+        trainings = [Training(of, data, folder / f"{name}.npz") for name, (of, data) in pairs.items()]
+        train_all(trainings, processes, progress=False)
+        found.append([training.load_arrays(one.weights) for one in trainings])
+        errors = trainings[0].errors(progress=False)
+        assert set(errors) == {"gradient_mae_mm_per_px", "depth_mae_mm"}
+    for one, two in zip(*found, strict=True):
+        assert one.keys() == two.keys()
+        for key, array in one.items():
+            np.testing.assert_array_equal(array, two[key])
