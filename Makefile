@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
 .PHONY: all build test unit lint bench identities extremes stability synth verify verify-photographs trade scope \
-	samples clean
+	reproduce samples clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -89,6 +89,11 @@ trade: $(READY)
 # Only what is required: a column for each scene, with the wall times of the builds that are there.
 scope: $(READY)
 	$(FASTAC) scope scenes/*.toml
+
+# The paper's tables beside ours, into build/reproduce; `make reproduce SCENE=…` for another scene.
+reproduce: override SCENE := $(if $(filter file,$(origin SCENE)),fingertip,$(SCENE))
+reproduce: $(READY)
+	$(FASTAC) reproduce scenes/$(SCENE).toml
 
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)

@@ -185,7 +185,7 @@ class Build:
                 "report",
                 self._report,
                 digest_file(folder / synth.FILE) if (folder / synth.FILE).exists() else None,
-                ("fastac/report*.py", "fastac/*.j2", "fastac/energy.py"),
+                ("fastac/report*.py", "fastac/report.html.j2", "fastac/energy.py", "fastac/paper_figures.py"),
                 ("report.json", "report.html"),
                 ("evaluate", "sim"),
             ),

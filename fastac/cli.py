@@ -4,7 +4,7 @@ import sys
 
 import click
 
-from fastac.cli_build import build, report
+from fastac.cli_build import build, report, reproduce
 from fastac.cli_common import Group
 from fastac.cli_data import data, protocol
 from fastac.cli_hardware import calibration, sim, synth, verilog
@@ -26,7 +26,7 @@ def main():
 
 
 COMMANDS = (
-    *(build, report, data, protocol, import_, train, evaluate, predict, objects),
+    *(build, reproduce, report, data, protocol, import_, train, evaluate, predict, objects),
     *(verilog, calibration, sim, verify, synth, sweep, trade, scope),
 )
 for command in COMMANDS:

@@ -7,8 +7,6 @@ on true displacements, which shows what the model itself can do, and on those fo
 float pipeline and d_x, d_y by the markers. Runs that are complete, or interrupted, are taken from the output.
 """
 
-import hashlib
-import json
 from pathlib import Path
 
 import click
@@ -21,8 +19,9 @@ import numpy as np
 from fastac import frames, training
 from fastac import scene as scenes
 from fastac.cli_common import INPUT, cache_option, load_bundle, output_option, progress_option
+from fastac.paper_figures import FORCE_FULL, FORCE_MAE_N
 from fastac.scene import Scene
-from fastac.workspace import digest_file, digest_sources, write_json
+from fastac.workspace import content_hash, digest_file, digest_sources, write_json
 from models import displacement
 from models.float_pipeline import FloatPipeline
 from models.train_hyperforce_3d import select, train
@@ -30,29 +29,10 @@ from sensor.dataset import Dataset, DatasetError
 from sensor.samples import SPLITS
 
 AXES = "xyz"
-PAPER_MAE_N = {
-    ("dynamic", "xy"): (0.0386, 0.0279, 0.1570),
-    ("dynamic", "z"): (0.0235, 0.0325, 0.0589),
-    ("dynamic", "xyz"): (0.0235, 0.0246, 0.0545),
-    ("fixed", "xy"): (0.0545, 0.0318, 0.5123),
-    ("fixed", "z"): (0.1028, 0.0637, 0.4980),
-    ("fixed", "xyz"): (0.0516, 0.0344, 0.4905),
-}
-"""Of F_x, F_y, F_z: Lu et al., table of force modes; on their own sensor."""
-PAPER_FULL = {
-    "nmae_percent": (2.37, 2.41, 2.74),
-    "nrmse_percent": (3.15, 3.33, 3.72),
-    "r2": (0.9921, 0.9873, 0.9690),
-}
-"""Of the dynamic kernel with all three inputs; section "Three-Axis Force Sensing Evaluation"."""
 SOURCES = ("models/*.py", "fastac/force_ablation.py", "fastac/training.py")
 
 Fields = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
 """Displacements (frames, 3, N, N) in mm and forces (frames, 3) in N, by split."""
-
-
-def content_hash(*content) -> str:
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:24]
 
 
 def require(data: Dataset, scene: Scene, path: Path, wants_truth: bool) -> None:
@@ -85,18 +65,17 @@ def true_fields(data: Dataset) -> Fields:
     return fields, forces
 
 
-def found_fields(
-    pipeline: FloatPipeline, data: Dataset, kept: Path, *, progress: bool
-) -> tuple[Fields, dict[str, int]]:
-    """What the frames show, kept in the file `kept`, and how many frames of each split lack their markers."""
-    if not kept.exists():
-        arrays = {}
-        for split in SPLITS:
-            found = displacement.find(pipeline, data.frames[data.indices(split)], progress=progress)
-            arrays |= {f"{split}.field_mm": found.field_mm, f"{split}.kept": found.kept}
-        kept.parent.mkdir(parents=True, exist_ok=True)
-        training.save_arrays(kept, arrays)
-    arrays = training.load_arrays(kept)
+def find_arrays(pipeline: FloatPipeline, data: Dataset, *, progress: bool) -> dict[str, np.ndarray]:
+    """What the frames show: of each split the displacements `.field_mm` of the frames that are `.kept`."""
+    arrays = {}
+    for split in SPLITS:
+        found = displacement.find(pipeline, data.frames[data.indices(split)], progress=progress)
+        arrays |= {f"{split}.field_mm": found.field_mm, f"{split}.kept": found.kept}
+    return arrays
+
+
+def found_fields(arrays: dict[str, np.ndarray], data: Dataset) -> tuple[Fields, dict[str, int]]:
+    """Of `find_arrays`: displacements and forces, and how many frames of each split lack their markers."""
     fields, forces, lost = {}, {}, {}
     for split in SPLITS:
         seen = arrays[f"{split}.kept"]
@@ -129,7 +108,7 @@ def ablate(
     """All six trained and judged, by "kernel inputs", and the full model's forces (test frames, 3) in N."""
     fields, forces = parts
     results = {}
-    for kernel, inputs in PAPER_MAE_N:
+    for kernel, inputs in FORCE_MAE_N:
         model, history = train(
             scene,
             rest_depth_mm,
@@ -153,12 +132,12 @@ def table(content: dict) -> str:
     for name, found in content["displacements"].items():
         lines += ["", f"{name} displacements: mean absolute error, N, ours (the paper's)"]
         lines.append(f"  {'kernel':8s} {'inputs':7s}" + "".join(f"{f'F_{axis}':>18s}" for axis in AXES))
-        for (kernel, inputs), paper in PAPER_MAE_N.items():
+        for (kernel, inputs), paper in FORCE_MAE_N.items():
             ours = found["results"][f"{kernel} {inputs}"]["mae_n"]
             cells = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(ours, paper, strict=True))
             lines.append(f"  {kernel:8s} {inputs:7s}{cells}")
         full = found["results"]["dynamic xyz"]
-        for key, paper in PAPER_FULL.items():
+        for key, paper in FORCE_FULL.items():
             cells = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(full[key], paper, strict=True))
             lines.append(f"  {'dynamic xyz, ' + key:16s}"[:30].ljust(16) + cells)
         if any(found.get("lost_frames", {}).values()):
@@ -184,12 +163,23 @@ def plot(path: Path, pairs: dict[str, tuple[np.ndarray, np.ndarray]], source: st
 
 
 def run(
-    origin: Path, path: Path, output: Path, kinds: tuple[str, ...], cache: Path, *, progress: bool
+    origin: Path,
+    path: Path,
+    output: Path,
+    kinds: tuple[str, ...],
+    cache: Path,
+    *,
+    data: Dataset | None = None,
+    progress: bool,
 ) -> dict:
-    """The whole comparison, written to the folder `output`; returns what its JSON holds."""
+    """The whole comparison, written to the folder `output`; returns what its JSON holds.
+
+    data : the dataset in the file `path`, if it has been read already
+    """
     bundle = load_bundle(origin) if origin.is_dir() else None
     scene = bundle.scene if bundle else scenes.load(origin)
-    data = frames.read(path, scene, cache=cache, progress=progress)
+    if data is None:
+        data = frames.read(path, scene, cache=cache, progress=progress)
     require(data, scene, path, "true" in kinds)
     code, digest = digest_sources(SOURCES), digest_file(path)
     runs, content, pairs = output / "runs", {}, {}
@@ -208,9 +198,12 @@ def run(
                 if not weights.exists():
                     training.normals(data, scene, weights, progress=progress)
                 pipeline = training.float_pipeline(training.load_arrays(weights), data, scene)
-            parts, known["lost_frames"] = found_fields(
-                pipeline, data, runs / f"displacement-{key}.npz", progress=progress
-            )
+            kept = runs / f"displacement-{key}.npz"
+            if not kept.exists():
+                kept.parent.mkdir(parents=True, exist_ok=True)
+                training.save_arrays(kept, find_arrays(pipeline, data, progress=progress))
+            parts, known["lost_frames"] = found_fields(training.load_arrays(kept), data)
+            known["file"] = str(kept.relative_to(output))
         rest = data.rest_depth_mm.astype(np.float64)
         known["results"], full_n = ablate(scene, rest, parts, runs, f"{kind}-{key}", progress=progress)
         content[kind], pairs[kind] = known, (parts[1]["test"], full_n)
@@ -218,10 +211,10 @@ def run(
         "data": str(path),
         "source": data.source,
         "frames": {split: len(data.indices(split)) for split in SPLITS},
-        "paper": {f"{kernel} {inputs}": {"mae_n": mae} for (kernel, inputs), mae in PAPER_MAE_N.items()},
+        "paper": {f"{kernel} {inputs}": {"mae_n": mae} for (kernel, inputs), mae in FORCE_MAE_N.items()},
         "displacements": content,
     }
-    found["paper"]["dynamic xyz"] |= PAPER_FULL
+    found["paper"]["dynamic xyz"] |= FORCE_FULL
     write_json(output / "force_ablation.json", found)
     plot(output / "force_ablation.png", pairs, data.source)
     return found

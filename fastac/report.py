@@ -12,7 +12,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fastac import accuracy, energy, synth
+from fastac import accuracy, energy, paper_figures, synth
 from fastac.scene import Scene
 from fastac.workspace import write_json
 from gateware.platform_xczu19eg import DEVICE
@@ -23,16 +23,6 @@ LATENCY_ORIGIN = (
     "counted in the Verilator simulation of the top-level; stages: the design's formulas, whose"
     " sum the simulation confirms"
 )
-PAPER = {
-    "image_to_force_ms": 1.09,
-    "image_to_force_cycles_at_150_mhz": 163_500,
-    "normals_ms": 0.11,
-    "depth_ms": 0.87,
-    "force_ms": 0.11,
-    "float": {"gradient_mae_mm_per_px": 0.0456, "depth_mae_mm": 0.0496, "force_mae_n": 0.0668},
-    "integer": {"gradient_mae_mm_per_px": 0.0508, "depth_mae_mm": 0.0741, "force_mae_n": 0.0679},
-}
-"""Lu et al., "FasTac", Table S-I: 128×128 inputs, measured on the authors' sensor and board."""
 
 
 def estimated(value: float, formula: str) -> dict:
@@ -84,7 +74,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
         "resources": resources,
         **energy.estimate(bundle.pipeline),
         "device": DEVICE,
-        "paper": PAPER,
+        "paper": paper_figures.EDGE,
     }
 
 

@@ -13,36 +13,19 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from fastac import trade
-from fastac.report import PAPER
+from fastac.paper_figures import EDGE
 from fastac.sweep_results import Row
+from fastac.tables import Table, number
 from fastac.trade import COSTS, ERRORS, TUNING, Source
 
 PAGE, PICTURE = "trade.html", "trade_{}.png"
-PAPER_CYCLES = PAPER["image_to_force_cycles_at_150_mhz"]
+PAPER_CYCLES = EDGE["image_to_force_cycles_at_150_mhz"]
 PAPER_ERRORS = {
-    "depth_mae_mm": PAPER["integer"]["depth_mae_mm"],
-    "force_z_mae_n": PAPER["integer"]["force_mae_n"],
+    "depth_mae_mm": EDGE["integer"]["depth_mae_mm"],
+    "force_z_mae_n": EDGE["integer"]["force_mae_n"],
 }
 PAPER_LABEL = "the paper: its own sensor and board"
 SHOWN = ("latency_cycles", "dsp", "lut", "ramb36", "energy_uj")
-
-
-@dataclass(frozen=True)
-class Table:
-    title: str
-    head: Sequence[str]
-    rows: Sequence[Sequence[str]]
-    note: str = ""
-
-    @property
-    def text(self) -> str:
-        """For a terminal."""
-        widths = [max(map(len, column)) for column in zip(self.head, *self.rows, strict=True)]
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-            for line in (self.head, *self.rows)
-        ]
-        return "\n".join([self.title, *(f"  {line}" for line in lines)])
 
 
 @dataclass(frozen=True)
@@ -63,12 +46,6 @@ class Trade:
         for source in self.sources:
             found |= source.results.confirmations()
         return {row.key: found[row.key] for row in self.rows if row.key in found}
-
-
-def number(value) -> str:
-    if isinstance(value, float) and not value.is_integer():
-        return f"{value:.4g}"
-    return f"{value:,.0f}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
 
 
 def named(row: Row) -> str:

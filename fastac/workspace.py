@@ -30,12 +30,24 @@ def digest_sources(patterns: tuple[str, ...]) -> str:
     return digest.hexdigest()
 
 
+def content_hash(*content) -> str:
+    """Of JSON; short enough for a file's name."""
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:24]
+
+
 def write_json(path: Path, content) -> None:
     """Write JSON so that the file is never half there."""
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.part")
     temporary.write_text(json.dumps(content, indent=1) + "\n")
     os.replace(temporary, path)
+
+
+def read_or_make(path: Path, make: Callable[[], object]):
+    """The JSON in a file, made and written first where there is none."""
+    if not path.exists():
+        write_json(path, make())
+    return json.loads(path.read_text())
 
 
 @dataclass(frozen=True)
@@ -94,6 +106,13 @@ class Workspace:
             return False
         current = {"key": self.key(step), "files": self._files(step)}
         return isinstance(stamp, dict) and current == {name: stamp.get(name) for name in current}
+
+    def stamped_key(self, name: str) -> str:
+        """The key of a step when it last ran. Raises RuntimeError where it never did."""
+        try:
+            return str(json.loads((self.folder / ".stamps" / f"{name}.json").read_text())["key"])
+        except (OSError, ValueError, KeyError, TypeError):
+            raise RuntimeError(f"{self.folder}: step {name}: never performed") from None
 
     def seconds(self, name: str) -> float | None:
         """How long a step took when it last ran; None if that is not known."""

@@ -1,6 +1,6 @@
 """The float models from frames to force: what quantisation is measured against."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -103,6 +103,25 @@ class FloatPipeline:
                 found["force_map_n"] = ((axes, height - 2, width - 2), np.float32)
         return found
 
+    def stages(self) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+        """What `run` does to a frame, stage by stage, for those who measure their times.
+
+        normals : frame (H, W, C) uint8 to slopes (H, W, 2)
+        depth : these to the displacement (N, N) in mm, which is overwritten by the next
+        force : that to force_n (axes,)
+        The scene finds depth and, for the last one, force.
+        """
+        worker, after = _Worker(self), self._after
+
+        def normals(frame: np.ndarray) -> np.ndarray:
+            worker(frame[None], {"slopes": worker.slopes[None]})
+            return worker.slopes
+
+        found = {"normals": normals, "depth": after.solved}
+        if after.weights is not None:
+            found["force"] = lambda displacement_mm: after.force_n(after.clamped(displacement_mm))
+        return found
+
     def run(
         self, frames: np.ndarray, *, wanted: Iterable[str] | None = None, progress: bool = False
     ) -> Result:
@@ -139,22 +158,34 @@ class _AfterSlopes:
             weight = collapse(self.weights) if self.has_solver else self.weights
             self.weight = weight.reshape(len(weight), -1).astype(np.float64)
 
+    def solved(self, slopes: np.ndarray) -> np.ndarray:
+        """Slopes (H, W, 2) of one frame to the displacement (N, N) in mm."""
+        modes = self.sine @ source_of(slopes - self.rest_slopes, self.divergence) @ self.sine
+        np.multiply(modes, self.reciprocal, out=modes)
+        return self.sine @ modes @ self.sine
+
+    def force_n(self, x: np.ndarray) -> np.ndarray:
+        """What the force is linear in to its components (axes,)."""
+        return self.weight @ x.reshape(-1).astype(np.float64)
+
+    def clamped(self, displacement_mm: np.ndarray) -> np.ndarray:
+        """In place, if the scene says so."""
+        return np.maximum(displacement_mm, 0, out=displacement_mm) if self.force.clamp else displacement_mm
+
     def __call__(self, slopes: np.ndarray, out: dict[str, np.ndarray]) -> None:
         """Slopes (H, W, 2) of one frame into the places of its outputs."""
-        x = slopes - self.rest_slopes
         if self.has_solver:
-            modes = self.sine @ source_of(x, self.divergence) @ self.sine
-            np.multiply(modes, self.reciprocal, out=modes)
-            x = self.sine @ modes @ self.sine
+            x = self.solved(slopes)
             if "displacement_mm" in out:
                 out["displacement_mm"][...] = x
             if "depth_mm" in out:
                 out["depth_mm"][...] = self.rest_mm
                 out["depth_mm"][1:-1, 1:-1] -= x
-            if self.force.clamp:
-                np.maximum(x, 0, out=x)
+            x = self.clamped(x)
+        else:
+            x = slopes - self.rest_slopes
         if "force_n" in out:
-            out["force_n"][...] = self.weight @ x.reshape(-1).astype(np.float64)
+            out["force_n"][...] = self.force_n(x)
         if "force_map_n" in out:
             out["force_map_n"][...] = force_map(x, self.weights)
 

@@ -8,7 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from fastac import force_ablation, scene
-from fastac.force_ablation import PAPER_MAE_N, errors, require
+from fastac.force_ablation import errors, require
+from fastac.paper_figures import FORCE_MAE_N
 from models import train_hyperforce_3d
 from sensor import dataset
 from sensor.dataset import DatasetError
@@ -106,8 +107,8 @@ def test_all_six_forms_on_both_displacements(written):
     assert (output / "force_ablation.png").read_bytes()[:4] == b"\x89PNG"
     for kind in ("true", "found"):
         results = content["displacements"][kind]["results"]
-        assert list(results) == [" ".join(pair) for pair in PAPER_MAE_N]
-        for (kernel, inputs), paper in PAPER_MAE_N.items():
+        assert list(results) == [" ".join(pair) for pair in FORCE_MAE_N]
+        for (kernel, inputs), paper in FORCE_MAE_N.items():
             ours = results[f"{kernel} {inputs}"]["mae_n"]
             row = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(ours, paper, strict=True))
             assert f"  {kernel:8s} {inputs:7s}{row}" in result.output

@@ -95,8 +95,3 @@ def test_fine_tuning_is_a_table(shown):
 def test_confirmed_and_failed_designs_are_tables(shown):
     assert table(shown, "Designs confirmed in RTL").rows[0][:3] == ["point20", "exact", "0 of 1,234"]
     assert table(shown, "Designs that cannot be").rows == [["infeasible", "a 1", "cannot <be>"]]
-
-
-def test_a_table_as_text():
-    text = trade_page.Table("Title", ["a", "long head"], [["1,000", "x"]]).text
-    assert text.splitlines() == ["Title", "  a      long head", "  1,000  x"]

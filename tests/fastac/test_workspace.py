@@ -5,7 +5,15 @@ import time
 import pytest
 
 from fastac import workspace
-from fastac.workspace import Step, Workspace, digest_file, digest_sources, write_json
+from fastac.workspace import (
+    Step,
+    Workspace,
+    content_hash,
+    digest_file,
+    digest_sources,
+    read_or_make,
+    write_json,
+)
 
 
 class Bench:
@@ -181,3 +189,31 @@ def test_steps_are_timed(bench):
     assert place.seconds("first") == took  # of the run that made it
     (bench.folder / ".stamps" / "first.json").write_text("[]")
     assert place.seconds("first") is None
+
+
+def test_a_stamp_keeps_its_key(bench):
+    place = Workspace(bench.folder)
+    with pytest.raises(RuntimeError, match="step other: never performed"):
+        place.stamped_key("other")
+    key = place.stamped_key("first")
+    assert len(key) == 64
+    bench.run()
+    assert place.stamped_key("first") == key
+
+
+def test_what_is_there_is_not_made_again(tmp_path):
+    made = []
+
+    def make():
+        made.append(1)
+        return {"a": 1}
+
+    for _ in range(2):
+        assert read_or_make(tmp_path / "x.json", make) == {"a": 1}
+    assert made == [1]
+
+
+def test_a_content_s_hash_is_that_of_its_json():
+    assert content_hash({"a": 1, "b": (2,)}) == content_hash({"b": [2], "a": 1})
+    assert content_hash({"a": 1}) != content_hash({"a": 2})
+    assert len(content_hash()) == 24

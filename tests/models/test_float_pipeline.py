@@ -206,3 +206,17 @@ def test_chunks_and_choices_change_nothing(tiny_bundle, tiny_data):
         pipeline.run(frames, wanted=["force_raw"])
     with pytest.raises(ValueError, match=r"expected \(16, 16, 4\) uint8 each"):
         pipeline.run(frames[:, 1:])
+
+
+def test_the_stages_are_those_of_run(tiny_bundle, tiny_data):
+    pipeline = FloatPipeline.from_bundle(tiny_bundle)
+    stages, result = pipeline.stages(), pipeline.run(tiny_data.frames[:3])
+    assert list(stages) == ["normals", "depth", "force"]
+    for k, frame in enumerate(tiny_data.frames[:3]):
+        slopes = stages["normals"](frame)
+        np.testing.assert_array_equal(slopes, result.slopes[k])
+        displacement = stages["depth"](slopes)
+        np.testing.assert_allclose(displacement, result.displacement_mm[k], atol=1e-6)
+        np.testing.assert_allclose(stages["force"](displacement), result.force_n[k], rtol=1e-5)
+    without = replace(pipeline, force_weights=None)
+    assert list(without.stages()) == ["normals", "depth"]
