@@ -10,6 +10,7 @@ from fastac.cli_data import data, protocol
 from fastac.cli_hardware import calibration, sim, synth, verilog
 from fastac.cli_import import import_
 from fastac.cli_models import evaluate, objects, predict, train
+from fastac.cli_temporal import grasp, vibration
 from fastac.cli_trade import scope, sweep, trade
 from fastac.cli_verify import verify
 
@@ -26,7 +27,8 @@ def main():
 
 
 COMMANDS = (
-    *(build, reproduce, report, data, protocol, import_, train, evaluate, predict, objects),
+    *(build, reproduce, report, data, protocol, import_),
+    *(train, evaluate, predict, objects, vibration, grasp),
     *(verilog, calibration, sim, verify, synth, sweep, trade, scope),
 )
 for command in COMMANDS:

@@ -22,6 +22,8 @@ from fastac.workspace import digest_file, digest_sources
 from models.image_processing import ImageProcessing
 from sensor import dataset
 from sensor.dataset import Dataset, DatasetError
+from sensor.fingertip import sample
+from sensor.rig import Pressed
 
 CACHE = Path("build/cache")
 """Where processed frames are kept, unless the caller says otherwise."""
@@ -33,6 +35,12 @@ def channels(raw: np.ndarray, sensor: Sensor) -> np.ndarray:
     processing = ImageProcessing(**{key: getattr(sensor.raw10, key) for key in keys})
     by = processing.demosaic if sensor.raw10.method == "demosaic" else processing.bin_cells
     return by(raw)[..., : len(sensor.channel_names)]
+
+
+def of_press(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
+    """What the virtual camera sees of a press, as the models take it: (H, W, C) uint8."""
+    frame = sample(pressed, sensor, rng)["frame"]
+    return channels(frame, sensor) if sensor.frames == "raw10" else frame
 
 
 def read(path: Path | str, scene: Scene, *, cache: Path | str = CACHE, progress: bool = False) -> Dataset:

@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from fastac.frames import channels
+from fastac import frames
 from fastac.scene import Sensor
 from models.bundle import Bundle
 from models.pipeline import Result
 from sensor.elastomer import Layer
-from sensor.fingertip import FingertipError, sample
 from sensor.object_press import ObjectPress, press_object
 from sensor.objects import OBJECTS
+from sensor.protocol import FingertipError
 
 LOADS = 3.0
 """The load, unless the caller says otherwise, in the largest of the first bundle's protocol."""
@@ -93,9 +93,7 @@ def reconstruct(bundles: dict[Path, Bundle], load_n: float | None, *, progress: 
         truth, found = press_object(layer, make(), name, load_n), {}
         for bundle in bundles.values():
             sensor = bundle.scene.sensor
-            frame = sample(truth.pressed, sensor, np.random.default_rng(scene.protocol.seed))["frame"]
-            if sensor.frames == "raw10":
-                frame = channels(frame, sensor)
+            frame = frames.of_press(truth.pressed, sensor, np.random.default_rng(scene.protocol.seed))
             found[title(bundle)] = Reconstruction(frame, bundle.pipeline.run(frame[None]))
         shown.append(Shown(name, scene.sensor, truth, found))
     return shown

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from fastac import (
+    grasp,
     paper_figures,
     reproduce_force,
     reproduce_geometry,
@@ -16,6 +17,7 @@ from fastac import (
     reproduce_limits,
     reproduce_page,
     reproduce_stages,
+    vibration,
 )
 from fastac.build import Build
 from fastac.reproduce_section import Section, stamped_key
@@ -55,6 +57,25 @@ SECTIONS = (
         ("sensor/*.py", "fastac/reproduce_limits.py", "fastac/limits_*.py", "fastac/reproduce_geometry.py"),
         needs=("geometry", "forces"),
         lacks=reproduce_limits.lacks,
+    ),
+    Section(
+        "vibration",
+        "In time: vibrations",
+        lambda build, folder: vibration.run(build.bundle, folder, cache=build.cache, progress=build.progress),
+        vibration.tables,
+        ("sensor/*.py", "fastac/vibration.py", "fastac/sampling.py", "fastac/temporal_figures.py"),
+        lacks=lambda build: vibration.lacks(build.scene),
+    ),
+    Section(
+        "grasp",
+        "In time: a bottle that slips",
+        lambda build, folder: grasp.run(build.bundle, folder, cache=build.cache, progress=build.progress),
+        grasp.tables,
+        (
+            *("sensor/*.py", "fastac/grasp.py", "fastac/bottle.py", "fastac/grip_control.py"),
+            *("fastac/vibration.py", "fastac/temporal_figures.py"),
+        ),
+        lacks=lambda build: grasp.lacks(build.scene),
     ),
 )
 COMMON = ("models/*.py", "fastac/reproduce_section.py", "fastac/frames.py", "fastac/paper_figures.py")

@@ -17,9 +17,9 @@ from fastac.benchmark import fastest
 from fastac.cli_common import INPUT, cache_option, progress_option
 from fastac.scene import Scene, SceneError
 from sensor.camera import render
-from sensor.fem_gel import GelContact
 from sensor.fem_rig import FemRig
 from sensor.fem_skin import skin_of
+from sensor.gel_contact import GelContact
 from sensor.indenter import Ball
 from sensor.protocol import stations
 from sensor.raw_window import render_raw10

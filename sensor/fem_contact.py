@@ -2,7 +2,8 @@
 
 At each node: no pull and no overlap (force n ≥ 0, gap ≥ 0, one of them zero), and |t| ≤ μ n, where the node
 either sticks to the indenter or slides, with t against the slip. The indenter moves without turning; along
-each of its axes either its way or its force is given, so that loads are reached exactly. Small displacements:
+each of its axes either its way is given, or its force, or the force of a spring that leads it, so that loads
+are reached exactly. Small displacements:
 the gap of a node changes along the indenter's normal at first touch, with its way relative to the indenter.
 
 Each load step is solved by a semismooth Newton method on the compliance (Alart and Curnier, Comput. Methods
@@ -10,7 +11,7 @@ Appl. Mech. Eng. 92 (1991) 353; Hüeber, Stadler and Wohlmuth, SIAM J. Sci. Comp
 does not converge is halved.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -19,6 +20,8 @@ FORCE_TOLERANCE = 1e-8
 """Largest error of a force that is given, relative to the largest nodal force."""
 MAX_ITERATIONS = 40
 MAX_HALVINGS = 6
+DIVERGED = 1e9
+"""N or mm, beyond which an iteration does not come back."""
 SEEDS = 5
 """Nodes that first touch."""
 
@@ -36,6 +39,9 @@ class Load:
     """(3,) bool: whether the force is given along an axis; else the way."""
     value: np.ndarray
     """(3,) the skin's force on the indenter in N, or the indenter's way from first touch in mm."""
+    spring_n_per_mm: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """(3,) ≥ 0: along an axis with one, what is given is the force less this times the way, as where the
+    indenter hangs on a spring. A load that friction cannot carry then has an equilibrium too: it slides."""
 
 
 @dataclass(frozen=True)
@@ -86,13 +92,13 @@ class ContactProblem:
 
         Raises NotConvergedError where a step of 1/64 of the given ones still has no solution.
         """
-        before = np.where(load.forced, load.axes @ self.resultant_n(start), load.axes @ start.way_mm)
+        before = self._given(load, self.resultant_n(start), start.way_mm)
         state, done, size = start, 0.0, 1 / steps
         while done < 1 - 1e-12:
             share = min(done + size, 1.0)
             value = before + share * (load.value - before)
             try:
-                state = self._step(state, Load(load.axes, load.forced, value))
+                state = self._step(state, replace(load, value=value))
             except NotConvergedError:
                 size /= 2
                 if size < 1 / steps / 2**MAX_HALVINGS:
@@ -100,6 +106,12 @@ class ContactProblem:
                 continue
             done = share
         return state
+
+    @staticmethod
+    def _given(load: Load, resultant: np.ndarray, way: np.ndarray) -> np.ndarray:
+        """What `load.value` gives, (3,), of a resultant and a way."""
+        along = load.axes @ way
+        return np.where(load.forced, load.axes @ resultant - load.spring_n_per_mm * along, along)
 
     def _relative(self, force: np.ndarray, way: np.ndarray) -> np.ndarray:
         """The skin's movement relative to the indenter in each node's frame, (m, 3)."""
@@ -112,6 +124,10 @@ class ContactProblem:
             touching[np.argsort(self.gap_mm, kind="stable")[:SEEDS]] = True
             free = np.zeros_like(touching)
             force, way = self._newton(start, load, touching, free, np.zeros_like(start.slip_mm), free)
+        elif self.friction and not start.sticking.any():
+            # From where all slide, with no spring, no way is the solution: begin as if the load held them.
+            none = np.zeros_like(start.slip_mm)
+            force, way = self._newton(start, load, touching, touching, none, np.zeros(len(force)))
         for _ in range(MAX_ITERATIONS):
             relative = self._relative(force, way)
             gap, slip = self.gap_mm + relative[:, 0], relative[:, 1:] - start.slip_mm
@@ -134,7 +150,7 @@ class ContactProblem:
         sliding = touching & ~sticking
         small = FORCE_TOLERANCE * np.abs(force).max()
         off = force[sliding, 1:] - self.friction * force[sliding, :1] * direction[sliding]
-        resultant = -np.einsum("ia,iab->b", force, self.frame)
+        given = self._given(load, -np.einsum("ia,iab->b", force, self.frame), way)
         return (
             small > 0
             and not force[~touching].any()
@@ -143,8 +159,8 @@ class ContactProblem:
             and np.abs(gap[touching]).max(initial=0) <= GAP_TOLERANCE_MM
             and np.abs(slip[sticking]).max(initial=0) <= GAP_TOLERANCE_MM
             and np.abs(off).max(initial=0) <= small
-            and np.abs(load.axes @ resultant - load.value)[load.forced].max(initial=0) <= small
-            and np.abs(load.axes @ way - load.value)[~load.forced].max(initial=0) <= GAP_TOLERANCE_MM
+            and np.abs(given - load.value)[load.forced].max(initial=0) <= small
+            and np.abs(given - load.value)[~load.forced].max(initial=0) <= GAP_TOLERANCE_MM
         )
 
     def _newton(self, start, load, touching, sticking, direction, share):
@@ -162,6 +178,7 @@ class ContactProblem:
         matrix[: 3 * count, : 3 * count] = self.compliance[np.ix_(rows, rows)]
         matrix[3 * count :, : 3 * count] = -load.axes[forced] @ frame.reshape(-1, 3).T
         matrix[: 3 * count, 3 * count :] = matrix[3 * count :, : 3 * count].T
+        matrix[3 * count :, 3 * count :] = -np.diag(load.spring_n_per_mm[forced])
         right = np.concatenate([-self.gap_mm[nodes, None], start.slip_mm[nodes]], axis=1) + frame @ given
 
         slide = np.flatnonzero(~sticking[nodes])
@@ -181,6 +198,8 @@ class ContactProblem:
             found = np.linalg.solve(matrix, side)
         except np.linalg.LinAlgError:
             raise NotConvergedError from None
+        if not np.abs(found).max() < DIVERGED:
+            raise NotConvergedError
         force = np.zeros_like(start.force)
         force[nodes] = found[: 3 * count].reshape(-1, 3)
         return force, given + load.axes[forced].T @ found[3 * count :]

@@ -15,73 +15,28 @@ from sensor.elastomer import ContactError
 from sensor.fem import cached_unit_compliance
 from sensor.fem_contact import GAP_TOLERANCE_MM, ContactProblem, Load, NotConvergedError, State
 from sensor.fem_mesh import GelMesh, sensor_mesh
+from sensor.gel_contact import GelContact
 from sensor.indenter import Indenter
 
 STEEPEST = 4.0
 """Slope of an indenter beyond which it is a side, not a face: small displacements say nothing there."""
 FINER = 4
 """Points along each side of an element that are searched for the first touch."""
-REMAPPINGS = 8
-"""Fixed-point iterations to find which point of the skin lies above a pixel; each is a factor of strain."""
 
 
 @dataclass(frozen=True)
-class GelContact:
-    mesh: GelMesh
-    displacement_mm: np.ndarray
-    """(ny, nx, 3) x, y, z displacement of each node of the skin; pressing is negative z."""
-    nodal_force_n: np.ndarray
-    """(ny, nx, 3) force on each node of the skin."""
-    touching: np.ndarray
-    """(ny, nx) bool."""
-    sticking: np.ndarray
-    """(ny, nx) bool: touching, and at rest on the indenter in the last step of the load."""
-    force_n: np.ndarray
-    """(3,) the skin's force on the indenter."""
+class Meeting:
+    """An indenter over the skin: what may touch, before anything does."""
+
+    indenter: Indenter
+    x_mm: float
+    y_mm: float
+    problem: ContactProblem
+    candidates: np.ndarray
+    """Nodes of the problem among the skin's inner nodes, row by row."""
+    other_gap_mm: np.ndarray
+    """(ny, nx) gap at first touch of the skin's other nodes, infinite at candidates."""
     first_touch_mm: float
-    """z of the indenter's lowest point when it first touches the skin, which may be between nodes."""
-    way_mm: np.ndarray
-    """(3,) how far the indenter moved from there."""
-
-    def pressure_mpa(self) -> np.ndarray:
-        """(ny, nx, 3) force on the indenter per area seen along z, at each node."""
-        return -self.nodal_force_n / self.mesh.areas_mm2()[..., None]
-
-    def displacement_at(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """(…, 3) displacement of the skin's points that lie at x, y at rest; cubic between nodes."""
-        return np.stack([self._spline(i).ev(y_mm, x_mm) for i in range(3)], axis=-1)
-
-    def _spline(self, axis: int) -> RectBivariateSpline:
-        skin = self.mesh.skin_mm
-        return RectBivariateSpline(skin[:, 0, 1], skin[0, :, 0], self.displacement_mm[..., axis])
-
-    def depth_at(self, x_mm: np.ndarray, y_mm: np.ndarray, rest_depth_mm) -> np.ndarray:
-        """z of the deformed skin above x, y (…), in mm.
-
-        rest_depth_mm : function of x and y. Which point of the skin has moved to x, y is found by iteration.
-        """
-        splines = [self._spline(i) for i in range(3)]
-        from_x, from_y = x_mm, y_mm
-        for _ in range(REMAPPINGS):
-            from_x, from_y = x_mm - splines[0].ev(from_y, from_x), y_mm - splines[1].ev(from_y, from_x)
-        return rest_depth_mm(from_x, from_y) + splines[2].ev(from_y, from_x)
-
-    def force_map_n(self, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-        """(H, W, 3) force on the indenter of each pixel; x_mm (W,) and y_mm (H,) are the pixels' centres.
-
-        Each node's force is shared out by its bilinear hat, so that the sum is the resultant exactly. Raises
-        ContactError where no pixel lies under a loaded node's hat.
-        """
-        skin, shared = self.mesh.skin_mm, []
-        for nodes, pixels in ((skin[:, 0, 1], y_mm), (skin[0, :, 0], x_mm)):
-            hats = np.stack([np.interp(pixels, nodes, row) for row in np.eye(len(nodes))], axis=-1)
-            shared.append(hats / np.where(hats.sum(axis=0) > 0, hats.sum(axis=0), np.nan))
-        rows, columns = self.touching.any(axis=1), self.touching.any(axis=0)
-        force = -self.nodal_force_n[rows][:, columns]
-        image = np.einsum("vj,jia,ui->vua", shared[0][:, rows], force, shared[1][:, columns])
-        if not np.isfinite(image).all():
-            raise ContactError("force map: pixels are farther apart than the mesh's nodes")
-        return image
 
 
 class Gel:
@@ -144,21 +99,15 @@ class Gel:
         where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm with {load_n:g} N"
         if not load_n > 0:
             raise ContactError(f"{where}: expected a load of more than 0")
-        if not 0 <= friction <= 10:
-            raise ContactError(f"{where}: friction = {friction:g}: expected 0 to 10")
-        touch_mm = self._first_touch_mm(indenter, x_mm, y_mm, where)
-        problem, candidates, other_gap = self._problem(indenter, x_mm, y_mm, touch_mm, friction, where)
+        meeting = self._meet(indenter, x_mm, y_mm, friction, self.elastomer.thickness_mm, where)
+        problem = meeting.problem
         down = self._press_down(problem, load_n, steps, where)
-        contact = self._contact(problem, down, candidates, touch_mm)
-        self._check(contact, other_gap, where)
-        found: list[GelContact | ContactError] = [contact]
+        found: list[GelContact | ContactError] = [self.contact(meeting, down, where)]
         for drag in drags_n:
             dragged = f"{where} and {drag[0]:g}, {drag[1]:g} N sideways"
             try:
                 state = self._drag(problem, down, load_n, drag, steps, dragged)
-                contact = self._contact(problem, state, candidates, touch_mm)
-                self._check(contact, other_gap, dragged)
-                found.append(contact)
+                found.append(self.contact(meeting, state, dragged))
             except ContactError as error:
                 found.append(error)
         return found
@@ -170,8 +119,21 @@ class Gel:
         touch = self._fine_z_mm - indenter.surface(*np.meshgrid(x - x_mm, y - y_mm))[0]
         return float(touch.max())
 
-    def _problem(self, indenter, x_mm, y_mm, touch_mm, friction, where):
-        """The contact problem of the nodes that may touch, which those are, and the gap of the others."""
+    def meet(
+        self, indenter: Indenter, x_mm: float, y_mm: float, *, friction: float, reach_mm: float
+    ) -> Meeting:
+        """The contact problem of an indenter with its axis at x, y, to be led from load to load.
+
+        reach_mm : how far at most it will sink, for nodes farther from it at first touch are left out
+        Raises ContactError for an indenter beside the skin or on its rim.
+        """
+        where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm"
+        return self._meet(indenter, x_mm, y_mm, friction, min(reach_mm, self.elastomer.thickness_mm), where)
+
+    def _meet(self, indenter, x_mm, y_mm, friction, reach_mm, where) -> Meeting:
+        if not 0 <= friction <= 10:
+            raise ContactError(f"{where}: friction = {friction:g}: expected 0 to 10")
+        touch_mm = self._first_touch_mm(indenter, x_mm, y_mm, where)
         skin = self.mesh.skin_mm
         z, p, q = indenter.surface(skin[..., 0] - x_mm, skin[..., 1] - y_mm)
         if not np.isfinite(z).any():
@@ -179,7 +141,7 @@ class Gel:
         gap = np.maximum(z + touch_mm - skin[..., 2], 0)
         inner = (slice(1, -1), slice(1, -1))
         flat, slopes = gap[inner].ravel(), np.hypot(p, q)[inner].ravel()
-        candidates = np.flatnonzero((flat < self.elastomer.thickness_mm) & (slopes < STEEPEST))
+        candidates = np.flatnonzero((flat < reach_mm) & (slopes < STEEPEST))
         other_gap = gap.copy()
         row, column = np.unravel_index(candidates, self.mesh.shape)
         other_gap[row + 1, column + 1] = np.inf
@@ -190,7 +152,7 @@ class Gel:
         dofs = (3 * candidates[:, None] + np.arange(3)).ravel()
         compliance = self._unit[np.ix_(dofs, dofs)] / self.elastomer.modulus_mpa
         problem = ContactProblem(compliance, flat[candidates] * normals[:, 2], normals, friction)
-        return problem, candidates, other_gap
+        return Meeting(indenter, x_mm, y_mm, problem, candidates, other_gap, touch_mm)
 
     @staticmethod
     def _press_down(problem: ContactProblem, load_n: float, steps: int, where: str) -> State:
@@ -216,7 +178,12 @@ class Gel:
             raise ContactError(f"{where}: slides, a friction of {problem.friction:g} is too little")
         return state
 
-    def _contact(self, problem: ContactProblem, state: State, candidates, touch_mm: float) -> GelContact:
+    def contact(self, meeting: Meeting, state: State, where: str) -> GelContact:
+        """What a state of the meeting's problem makes of the skin; `where` begins errors.
+
+        Raises ContactError where nodes beside the candidates for contact overlap, or the gel is too thin.
+        """
+        problem, candidates = meeting.problem, meeting.candidates
         ny, nx = self.mesh.shape
         inner = np.zeros((ny * nx, 3))
         inner[candidates] = problem.forces_n(state)
@@ -229,10 +196,12 @@ class Gel:
             mask[candidates[chosen]] = True
             fields.append(mask.reshape(ny, nx))
         whole = [np.pad(field, ((1, 1), (1, 1), (0, 0))[: field.ndim]) for field in fields]
-        return GelContact(self.mesh, *whole, problem.resultant_n(state), touch_mm, state.way_mm)
+        touch_mm, way_mm = meeting.first_touch_mm, state.way_mm
+        contact = GelContact(self.mesh, *whole, problem.resultant_n(state), touch_mm, way_mm)
+        self._check(contact, meeting.other_gap_mm, where)
+        return contact
 
     def _check(self, contact: GelContact, other_gap: np.ndarray, where: str) -> None:
-        """Raise ContactError where nodes beside the candidates for contact overlap, or the gel is thin."""
         overlap = other_gap + contact.way_mm[2] - contact.displacement_mm[..., 2] < -GAP_TOLERANCE_MM
         if overlap[1:-1, 1:-1].any():
             raise ContactError(f"{where}: the skin reaches the indenter's side")

@@ -7,8 +7,9 @@ from threadpoolctl import threadpool_limits
 
 from fastac.scene import Sensor
 from sensor.elastomer import ContactError
-from sensor.fem_gel import Gel, GelContact
+from sensor.fem_gel import Gel
 from sensor.fem_skin import skin_of
+from sensor.gel_contact import GelContact
 from sensor.indenter import Ball
 from sensor.protocol import Station
 from sensor.rig import Pressed

@@ -12,7 +12,7 @@ from scipy.interpolate import RectBivariateSpline
 from scipy.ndimage import binary_fill_holes, map_coordinates, spline_filter
 
 from fastac.scene import Sensor
-from sensor.fem_gel import REMAPPINGS, GelContact
+from sensor.gel_contact import REMAPPINGS, GelContact
 from sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm
 from sensor.indenter import Indenter
 from sensor.layer_rig import slopes_less

@@ -97,3 +97,36 @@ def tiny_bundle(tiny_folder):
     from models import bundle
 
     return bundle.load(tiny_folder / "bundle")
+
+
+@pytest.fixture(scope="session")
+def tiny_rig_scene(make_scene) -> Scene:
+    """The tiny scene on finite elements with friction, three axes of force."""
+    gel = {"mechanics": "fem", "friction": 0.8, "elements": 12, "layers": 1}
+    return make_scene(name="tiny_rig", outputs=["force_xyz"], sensor={"elastomer": gel})
+
+
+@pytest.fixture(scope="session")
+def tiny_rig_cache(tmp_path_factory) -> Path:
+    """A folder for the compliance of that scene's gel."""
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="session")
+def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, tmp_path_factory) -> Path:
+    """A build folder of that scene with everything up to the bundle. Not to be changed."""
+    from fastac.build import Build
+    from sensor.fingertip import generate
+
+    folder = tmp_path_factory.mktemp("build") / "tiny_rig"
+    data = folder.with_name("tiny_rig.h5")
+    generate(tiny_rig_scene, data, cache=tiny_rig_cache, progress=False, processes=1)
+    Build(tiny_rig_scene, folder, data, progress=False).run(lambda name, current: None, until="bundle")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def tiny_rig_bundle(tiny_rig_folder):
+    from models import bundle
+
+    return bundle.load(tiny_rig_folder / "bundle")

@@ -8,7 +8,9 @@ import pytest
 from fastac import frames
 from fastac.build import Build
 from sensor import dataset
-from sensor.fingertip import generate
+from sensor.fingertip import generate, sample
+from sensor.protocol import Station
+from sensor.rig import rig_of
 
 RAW = {"frames": "raw10"}
 
@@ -30,6 +32,16 @@ def test_channels_are_left_as_they_are(tiny_file, tiny_scene, tmp_path):
     data = frames.read(tiny_file, tiny_scene, cache=tmp_path / "cache")
     np.testing.assert_array_equal(data.frames, dataset.read(tiny_file).frames)
     assert not (tmp_path / "cache").exists(), "nothing is processed, so nothing is kept"
+
+
+@pytest.mark.parametrize("changes", [{}, RAW])
+def test_of_a_press_is_what_the_models_take(changes, make_scene):
+    sensor = make_scene(sensor=changes).sensor
+    pressed = rig_of(sensor, "unused").presses(Station("test", 0.0, 0.0, 0.05), 1.5)[0]
+    image = frames.of_press(pressed, sensor, np.random.default_rng(1))
+    assert (image.shape, image.dtype) == ((16, 16, 4), np.uint8)
+    seen = sample(pressed, sensor, np.random.default_rng(1))["frame"]
+    np.testing.assert_array_equal(image, frames.channels(seen, sensor) if changes else seen)
 
 
 def test_raw10_is_processed_once(raw_file, raw_scene, tmp_path, monkeypatch):

@@ -98,10 +98,10 @@ def content(place):
 
 def test_everything_is_there_and_called_simulated(place, content):
     folder, result = place
-    assert list(content["sections"]) == ["geometry", "forces", "stages", "limits"]
+    assert list(content["sections"]) == ["geometry", "forces", "stages", "limits", "vibration", "grasp"]
     assert (content["frames_are"], content["samples"], content["absent"]) == ("simulated", SAMPLES, {})
     page = (folder / "out" / "reproduce.html").read_text()
-    assert page.count("data:image/png;base64,") == 4
+    assert page.count("data:image/png;base64,") == 6
     assert 'src="http' not in page
     for section in reproduce.SECTIONS:
         assert section.title in page
