@@ -83,12 +83,17 @@ class Fit:
         torch.manual_seed(self.seed)
         generator = torch.Generator().manual_seed(self.seed)
         x, y = torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y)
-        optimiser = torch.optim.AdamW(model.parameters(), lr=self.rate, weight_decay=self.weight_decay)
+        optimiser = torch.optim.AdamW(
+            model.parameters(), lr=self.rate, weight_decay=self.weight_decay, fused=True
+        )
         steps = self.epochs * -(-len(x) // self.batch)
         schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
         spread = x.std(dim=0) * self.input_noise
         spread[-2:] = self.position_noise / COORDINATE_SCALE
         noisy = bool(spread.any())
+        if teacher is not None and not noisy:  # it says the same every time
+            with torch.no_grad():
+                y, teacher = torch.cat([teacher(part) for part in x.split(self.batch)]), None
         best, best_state, history = np.inf, None, []
         if validation is not None:  # what it starts from counts too: fine-tuning must not lose it
             best, best_state = _loss(model, *validation), copy.deepcopy(model.state_dict())
@@ -205,6 +210,31 @@ def train(
     return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)
 
 
+class _Requantise(torch.autograd.Function):
+    """`Requantisation` of whole accumulators, with the gradients of a · multiplier · 2**−shift in its range.
+
+    One function in place of its parts: memory is what limits them, and each would write its results there.
+    """
+
+    @staticmethod
+    def forward(ctx, a: torch.Tensor, multiplier: torch.Tensor, scale: Requantisation) -> torch.Tensor:
+        unit, top = 2.0**-scale.shift, (1 << scale.bits) - 1
+        smooth = a * (multiplier * unit)
+        ctx.save_for_backward(a, multiplier, (smooth >= 0) & (smooth <= top))
+        ctx.unit = unit
+        # Accumulators stay below 2**24, so float32 holds them exactly; their products do not.
+        return a.double().mul_(multiplier.round().double() * unit).floor_().clamp_(0, top).float()
+
+    @staticmethod
+    def backward(ctx, gradient: torch.Tensor):
+        a, multiplier, within = ctx.saved_tensors
+        passed = gradient * within
+        of_multiplier = None
+        if ctx.needs_input_grad[1]:
+            of_multiplier = (passed * a).sum(dim=0) * ctx.unit
+        return passed.mul_(multiplier * ctx.unit), of_multiplier, None
+
+
 class BitTrueNetwork(torch.nn.Module):
     """The integer layers as a network: forward exact, gradients straight through the roundings.
 
@@ -247,16 +277,10 @@ class BitTrueNetwork(torch.nn.Module):
         x = x.round()
         for index, layer in enumerate(self.layers[:-1]):
             weight, bias = self._integers(index)
-            # Accumulators stay below 2**24, so float32 holds them exactly; their products do not.
-            a = x @ weight.T + bias
-            scale, multiplier = layer.requantisation, self._multiplier(index)
-            top = (1 << scale.bits) - 1
-            smooth = (a * (multiplier * 2.0**-scale.shift)).clamp(0, top)
-            product = a.detach().clamp(min=0).double() * multiplier.detach().round().double()
-            exact = (product * 2.0**-scale.shift).floor().clamp(max=top)
-            x = smooth + (exact.float() - smooth).detach()
+            a = torch.addmm(bias, x, weight.T)
+            x = _Requantise.apply(a, self._multiplier(index), layer.requantisation)
         weight, bias = (part.to(self.last_type) for part in self._integers(len(self.layers) - 1))
-        return x.to(self.last_type) @ weight.T + bias
+        return torch.addmm(bias, x.to(self.last_type), weight.T)
 
     def quantised(self) -> tuple[Layer, ...]:
         """The layers with the integers learned so far."""
