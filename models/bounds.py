@@ -7,6 +7,8 @@ from the integer tables themselves, so the bounds hold for the hardware, not for
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
+from math import isqrt
 
 import numpy as np
 
@@ -28,6 +30,12 @@ class Stage:
     format: Fixed
 
 
+def _square(content: bytes) -> np.ndarray:
+    """The square matrix of such float64."""
+    values = np.frombuffer(content)
+    return values.reshape(isqrt(len(values)), -1)
+
+
 def stencil_norms(matrix: np.ndarray, divergence: str) -> tuple[np.ndarray, np.ndarray]:
     """L1 norms over a row or column of slopes: (along the derivative, across it), each (N,)."""
     kernel = {"central": np.array([0.5, 0.0, -0.5]), "backward": np.array([1.0, -1.0])}[divergence]
@@ -39,7 +47,14 @@ def green_norm(matrix: np.ndarray, reciprocal: np.ndarray, divergence: str) -> f
     """max over pixels of the L1 norm of the map from slopes to that pixel's solution.
 
     The square's symmetries leave one octant of pixels to try: mirrored, a stencil only changes its sign.
+    Kept for the next solver of the same tables, as a sweep has many.
     """
+    return _green_norm(*(np.asarray(x, np.float64).tobytes() for x in (matrix, reciprocal)), divergence)
+
+
+@lru_cache(maxsize=16)
+def _green_norm(of_matrix: bytes, of_reciprocal: bytes, divergence: str) -> float:
+    matrix, reciprocal = (_square(content) for content in (of_matrix, of_reciprocal))
     half = (len(matrix) + 1) // 2
     worst = 0.0
     for i in range(half):

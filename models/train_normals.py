@@ -211,27 +211,27 @@ def train(
 
 
 class _Requantise(torch.autograd.Function):
-    """`Requantisation` of whole accumulators, with the gradients of a · multiplier · 2**−shift in its range.
+    """`Requantisation` of whole accumulators (neurons, pixels), exactly.
 
-    One function in place of its parts: memory is what limits them, and each would write its results there.
+    Gradients are those of a · multiplier · 2**−shift within its range. One function in place of its parts:
+    memory is what limits them, and each would write its results there.
     """
 
     @staticmethod
     def forward(ctx, a: torch.Tensor, multiplier: torch.Tensor, scale: Requantisation) -> torch.Tensor:
-        unit, top = 2.0**-scale.shift, (1 << scale.bits) - 1
-        smooth = a * (multiplier * unit)
-        ctx.save_for_backward(a, multiplier, (smooth >= 0) & (smooth <= top))
-        ctx.unit = unit
+        ctx.unit, ctx.top = 2.0**-scale.shift, (1 << scale.bits) - 1
+        ctx.save_for_backward(a, multiplier, a * (multiplier * ctx.unit))
         # Accumulators stay below 2**24, so float32 holds them exactly; their products do not.
-        return a.double().mul_(multiplier.round().double() * unit).floor_().clamp_(0, top).float()
+        product = a.double().mul_(multiplier.round().double() * ctx.unit)
+        return product.floor_().clamp_(0, ctx.top).float()
 
     @staticmethod
     def backward(ctx, gradient: torch.Tensor):
-        a, multiplier, within = ctx.saved_tensors
-        passed = gradient * within
+        a, multiplier, smooth = ctx.saved_tensors
+        passed = torch.ops.aten.hardtanh_backward(gradient, smooth, 0, ctx.top)
         of_multiplier = None
         if ctx.needs_input_grad[1]:
-            of_multiplier = (passed * a).sum(dim=0) * ctx.unit
+            of_multiplier = (passed * a).sum(dim=1, keepdim=True) * ctx.unit
         return passed.mul_(multiplier * ctx.unit), of_multiplier, None
 
 
@@ -274,13 +274,13 @@ class BitTrueNetwork(torch.nn.Module):
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         """Integer features (pixels, inputs), float32, to the last layer's integers, float32 or float64."""
-        x = x.round()
+        x = x.round().T  # a row a neuron: what is one number a neuron then meets whole rows
         for index, layer in enumerate(self.layers[:-1]):
             weight, bias = self._integers(index)
-            a = torch.addmm(bias, x, weight.T)
-            x = _Requantise.apply(a, self._multiplier(index), layer.requantisation)
+            a = torch.addmm(bias[:, None], weight, x)
+            x = _Requantise.apply(a, self._multiplier(index)[:, None], layer.requantisation)
         weight, bias = (part.to(self.last_type) for part in self._integers(len(self.layers) - 1))
-        return torch.addmm(bias, x.to(self.last_type), weight.T)
+        return torch.addmm(bias[:, None], weight, x.to(self.last_type)).T
 
     def quantised(self) -> tuple[Layer, ...]:
         """The layers with the integers learned so far."""
