@@ -101,7 +101,7 @@ class Fit:
         for epoch in range(self.epochs):
             total = 0.0
             for index in torch.randperm(len(x), generator=generator).split(self.batch):
-                inputs, truth = x[index], y[index]
+                inputs, truth = x.index_select(0, index), y.index_select(0, index)
                 if noisy:
                     shape = (copies, *inputs.shape) if copies else inputs.shape
                     inputs = inputs + spread * torch.randn(shape, generator=generator)
