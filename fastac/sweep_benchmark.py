@@ -24,17 +24,27 @@ from fastac.sweep_spec import Point
 
 
 def measurable(spec: sweep_spec.Spec, base, folder: Path, count: int, setting: Setting) -> list[Point]:
-    """The first `count` possible points that need the fewest trainings, all trained."""
+    """The first `count` possible points that need the fewest trainings, all trained; fewer if there are."""
     points = [point for point in sweep_spec.grid(spec, base, folder) if point.scene is not None]
     by_training: dict[tuple, list[Point]] = {}
     for point in points:
         steps = PointModels(point.scene, setting).steps.values()
         by_training.setdefault(tuple(step.key for step in steps), []).append(point)
     ordered = sorted(by_training.values(), key=len, reverse=True)
-    chosen = [point for group in ordered for point in group][:count]
-    trained = {s.path: s for p in chosen for s in PointModels(p.scene, setting).steps.values()}
-    for step in tqdm(trained.values(), desc="training", unit="step", leave=False):
-        step.perform()
+    chosen: list[Point] = []
+    with tqdm(total=count, desc="preparing", unit="point", leave=False) as bar:
+        for point in (point for group in ordered for point in group):
+            if len(chosen) == count:
+                break
+            models = PointModels(point.scene, setting)
+            for step in models.steps.values():
+                step.perform()
+            try:
+                _ = models.pipeline
+            except ValueError:  # a word that is too short: found out too soon to take any time
+                continue
+            chosen.append(point)
+            bar.update()
     return chosen
 
 
