@@ -17,6 +17,7 @@ import numpy as np
 from fastac.accuracy import spread
 from fastac.cli_common import load_bundle
 from fastac.frames import read
+from fastac.scene import Scene
 from models import direct
 from models.bundle import Bundle, BundleError
 from models.emulator import Emulator
@@ -58,7 +59,22 @@ def fastest(run: Callable[[], object], repeats: int) -> tuple[float, float]:
 
 def line(name: str, seconds: tuple[float, float], frames: int) -> str:
     wall, processor = (1e3 * value / frames for value in seconds)
-    return f"  {name:15s} {wall:8.2f} ms {1e3 / wall:8.0f} frames/s {processor:9.2f} ms of processor time"
+    return f"  {name:44s} {wall:8.2f} ms {1e3 / wall:8.0f} frames/s {processor:9.2f} ms of processor time"
+
+
+def put_out(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """What of all results a scene puts out, in the emulator's words and in the float pipeline's units."""
+    words, units = ["validity"], []
+    for wanted, word, unit in (
+        ("normals" in scene.outputs, "normal_words", "normals"),
+        ("depth" in scene.outputs, "depth_words", "depth_mm"),
+        (scene.wants_force, "force_raw", "force_n"),
+        (scene.wants_force_map, "force_map_raw", "force_map_n"),
+    ):
+        if wanted:
+            words.append(word)
+            units.append(unit)
+    return {"emulator": tuple(words), "float pipeline": tuple(units)}
 
 
 def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
@@ -73,13 +89,19 @@ def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
 def measure(folder: Path) -> None:
     bundle = load_bundle(folder)
     pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
-    whole, emulated = FloatPipeline.from_bundle(bundle), partial(pipeline.run, frames)
+    models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": pipeline}
     Emulator(pipeline)  # refuses tables that only the loop can compute
     few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
     print(f"{folder}, {' × '.join(map(str, pipeline.background.shape))}")
-    print(line("float pipeline", fastest(partial(whole.run, frames), REPEATS), FRAMES))
-    print(line("emulator", fastest(emulated, REPEATS), FRAMES))
+    for name, model in models.items():
+        wanted = put_out(bundle.scene)[name]
+        print(line(f"{name}, all results", fastest(partial(model.run, frames), REPEATS), FRAMES))
+        print(
+            line(
+                f"  {', '.join(wanted)}", fastest(partial(model.run, frames, wanted=wanted), REPEATS), FRAMES
+            )
+        )
     print(line("int64 loop", fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS), LOOP_FRAMES))
     count = compare(pipeline.run(few), loop)
     print(f"  emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames")

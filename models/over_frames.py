@@ -10,6 +10,8 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 from tqdm import tqdm
 
+from .threads import single_thread
+
 CHUNK = 16
 """Frames that are under way at once in each thread; bounds the memory."""
 
@@ -56,7 +58,7 @@ def over_frames(
 
     worker : called once in each thread, so that its result may own scratch memory; that is called with a
         chunk of frames and, by name, the places of its outputs
-    NumPy computes without the interpreter's lock, and BLAS on one thread in each of ours.
+    NumPy and torch compute without the interpreter's lock, and BLAS and torch on one thread in each of ours.
     """
     if not len(frames):
         raise ValueError("frames: none to process")
@@ -75,6 +77,7 @@ def over_frames(
     with (
         tqdm(total=len(frames), desc=label, unit="frame", disable=not progress, leave=False) as bar,
         _blas().limit(limits=1, user_api="blas"),
+        single_thread(),
         ThreadPoolExecutor(workers) as pool,
     ):
         for count in pool.map(run, range(0, len(frames), step)):
