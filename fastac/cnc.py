@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac.cnc_frames import BACKGROUND, CncFrames, stem
-from fastac.frames import channels
+from fastac.frames import as_channels
 from fastac.scene import Scene
 from models.markers import Detector, MarkerError, Tracked, Tracker
 from sensor import dataset, poses
@@ -113,7 +113,7 @@ def import_recording(
     sensor, frames = scene.sensor, CncFrames(folder, scene.sensor, raw_size_px)
     rows = poses.read(folder / POSES, measured=True)
     background = frames.read(BACKGROUND)
-    dots = Markers.of_background(_seen(background, scene), scene, folder) if sensor.markers else None
+    dots = Markers.of_background(as_channels(background, sensor), scene, folder) if sensor.markers else None
 
     n, shape = len(rows) + 1, (sensor.height_px, sensor.width_px)
     taken = np.empty((n, *background.shape), background.dtype)
@@ -129,7 +129,7 @@ def import_recording(
         normals[i], depth[i], valid[i] = labels(cad, own, ball_mm, where)
         taken[i] = frames.read(stem(own.index))
         if dots is not None:
-            position = _positions(dots, _seen(taken[i], scene), where, skip_lost)
+            position = _positions(dots, as_channels(taken[i], sensor), where, skip_lost)
             if position is None:
                 continue
             tracked.append(position)
@@ -157,10 +157,6 @@ def import_recording(
         left_out=len(rows) - m,
         **{"frames" if sensor.frames == "channels" else "raw10": taken[: m + 1]},
     )
-
-
-def _seen(frame: np.ndarray, scene: Scene) -> np.ndarray:
-    return frame if scene.sensor.frames == "channels" else channels(frame, scene.sensor)
 
 
 def _positions(dots: Markers, image: np.ndarray, where: str, skip_lost: bool) -> np.ndarray | None:

@@ -37,10 +37,14 @@ def channels(raw: np.ndarray, sensor: Sensor) -> np.ndarray:
     return by(raw)[..., : len(sensor.channel_names)]
 
 
+def as_channels(image: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """What a camera of that sensor gives, processed if it is RAW10."""
+    return channels(image, sensor) if sensor.frames == "raw10" else image
+
+
 def of_press(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """What the virtual camera sees of a press, as the models take it: (H, W, C) uint8."""
-    frame = sample(pressed, sensor, rng)["frame"]
-    return channels(frame, sensor) if sensor.frames == "raw10" else frame
+    return as_channels(sample(pressed, sensor, rng)["frame"], sensor)
 
 
 def read(path: Path | str, scene: Scene, *, cache: Path | str = CACHE, progress: bool = False) -> Dataset:

@@ -65,15 +65,11 @@ def variants(sensor: Sensor) -> dict[str, Sensor]:
 
 def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: bool) -> Dataset:
     """The presses of a dataset as another sensor sees them, in channels."""
-
-    def processed(image: np.ndarray) -> np.ndarray:
-        return image if sensor.frames == "channels" else frames.channels(image, sensor)
-
     background, draw = redraw(data, sensor, seed)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = pool.map(lambda sample: processed(draw(sample)), range(len(data)))
+        done = pool.map(lambda sample: frames.as_channels(draw(sample), sensor), range(len(data)))
         images = np.stack(list(tqdm(done, total=len(data), desc=label, disable=not progress, leave=False)))
-    return replace(data, frames=images, background=processed(background))
+    return replace(data, frames=images, background=frames.as_channels(background, sensor))
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from the integer tables themselves, so the bounds hold for the hardware, not for
 
 from dataclasses import dataclass
 from functools import lru_cache
-from math import isqrt
 
 import numpy as np
 
@@ -30,12 +29,6 @@ class Stage:
     format: Fixed
 
 
-def _square(content: bytes) -> np.ndarray:
-    """The square matrix of such float64."""
-    values = np.frombuffer(content)
-    return values.reshape(isqrt(len(values)), -1)
-
-
 def stencil_norms(matrix: np.ndarray, divergence: str) -> tuple[np.ndarray, np.ndarray]:
     """L1 norms over a row or column of slopes: (along the derivative, across it), each (N,)."""
     kernel = {"central": np.array([0.5, 0.0, -0.5]), "backward": np.array([1.0, -1.0])}[divergence]
@@ -49,13 +42,14 @@ def green_norm(matrix: np.ndarray, reciprocal: np.ndarray, divergence: str) -> f
     The square's symmetries leave one octant of pixels to try: mirrored, a stencil only changes its sign.
     Kept for the next solver of the same tables, as a sweep has many.
     """
-    return _green_norm(*(np.asarray(x, np.float64).tobytes() for x in (matrix, reciprocal)), divergence)
+    tables = (np.asarray(table, np.float64).tobytes() for table in (matrix, reciprocal))
+    return _green_norm(len(matrix), *tables, divergence)
 
 
 @lru_cache(maxsize=16)
-def _green_norm(of_matrix: bytes, of_reciprocal: bytes, divergence: str) -> float:
-    matrix, reciprocal = (_square(content) for content in (of_matrix, of_reciprocal))
-    half = (len(matrix) + 1) // 2
+def _green_norm(size: int, of_matrix: bytes, of_reciprocal: bytes, divergence: str) -> float:
+    matrix, reciprocal = (np.frombuffer(table).reshape(size, size) for table in (of_matrix, of_reciprocal))
+    half = (size + 1) // 2
     worst = 0.0
     for i in range(half):
         rows = matrix @ (matrix[i][:, None] * reciprocal)
