@@ -25,16 +25,17 @@ def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.
     """
     light = sensor.light
     x, y = pixel_centres_mm(sensor)
-    skin = np.stack([x, y, depth_mm], axis=-1)
+    facing = np.ascontiguousarray(np.moveaxis(normals, -1, 0))
     reference = light.distance_mm**2 + light.below_mm**2 + light.softening_mm**2
     shares = []
     for channel in sensor.channel_names:
-        to_source = source_mm(channel, light) - skin
-        distance2 = np.einsum("hwi,hwi->hw", to_source, to_source)
-        cosine = -np.einsum("hwi,hwi->hw", to_source, normals) / np.sqrt(distance2)
+        to_source = [to - skin for to, skin in zip(source_mm(channel, light), (x, y, depth_mm), strict=True)]
+        distance2 = sum(way * way for way in to_source)
+        distance = np.sqrt(distance2)
+        cosine = -sum(way * share for way, share in zip(to_source, facing, strict=True)) / distance
         direct = np.maximum(cosine, 0)
         if light.specular:
-            lobe = _lobe(cosine, normals[..., 2], to_source[..., 2] / np.sqrt(distance2), light.shininess)
+            lobe = _lobe(cosine, facing[2], to_source[2] / distance, light.shininess)
             direct = (1 - light.specular) * direct + light.specular * np.where(cosine > 0, lobe, 0)
         direct *= reference / (distance2 + light.softening_mm**2)
         if light.cast_shadows:

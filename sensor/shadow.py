@@ -23,8 +23,8 @@ GROWTH = 1.15
 
 
 @lru_cache
-def _rays(sensor: Sensor, channel: str) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Samples along the rays to a source: 1/t (H, W), t the fraction of the way, and pixel indices (H, W).
+def _rays(sensor: Sensor, channel: str) -> tuple[np.ndarray, list[tuple[np.float32, np.ndarray]]]:
+    """Distance to a source (H, W) in px; and of each sample along the rays 1/distance in 1/px, pixel indices.
 
     Beyond the image, where the housing is, and beyond the source the index is the point's own: nothing is in
     the way there.
@@ -45,9 +45,9 @@ def _rays(sensor: Sensor, channel: str) -> list[tuple[np.ndarray, np.ndarray]]:
         if not inside.any():
             break
         index = np.where(inside, v * width + u, own)
-        rays.append((np.where(inside, distance_px / px, 1.0).astype(np.float32), index))
+        rays.append((np.float32(1 / px), index))
         px *= GROWTH
-    return rays
+    return distance_px.astype(np.float32), rays
 
 
 def visible(depth_mm: np.ndarray, sensor: Sensor, channel: str) -> np.ndarray:
@@ -58,11 +58,14 @@ def visible(depth_mm: np.ndarray, sensor: Sensor, channel: str) -> np.ndarray:
     source_z = source_mm(channel, sensor.light)[2]
     radius = max(sensor.light.softening_mm, sensor.pitch_mm)
     height = depth_mm.astype(np.float32)
-    worst = np.full(depth_mm.shape, np.inf, np.float32)
-    for inverse, index in _rays(sensor, channel):
-        rise = height.take(index)
+    worst, rise = np.full_like(height, np.inf), np.empty_like(height)
+    distance_px, rays = _rays(sensor, channel)
+    for inverse, index in rays:
+        # No index is outside: any mode but "raise" only saves the check, and the copy it makes.
+        np.take(height, index, out=rise, mode="wrap")
         rise -= height
         rise *= inverse
         np.minimum(worst, rise, out=worst)
-    clearance = worst + (depth_mm - source_z)  # of the worst sample, over its fraction of the way
+    # Of the worst sample, over its fraction of the way.
+    clearance = worst * distance_px + (depth_mm - source_z)
     return np.clip(0.5 + clearance / (2 * radius), 0, 1)
