@@ -3,13 +3,14 @@
 import json
 import os
 import shutil
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fastac import hardware, limits_geometry, reproduce, training
+from fastac import grasp, hardware, limits_geometry, reproduce, training, vibration
 from fastac import scene as scenes
 from fastac.accuracy import compare
 from fastac.build import Build
@@ -75,6 +76,8 @@ def place(tmp_path_factory):
         patch.setattr(os, "cpu_count", lambda: 1)  # a few presses are not worth worker processes
         patch.setattr(hardware, "write_verilog", elaborated)
         patch.setattr(hardware, "simulate", simulated)
+        patch.setattr(vibration, "Vibration", partial(vibration.Vibration, seconds=0.2))
+        patch.setattr(grasp, "Grasp", partial(grasp.Grasp, push_s=0.1, pause_s=0.05))
         result = invoke(folder)
     assert result.exit_code == 0, result.output
     return folder, result
