@@ -203,7 +203,7 @@ class Numbers(Strict):
     mode; 12/16/12: 1.5 → 87 µm and 0.35 → 15 µm. Slopes and the quantised displacement are always rounded
     to the nearest, and the network's half units are in its biases."""
     displacement_bits: Annotated[int, Field(ge=4, le=16)] = 16
-    kernel_bits: Annotated[int, Field(ge=3, le=12)] = 8
+    kernel_bits: Annotated[int, Field(ge=3, le=18)] = 8
     slope_weight_bits: Annotated[int, Field(ge=6, le=18)] = 16
     """Of the adjoint's weights of the slopes."""
 

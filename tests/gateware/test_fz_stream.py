@@ -53,6 +53,7 @@ def frames_of(force, rng):
         (9, 5, 8, 8, 4, 2, True),
         (9, 3, 6, 8, 2, 3, False),
         (11, 1, 8, 7, 4, 1, True),
+        (6, 3, 18, 16, 1, 3, False),
     ],
 )
 def test_force_of_every_frame(tmp_path, n, k, kernel_bits, bits, lanes, axes, signed):
