@@ -16,7 +16,7 @@ from .emulator_solver import RecurrenceTables, TransformTables, require_exact, r
 from .features import limits
 from .integer import Layer, PatchForce, WeightedSum, divergence_of
 from .over_frames import CHUNK
-from .pixel_tiles import PixelTiles
+from .pixel_tiles import PixelTiles, interleave
 from .tridiagonal import TridiagonalSolver
 
 if TYPE_CHECKING:
@@ -143,12 +143,12 @@ class _Worker:
 
     def _normals(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> None:
         if "normal_words" in out:
-            np.copyto(out["normal_words"].reshape(-1, 3).T, normal, casting="unsafe")
+            interleave(normal, out["normal_words"][0])
         if "normals" in out:
             squares = normal * normal
             length = np.sqrt(squares[0] + squares[1] + squares[2])
             np.maximum(length, 1, out=length)
-            np.divide(normal, length, out=out["normals"].reshape(-1, 3).T, casting="same_kind")
+            interleave(np.divide(normal, length, out=squares), out["normals"][0])
 
     def _slopes(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> int:
         """`integer.GradientRatio`, and how many values saturated.
@@ -178,8 +178,7 @@ class _Worker:
         np.copysign(slopes, n_xy, out=slopes)
         np.subtract(0.0, slopes, out=slopes)  # no −0, as with integers
         if "slopes" in out:
-            place = out["slopes"].reshape(-1, 2).T
-            np.multiply(slopes, 2.0**-ratio.fraction, out=place, casting="same_kind")
+            interleave(slopes * 2.0**-ratio.fraction, out["slopes"][0])
         return saturated
 
     def _solution(self, z: np.ndarray, out: dict[str, np.ndarray]) -> int:

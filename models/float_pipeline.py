@@ -15,7 +15,7 @@ from .features import scales
 from .hyperforce import collapse, force_map
 from .over_frames import Outputs, choose, over_frames, require_frames
 from .pipeline import Result
-from .pixel_tiles import PixelTiles
+from .pixel_tiles import PixelTiles, interleave
 from .poisson import boundary_term, eigenvalues, sine_matrix, solve, source_of
 
 
@@ -112,10 +112,11 @@ class FloatPipeline:
         The scene finds depth and, for the last one, force.
         """
         worker, after = _Worker(self), self._after
+        slopes = np.empty((1, *self.background.shape[:2], 2), np.float32)
 
         def normals(frame: np.ndarray) -> np.ndarray:
-            worker(frame[None], {"slopes": worker.slopes[None]})
-            return worker.slopes
+            worker(frame[None], {"slopes": slopes})
+            return slopes[0]
 
         found = {"normals": normals, "depth": after.solved}
         if after.weights is not None:
@@ -145,7 +146,7 @@ class _AfterSlopes:
             scene.force,
             scene.wants_force_map,
         )
-        self.rest_slopes = pipeline.rest_slopes()
+        self.rest_slopes = _by_planes(pipeline.rest_slopes())
         self.has_solver = scene.wants_solver
         if self.has_solver:
             pitch_mm = scene.sensor.pitch_mm
@@ -190,6 +191,11 @@ class _AfterSlopes:
             out["force_map_n"][...] = force_map(x, self.weights)
 
 
+def _by_planes(slopes: np.ndarray) -> np.ndarray:
+    """The same (H, W, 2), but p and q each on their own in memory."""
+    return np.moveaxis(np.ascontiguousarray(np.moveaxis(slopes, -1, 0)), 0, -1)
+
+
 class _Worker:
     """One thread's scratch memory; called with a chunk of frames and the places of its outputs."""
 
@@ -197,7 +203,8 @@ class _Worker:
         tables, hidden = pipeline._tables, len(pipeline._tables) - 1
         self.network = PixelTiles(tables, pipeline.background, top=[np.inf] * hidden, floor=False)
         self.limit, self.after = pipeline.scene.numbers.slope_limit, after
-        self.slopes = np.empty((*pipeline.background.shape[:2], 2), np.float32)
+        self.planes = np.empty((2, *pipeline.background.shape[:2]), np.float32)
+        self.slopes = np.moveaxis(self.planes, 0, -1)
 
     def __call__(self, frames: np.ndarray, out: dict[str, np.ndarray]) -> None:
         for k, frame in enumerate(frames):
@@ -205,16 +212,16 @@ class _Worker:
             if "normals" in out:
                 length = np.sqrt((normal * normal).sum(axis=0))
                 np.maximum(length, 1e-12, out=length)
-                np.divide(normal, length, out=out["normals"][k].reshape(-1, 3).T)
+                interleave(normal / length, out["normals"][k])
             if "slopes" in out or self.after is not None:
                 self._slopes(normal)
             if "slopes" in out:
-                out["slopes"][k] = self.slopes
+                interleave(self.planes, out["slopes"][k])
             if self.after is not None:
                 self.after(self.slopes, {name: array[k] for name, array in out.items()})
 
     def _slopes(self, normal: np.ndarray) -> None:
-        slopes = self.slopes.reshape(-1, 2).T
+        slopes = self.planes.reshape(2, -1)
         if normal[2].min() > 0:
             with np.errstate(over="ignore"):
                 np.divide(normal[:2], -normal[2], out=slopes)

@@ -6,12 +6,18 @@ core.
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 import torch
 
 from .features import coordinate_codes
 
 TILE_PX = 4096
+
+
+def interleave(planes: np.ndarray, out: np.ndarray) -> None:
+    """Planes (C, H · W) into `out` (H, W, C), in its element type."""
+    cv2.merge(planes.astype(out.dtype, copy=False).reshape(-1, *out.shape[:2]), out)
 
 
 class PixelTiles:
@@ -31,7 +37,8 @@ class PixelTiles:
         height, width, channels = background.shape
         pixels, real = height * width, tables[0].dtype
         self.top, self.floor, self.channels = top, floor, channels
-        self.background = background.reshape(-1, channels).T.astype(real)
+        self.background = background.astype(np.int16)
+        self.change = np.empty((channels, height, width), np.int16)
         self.features = np.ones((channels + 3, pixels), real)
         self.features[channels] = np.tile(coordinate_codes(width), height)
         self.features[channels + 1] = np.repeat(coordinate_codes(height), width)
@@ -48,8 +55,8 @@ class PixelTiles:
 
     def __call__(self, frame: np.ndarray) -> np.ndarray:
         """A frame (H, W, C) uint8 to the network's outputs (3, H · W), valid until the next call."""
-        intensity = frame.reshape(-1, self.channels).T
-        np.subtract(intensity, self.background, out=self.features[: self.channels])
+        cv2.split(frame.astype(np.int16) - self.background, [*self.change])
+        self.features[: self.channels] = self.change.reshape(self.channels, -1)
         for x, hidden, normal in self.tiles:
             for table, words, top in zip(self.tables, hidden, self.top, strict=False):
                 activation = torch.mm(table, x, out=words[:-1]).clamp_(0, top)
