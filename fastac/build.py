@@ -36,6 +36,23 @@ class BuildError(ValueError):
     """A build that cannot start; the message is one line."""
 
 
+def settings(scene: Scene, *names: str) -> dict:
+    """The parts of a scene with these names, besides what any step depends on, as JSON."""
+    content = scene.model_dump(mode="json")
+    return {name: content[name] for name in ("outputs", "sensor", *names)}
+
+
+def network_settings(scene: Scene) -> dict:
+    """What of a scene its float pixel network depends on, as JSON."""
+    return settings(scene, "network", "training", *(("numbers",) if scene.training.labels == "force" else ()))
+
+
+def float_settings(scene: Scene) -> dict:
+    """What of a scene the results of its float pipeline and force models depend on, as JSON."""
+    parts = network_settings(scene) | settings(scene, "poisson", "force")
+    return parts | {"slope_limit": scene.numbers.slope_limit}
+
+
 @dataclass
 class Build:
     """The steps of one scene's build, all files in `folder`."""
@@ -103,17 +120,11 @@ class Build:
 
     def steps(self) -> list[Step]:
         scene, folder, progress = self.scene, self.folder, self.progress
-        content = scene.model_dump(mode="json")
-
-        def settings(*names: str) -> dict:
-            return {name: content[name] for name in ("outputs", "sensor", *names)}
-
-        source = settings("protocol")
+        source = settings(scene, "protocol")
         if self.data_file is not None:  # what it must hold depends on the scene
-            source = settings() | {"file": digest_file(self.data_file)}
+            source = settings(scene) | {"file": digest_file(self.data_file)}
         source |= {"tangential": scene.tangential_shares}
         source |= {"depth": scene.wants_solver, "rest": scene.wants_slopes, "labels": scene.training.labels}
-        network = ("network", "training", *(("numbers",) if scene.training.labels == "force" else ()))
         weights, integers = folder / "normals.npz", folder / "integers.npz"
         steps = [
             Step(
@@ -126,7 +137,7 @@ class Build:
             Step(
                 "normals",
                 lambda: training.normals(self.data, scene, weights, progress=progress),
-                settings(*network),
+                network_settings(scene),
                 TRAINING_SOURCES,
                 ("normals.npz",),
                 ("data",),
@@ -134,7 +145,7 @@ class Build:
             Step(
                 "integers",
                 lambda: training.integers(self.data, scene, weights, integers, progress=progress),
-                settings("network", "training", "numbers"),
+                settings(scene, "network", "training", "numbers"),
                 TRAINING_SOURCES,
                 ("integers.npz",),
                 ("normals",),
@@ -147,7 +158,7 @@ class Build:
                     lambda: training.force(
                         self.data, scene, weights, integers, folder / "force.npz", progress=progress
                     ),
-                    settings("training", "numbers", "poisson", "force"),
+                    settings(scene, "training", "numbers", "poisson", "force"),
                     TRAINING_SOURCES,
                     ("force.npz",),
                     ("integers",),
@@ -156,7 +167,14 @@ class Build:
         trained = ("force",) if scene.wants_force else ("integers",)
         return [
             *steps,
-            Step("bundle", self._assemble, content, TRAINING_SOURCES, ("bundle",), trained),
+            Step(
+                "bundle",
+                self._assemble,
+                scene.model_dump(mode="json"),
+                TRAINING_SOURCES,
+                ("bundle",),
+                trained,
+            ),
             Step(
                 "evaluate",
                 self._evaluate,

@@ -18,6 +18,7 @@ import numpy as np
 
 from fastac import frames, training
 from fastac import scene as scenes
+from fastac.build import float_settings
 from fastac.cli_common import INPUT, cache_option, load_bundle, output_option, progress_option
 from fastac.paper_figures import FORCE_FULL, FORCE_MAE_N
 from fastac.scene import Scene
@@ -183,7 +184,7 @@ def run(
     require(data, scene, path, "true" in kinds)
     code, digest = digest_sources(SOURCES), digest_file(path)
     runs, content, pairs = output / "runs", {}, {}
-    base = [scene.model_dump(mode="json"), code, digest]
+    base = [float_settings(scene), code, digest]
     for kind in kinds:
         known, key = {}, content_hash(kind, *base)
         if kind == "true":
@@ -191,7 +192,8 @@ def run(
         else:
             if bundle:
                 pipeline = FloatPipeline.from_bundle(bundle)
-                key = content_hash(key, bundle.digest)
+                network = {k: v.tolist() for k, v in bundle.floats.items() if k.startswith("network.")}
+                key = content_hash(key, network)
             else:
                 weights = runs / f"normals-{content_hash(*base)}.npz"
                 weights.parent.mkdir(parents=True, exist_ok=True)

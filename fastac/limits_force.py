@@ -12,7 +12,7 @@ import torch
 
 from fastac import force_ablation, training
 from fastac.accuracy import of_dataset
-from fastac.build import Build
+from fastac.build import Build, float_settings
 from fastac.force_ablation import Fields
 from fastac.limits_geometry import NOISELESS, seen_by, variants
 from fastac.reproduce_section import stamped_key
@@ -106,7 +106,7 @@ def run(build: Build, folder: Path, found_file: Path) -> dict[str, dict]:
         experiments["found, d_z not clamped"] = (free, lambda: found)
     if NOISELESS in variants(scene.sensor):
         experiments["found in frames without camera noise"] = (scene, lambda: noiseless(build))
-    base = [scene.model_dump(mode="json"), stamped_key(build, "bundle"), digest_sources(SOURCES)]
+    base = [float_settings(scene), stamped_key(build, "normals"), digest_sources(SOURCES)]
     errors = {}
     for name, (of, parts_of) in experiments.items():
         slug = name.replace(",", "").replace(";", "").replace(" ", "-")

@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac import frames, training
-from fastac.build import Build
+from fastac.build import Build, float_settings
 from fastac.drift import take
 from fastac.reproduce_geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
 from fastac.reproduce_section import stamped_key, vertical
@@ -137,7 +137,7 @@ def networks(build: Build, folder: Path) -> dict[str, dict]:
     files, drawn = {}, {}
     for name, (of, sensor) in experiments.items():
         slug = name.replace(",", "").replace(" ", "-")
-        key = content_hash(*base, name, of.model_dump(mode="json"), sensor.model_dump(mode="json"))
+        key = content_hash(*base, name, float_settings(of), sensor.model_dump(mode="json"))
         files[name] = folder / f"{slug}-{key}.json"
         if files[name].exists():
             continue

@@ -20,7 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac import training
-from fastac.build import Build
+from fastac.build import Build, network_settings
 from fastac.paper_figures import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.reproduce_section import beside, stamped_key, vertical
 from fastac.scene import CHANNELS, Scene
@@ -114,7 +114,7 @@ def run(build: Build, folder: Path) -> dict:
     scene, data, progress = build.scene, build.data, build.progress
     reduced, of_rgb = rgb_scene(scene), rgb_data(data)
     # What trains on all four channels and what it trains on identify the training without one of them.
-    key = content_hash(reduced.model_dump(mode="json"), stamped_key(build, "normals"))
+    key = content_hash(network_settings(reduced), stamped_key(build, "normals"))
     weights = folder / f"normals-bgr-{key}.npz"
     if not weights.exists():
         training.normals(of_rgb, reduced, weights, progress=progress)
