@@ -22,7 +22,7 @@ from fastac.build import float_settings
 from fastac.cli_common import INPUT, cache_option, load_bundle, output_option, progress_option
 from fastac.paper_figures import FORCE_FULL, FORCE_MAE_N
 from fastac.scene import Scene
-from fastac.workspace import content_hash, digest_file, digest_sources, write_json
+from fastac.workspace import content_hash, digest_file, digest_sources, read_or_make, write_json
 from models import displacement
 from models.float_pipeline import FloatPipeline
 from models.train_hyperforce_3d import select, train
@@ -106,22 +106,32 @@ def errors(found_n: np.ndarray, truth_n: np.ndarray) -> dict[str, list[float]]:
 def ablate(
     scene: Scene, rest_depth_mm: np.ndarray, parts: Fields, folder: Path, key: str, *, progress: bool
 ) -> tuple[dict[str, dict], np.ndarray]:
-    """All six trained and judged, by "kernel inputs", and the full model's forces (test frames, 3) in N."""
+    """All six trained and judged, by "kernel inputs", and the full model's forces (test frames, 3) in N.
+
+    What a finished model finds is kept in `folder`, as are the checkpoints of those under way.
+    """
     fields, forces = parts
     results = {}
     for kernel, inputs in FORCE_MAE_N:
-        model, history = train(
-            scene,
-            rest_depth_mm,
-            fields,
-            forces,
-            inputs=inputs,
-            dynamic=kernel == "dynamic",
-            checkpoint=folder / f"{kernel}-{inputs}-{key}.npz",
-            progress=progress,
-        )
-        found_n = model(select(scene, fields["test"], inputs)).detach().double().numpy()
-        results[f"{kernel} {inputs}"] = {**errors(found_n, forces["test"]), "history": history}
+        path = folder / f"{kernel}-{inputs}-{key}.json"
+
+        def finished(kernel=kernel, inputs=inputs, path=path) -> dict:
+            model, history = train(
+                scene,
+                rest_depth_mm,
+                fields,
+                forces,
+                inputs=inputs,
+                dynamic=kernel == "dynamic",
+                checkpoint=path.with_suffix(".npz"),
+                progress=progress,
+            )
+            found_n = model(select(scene, fields["test"], inputs)).detach().double()
+            return {"force_n": found_n.tolist(), "history": history}
+
+        kept = read_or_make(path, finished)
+        found_n = np.array(kept["force_n"])
+        results[f"{kernel} {inputs}"] = {**errors(found_n, forces["test"]), "history": kept["history"]}
         if (kernel, inputs) == ("dynamic", "xyz"):
             full_n = found_n
     return results, full_n
