@@ -9,7 +9,8 @@ is absent; the hardware's is an estimate, and called one.
 import json
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import matplotlib
@@ -104,16 +105,21 @@ def on_device(pipeline: TorchPipeline, frames: np.ndarray) -> dict[str, Stage]:
     return _each(waited, images, slopes, displacements) | {"image_to_force": whole}
 
 
-def latencies_ms(runs: dict[str, Stage], count: int) -> dict[str, float]:
-    """Of one frame, from runs over `count` frames, on one core.
-
-    BLAS and torch have threads of their own that wait for work in loops: with more of them than free cores a
-    frame takes many times as long.
-    """
+@contextmanager
+def one_core() -> Iterator[None]:
+    """BLAS and torch have threads of their own that wait for work in loops: with more of them than free cores
+    a frame takes many times as long."""
     with single_thread(), threadpool_limits(1, user_api="blas"):
-        return {name: 1e3 * fastest(run, REPEATS)[0] / count for name, run in runs.items()}
+        yield
 
 
+@one_core()
+def latencies_ms(runs: dict[str, Stage], count: int) -> dict[str, float]:
+    """Of one frame, from runs over `count` frames, on one core."""
+    return {name: 1e3 * fastest(run, REPEATS)[0] / count for name, run in runs.items()}
+
+
+@one_core()
 def energies_mj(runs: dict[str, Stage], count: int, counters: PackageCounters) -> dict[str, float]:
     """Of one frame, from the packages' counters: all that they use, idle share included."""
     found = {}
