@@ -3,6 +3,7 @@
 from functools import lru_cache
 
 import numpy as np
+from numba import njit
 
 from fastac.scene import Sensor
 from sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
@@ -14,8 +15,10 @@ BACKGROUND_EXPOSURES = 16
 
 
 @lru_cache
-def _at_rest(sensor: Sensor) -> np.ndarray:
-    return irradiance(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
+def _gain(sensor: Sensor) -> np.ndarray:
+    """Digital numbers over irradiance, (C,)."""
+    at_rest = irradiance(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
+    return sensor.light.brightest_dn / at_rest.max(axis=(0, 1))
 
 
 def exposure(
@@ -26,14 +29,22 @@ def exposure(
     Each channel's gain brings the brightest pixel of the untouched skin to `sensor.light.brightest_dn`, but
     its paint, which scales all channels alike and moves by `tangential_mm` (sensor/skin_paint.py).
     """
-    gain = sensor.light.brightest_dn / _at_rest(sensor).max(axis=(0, 1))
-    return gain * irradiance(normals, depth_mm, sensor) * albedo(sensor, tangential_mm)[..., None]
+    return _gain(sensor) * irradiance(normals, depth_mm, sensor) * albedo(sensor, tangential_mm)[..., None]
 
 
 def _expose(image: np.ndarray, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """One exposure of a noise-free image: photon noise, read noise, rounding to 8 bits."""
-    deviation = np.sqrt(sensor.noise_dn**2 + np.maximum(image, 0) / sensor.electrons_per_dn)
-    return np.clip(np.rint(image + deviation * rng.standard_normal(image.shape)), 0, 255).astype(np.uint8)
+    normal = rng.standard_normal(image.shape)
+    return _noisy(image, normal, float(sensor.noise_dn), float(sensor.electrons_per_dn))
+
+
+@njit(cache=True, nogil=True)
+def _noisy(image, normal, read_dn, electrons_per_dn):
+    exposed = np.empty(image.shape, np.uint8)
+    for i, mean in enumerate(image.flat):
+        deviation = np.sqrt(read_dn**2 + max(mean, 0.0) / electrons_per_dn)
+        exposed.flat[i] = min(max(np.rint(mean + deviation * normal.flat[i]), 0.0), 255.0)
+    return exposed
 
 
 def render(

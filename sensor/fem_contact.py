@@ -14,6 +14,9 @@ does not converge is halved.
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg.lapack import dgetrf, dgetrs
+
+from sensor.contact_equations import Conditions, conditions, linearised
 
 GAP_TOLERANCE_MM = 1e-8
 FORCE_TOLERANCE = 1e-8
@@ -123,7 +126,8 @@ class ContactProblem:
         if not touching.any():
             touching[np.argsort(self.gap_mm, kind="stable")[:SEEDS]] = True
             free = np.zeros_like(touching)
-            force, way = self._newton(start, load, touching, free, np.zeros_like(start.slip_mm), free)
+            none = np.zeros_like(start.slip_mm)
+            force, way = self._newton(start, load, touching, free, none, np.zeros(len(force)))
         elif self.friction and not start.sticking.any():
             # From where all slide, with no spring, no way is the solution: begin as if the load held them.
             none = np.zeros_like(start.slip_mm)
@@ -131,75 +135,41 @@ class ContactProblem:
         for _ in range(MAX_ITERATIONS):
             relative = self._relative(force, way)
             gap, slip = self.gap_mm + relative[:, 0], relative[:, 1:] - start.slip_mm
-            pressed = force[:, 0] - self.scale[:, 0] * gap
-            trial = force[:, 1:] - self.scale[:, 1:].mean(axis=1, keepdims=True) * slip
-            size, bound = np.linalg.norm(trial, axis=1), self.friction * np.maximum(pressed, 0)
-            touching = pressed > 0
-            sticking = touching & (size < bound)
-            direction = trial / np.where(size > 0, size, 1)[:, None]
-            if self._settled(load, force, way, gap, slip, touching, sticking, direction):
-                return State(force, way, relative[:, 1:], sticking)
-            if not touching.any():
+            found = conditions(gap, slip, force, self.scale, self.friction)
+            if self._settled(load, force, way, found):
+                return State(force, way, relative[:, 1:], found.sticking)
+            if not found.touching.any():
                 raise NotConvergedError
-            share = bound / np.where(size > 0, size, np.inf)
-            force, way = self._newton(start, load, touching, sticking, direction, share)
+            nodes = found.touching, found.sticking, found.direction, found.share
+            force, way = self._newton(start, load, *nodes)
         raise NotConvergedError
 
-    def _settled(self, load, force, way, gap, slip, touching, sticking, direction) -> bool:
+    def _settled(self, load: Load, force: np.ndarray, way: np.ndarray, found: Conditions) -> bool:
         """Whether every condition of contact, friction and load holds."""
-        sliding = touching & ~sticking
         small = FORCE_TOLERANCE * np.abs(force).max()
-        off = force[sliding, 1:] - self.friction * force[sliding, :1] * direction[sliding]
+        if not (small > 0 and found.pull_n <= small and found.off_n <= small):
+            return False
+        if max(found.overlap_mm, found.open_mm, found.slip_mm) > GAP_TOLERANCE_MM:
+            return False
         given = self._given(load, -np.einsum("ia,iab->b", force, self.frame), way)
-        return (
-            small > 0
-            and not force[~touching].any()
-            and force.min(axis=0)[0] >= -small
-            and gap.min() >= -GAP_TOLERANCE_MM
-            and np.abs(gap[touching]).max(initial=0) <= GAP_TOLERANCE_MM
-            and np.abs(slip[sticking]).max(initial=0) <= GAP_TOLERANCE_MM
-            and np.abs(off).max(initial=0) <= small
-            and np.abs(given - load.value)[load.forced].max(initial=0) <= small
-            and np.abs(given - load.value)[~load.forced].max(initial=0) <= GAP_TOLERANCE_MM
-        )
+        return bool((np.abs(given - load.value) <= np.where(load.forced, small, GAP_TOLERANCE_MM)).all())
 
     def _newton(self, start, load, touching, sticking, direction, share):
-        """New forces and way: the equations of the nodes' present conditions, linearised, and of the load.
-
-        Touching nodes have no gap. Sticking ones do not slip; of sliding ones the traction is μ n along
-        `direction`, the direction's change included; `share` is μ n over the length of the trial traction.
-        """
-        nodes = np.flatnonzero(touching)
-        rows = (3 * nodes[:, None] + np.arange(3)).ravel()
-        count, frame = len(nodes), self.frame[nodes]
-        forced = np.flatnonzero(load.forced)
+        """New forces and way: the equations of the nodes' present conditions, linearised, and of the load."""
+        nodes, forced = np.flatnonzero(touching), np.flatnonzero(load.forced)
         given = load.axes[~load.forced].T @ load.value[~load.forced]
-        matrix = np.zeros((3 * count + len(forced),) * 2)
-        matrix[: 3 * count, : 3 * count] = self.compliance[np.ix_(rows, rows)]
-        matrix[3 * count :, : 3 * count] = -load.axes[forced] @ frame.reshape(-1, 3).T
-        matrix[: 3 * count, 3 * count :] = matrix[3 * count :, : 3 * count].T
-        matrix[3 * count :, 3 * count :] = -np.diag(load.spring_n_per_mm[forced])
-        right = np.concatenate([-self.gap_mm[nodes, None], start.slip_mm[nodes]], axis=1) + frame @ given
-
-        slide = np.flatnonzero(~sticking[nodes])
-        along = direction[nodes[slide]]
-        across = share[nodes[slide], None, None] * (np.eye(2) - along[:, :, None] * along[:, None])
-        stiff = self.scale[nodes[slide], 1:].mean(axis=1)[:, None, None] * across
-        moved = matrix[: 3 * count].reshape(count, 3, -1)
-        moved[slide, 1:] = stiff @ moved[slide, 1:]
-        right[slide, 1:] = (stiff @ right[slide, 1:, None])[..., 0]
-        tangent = np.arange(1, 3)
-        moved[slide[:, None, None], tangent[:, None], 3 * slide[:, None, None] + tangent] += (
-            np.eye(2) - across
-        )
-        moved[slide[:, None], tangent, 3 * slide[:, None]] -= self.friction * along
-        side = np.concatenate([right.ravel(), load.value[forced]])
-        try:
-            found = np.linalg.solve(matrix, side)
-        except np.linalg.LinAlgError:
-            raise NotConvergedError from None
+        axes, spring = load.axes[forced], load.spring_n_per_mm[forced]
+        state = nodes, sticking, direction, share
+        model = self.compliance, self.frame, self.gap_mm, start.slip_mm, self.scale, self.friction
+        matrix, side = linearised(*model, *state, axes, spring, given)
+        side[3 * len(nodes) :] = load.value[forced]
+        # LAPACK's columns are the rows here.
+        factors, pivots, failed = dgetrf(matrix.T, overwrite_a=True)
+        if failed:
+            raise NotConvergedError
+        found, _ = dgetrs(factors, pivots, side, trans=1, overwrite_b=True)
         if not np.abs(found).max() < DIVERGED:
             raise NotConvergedError
         force = np.zeros_like(start.force)
-        force[nodes] = found[: 3 * count].reshape(-1, 3)
-        return force, given + load.axes[forced].T @ found[3 * count :]
+        force[nodes] = found[: 3 * len(nodes)].reshape(-1, 3)
+        return force, given + axes.T @ found[3 * len(nodes) :]

@@ -11,6 +11,7 @@ import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
 from fastac.scene import Elastomer, Sensor
+from sensor.contact_equations import superposed
 from sensor.elastomer import ContactError
 from sensor.fem import cached_unit_compliance
 from sensor.fem_contact import GAP_TOLERANCE_MM, ContactProblem, Load, NotConvergedError, State
@@ -189,7 +190,7 @@ class Gel:
         inner[candidates] = problem.forces_n(state)
         loaded = candidates[state.force[:, 0] > 0]
         dofs = (3 * loaded[:, None] + np.arange(3)).ravel()
-        moved = inner[loaded].ravel() @ self._unit[dofs] / self.elastomer.modulus_mpa
+        moved = superposed(self._unit, dofs, inner[loaded].ravel()) / self.elastomer.modulus_mpa
         fields = [moved.reshape(ny, nx, 3), inner.reshape(ny, nx, 3)]
         for chosen in (state.force[:, 0] > 0, state.sticking):
             mask = np.zeros(ny * nx, bool)

@@ -62,5 +62,5 @@ def ball_slopes(x_mm: np.ndarray, y_mm: np.ndarray, ball_mm: float) -> tuple[np.
 
 def normals_from_slopes(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Outward unit normals (…, 3) = (−p, −q, 1) / norm, in the slopes' precision."""
-    normals = np.stack([-p, -q, np.ones_like(p)], axis=-1)
-    return normals / np.linalg.norm(normals, axis=-1, keepdims=True)
+    length = np.sqrt(p * p + q * q + 1)
+    return np.stack([-p / length, -q / length, 1 / length], axis=-1)

@@ -8,6 +8,7 @@ of its light, nor does one that other parts of the skin hide (sensor/shadow.py).
 """
 
 import numpy as np
+from numba import njit
 
 from fastac.scene import Sensor
 from sensor.geometry import pixel_centres_mm
@@ -24,29 +25,43 @@ def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.
     half-way between source and camera is near their normal.
     """
     light = sensor.light
-    x, y = pixel_centres_mm(sensor)
-    facing = np.ascontiguousarray(np.moveaxis(normals, -1, 0))
+    x, y = (axis.ravel() for axis in pixel_centres_mm(sensor))
+    skin = x, y, depth_mm.ravel(), np.ascontiguousarray(np.moveaxis(normals, -1, 0)).reshape(3, -1)
     reference = light.distance_mm**2 + light.below_mm**2 + light.softening_mm**2
-    shares = []
-    for channel in sensor.channel_names:
-        to_source = [to - skin for to, skin in zip(source_mm(channel, light), (x, y, depth_mm), strict=True)]
-        distance2 = sum(way * way for way in to_source)
-        distance = np.sqrt(distance2)
-        cosine = -sum(way * share for way, share in zip(to_source, facing, strict=True)) / distance
-        direct = np.maximum(cosine, 0)
+    sent = np.empty((len(x), len(sensor.channel_names)))
+    for k, channel in enumerate(sensor.channel_names):
+        source = source_mm(channel, light)
+        direct, lobe, falloff = _shine(*skin, source, reference, light.softening_mm**2)
         if light.specular:
-            lobe = _lobe(cosine, facing[2], to_source[2] / distance, light.shininess)
-            direct = (1 - light.specular) * direct + light.specular * np.where(cosine > 0, lobe, 0)
-        direct *= reference / (distance2 + light.softening_mm**2)
-        if light.cast_shadows:
-            direct *= visible(depth_mm, sensor, channel)
-        shares.append(light.ambient + (1 - light.ambient) * direct)
-    return np.stack(shares, axis=-1)
+            lobe **= light.shininess
+        seen = visible(depth_mm, sensor, channel).ravel() if light.cast_shadows else np.ones(len(x))
+        _add(direct, lobe, falloff, seen, light.specular, light.ambient, sent[:, k])
+    return sent.reshape(*depth_mm.shape, -1)
 
 
-def _lobe(cosine: np.ndarray, normal_z: np.ndarray, source_z: np.ndarray, shininess: float) -> np.ndarray:
-    """(−n · h)**shininess, (H, W), h half-way between the unit vectors l to the source and −z to the camera.
+@njit(cache=True, nogil=True)
+def _shine(x_mm, y_mm, z_mm, normals, source_mm, reference_mm2, softening_mm2):
+    """max(−n · l, 0), max(−n · h, 0) and the decrease with distance of pixels (H · W); normals (3, H · W).
 
-    −n · (l − z) is −n · l, the cosine, plus n_z; and |l − z|² is 2 − 2 l_z.
+    h is half-way between the unit vectors l to the source and −z to the camera. −n · (l − z) is −n · l, the
+    cosine, plus n_z; and |l − z|² is 2 − 2 l_z.
     """
-    return np.maximum((cosine + normal_z) / np.sqrt(2 - 2 * source_z), 0) ** shininess
+    direct, half_way, falloff = np.empty((3, len(x_mm)))
+    for i in range(len(x_mm)):
+        way_x, way_y, way_z = source_mm[0] - x_mm[i], source_mm[1] - y_mm[i], source_mm[2] - z_mm[i]
+        distance2 = way_x * way_x + way_y * way_y + way_z * way_z
+        distance = np.sqrt(distance2)
+        along = way_x * normals[0, i] + way_y * normals[1, i] + way_z * normals[2, i]
+        direct[i] = max(-along / distance, 0.0)
+        half_way[i] = max((normals[2, i] - along / distance) / np.sqrt(2 - 2 * way_z / distance), 0.0)
+        falloff[i] = reference_mm2 / (distance2 + softening_mm2)
+    return direct, half_way, falloff
+
+
+@njit(cache=True, nogil=True)
+def _add(direct, lobe, falloff, seen, specular, ambient, sent):
+    """What the Lambertian, the specular and the diffuse share add up to, into `sent` (H · W)."""
+    for i in range(len(sent)):
+        mirrored = lobe[i] if direct[i] > 0 else 0.0
+        share = (1 - specular) * direct[i] + specular * mirrored
+        sent[i] = ambient + (1 - ambient) * (share * falloff[i] * seen[i])

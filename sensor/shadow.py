@@ -11,6 +11,7 @@ whose brightness is uniform across it), so that of several edges the worst count
 from functools import lru_cache
 
 import numpy as np
+from numba import njit
 
 from fastac.scene import Sensor
 from sensor.geometry import pixel_centres_mm
@@ -23,31 +24,51 @@ GROWTH = 1.15
 
 
 @lru_cache
-def _rays(sensor: Sensor, channel: str) -> tuple[np.ndarray, list[tuple[np.float32, np.ndarray]]]:
-    """Distance to a source (H, W) in px; and of each sample along the rays 1/distance in 1/px, pixel indices.
+def _rays(sensor: Sensor, channel: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The way from each pixel to a source (H · W) in px; of S samples along it 1/distance (S,) in 1/px, the
+    pixel there (H · W, S), and how many of them (H · W) there are.
 
-    Beyond the image, where the housing is, and beyond the source the index is the point's own: nothing is in
-    the way there.
+    Beyond the image, where the housing is, and beyond the source is none: nothing is in the way there.
     """
     x, y = pixel_centres_mm(sensor)
     height, width = x.shape
-    own = np.arange(height * width).reshape(height, width)
     source = source_mm(channel, sensor.light)
     along_x, along_y = source[0] - x, source[1] - y
     distance_px = np.hypot(along_x, along_y) / sensor.pitch_mm
-    rays, px = [], FIRST_PX
+    inverse, index, px = [], [], FIRST_PX
+    count, inside = np.zeros(x.shape, int), np.full(x.shape, True)
     while px < distance_px.max():
         fraction = px / distance_px
         v, u = np.indices(x.shape)
         v = np.rint(v + fraction * along_y / sensor.pitch_mm).astype(int)
         u = np.rint(u + fraction * along_x / sensor.pitch_mm).astype(int)
-        inside = (fraction < 1) & (v >= 0) & (v < height) & (u >= 0) & (u < width)
+        inside &= (fraction < 1) & (v >= 0) & (v < height) & (u >= 0) & (u < width)
         if not inside.any():
             break
-        index = np.where(inside, v * width + u, own)
-        rays.append((np.float32(1 / px), index))
+        count += inside
+        index.append(np.where(inside, v * width + u, 0).ravel())
+        inverse.append(1 / px)
         px *= GROWTH
-    return distance_px.astype(np.float32), rays
+    index = np.array(index, np.min_scalar_type(height * width)).reshape(-1, height * width)
+    inverse = np.array(inverse, np.float32)
+    return distance_px.ravel().astype(np.float32), inverse, np.ascontiguousarray(index.T), count.ravel()
+
+
+@njit(cache=True, nogil=True)
+def _visible(depth_mm, source_z_mm, radius_mm, distance_px, inverse_px, index, count):
+    """`visible` of (H · W) pixels; `_rays` describes the last four arguments."""
+    height = depth_mm.astype(np.float32)
+    share = np.empty_like(depth_mm)
+    for pixel in range(len(height)):
+        samples = index[pixel]
+        worst = np.float32(0 if count[pixel] < len(samples) else np.inf)
+        for i in range(count[pixel]):
+            rise = (height[samples[i]] - height[pixel]) * inverse_px[i]
+            worst = rise if rise < worst else worst
+        # Of the worst sample, over its fraction of the way.
+        clearance = worst * distance_px[pixel] + (depth_mm[pixel] - source_z_mm)
+        share[pixel] = min(max(0.5 + clearance / (2 * radius_mm), 0.0), 1.0)
+    return share
 
 
 def visible(depth_mm: np.ndarray, sensor: Sensor, channel: str) -> np.ndarray:
@@ -57,15 +78,4 @@ def visible(depth_mm: np.ndarray, sensor: Sensor, channel: str) -> np.ndarray:
     """
     source_z = source_mm(channel, sensor.light)[2]
     radius = max(sensor.light.softening_mm, sensor.pitch_mm)
-    height = depth_mm.astype(np.float32)
-    worst, rise = np.full_like(height, np.inf), np.empty_like(height)
-    distance_px, rays = _rays(sensor, channel)
-    for inverse, index in rays:
-        # No index is outside: any mode but "raise" only saves the check, and the copy it makes.
-        np.take(height, index, out=rise, mode="wrap")
-        rise -= height
-        rise *= inverse
-        np.minimum(worst, rise, out=worst)
-    # Of the worst sample, over its fraction of the way.
-    clearance = worst * distance_px + (depth_mm - source_z)
-    return np.clip(0.5 + clearance / (2 * radius), 0, 1)
+    return _visible(depth_mm.ravel(), source_z, radius, *_rays(sensor, channel)).reshape(depth_mm.shape)
