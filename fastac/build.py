@@ -26,7 +26,8 @@ HARDWARE_SOURCES = (
 PIPELINE_SOURCES = (
     "models/pipeline.py",
     "models/emulator*.py",
-    "models/pixel_tiles.py",
+    "models/pixel_*.py",
+    "models/vector_tile.py",
     "models/over_frames.py",
     "models/direct.py",
 )

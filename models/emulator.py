@@ -1,9 +1,9 @@
-"""The integer pipeline at full speed: models/integer.py through BLAS in float64, bit for bit.
+"""The integer pipeline at full speed: models/integer.py in floating point, bit for bit.
 
 Every integer of the pipeline is below a bound that follows from its tables. Where that is below 2**53,
-float64 holds it, its sums and its multiples by powers of two exactly. So shifts move into the tables, a
-requantising layer is a product, a clip and a floor, and a rounding is a floor. `Emulator` refuses tables for
-which it would not be exact.
+float64 holds it, its sums and its multiples by powers of two exactly. So shifts move into the tables and a
+rounding is a floor. `Emulator` refuses tables for which it would not be exact. The network's hidden layers
+are in float32 where that holds all their sums.
 """
 
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .bounds import Solver
-from .emulator_solver import RecurrenceTables, TransformTables, require_exact, round_in_place
+from .emulator_solver import EXACT_FLOAT32, RecurrenceTables, TransformTables, require_exact, round_in_place
 from .features import limits
 from .integer import Layer, PatchForce, WeightedSum, divergence_of
 from .over_frames import CHUNK
@@ -34,14 +34,20 @@ class Emulator:
     def __init__(self, pipeline: "IntegerPipeline"):
         self.pipeline = pipeline
         limit = limits(pipeline.background.shape[-1])
-        self.tables, self.top = [], []
-        for layer in pipeline.layers:
-            self.tables.append(_layer_table(layer, limit))
-            if layer.requantisation is not None:
-                self.top.append(float((1 << layer.requantisation.bits) - 1))
-                limit = np.full(len(layer.weight), self.top[-1], np.int64)
-        last = pipeline.layers[-1]
+        self.requantise, largest = [], 0
+        *hidden, last = pipeline.layers
+        for layer in hidden:
+            step = layer.requantisation
+            reach = np.abs(layer.weight) @ limit + np.abs(layer.bias)
+            require_exact("layer", int((reach * step.multiplier).max()))
+            top = (1 << step.bits) - 1
+            self.requantise.append((step.multiplier * 2.0**-step.shift, top))
+            limit = np.full(len(layer.weight), top, np.int64)
+            largest = max(largest, int(reach.max()), top)
+        real = np.float32 if largest < EXACT_FLOAT32 else np.float64
+        self.tables = [_layer_table(layer, real) for layer in hidden] + [_layer_table(last, np.float64)]
         normal = int((np.abs(last.weight) @ limit + np.abs(last.bias)).max())
+        require_exact("layer", normal)
         require_exact("slopes", (normal << (pipeline.ratio.fraction + 1)) + 3 * normal)
         self.solver = None
         if pipeline.solver is not None:
@@ -69,15 +75,9 @@ class Emulator:
         return _Worker(self, frozenset(outputs))
 
 
-def _layer_table(layer: Layer, limit: np.ndarray) -> np.ndarray:
-    """(neurons, inputs + 1), the bias last, requantisation's multiplier and shift in it."""
-    table = np.column_stack([layer.weight, layer.bias])
-    multiplier, shift = 1, 0
-    if layer.requantisation is not None:
-        multiplier, shift = layer.requantisation.multiplier[:, None], layer.requantisation.shift
-    reach = np.abs(table * multiplier) @ np.append(limit, 1)
-    require_exact("layer", int(reach.max()))
-    return table * multiplier * 2.0**-shift
+def _layer_table(layer: Layer, real: type) -> np.ndarray:
+    """(neurons, inputs + 1), the bias last."""
+    return np.column_stack([layer.weight, layer.bias]).astype(real)
 
 
 class _Worker:
@@ -86,7 +86,7 @@ class _Worker:
     def __init__(self, emulator: Emulator, outputs: frozenset[str]):
         self.emulator, self.pipeline = emulator, emulator.pipeline
         height, width, _ = self.pipeline.background.shape
-        self.network = PixelTiles(emulator.tables, self.pipeline.background, top=emulator.top, floor=True)
+        self.network = PixelTiles(emulator.tables, self.pipeline.background, requantise=emulator.requantise)
         self.slopes = np.empty((2, height, width))
 
         def wants(*names: str) -> bool:

@@ -12,6 +12,8 @@ from .integer import SineTransform
 from .tridiagonal import Recurrence, TridiagonalSolver
 
 EXACT = 1 << 53
+EXACT_FLOAT32 = 1 << 24
+"""Below these bounds every integer is exact, in float64 and in float32."""
 
 
 class NotExactError(ValueError):

@@ -200,8 +200,7 @@ class _Worker:
     """One thread's scratch memory; called with a chunk of frames and the places of its outputs."""
 
     def __init__(self, pipeline: FloatPipeline, after: _AfterSlopes | None = None):
-        tables, hidden = pipeline._tables, len(pipeline._tables) - 1
-        self.network = PixelTiles(tables, pipeline.background, top=[np.inf] * hidden, floor=False)
+        self.network = PixelTiles(pipeline._tables, pipeline.background)
         self.limit, self.after = pipeline.scene.numbers.slope_limit, after
         self.planes = np.empty((2, *pipeline.background.shape[:2]), np.float32)
         self.slopes = np.moveaxis(self.planes, 0, -1)
