@@ -186,9 +186,7 @@ class _Worker:
             return 0
         quantiser = pipeline.quantiser
         words = out["displacement_words"][0] if "displacement_words" in out else UNWANTED[np.int64]
-        saturated = displacement_words(
-            z, quantiser.clamp, 2.0**-quantiser.shift, float(quantiser.top), words
-        )
+        saturated = displacement_words(z, quantiser.clamp, 2.0**-quantiser.shift, float(quantiser.top), words)
         if "displacement_saturated" in out:
             out["displacement_saturated"][0] = saturated
         self._force(z, out)

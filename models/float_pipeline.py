@@ -15,8 +15,9 @@ from .features import scales
 from .hyperforce import collapse, force_map
 from .over_frames import Outputs, choose, over_frames, require_frames
 from .pipeline import Result
-from .pixel_tiles import PixelTiles, interleave
-from .poisson import boundary_term, eigenvalues, sine_matrix, solve, source_of
+from .pixel_loops import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
+from .pixel_tiles import PixelTiles
+from .poisson import boundary_term, divergence_scale, eigenvalues, sine_matrix, solve, source_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,6 +148,9 @@ class _AfterSlopes:
             scene.wants_force_map,
         )
         self.rest_slopes = _by_planes(pipeline.rest_slopes())
+        height, width, _ = self.rest_slopes.shape
+        self.rest_source = np.zeros((height - 2, width - 2), np.float32)
+        self.rest_source = self._source(self.rest_slopes)
         self.has_solver = scene.wants_solver
         if self.has_solver:
             pitch_mm = scene.sensor.pitch_mm
@@ -159,9 +163,16 @@ class _AfterSlopes:
             weight = collapse(self.weights) if self.has_solver else self.weights
             self.weight = weight.reshape(len(weight), -1).astype(np.float64)
 
+    def _source(self, slopes: np.ndarray) -> np.ndarray:
+        """`poisson.source_of` of slopes (H, W, 2), less that at rest, (N, N)."""
+        found, scale = np.empty_like(self.rest_source), np.float32(divergence_scale(self.divergence))
+        planes = np.ascontiguousarray(np.moveaxis(slopes, -1, 0))
+        source(planes, AHEAD[self.divergence], scale, self.rest_source, found)
+        return found
+
     def solved(self, slopes: np.ndarray) -> np.ndarray:
         """Slopes (H, W, 2) of one frame to the displacement (N, N) in mm."""
-        modes = self.sine @ source_of(slopes - self.rest_slopes, self.divergence) @ self.sine
+        modes = self.sine @ self._source(slopes) @ self.sine
         np.multiply(modes, self.reciprocal, out=modes)
         return self.sine @ modes @ self.sine
 
@@ -209,21 +220,10 @@ class _Worker:
         for k, frame in enumerate(frames):
             normal = self.network(frame)
             if "normals" in out:
-                length = np.sqrt((normal * normal).sum(axis=0))
-                np.maximum(length, 1e-12, out=length)
-                interleave(normal / length, out["normals"][k])
+                unit_normals(normal, np.float32(1e-12), out["normals"][k].reshape(-1))
             if "slopes" in out or self.after is not None:
-                self._slopes(normal)
+                limited_slopes(normal, np.float32(self.limit), self.planes.reshape(2, -1))
             if "slopes" in out:
-                interleave(self.planes, out["slopes"][k])
+                interleave_slopes(self.planes.reshape(2, -1), np.float32(1), out["slopes"][k].reshape(-1))
             if self.after is not None:
                 self.after(self.slopes, {name: array[k] for name, array in out.items()})
-
-    def _slopes(self, normal: np.ndarray) -> None:
-        slopes = self.planes.reshape(2, -1)
-        if normal[2].min() > 0:
-            with np.errstate(over="ignore"):
-                np.divide(normal[:2], -normal[2], out=slopes)
-            np.clip(slopes, -self.limit, self.limit, out=slopes)
-        else:
-            slopes[...] = pixel_normals.slopes_of(normal.T, self.limit).T

@@ -74,7 +74,7 @@ def slope_words(normal, unit, limit, out):
 
 
 @_compiled
-def slopes(normal, limit, out):
+def limited_slopes(normal, limit, out):
     """`normals.slopes_of` of normals (3, pixels), in planes (2, pixels) of their type."""
     n_z = normal[2]
     for k in range(2):
@@ -82,6 +82,7 @@ def slopes(normal, limit, out):
         for p in range(len(place)):
             n = component[p]
             slope = -n / n_z[p] if n_z[p] > 0 else -np.sign(n) * limit
+            slope = slope if slope == slope else n_z.dtype.type(0)  # the quotient of infinities
             slope = slope if slope < limit else limit
             slope = slope if slope > -limit else -limit
             place[p] = slope

@@ -9,11 +9,6 @@ from .features import coordinate_codes
 from .pixel_kernel import forward, packed
 
 
-def interleave(planes: np.ndarray, out: np.ndarray) -> None:
-    """Planes (C, H · W) into `out` (H, W, C), in its element type."""
-    cv2.merge(planes.astype(out.dtype, copy=False).reshape(-1, *out.shape[:2]), out)
-
-
 class PixelTiles:
     """The scratch memory of one thread, called on one frame after another.
 
