@@ -27,6 +27,7 @@ PIPELINE_SOURCES = (
     "models/pipeline.py",
     "models/emulator*.py",
     "models/pixel_*.py",
+    "models/sine_fold.py",
     "models/vector_tile.py",
     "models/over_frames.py",
     "models/direct.py",
