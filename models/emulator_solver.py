@@ -11,11 +11,12 @@ from .fixed import NEAREST, half_unit
 from .integer import SineTransform
 from .sine_fold import (
     FoldedSine,
+    fold_columns,
     fold_rows,
-    round_and_fold_columns,
+    is_foldable,
     round_and_scale,
-    unfold_columns_and_round,
-    unfold_rows_and_round,
+    unfold_columns,
+    unfold_rows,
 )
 from .tridiagonal import Recurrence, TridiagonalSolver
 
@@ -47,10 +48,9 @@ def round_in_place(x: np.ndarray, half: float = 0.5) -> np.ndarray:
 
 def _transform(name: str, transform: SineTransform) -> FoldedSine:
     require_exact(name, transform.accumulator_bound)
-    try:
-        return FoldedSine(transform.matrix * 2.0**-transform.shift)
-    except ValueError as error:
-        raise NotExactError(f"{name} {error}") from None
+    if not is_foldable(transform.matrix):
+        raise NotExactError(f"{name} matrix: expected rows even and odd about the middle in turn")
+    return FoldedSine(transform.matrix * 2.0**-transform.shift)
 
 
 def _largest(width: int) -> int:
@@ -83,13 +83,13 @@ class TransformTables:
         for frame in x:
             fold_rows(frame, a)
             self.row_forward.rows(a, b)
-            round_and_fold_columns(b, rows, a)
+            fold_columns(b, rows, a)
             self.column_forward.columns(a, b)
             round_and_scale(b, columns, self.reciprocal, division)
             self.column_inverse.columns_back(b, a)
-            unfold_columns_and_round(a, columns_back, b)
+            unfold_columns(a, columns_back, b)
             self.row_inverse.rows_back(b, a)
-            unfold_rows_and_round(a, rows_back, frame)
+            unfold_rows(a, rows_back, frame)
 
 
 class RecurrenceTables:
@@ -140,4 +140,4 @@ class RecurrenceTables:
             np.add(row, product, out=row)
             z = np.floor(row, out=row)
         self.row_inverse.rows_back(modes, folded)
-        unfold_rows_and_round(folded, rows_back, flat)
+        unfold_rows(folded, rows_back, flat)

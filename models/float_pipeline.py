@@ -18,6 +18,7 @@ from .pipeline import Result
 from .pixel_loops import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
 from .pixel_tiles import PixelTiles
 from .poisson import boundary_term, divergence_scale, eigenvalues, sine_matrix, solve, source_of
+from .sine_fold import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,17 +149,17 @@ class _AfterSlopes:
             scene.wants_force_map,
         )
         self.rest_slopes = _by_planes(pipeline.rest_slopes())
-        height, width, _ = self.rest_slopes.shape
-        self.rest_source = np.zeros((height - 2, width - 2), np.float32)
-        self.rest_source = self._source(self.rest_slopes)
         self.has_solver = scene.wants_solver
         if self.has_solver:
             pitch_mm = scene.sensor.pitch_mm
             self.rest_mm = pipeline.rest_depth_mm.astype(np.float32)
             self.rest_mm[1:-1, 1:-1] = pipeline.rest_px() * pitch_mm
             size = len(self.rest_mm) - 2
-            self.sine = sine_matrix(size).astype(np.float32)
-            self.reciprocal = (-pitch_mm / eigenvalues(size)).astype(np.float32)
+            self.rest_source = np.zeros((size, size), np.float32)
+            self.rest_source = self._source(self.rest_slopes)
+            self.sine = FoldedSine(sine_matrix(size).astype(np.float32))
+            order = self.sine.order
+            self.reciprocal = (-pitch_mm / eigenvalues(size)[order][:, order]).astype(np.float32)
         if self.weights is not None:
             weight = collapse(self.weights) if self.has_solver else self.weights
             self.weight = weight.reshape(len(weight), -1).astype(np.float64)
@@ -172,9 +173,18 @@ class _AfterSlopes:
 
     def solved(self, slopes: np.ndarray) -> np.ndarray:
         """Slopes (H, W, 2) of one frame to the displacement (N, N) in mm."""
-        modes = self.sine @ self._source(slopes) @ self.sine
-        np.multiply(modes, self.reciprocal, out=modes)
-        return self.sine @ modes @ self.sine
+        x, sine = self._source(slopes), self.sine
+        a, b = np.empty((2, *x.shape), np.float32)
+        fold_rows(x, a)
+        fold_columns(a, None, b)
+        sine.rows(b, a)
+        sine.columns(a, b)
+        np.multiply(b, self.reciprocal, out=b)
+        sine.columns_back(b, a)
+        sine.rows_back(a, b)
+        unfold_columns(b, None, a)
+        unfold_rows(a, None, x)
+        return x
 
     def force_n(self, x: np.ndarray) -> np.ndarray:
         """What the force is linear in to its components (axes,)."""

@@ -14,14 +14,17 @@ from numba import njit
 _compiled = njit(nogil=True, cache=True)
 
 
+def is_foldable(matrix: np.ndarray) -> bool:
+    """Whether the rows of a table (N, N) are even and odd about the middle in turn, exactly."""
+    sign = np.where(np.arange(len(matrix)) % 2, -1, 1)
+    return np.array_equal(matrix[:, ::-1], matrix * sign[:, None])
+
+
 class FoldedSine:
-    """A DST-I's table (N, N), symmetric and even or odd about the middle in each row; else ValueError."""
+    """A symmetric DST-I's table (N, N), of which only a quarter is read; see `is_foldable`."""
 
     def __init__(self, matrix: np.ndarray):
         size = len(matrix)
-        sign = np.where(np.arange(size) % 2, -1, 1)
-        if not np.array_equal(matrix[:, ::-1], matrix * sign[:, None]):
-            raise ValueError(f"matrix {matrix.shape}: expected rows even or odd about the middle")
         self.first = size - size // 2
         """How many even modes there are, and sums."""
         self.even = np.ascontiguousarray(matrix[: self.first, 0::2])
@@ -59,6 +62,12 @@ class FoldedSine:
 
 
 @_compiled
+def _rounded(value, half_unit):
+    """floor(value + half_unit); the value itself where that is None."""
+    return value if half_unit is None else np.floor(value + half_unit)
+
+
+@_compiled
 def fold_rows(x, out):
     """Each row of x (rows, N) folded."""
     size = x.shape[1]
@@ -74,56 +83,56 @@ def fold_rows(x, out):
 
 
 @_compiled
-def round_and_fold_columns(x, half_unit, out):
-    """Columns of floor(x + half_unit), x (N, N), folded."""
+def fold_columns(x, half_unit, out):
+    """The columns of x (N, columns), `_rounded`, folded."""
     size = len(x)
     half = size // 2
     for i in range(half):
         row, mirrored, sums, differences = x[i], x[size - 1 - i], out[i], out[size - half + i]
         for j in range(len(row)):
-            a, b = np.floor(row[j] + half_unit), np.floor(mirrored[j] + half_unit)
+            a, b = _rounded(row[j], half_unit), _rounded(mirrored[j], half_unit)
             sums[j] = a + b
             differences[j] = a - b
     if size % 2:
         row, sums = x[half], out[half]
         for j in range(len(row)):
-            sums[j] = np.floor(row[j] + half_unit)
+            sums[j] = _rounded(row[j], half_unit)
 
 
 @_compiled
-def unfold_columns_and_round(x, half_unit, out):
-    """floor(y + half_unit), y the columns whose even and odd modes' sums x (N, N) are."""
+def unfold_columns(x, half_unit, out):
+    """The columns whose even and odd modes' sums x (N, columns) are, `_rounded`."""
     size = len(x)
     half = size // 2
     for i in range(half):
         even, odd, row, mirrored = x[i], x[size - half + i], out[i], out[size - 1 - i]
         for j in range(len(row)):
-            row[j] = np.floor((even[j] + odd[j]) + half_unit)
-            mirrored[j] = np.floor((even[j] - odd[j]) + half_unit)
+            row[j] = _rounded(even[j] + odd[j], half_unit)
+            mirrored[j] = _rounded(even[j] - odd[j], half_unit)
     if size % 2:
         even, row = x[half], out[half]
         for j in range(len(row)):
-            row[j] = np.floor(even[j] + half_unit)
+            row[j] = _rounded(even[j], half_unit)
 
 
 @_compiled
-def unfold_rows_and_round(x, half_unit, out):
-    """floor(y + half_unit), y the rows whose even and odd modes' sums x (rows, N) are."""
+def unfold_rows(x, half_unit, out):
+    """The rows whose even and odd modes' sums x (rows, N) are, `_rounded`."""
     size = x.shape[1]
     half = size // 2
     for i in range(len(x)):
         even, odd, row, mirrored = x[i], x[i, size - half :], out[i], out[i, ::-1]
         for j in range(half):
-            row[j] = np.floor((even[j] + odd[j]) + half_unit)
-            mirrored[j] = np.floor((even[j] - odd[j]) + half_unit)
+            row[j] = _rounded(even[j] + odd[j], half_unit)
+            mirrored[j] = _rounded(even[j] - odd[j], half_unit)
         if size % 2:
-            row[half] = np.floor(even[half] + half_unit)
+            row[half] = _rounded(even[half], half_unit)
 
 
 @_compiled
 def round_and_scale(x, half_unit, scale, half_scaled):
-    """In place floor(floor(x + half_unit) · scale + half_scaled), x and scale (N, N)."""
+    """In place, x times scale (N, N), `_rounded` before and after it."""
     for i in range(len(x)):
         row, factor = x[i], scale[i]
         for j in range(len(row)):
-            row[j] = np.floor(np.floor(row[j] + half_unit) * factor[j] + half_scaled)
+            row[j] = _rounded(_rounded(row[j], half_unit) * factor[j], half_scaled)
