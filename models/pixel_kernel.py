@@ -38,9 +38,9 @@ def _fill(frame, rest, start, count, features):
 
 
 @njit(nogil=True, cache=True)
-def _layer(table, inputs, x, y, top, requantised):
+def _layer(table, inputs, neurons, x, y, top, requantised):
     """Planes x (inputs, BLOCK) to activations y (neurons, BLOCK)."""
-    for j in range(len(table)):
+    for j in range(-(-neurons // NEURONS)):
         weights, real, source = table[j].ctypes.data, table[j, 0, 0], x[0, 0]
         for p in range(0, BLOCK, PIXELS):
             seen, found = x[0, p:].ctypes.data, y[j * NEURONS, p:].ctypes.data
@@ -60,32 +60,30 @@ def _last_layer(table, inputs, x, y):
 
 
 @njit(nogil=True, cache=True)
-def forward(frame, rest, hidden, tops, requantised, last, out):
+def forward(frame, rest, hidden, neurons, tops, requantised, last, out):
     """One frame through the network.
 
     frame : planes (C, pixels) uint8
     rest : the background's planes and the two of the coordinates' codes, (C + 2, pixels) float32
-    hidden : tuple of the hidden layers' tables, `packed`, all of one type
+    hidden : the hidden layers' tables, `packed`, at the beginning of (layers, tiles, rows, NEURONS)
+    neurons : (layers,) of each hidden layer
     tops : the largest activation of each hidden layer, of that type
     requantised : whether activations are, as `integer.Requantisation`; else rectified only
     last : the last layer's table
     out : (outputs, pixels), of the last layer's type
     """
-    pixels = frame.shape[1]
-    rows = len(rest)
-    for table in hidden:
-        rows = max(rows, len(table) * NEURONS)
+    pixels, rows = frame.shape[1], hidden.shape[1] * NEURONS
     features = np.zeros((len(rest), BLOCK), tops.dtype)
     a, b = np.empty((rows, BLOCK), tops.dtype), np.empty((rows, BLOCK), tops.dtype)
     found = np.empty((len(last) * NEURONS, BLOCK), out.dtype)
     for start in range(0, pixels, BLOCK):
         count = min(BLOCK, pixels - start)
         _fill(frame, rest, start, count, features)
-        x, y, spare = features, a, b
+        x, y, spare, inputs = features, a, b, len(rest)
         for k in range(len(hidden)):
-            _layer(hidden[k], hidden[k].shape[1] - 2, x, y, tops[k], requantised)
-            x, y, spare = y, spare, y
-        _last_layer(last, last.shape[1] - 2, x, found)
+            _layer(hidden[k], inputs, neurons[k], x, y, tops[k], requantised)
+            x, y, spare, inputs = y, spare, y, neurons[k]
+        _last_layer(last, inputs, x, found)
         for j in range(len(out)):
             place, row = out[j, start:], found[j]
             for p in range(count):

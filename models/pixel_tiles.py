@@ -28,10 +28,15 @@ class PixelTiles:
     ):
         height, width, channels = background.shape
         *hidden, last = tables
-        scales, tops = zip(*requantise or [(None, 0)] * len(hidden), strict=True)
         self.requantised = requantise is not None
-        self.tops = np.array(tops, tables[0].dtype)
-        self.hidden = tuple(packed(*layer) for layer in zip(hidden, scales, strict=True))
+        steps = requantise if self.requantised else [(None, 0)] * len(hidden)
+        layers = [packed(table, scale) for table, (scale, _) in zip(hidden, steps, strict=True)]
+        shapes = np.array([layer.shape for layer in layers], int).reshape(-1, 3)
+        self.hidden = np.zeros((len(layers), *shapes.max(axis=0, initial=1)), tables[0].dtype)
+        for place, layer in zip(self.hidden, layers, strict=True):
+            place[: layer.shape[0], : layer.shape[1]] = layer
+        self.neurons = np.array([len(table) for table in hidden], np.int64)
+        self.tops = np.array([top for _, top in steps], tables[0].dtype)
         self.last = packed(last)
         self.planes = np.empty((channels, height, width), np.uint8)
         rest = np.empty((channels + 2, height, width), np.float32)
@@ -45,5 +50,6 @@ class PixelTiles:
         """A frame (H, W, C) uint8 to the network's outputs (3, H · W), valid until the next call."""
         cv2.split(frame, [*self.planes])
         planes = self.planes.reshape(len(self.planes), -1)
-        forward(planes, self.rest, self.hidden, self.tops, self.requantised, self.last, self.normal)
+        tables = self.hidden, self.neurons, self.tops, self.requantised, self.last
+        forward(planes, self.rest, *tables, self.normal)
         return self.normal

@@ -29,7 +29,7 @@ def network(inputs: int, hidden: tuple[int, ...], weight_limit: int) -> list[np.
 
 
 @pytest.mark.parametrize("shape", SHAPES)
-@pytest.mark.parametrize("hidden", [(16, 16, 16), (7, 5, 9)])
+@pytest.mark.parametrize("hidden", [(16, 16, 16), (7, 5, 9), (21,), ()])
 @pytest.mark.parametrize(("real", "weight_limit", "bits"), [(np.float32, 127, 10), (np.float64, 1 << 16, 12)])
 def test_integers(shape, hidden, real, weight_limit, bits):
     """Sums within float32, and of up to 32 bits; activations of zero and saturated ones among them."""
