@@ -26,7 +26,9 @@ HARDWARE_SOURCES = (
 PIPELINE_SOURCES = (
     "models/pipeline.py",
     "models/emulator*.py",
-    "models/pixel_tiles.py",
+    "models/pixel_*.py",
+    "models/sine_fold.py",
+    "models/vector_tile.py",
     "models/over_frames.py",
     "models/direct.py",
 )

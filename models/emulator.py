@@ -1,9 +1,9 @@
-"""The integer pipeline at full speed: models/integer.py through BLAS in float64, bit for bit.
+"""The integer pipeline at full speed: models/integer.py in floating point, bit for bit.
 
 Every integer of the pipeline is below a bound that follows from its tables. Where that is below 2**53,
-float64 holds it, its sums and its multiples by powers of two exactly. So shifts move into the tables, a
-requantising layer is a product, a clip and a floor, and a rounding is a floor. `Emulator` refuses tables for
-which it would not be exact.
+float64 holds it, its sums and its multiples by powers of two exactly. So shifts move into the tables and a
+rounding is a floor. `Emulator` refuses tables for which it would not be exact. The network's hidden layers
+are in float32 where that holds all their sums.
 """
 
 from collections.abc import Iterable
@@ -12,16 +12,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .bounds import Solver
-from .emulator_solver import RecurrenceTables, TransformTables, require_exact, round_in_place
+from .emulator_solver import EXACT_FLOAT32, RecurrenceTables, TransformTables, require_exact
 from .features import limits
-from .integer import Layer, PatchForce, WeightedSum, divergence_of
+from .integer import Layer, PatchForce, WeightedSum
 from .over_frames import CHUNK
-from .pixel_tiles import PixelTiles, interleave
+from .pixel_loops import (
+    AHEAD,
+    depth_and_displacement,
+    displacement_words,
+    interleave_normals,
+    interleave_slopes,
+    slope_words,
+    source,
+    unit_normals,
+)
+from .pixel_tiles import PixelTiles
 from .tridiagonal import TridiagonalSolver
 
 if TYPE_CHECKING:
     from .pipeline import IntegerPipeline
 
+UNWANTED = {kind: np.empty((0, 0), kind) for kind in (np.int64, np.float32)}
 SOLVERS = {Solver: TransformTables, TridiagonalSolver: RecurrenceTables}
 
 
@@ -34,20 +45,27 @@ class Emulator:
     def __init__(self, pipeline: "IntegerPipeline"):
         self.pipeline = pipeline
         limit = limits(pipeline.background.shape[-1])
-        self.tables, self.top = [], []
-        for layer in pipeline.layers:
-            self.tables.append(_layer_table(layer, limit))
-            if layer.requantisation is not None:
-                self.top.append(float((1 << layer.requantisation.bits) - 1))
-                limit = np.full(len(layer.weight), self.top[-1], np.int64)
-        last = pipeline.layers[-1]
+        self.requantise, largest = [], 0
+        *hidden, last = pipeline.layers
+        for layer in hidden:
+            step = layer.requantisation
+            reach = np.abs(layer.weight) @ limit + np.abs(layer.bias)
+            require_exact("layer", int((reach * step.multiplier).max()))
+            top = (1 << step.bits) - 1
+            self.requantise.append((step.multiplier * 2.0**-step.shift, top))
+            limit = np.full(len(layer.weight), top, np.int64)
+            largest = max(largest, int(reach.max()), top, int(step.multiplier.max()))
+        real = np.float32 if largest < EXACT_FLOAT32 else np.float64
+        self.tables = [_layer_table(layer, real) for layer in hidden] + [_layer_table(last, np.float64)]
         normal = int((np.abs(last.weight) @ limit + np.abs(last.bias)).max())
+        require_exact("layer", normal)
         require_exact("slopes", (normal << (pipeline.ratio.fraction + 1)) + 3 * normal)
         self.solver = None
         if pipeline.solver is not None:
             require_exact("source", pipeline.source.bound)
             require_exact("depth", 1 << pipeline.depth.width)
             self.solver = SOLVERS[type(pipeline.solver)](pipeline.solver)
+            self.ahead = AHEAD[pipeline.source.divergence]
             self.offset = pipeline.source.offset.astype(np.float64)
             self.rest = pipeline.depth.rest.astype(np.float64)
         if pipeline.force is not None:
@@ -69,15 +87,9 @@ class Emulator:
         return _Worker(self, frozenset(outputs))
 
 
-def _layer_table(layer: Layer, limit: np.ndarray) -> np.ndarray:
-    """(neurons, inputs + 1), the bias last, requantisation's multiplier and shift in it."""
-    table = np.column_stack([layer.weight, layer.bias])
-    multiplier, shift = 1, 0
-    if layer.requantisation is not None:
-        multiplier, shift = layer.requantisation.multiplier[:, None], layer.requantisation.shift
-    reach = np.abs(table * multiplier) @ np.append(limit, 1)
-    require_exact("layer", int(reach.max()))
-    return table * multiplier * 2.0**-shift
+def _layer_table(layer: Layer, real: type) -> np.ndarray:
+    """(neurons, inputs + 1), the bias last."""
+    return np.column_stack([layer.weight, layer.bias]).astype(real)
 
 
 class _Worker:
@@ -86,7 +98,7 @@ class _Worker:
     def __init__(self, emulator: Emulator, outputs: frozenset[str]):
         self.emulator, self.pipeline = emulator, emulator.pipeline
         height, width, _ = self.pipeline.background.shape
-        self.network = PixelTiles(emulator.tables, self.pipeline.background, top=emulator.top, floor=True)
+        self.network = PixelTiles(emulator.tables, self.pipeline.background, requantise=emulator.requantise)
         self.slopes = np.empty((2, height, width))
 
         def wants(*names: str) -> bool:
@@ -126,8 +138,7 @@ class _Worker:
                 if self.pipeline.validity.slopes:
                     measures[k, len(pixels)] = saturated
             if self.wants_solver:
-                source = divergence_of(np.moveaxis(self.slopes, 0, -1), self.pipeline.source.divergence)
-                np.subtract(source, self.emulator.offset, out=planes[k])
+                source(self.slopes, self.emulator.ahead, 1.0, self.emulator.offset, planes[k])
             elif self.wants_force:
                 self._force(self.slopes, places)
         if self.wants_solver:
@@ -143,79 +154,43 @@ class _Worker:
 
     def _normals(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> None:
         if "normal_words" in out:
-            interleave(normal, out["normal_words"][0])
+            interleave_normals(normal, out["normal_words"].reshape(-1))
         if "normals" in out:
-            squares = normal * normal
-            length = np.sqrt(squares[0] + squares[1] + squares[2])
-            np.maximum(length, 1, out=length)
-            interleave(np.divide(normal, length, out=squares), out["normals"][0])
+            unit_normals(normal, 1.0, out["normals"].reshape(-1))
 
     def _slopes(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> int:
-        """`integer.GradientRatio`, and how many values saturated.
-
-        The magnitude is floor(a / b), a = |n_xy| + n_z · 2**−(f+1), b = n_z · 2**−f.
-        In units of 2**−(f+1) a and b are integers, a + b < 2**53. A quotient below an integer k then lies at
-        least 1/b below it. Were it rounded up to k, which float64 holds, 1/b would be at most k · 2**−54, and
-        b · k >= 2**54; but b · k <= a + b.
-        """
+        """Into `self.slopes`; how many values saturated."""
         ratio, slopes = self.pipeline.ratio, self.slopes.reshape(2, -1)
-        n_xy, n_z = normal[:2], normal[2]
-        steep = n_z <= 0
-        any_steep = steep.any()
-        divisor = n_z * 2.0**-ratio.fraction
-        if any_steep:
-            divisor[steep] = 2.0**-ratio.fraction
-        np.abs(n_xy, out=slopes)
-        np.add(slopes, divisor * 0.5, out=slopes)
-        np.divide(slopes, divisor, out=slopes)
-        np.floor(slopes, out=slopes)
-        if any_steep:
-            slopes[:, steep] = np.where(n_xy[:, steep] == 0, 0, ratio.limit)
-        saturated = np.count_nonzero((slopes > ratio.limit) | steep)
+        unit = 2.0**-ratio.fraction
+        saturated = slope_words(normal, unit, float(ratio.limit), slopes)
         if "gradient_saturated" in out:
             out["gradient_saturated"][0] = saturated
-        np.minimum(slopes, ratio.limit, out=slopes)
-        np.copysign(slopes, n_xy, out=slopes)
-        np.subtract(0.0, slopes, out=slopes)  # no −0, as with integers
         if "slopes" in out:
-            interleave(slopes * 2.0**-ratio.fraction, out["slopes"][0])
+            interleave_slopes(slopes, unit, out["slopes"].reshape(-1))
         return saturated
 
     def _solution(self, z: np.ndarray, out: dict[str, np.ndarray]) -> int:
         """Solutions (N, N) to depth, displacement and what follows from it; how many words saturated."""
-        pipeline, rest = self.pipeline, self.emulator.rest
-        if pipeline.depth.mode == "absolute":
-            depth, displacement = z, rest - z
-        else:
-            depth, displacement = rest + z, 0.0 - z
-        unit = pipeline.depth_mm_per_unit
-        if "depth_words" in out:
-            np.copyto(out["depth_words"][0], depth, casting="unsafe")
+        pipeline = self.pipeline
+        words, displacement_mm = (
+            out[name][0] if name in out else UNWANTED[kind]
+            for name, kind in (("depth_words", np.int64), ("displacement_mm", np.float32))
+        )
+        depth_mm = UNWANTED[np.float32]
         if "depth_mm" in out:
             out["depth_mm"][0] = pipeline.rest_depth_mm
-            np.multiply(depth, unit, out=out["depth_mm"][0, 1:-1, 1:-1], casting="same_kind")
-        if "displacement_mm" in out:
-            np.multiply(displacement, unit, out=out["displacement_mm"][0], casting="same_kind")
+            depth_mm = out["depth_mm"][0, 1:-1, 1:-1]
+        absolute, unit = pipeline.depth.mode == "absolute", pipeline.depth_mm_per_unit
+        depth_and_displacement(z, self.emulator.rest, absolute, unit, words, depth_mm, displacement_mm)
         if not self.wants_words:
             return 0
-        saturated = self._displacement_words(displacement, out)
-        self._force(displacement, out)
-        self._force_map(displacement, out)
-        return saturated
-
-    def _displacement_words(self, d: np.ndarray, out: dict[str, np.ndarray]) -> int:
-        """`integer.DisplacementQuantiser`, in place; how many words saturated."""
-        quantiser = self.pipeline.quantiser
-        if quantiser.clamp:
-            np.maximum(d, 0, out=d)
-        np.multiply(d, 2.0**-quantiser.shift, out=d)
-        round_in_place(d)
-        saturated = np.count_nonzero(np.abs(d) > quantiser.top)
+        quantiser = pipeline.quantiser
+        words = out["displacement_words"][0] if "displacement_words" in out else UNWANTED[np.int64]
+        saturated = displacement_words(z, quantiser.clamp, 2.0**-quantiser.shift, float(quantiser.top), words)
         if "displacement_saturated" in out:
             out["displacement_saturated"][0] = saturated
-        np.clip(d, -quantiser.top, quantiser.top, out=d)
-        if "displacement_words" in out:
-            np.copyto(out["displacement_words"][0], d, casting="unsafe")
+        self._force(z, out)
+        self._force_map(z, out)
         return saturated
 
     def _force(self, x: np.ndarray, out: dict[str, np.ndarray]) -> None:

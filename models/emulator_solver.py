@@ -9,13 +9,24 @@ import numpy as np
 from .bounds import Solver
 from .fixed import NEAREST, half_unit
 from .integer import SineTransform
+from .sine_fold import (
+    FoldedSine,
+    fold_columns,
+    fold_rows,
+    is_foldable,
+    round_and_scale,
+    unfold_columns,
+    unfold_rows,
+)
 from .tridiagonal import Recurrence, TridiagonalSolver
 
 EXACT = 1 << 53
+EXACT_FLOAT32 = 1 << 24
+"""Below these bounds every integer is exact, in float64 and in float32."""
 
 
 class NotExactError(ValueError):
-    """Tables whose integers float64 might not hold."""
+    """Tables whose integers float64 might not hold, or that are not as the emulator wants them."""
 
 
 def require_exact(name: str, bound: int) -> None:
@@ -35,9 +46,11 @@ def round_in_place(x: np.ndarray, half: float = 0.5) -> np.ndarray:
     return np.floor(x, out=x)
 
 
-def _transform(name: str, transform: SineTransform) -> np.ndarray:
+def _transform(name: str, transform: SineTransform) -> FoldedSine:
     require_exact(name, transform.accumulator_bound)
-    return transform.matrix * 2.0**-transform.shift
+    if not is_foldable(transform.matrix):
+        raise NotExactError(f"{name} matrix: expected rows even and odd about the middle in turn")
+    return FoldedSine(transform.matrix * 2.0**-transform.shift)
 
 
 def _largest(width: int) -> int:
@@ -55,9 +68,11 @@ class TransformTables:
         require_exact("division", bound + int(half_unit(division.shift.max(), division.rounding)))
         self.row_forward = _transform("row_forward", solver.row_forward)
         self.column_forward = _transform("column_forward", solver.column_forward)
-        self.reciprocal = -division.mantissa * 2.0**-division.shift
         self.column_inverse = _transform("column_inverse", solver.column_inverse)
         self.row_inverse = _transform("row_inverse", solver.row_inverse)
+        order = self.row_forward.order
+        reciprocal = -division.mantissa * 2.0**-division.shift
+        self.reciprocal = np.ascontiguousarray(reciprocal[order][:, order])
         stages = ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
         self.halves = [added(getattr(solver, name).rounding) for name in stages]
 
@@ -66,11 +81,15 @@ class TransformTables:
         a, b = np.empty((2, *x.shape[1:]))
         rows, columns, division, columns_back, rows_back = self.halves
         for frame in x:
-            round_in_place(np.matmul(frame, self.row_forward, out=a), rows)
-            round_in_place(np.matmul(self.column_forward, a, out=b), columns)
-            round_in_place(np.multiply(b, self.reciprocal, out=b), division)
-            round_in_place(np.matmul(self.column_inverse, b, out=a), columns_back)
-            round_in_place(np.matmul(a, self.row_inverse, out=frame), rows_back)
+            fold_rows(frame, a)
+            self.row_forward.rows(a, b)
+            fold_columns(b, rows, a)
+            self.column_forward.columns(a, b)
+            round_and_scale(b, columns, self.reciprocal, division)
+            self.column_inverse.columns_back(b, a)
+            unfold_columns(a, columns_back, b)
+            self.row_inverse.rows_back(b, a)
+            unfold_rows(a, rows_back, frame)
 
 
 class RecurrenceTables:
@@ -88,6 +107,8 @@ class RecurrenceTables:
         self.substitution = self._coefficients(
             "substitution", substitution, _largest(substitution.output_width), y
         )
+        order = self.row_forward.order
+        self.elimination, self.substitution = self.elimination[:, order], self.substitution[:, order]
         self.unit = 2.0**-substitution.drop
         stages = (solver.row_forward, elimination, substitution, solver.row_inverse)
         self.halves = [added(stage.rounding) for stage in stages]
@@ -102,7 +123,10 @@ class RecurrenceTables:
         """Sources (N, frames, N), row by frame by column, to solutions, in place."""
         flat = x.reshape(-1, x.shape[-1])
         rows, down, up, rows_back = self.halves
-        r = round_in_place(np.matmul(flat, self.row_forward), rows).reshape(x.shape)
+        folded, modes = np.empty((2, *flat.shape))
+        fold_rows(flat, folded)
+        self.row_forward.rows(folded, modes)
+        r = round_in_place(modes, rows).reshape(x.shape)
         y = 0.0
         for row, c in zip(r, self.elimination, strict=True):
             np.subtract(y, row, out=row)
@@ -115,4 +139,5 @@ class RecurrenceTables:
             np.multiply(c, z, out=product)
             np.add(row, product, out=row)
             z = np.floor(row, out=row)
-        round_in_place(np.matmul(r.reshape(flat.shape), self.row_inverse, out=flat), rows_back)
+        self.row_inverse.rows_back(modes, folded)
+        unfold_rows(folded, rows_back, flat)

@@ -15,8 +15,10 @@ from .features import scales
 from .hyperforce import collapse, force_map
 from .over_frames import Outputs, choose, over_frames, require_frames
 from .pipeline import Result
-from .pixel_tiles import PixelTiles, interleave
-from .poisson import boundary_term, eigenvalues, sine_matrix, solve, source_of
+from .pixel_loops import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
+from .pixel_tiles import PixelTiles
+from .poisson import boundary_term, divergence_scale, eigenvalues, sine_matrix, solve, source_of
+from .sine_fold import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,17 +155,36 @@ class _AfterSlopes:
             self.rest_mm = pipeline.rest_depth_mm.astype(np.float32)
             self.rest_mm[1:-1, 1:-1] = pipeline.rest_px() * pitch_mm
             size = len(self.rest_mm) - 2
-            self.sine = sine_matrix(size).astype(np.float32)
-            self.reciprocal = (-pitch_mm / eigenvalues(size)).astype(np.float32)
+            self.rest_source = np.zeros((size, size), np.float32)
+            self.rest_source = self._source(self.rest_slopes)
+            self.sine = FoldedSine(sine_matrix(size).astype(np.float32))
+            order = self.sine.order
+            self.reciprocal = (-pitch_mm / eigenvalues(size)[order][:, order]).astype(np.float32)
         if self.weights is not None:
             weight = collapse(self.weights) if self.has_solver else self.weights
             self.weight = weight.reshape(len(weight), -1).astype(np.float64)
 
+    def _source(self, slopes: np.ndarray) -> np.ndarray:
+        """`poisson.source_of` of slopes (H, W, 2), less that at rest, (N, N)."""
+        found, scale = np.empty_like(self.rest_source), np.float32(divergence_scale(self.divergence))
+        planes = np.ascontiguousarray(np.moveaxis(slopes, -1, 0))
+        source(planes, AHEAD[self.divergence], scale, self.rest_source, found)
+        return found
+
     def solved(self, slopes: np.ndarray) -> np.ndarray:
         """Slopes (H, W, 2) of one frame to the displacement (N, N) in mm."""
-        modes = self.sine @ source_of(slopes - self.rest_slopes, self.divergence) @ self.sine
-        np.multiply(modes, self.reciprocal, out=modes)
-        return self.sine @ modes @ self.sine
+        x, sine = self._source(slopes), self.sine
+        a, b = np.empty((2, *x.shape), np.float32)
+        fold_rows(x, a)
+        fold_columns(a, None, b)
+        sine.rows(b, a)
+        sine.columns(a, b)
+        np.multiply(b, self.reciprocal, out=b)
+        sine.columns_back(b, a)
+        sine.rows_back(a, b)
+        unfold_columns(b, None, a)
+        unfold_rows(a, None, x)
+        return x
 
     def force_n(self, x: np.ndarray) -> np.ndarray:
         """What the force is linear in to its components (axes,)."""
@@ -200,8 +221,7 @@ class _Worker:
     """One thread's scratch memory; called with a chunk of frames and the places of its outputs."""
 
     def __init__(self, pipeline: FloatPipeline, after: _AfterSlopes | None = None):
-        tables, hidden = pipeline._tables, len(pipeline._tables) - 1
-        self.network = PixelTiles(tables, pipeline.background, top=[np.inf] * hidden, floor=False)
+        self.network = PixelTiles(pipeline._tables, pipeline.background)
         self.limit, self.after = pipeline.scene.numbers.slope_limit, after
         self.planes = np.empty((2, *pipeline.background.shape[:2]), np.float32)
         self.slopes = np.moveaxis(self.planes, 0, -1)
@@ -210,21 +230,10 @@ class _Worker:
         for k, frame in enumerate(frames):
             normal = self.network(frame)
             if "normals" in out:
-                length = np.sqrt((normal * normal).sum(axis=0))
-                np.maximum(length, 1e-12, out=length)
-                interleave(normal / length, out["normals"][k])
+                unit_normals(normal, np.float32(1e-12), out["normals"][k].reshape(-1))
             if "slopes" in out or self.after is not None:
-                self._slopes(normal)
+                limited_slopes(normal, np.float32(self.limit), self.planes.reshape(2, -1))
             if "slopes" in out:
-                interleave(self.planes, out["slopes"][k])
+                interleave_slopes(self.planes.reshape(2, -1), np.float32(1), out["slopes"][k].reshape(-1))
             if self.after is not None:
                 self.after(self.slopes, {name: array[k] for name, array in out.items()})
-
-    def _slopes(self, normal: np.ndarray) -> None:
-        slopes = self.planes.reshape(2, -1)
-        if normal[2].min() > 0:
-            with np.errstate(over="ignore"):
-                np.divide(normal[:2], -normal[2], out=slopes)
-            np.clip(slopes, -self.limit, self.limit, out=slopes)
-        else:
-            slopes[...] = pixel_normals.slopes_of(normal.T, self.limit).T

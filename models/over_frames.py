@@ -58,7 +58,8 @@ def over_frames(
 
     worker : called once in each thread, so that its result may own scratch memory; that is called with a
         chunk of frames and, by name, the places of its outputs
-    NumPy and torch compute without the interpreter's lock, and BLAS and torch on one thread in each of ours.
+    NumPy, torch and compiled loops do without the interpreter's lock, BLAS and torch on one thread in each
+    of ours.
     """
     if not len(frames):
         raise ValueError("frames: none to process")

@@ -1,67 +1,55 @@
-"""The pixel network over whole frames, tile by tile: what is under way stays in the cache.
-
-In torch, whose clip of a tile takes half of NumPy's time; on one thread, for `over_frames` has one for each
-core.
-"""
+"""The pixel network over whole frames: its tables as the compiled loops read them, and their memory."""
 
 from collections.abc import Sequence
 
 import cv2
 import numpy as np
-import torch
 
 from .features import coordinate_codes
-
-TILE_PX = 4096
-
-
-def interleave(planes: np.ndarray, out: np.ndarray) -> None:
-    """Planes (C, H · W) into `out` (H, W, C), in its element type."""
-    cv2.merge(planes.astype(out.dtype, copy=False).reshape(-1, *out.shape[:2]), out)
+from .pixel_kernel import forward, packed
 
 
 class PixelTiles:
     """The scratch memory of one thread, called on one frame after another.
 
-    tables : of each layer (neurons, inputs + 1), the bias last, of the element type to compute in
-    top : activations are clipped to 0 … top
-    floor : whether they are rounded down to integers
+    tables : of each layer (neurons, inputs + 1), the bias last: the hidden layers' of one element type, the
+        last one's of its own; computed in those types
     background : (H, W, C) uint8
-
-    Pixels are columns, so that bias and coordinates are rows that never change.
+    requantise : of each hidden layer its multipliers · 2**−shift (neurons,) and the largest activation, as
+        `integer.Requantisation`; None: activations are rectified only
     """
 
     def __init__(
-        self, tables: Sequence[np.ndarray], background: np.ndarray, *, top: Sequence[float], floor: bool
+        self,
+        tables: Sequence[np.ndarray],
+        background: np.ndarray,
+        *,
+        requantise: Sequence[tuple[np.ndarray, int]] | None = None,
     ):
         height, width, channels = background.shape
-        pixels, real = height * width, tables[0].dtype
-        self.top, self.floor, self.channels = top, floor, channels
-        self.background = background.astype(np.int16)
-        self.change = np.empty((channels, height, width), np.int16)
-        self.features = np.ones((channels + 3, pixels), real)
-        self.features[channels] = np.tile(coordinate_codes(width), height)
-        self.features[channels + 1] = np.repeat(coordinate_codes(height), width)
-        self.normal = np.empty((3, pixels), real)
-        self.tables = [torch.from_numpy(np.ascontiguousarray(table)) for table in tables]
-        hidden = [np.ones((len(table) + 1, min(TILE_PX, pixels)), real) for table in tables[:-1]]
-        whole = [torch.from_numpy(array) for array in (self.features, self.normal, *hidden)]
-        self.tiles = []
-        for start in range(0, pixels, TILE_PX):
-            tile = slice(start, min(start + TILE_PX, pixels))
-            first = slice(0, tile.stop - start)
-            features, normal, *words = whole
-            self.tiles.append((features[:, tile], [word[:, first] for word in words], normal[:, tile]))
+        *hidden, last = tables
+        self.requantised = requantise is not None
+        steps = requantise if self.requantised else [(None, 0)] * len(hidden)
+        layers = [packed(table, scale) for table, (scale, _) in zip(hidden, steps, strict=True)]
+        shapes = np.array([layer.shape for layer in layers], int).reshape(-1, 3)
+        self.hidden = np.zeros((len(layers), *shapes.max(axis=0, initial=1)), tables[0].dtype)
+        for place, layer in zip(self.hidden, layers, strict=True):
+            place[: layer.shape[0], : layer.shape[1]] = layer
+        self.neurons = np.array([len(table) for table in hidden], np.int64)
+        self.tops = np.array([top for _, top in steps], tables[0].dtype)
+        self.last = packed(last)
+        self.planes = np.empty((channels, height, width), np.uint8)
+        rest = np.empty((channels + 2, height, width), np.float32)
+        rest[:channels] = np.moveaxis(background, -1, 0)
+        rest[channels] = coordinate_codes(width)
+        rest[channels + 1] = coordinate_codes(height)[:, None]
+        self.rest = rest.reshape(channels + 2, -1)
+        self.normal = np.empty((len(last), height * width), last.dtype)
 
     def __call__(self, frame: np.ndarray) -> np.ndarray:
         """A frame (H, W, C) uint8 to the network's outputs (3, H · W), valid until the next call."""
-        cv2.split(frame.astype(np.int16) - self.background, [*self.change])
-        self.features[: self.channels] = self.change.reshape(self.channels, -1)
-        for x, hidden, normal in self.tiles:
-            for table, words, top in zip(self.tables, hidden, self.top, strict=False):
-                activation = torch.mm(table, x, out=words[:-1]).clamp_(0, top)
-                if self.floor:
-                    activation.floor_()
-                x = words
-            torch.mm(self.tables[-1], x, out=normal)
+        cv2.split(frame, [*self.planes])
+        planes = self.planes.reshape(len(self.planes), -1)
+        tables = self.hidden, self.neurons, self.tops, self.requantised, self.last
+        forward(planes, self.rest, *tables, self.normal)
         return self.normal

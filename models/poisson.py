@@ -28,9 +28,14 @@ def eigenvalues(size: int) -> np.ndarray:
     return one[:, None] + one[None, :]
 
 
+def divergence_scale(divergence: str) -> float:
+    """px per px² of one unit of `integer.divergence_of`."""
+    return 0.5 if divergence == "central" else 1.0
+
+
 def source_of(slopes: np.ndarray, divergence: str) -> np.ndarray:
     """Slopes (..., H, W, 2) to the source (..., H − 2, W − 2) of the 5-point Laplacian, px per px²."""
-    return divergence_of(slopes, divergence) * (0.5 if divergence == "central" else 1.0)
+    return divergence_of(slopes, divergence) * divergence_scale(divergence)
 
 
 def boundary_term(rest: np.ndarray) -> np.ndarray:

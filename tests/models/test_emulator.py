@@ -84,6 +84,7 @@ SPECIMENS = {
     "normals": (("normals",), {}),
     "depth": ((DEPTH,), {"mode": "difference"}),
     "depth, four channels": ((DEPTH,), {"channels": "bgr+nir"}),
+    "depth, odd size": ((DEPTH,), {"size": 17}),
     "depth by recurrences": ((DEPTH,), {"solver": "tridiagonal", "size": 17}),
     "force": ((Z,), {}),
     "force, K = 5, 20 px": ((DEPTH, Z), {"kernel_size": 5, "mode": "difference", "size": 20}),
@@ -134,6 +135,42 @@ def test_equals_the_integers_on_larger_images(tmp_path, size, solver, kernel):
     )
     pipeline = bench_specimen.specimen(tmp_path / "b", scene, hidden=(16, 16, 16)).pipeline
     check(pipeline, frames_of(pipeline.background)[[0, 1, 3, 4, 6, 8]])
+
+
+def test_sums_beyond_float32(tmp_path):
+    """A hidden layer whose sums take more than 24 bits."""
+    pipeline = bench_specimen.specimen(tmp_path / "b", bench_specimen.scene((DEPTH, Z))).pipeline
+    assert Emulator(pipeline).tables[0].dtype == np.float32
+    first, *others = pipeline.layers
+    scale, by = first.requantisation, 12
+    fine = replace(
+        first,
+        weight=(first.weight << by) + 1,
+        bias=first.bias << by,
+        weight_bits=first.weight_bits + by,
+        requantisation=replace(scale, shift=scale.shift + by),
+    )
+    wide = pipeline.replace(layers=(fine, *others))
+    assert Emulator(wide).tables[0].dtype == np.float64
+    check(wide, frames_of(pipeline.background))
+
+
+def no_sines(pipeline):
+    """Symmetric tables that the folded transforms cannot use."""
+    transform = pipeline.solver.row_forward
+    matrix = transform.matrix.copy()
+    matrix[0, 0] += 1
+    return pipeline.replace(solver=replace(pipeline.solver, row_forward=replace(transform, matrix=matrix)))
+
+
+@pytest.mark.parametrize("solver", ["dst2d", "tridiagonal"])
+def test_other_matrices_give_way_to_the_loop(tmp_path, solver):
+    pipeline = bench_specimen.specimen(tmp_path / "b", bench_specimen.scene((DEPTH,), solver=solver)).pipeline
+    changed = no_sines(pipeline)
+    with pytest.raises(NotExactError, match=r"^row_forward matrix: expected rows even and odd"):
+        Emulator(changed)
+    frames = frames_of(pipeline.background)[3:5]
+    np.testing.assert_array_equal(changed.run(frames).depth_words, int64_loop(changed, frames)["depth_words"])
 
 
 @pytest.mark.parametrize("n_z", [-300, -1, 0, 1, 40])
