@@ -33,6 +33,8 @@ from fastac.sweep_spec import Point, Spec, grid
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 ATTEMPTS = 2
 """Of a task whose process was killed; it may have been another one's fault."""
+ANSWER_S = 30
+"""How long a scheduler may take to answer; a loaded machine needs 10 s to start the client's own loop."""
 
 
 class SweepError(RuntimeError):
@@ -80,7 +82,7 @@ def dask_pool(address: str) -> Iterator[Pool]:
     except ImportError:
         raise SweepError("--scheduler: Dask is not installed: run pip install -e '.[sweep]'") from None
     try:
-        client = Client(address, timeout=10)
+        client = Client(address, timeout=ANSWER_S)
     except (OSError, ValueError) as error:
         raise SweepError(f"--scheduler {address}: no scheduler answers: {error}") from None
     with client:
