@@ -69,3 +69,15 @@ def test_clips_to_eight_bits():
     assert frame.max() == 255
     dark = sensor(geometry="flat", light={"brightest_dn": 10}, noise_dn=20.0)
     assert render(*at_rest(dark), dark, np.random.default_rng(0)).min() == 0
+
+
+def test_a_frame_is_the_rounded_sum_of_light_and_noise():
+    noisy = sensor(noise_dn=60.0)
+    normals, depth = at_rest(noisy)
+    image = exposure(normals, depth, noisy)
+    deviation = np.sqrt(60.0**2 + image / noisy.electrons_per_dn)
+    drawn = np.random.default_rng(5).standard_normal(image.shape)
+    want = np.clip(np.rint(image + deviation * drawn), 0, 255)
+    assert (want == 0).any(), "dark and bright ends are cut off"
+    assert (want == 255).any()
+    np.testing.assert_array_equal(render(normals, depth, noisy, np.random.default_rng(5)), want)

@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import binary_fill_holes
 
 from fastac.scene import Sensor
 from sensor.fem_gel import Gel
-from sensor.fem_skin import skin_of
+from sensor.fem_skin import _filled, _onto, _spline, skin_of
 from sensor.geometry import ball_slopes, pixel_centres_mm, rest_depth_at_mm, rest_depth_mm
 from sensor.indenter import Ball
 
@@ -76,3 +78,29 @@ def test_a_fold_of_the_skin_leaves_every_depth_finite_and_below_the_ball(gel):
     assert np.isfinite(skin.normals).all()
     assert displaced.min() > -2
     assert displaced.max() < 1
+
+
+def test_holes_are_those_that_no_way_along_rows_and_columns_reaches():
+    mask = np.random.default_rng(1).random((40, 30)) < 0.6
+    np.testing.assert_array_equal(_filled(mask), binary_fill_holes(mask))
+    assert (_filled(mask) != mask).any()
+    assert _filled(np.ones((3, 4), bool)).all()
+    assert not _filled(np.zeros((3, 4), bool)).any()
+
+
+def test_a_spline_s_coefficients_give_the_nodes_spline_up_to_the_border():
+    nodes, pixels = np.linspace(-3, 3, 13), np.linspace(-3, 3, 49)
+    values = np.random.default_rng(1).normal(size=(3, 13, 13))
+    on_pixels, on_coefficients = _onto(tuple(nodes), tuple(pixels))
+    coefficients = on_coefficients @ values @ on_coefficients.T
+    np.testing.assert_allclose(on_pixels, make_interp_spline(nodes, np.eye(13))(pixels))
+    fine = on_pixels @ values @ on_pixels.T
+    for v, u in ((0, 0), (48, 48), (20, 1), (48, 13)):
+        np.testing.assert_allclose(_spline(coefficients, v, u), fine[:, v, u], atol=1e-3)
+    np.testing.assert_allclose(_spline(coefficients, 24.0, 24.5), _between(nodes, pixels, values), atol=0.01)
+    np.testing.assert_array_equal(_spline(coefficients, -5.0, 60.0), _spline(coefficients, 0.0, 48.0))
+
+
+def _between(nodes, pixels, values):
+    spline = make_interp_spline(nodes, np.eye(13))
+    return spline(pixels[24]) @ values @ spline((pixels[24] + pixels[25]) / 2)

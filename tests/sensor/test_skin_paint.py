@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from scipy.ndimage import map_coordinates
 
 from fastac.scene import Sensor
-from sensor.skin_paint import albedo, marker_centres_mm, marker_pixels
+from sensor.skin_paint import albedo, grain, marker_centres_mm, marker_pixels
 
 
 def sensor(**keys):
@@ -50,3 +51,12 @@ def test_dots_and_grain_move_with_the_skin():
 def test_dots_may_leave_the_image():
     away = np.full((64, 48, 2), 100.0)
     assert (albedo(DOTTED, away) == 1).all()
+
+
+def test_grain_moves_as_scipy_interpolates_it():
+    painted = sensor(grain=0.05)
+    moved_mm = np.random.default_rng(1).uniform(-1, 1, (64, 48, 2))
+    v, u = np.indices((64, 48))
+    from_v, from_u = v - moved_mm[..., 1] / 0.25, u - moved_mm[..., 0] / 0.25
+    want = map_coordinates(grain(painted), [from_v, from_u], order=1, mode="nearest")
+    np.testing.assert_array_equal(albedo(painted, moved_mm), want)
