@@ -1,5 +1,6 @@
 """What the camera makes of the light: exposure, noise, 8-bit digital numbers."""
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
 import numpy as np
@@ -32,9 +33,11 @@ def exposure(
     return _gain(sensor) * irradiance(normals, depth_mm, sensor) * albedo(sensor, tangential_mm)[..., None]
 
 
-def _expose(image: np.ndarray, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
-    """One exposure of a noise-free image: photon noise, read noise, rounding to 8 bits."""
-    normal = rng.standard_normal(image.shape)
+def _expose(image: np.ndarray, sensor: Sensor, normal: np.ndarray) -> np.ndarray:
+    """One exposure of a noise-free image: photon noise, read noise, rounding to 8 bits.
+
+    normal : (H, W, C), drawn from the standard normal distribution
+    """
     return _noisy(image, normal, float(sensor.noise_dn), float(sensor.electrons_per_dn))
 
 
@@ -59,11 +62,15 @@ def render(
     Channels are the sensor's, in its order. What is painted on the skin has moved by `tangential_mm`
     (H, W, 2), x and y. See `_expose` for the noise.
     """
-    return _expose(exposure(normals, depth_mm, sensor, tangential_mm), sensor, rng)
+    shape = (*depth_mm.shape, len(sensor.channel_names))
+    with ThreadPoolExecutor(1) as beside:
+        normal = beside.submit(rng.standard_normal, shape)
+        image = exposure(normals, depth_mm, sensor, tangential_mm)
+    return _expose(image, sensor, normal.result())
 
 
 def background(sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """The untouched skin (H, W, C) uint8: the rounded mean of several frames."""
     image = exposure(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
-    frames = [_expose(image, sensor, rng) for _ in range(BACKGROUND_EXPOSURES)]
+    frames = [_expose(image, sensor, rng.standard_normal(image.shape)) for _ in range(BACKGROUND_EXPOSURES)]
     return np.rint(np.mean(frames, axis=0)).astype(np.uint8)

@@ -7,6 +7,9 @@ from below along z, so the lit side's normal is −n. Each source's irradiance f
 of its light, nor does one that other parts of the skin hide (sensor/shadow.py).
 """
 
+import os
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 from numba import njit
 
@@ -29,13 +32,18 @@ def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.
     skin = x, y, depth_mm.ravel(), np.ascontiguousarray(np.moveaxis(normals, -1, 0)).reshape(3, -1)
     reference = light.distance_mm**2 + light.below_mm**2 + light.softening_mm**2
     sent = np.empty((len(x), len(sensor.channel_names)))
-    for k, channel in enumerate(sensor.channel_names):
+
+    def shine(k: int) -> None:
+        channel = sensor.channel_names[k]
         source = source_mm(channel, light)
         direct, lobe, falloff = _shine(*skin, source, reference, light.softening_mm**2)
         if light.specular:
             lobe **= light.shininess
         seen = visible(depth_mm, sensor, channel).ravel() if light.cast_shadows else np.ones(len(x))
         _add(direct, lobe, falloff, seen, light.specular, light.ambient, sent[:, k])
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        list(pool.map(shine, range(sent.shape[1])))
     return sent.reshape(*depth_mm.shape, -1)
 
 
