@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """The whole reproduction on a small virtual rig; only what the RTL counts is taken from its formulas."""
 
 import json
