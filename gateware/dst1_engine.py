@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """One pass of the orthonormal DST-I along rows, folded into even and odd halves."""
 
 import numpy as np
@@ -7,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from models.integer import SineTransform
 
+from .credit_queue import CreditQueue
 from .product import LATENCY, product
 
 
@@ -27,7 +29,8 @@ class Dst1Engine(wiring.Component):
     Rows travel in natural order as `interval` = ceil(N/lanes) beats; lanes beyond N in the last beat are
     void. While a row is transformed the next one is collected: a row every `interval` clocks.
     `latency` = 5 + ceil(log2(half + 1)) clocks pass from a row's last beat accepted to its first beat out
-    if nothing stalls; its other beats follow one a clock. While `o` stalls, the transform rests.
+    if nothing stalls; its other beats follow one a clock. While `o` stalls, values go on to the queue at the
+    end, and no more set off than that has room for. `i.ready` comes from registers.
     """
 
     def __init__(self, transform: SineTransform, *, lanes: int):
@@ -84,42 +87,46 @@ class Dst1Engine(wiring.Component):
         size, last = self.transform.size, self.interval - 1
         word = signed(self.transform.input_width)
 
-        # Collect a row; its last beat goes straight to the operands, when those are free.
-        beat = Signal(range(self.interval))
+        # Collect a row; its last beat goes straight to the operands, when those are free. Registers say which
+        # beat and step is the last: the enables reach too many registers for a comparison before them.
+        beat, last_beat = Signal(range(self.interval)), Signal()
         collected = Signal(data.ArrayLayout(word, last * self.lanes), reset_less=True)
         operands = Signal(data.ArrayLayout(word, size), reset_less=True)
         row = Cat(collected, self.i.payload)
         accept, load, free = Signal(), Signal(), Signal()
         m.d.comb += [
-            self.i.ready.eq((beat != last) | free),
+            self.i.ready.eq(~last_beat | free),
             accept.eq(self.i.valid & self.i.ready),
-            load.eq(accept & (beat == last)),
+            load.eq(self.i.valid & last_beat & free),
         ]
         with m.If(accept):
             m.d.sync += [
-                beat.eq(Mux(beat == last, 0, beat + 1)),
-                collected.eq(row >> (self.lanes * word.width)),
+                beat.eq(Mux(last_beat, 0, beat + 1)),
+                last_beat.eq(beat == last - 1),
+                collected.eq(row[self.lanes * word.width :]),
             ]
         with m.If(load):
             m.d.sync += operands.eq(row[: size * word.width])
 
-        # One step for each beat out; everything from here on moves with `advance`.
-        advance = Signal()
+        # One step for each beat out, which the registers behind it never hold up.
         active = Signal()
-        step = Signal(range(self.interval))
+        step, last_step = Signal(range(self.interval)), Signal()
+        launch = Signal()
         valid = Signal(self.latency - 1)
+        payload = self.o.payload.shape()
+        m.submodules.queue = queue = CreditQueue(payload, depth=CreditQueue.depth_of(len(valid)))
         m.d.comb += [
-            advance.eq(self.o.ready | ~self.o.valid),
-            free.eq(~active | (advance & (step == last))),
-            self.o.valid.eq(valid[-1]),
+            launch.eq(active & queue.room),
+            free.eq(~active | (queue.room & last_step)),
+            queue.launch.eq(launch),
+            queue.i_valid.eq(valid[-1]),
         ]
-        with m.If(advance):
-            m.d.sync += [
-                step.eq(Mux(active & (step != last), step + 1, 0)),
-                valid.eq(Cat(active, valid)),
-            ]
+        m.d.sync += valid.eq(Cat(launch, valid))
+        with m.If(launch):
+            m.d.sync += [step.eq(Mux(last_step, 0, step + 1)), last_step.eq(step == last - 1)]
         with m.If(free):
             m.d.sync += active.eq(load)
+        wiring.connect(m, queue.o, wiring.flipped(self.o))
 
         # The table's words meet the folded halves at the multipliers' own registers.
         constant = signed(self.transform.coefficient_width)
@@ -130,17 +137,17 @@ class Dst1Engine(wiring.Component):
             attrs={"rom_style": "block"},
         )
         words = table.read_port()
-        m.d.comb += [words.addr.eq(step), words.en.eq(advance)]
+        m.d.comb += [words.addr.eq(step), words.en.eq(1)]
 
         # A single lane alternates between odd and even k; of several, each keeps to one kind.
         kinds = [step[0]] if self.lanes == 1 else [Const(0, 1), Const(1, 1)]
-        halves = [self._fold(m, advance, operands, even) for even in kinds]
+        halves = [self._fold(m, operands, even) for even in kinds]
         for lane in range(self.lanes):
             terms = [
-                product(m, platform, advance, operand, words.data[lane][n], name=f"product_{lane}_{n}")
+                product(m, platform, Const(1), operand, words.data[lane][n], name=f"product_{lane}_{n}")
                 for n, operand in enumerate(halves[lane % len(halves)])
             ]
-            m.d.comb += self.o.payload[lane].eq(self._rounded_sum(m, advance, terms) >> self.transform.shift)
+            m.d.comb += queue.i[lane].eq(self._rounded_sum(m, terms) >> self.transform.shift)
         return m
 
     def _table(self) -> list:
@@ -149,19 +156,18 @@ class Dst1Engine(wiring.Component):
         table[: self.transform.size] = self.transform.matrix[:, : self.half]
         return table.reshape(self.interval, self.lanes, self.half).tolist()
 
-    def _fold(self, m, advance, operands, even) -> list:
+    def _fold(self, m, operands, even) -> list:
         """Registers of x_n + x_{N+1−n}, or x_n − x_{N+1−n} where `even`; the middle one stands alone."""
         folded = []
         for n in range(self.half):
             mirror = self.transform.size - 1 - n
             x, y = operands[n], operands[mirror] if mirror != n else Const(0)
             both = Signal(signed(self.transform.input_width + 1), reset_less=True, name=f"folded_{n}")
-            with m.If(advance):
-                m.d.sync += both.eq(Mux(even, x - y, x + y))
+            m.d.sync += both.eq(Mux(even, x - y, x + y))
             folded.append(both)
         return folded
 
-    def _rounded_sum(self, m, advance, terms):
+    def _rounded_sum(self, m, terms):
         """The tree over `terms` and the half unit, a register after each addition."""
         terms = [*terms, Const(self.transform.half_unit)]
         for _ in range(self.levels):
@@ -169,8 +175,7 @@ class Dst1Engine(wiring.Component):
             for a, b in zip(terms[::2], [*terms[1::2], Const(0)][: (len(terms) + 1) // 2], strict=True):
                 width = min((a + b).shape().width, self.transform.accumulator_width)
                 total = Signal(signed(width), reset_less=True)
-                with m.If(advance):
-                    m.d.sync += total.eq(a + b)
+                m.d.sync += total.eq(a + b)
                 sums.append(total)
             terms = sums
         return terms[0]

@@ -85,7 +85,7 @@ class PoissonSolver(wiring.Component):
     Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
     adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
     `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
-    `o.ready` reaches through the last transform to the second transposer; buffers part the others.
+    No way of `ready` reaches past a transform, which takes from registers alone.
     """
 
     def __init__(
@@ -169,6 +169,6 @@ class PoissonSolver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        # Transposers take and give at registers; elsewhere a buffer parts the way of `ready`.
+        # Transforms take, and transposers take and give, at registers; elsewhere a buffer parts the way.
         connect_stages(m, self, ("source", "column_forward", "division"))
         return m

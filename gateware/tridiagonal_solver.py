@@ -33,7 +33,7 @@ class TridiagonalPoissonSolver(wiring.Component):
     Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
     adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
     `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
-    `o.ready` reaches through the last transform to a buffer behind the substitution.
+    No way of `ready` reaches past a transform, which takes from registers alone.
     """
 
     def __init__(
@@ -114,7 +114,7 @@ class TridiagonalPoissonSolver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        # The reversal takes and gives at registers; elsewhere a buffer parts the way of `ready`.
+        # Transforms take, and the reversal takes and gives, at registers; elsewhere a buffer parts the way.
         connect_stages(m, self, ("source", "substitution"))
 
         beat, last_row = Signal(range(self.beats)), self.size - 1
