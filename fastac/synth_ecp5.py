@@ -27,8 +27,8 @@ ARGUMENTS = [
 ]
 SEEDS = (None, 1, 2)
 """Of one placement after the other: on a full device the router does not come to an end with every one."""
-ROUTING_LIMIT_S = 2400
-"""Processor time of one of them; those that came to an end took less than half of it."""
+ROUTING_LIMIT_S = 1800
+"""Processor time of one of them: a transform's takes some 18 minutes where it comes to an end."""
 ORIGIN = (
     "placed and routed: nextpnr-ecp5 on LFE5UM5G-85F speed 8 (40 nm), the module by itself between registers,"
     " products in 18×18 multipliers with the module's own clocks; a conservative bound for the XCZU19EG, not"
