@@ -135,8 +135,8 @@ class CalibrationLoader(wiring.Component):
     one write port for each table, see `Table.signature`
 
     No reset touches what was loaded, nor how far loading has come: only a complete image ends it. The
-    registers and the hash are one shift register, 32 bits a word. A table's word is written, one clock later,
-    with the last of its values.
+    registers and the hash are one shift register, 32 bits a word, which shifts one clock after the word; then
+    `host.loading` ends. A table's word is written, likewise one clock later, with the last of its values.
     """
 
     def __init__(self, layout: ImageLayout, registers: dict[str, int], bundle_hash: int):
@@ -170,12 +170,23 @@ class CalibrationLoader(wiring.Component):
             for k, length in enumerate(sections):
                 with m.Case(k):
                     m.d.comb += last.eq(place == length - 1)
+        # The chain's enable reaches thousands of registers, so it comes from a register of its own.
+        complete, shifts, finished = Signal(), Signal(reset_less=True), Signal(reset_less=True)
+        word = Signal(WORD, reset_less=True)
+        m.d.comb += complete.eq(last & (section == len(sections) - 1))
+        m.d.sync += [
+            word.eq(host.word),
+            shifts.eq(host.taken & (section == len(sections) - 1)),
+            finished.eq(host.taken & complete & ~host.restart),
+        ]
+        with m.If(finished):
+            m.d.sync += loading.eq(0)
         with m.If(host.restart):
             m.d.sync += [received.eq(0), section.eq(0), place.eq(0)]
         with m.Elif(host.taken):
-            complete = last & (section == len(sections) - 1)
+            with m.If(~complete):
+                m.d.sync += loading.eq(1)
             m.d.sync += [
-                loading.eq(~complete),
                 received.eq(Mux(complete, 0, received + 1)),
                 place.eq(Mux(last, 0, place + 1)),
             ]
@@ -183,8 +194,8 @@ class CalibrationLoader(wiring.Component):
                 m.d.sync += section.eq(Mux(complete, 0, section + 1))
 
         chain = Signal(WORD * self.layout.chain_words, init=self.initial, reset_less=True)
-        with m.If(host.taken & (section == len(sections) - 1)):
-            m.d.sync += chain.eq(Cat(chain, host.word)[WORD:])
+        with m.If(shifts):
+            m.d.sync += chain.eq(Cat(chain, word)[WORD:])
         m.d.comb += host.bundle_hash.eq(Mux(loading, 0, chain[-HASH:]))
         low = 0
         for name, bits in self.layout.registers.items():

@@ -19,7 +19,7 @@ class Model:
 
     def __init__(self):
         self.words: list[int] = []
-        self.loading = False
+        self.loading = self.complete = False
         self.force = START
         self.memory = {name: {} for name in TABLES}
 
@@ -31,7 +31,12 @@ class Model:
         self.loading = True
         if len(self.words) == LENGTH:
             [self.force] = [image for image in IMAGES if image["words"] == self.words]
-            self.words, self.loading = [], False
+            self.words, self.complete = [], True
+
+    def tick(self) -> None:
+        """A clock after the last word the image computes."""
+        if self.complete:
+            self.loading = self.complete = False
 
 
 class Run:
@@ -62,6 +67,7 @@ class Run:
         taken = int(dut.host__taken.value)
         if self.known:
             self.check_outputs()
+        self.model.tick()
         for name, memory in self.model.memory.items():
             if int(getattr(dut, f"{name}__en").value):
                 address = int(getattr(dut, f"{name}__addr").value)
@@ -91,8 +97,9 @@ class Run:
             assert int(getattr(dut, name).value) == int(value, 16), name
 
     async def check(self) -> None:
-        """Registers, and everything that ever reached the tables, which takes a clock."""
-        await self.clock()
+        """Registers, and everything that ever reached the tables, a clock after the last word."""
+        for _ in range(2):
+            await self.clock()
         assert not self.model.loading
         for name, memory in self.model.memory.items():
             expected = {k: int(value, 16) for k, value in enumerate(self.model.force["tables"][name])}
