@@ -173,10 +173,11 @@ class CalibrationLoader(wiring.Component):
         # The chain's enable reaches thousands of registers, so it comes from a register of its own.
         complete, shifts, finished = Signal(), Signal(reset_less=True), Signal(reset_less=True)
         word = Signal(WORD, reset_less=True)
-        m.d.comb += complete.eq(last & (section == len(sections) - 1))
+        in_chain = section == len(sections) - 1
+        m.d.comb += complete.eq(last & in_chain)
         m.d.sync += [
             word.eq(host.word),
-            shifts.eq(host.taken & (section == len(sections) - 1)),
+            shifts.eq(host.taken & in_chain),
             finished.eq(host.taken & complete & ~host.restart),
         ]
         with m.If(finished):
