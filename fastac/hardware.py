@@ -9,10 +9,10 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
-from amaranth.back import verilog
 
 from fastac.synth import source_digest
 from fastac.workspace import write_json
+from gateware.elaboration import to_verilog
 from gateware.platform_xczu19eg import DeviceError, check_multipliers, write_vivado_project
 from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
@@ -42,7 +42,7 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
     except DeviceError as error:
         raise HardwareError(f"{bundle.scene.name}: {error}") from None
     with watched("elaborating Verilog", enabled=progress):
-        text = verilog.convert(top, name=NAME)
+        text = to_verilog(top, name=NAME)
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:

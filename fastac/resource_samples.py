@@ -15,7 +15,6 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from amaranth.back import rtlil
 from tqdm import tqdm
 
 from fastac import resources, synth_tools, synth_yosys
@@ -23,6 +22,7 @@ from fastac.scene import Scene
 from fastac.synth_netlist import Part, parts
 from fastac.workspace import write_json
 from gateware.cycle_model import multipliers
+from gateware.elaboration import to_rtlil
 from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
 from sim.bench_specimen import specimen
@@ -148,7 +148,7 @@ def sample(design: dict, *, with_control: bool) -> dict:
     scene = scene_of(design)
     with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
         bundle: Bundle = specimen(Path(folder) / "bundle", scene, hidden=(scene.network.width,) * 3)
-        found = parts(rtlil.convert(TopZynq(bundle), name="fastac"), "fastac")
+        found = parts(to_rtlil(TopZynq(bundle), name="fastac"), "fastac")
     if not with_control:
         found = [part for part in found if resources.stage_of(part.name) != "control"]
     totals: dict[str, dict[str, float]] = {}

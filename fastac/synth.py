@@ -69,12 +69,11 @@ TASKS = (COUNT, REGISTERS, LUTS, PLACE)
 
 def elaborate(bundle) -> list[Part]:
     """The parts of a bundle's top-level, and each as elaborated for the ECP5."""
-    from amaranth.back import rtlil
-
+    from gateware.elaboration import to_rtlil
     from gateware.top_zynq import TopZynq
 
     found, to_place = (
-        parts(rtlil.convert(TopZynq(bundle), name="fastac", platform=platform), "fastac")
+        parts(to_rtlil(TopZynq(bundle), name="fastac", platform=platform), "fastac")
         for platform in (None, Ecp5())
     )
     by_instance = {name: part for part in to_place for name in part.instances}

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from amaranth.back import verilog
 from pydantic import ValidationError
 
 from fastac.build import PIPELINE_SOURCES
@@ -17,6 +16,7 @@ from fastac.hardware import NAME
 from fastac.report import DEVICE
 from fastac.scene import Scene, SceneError, describe
 from fastac.workspace import digest_sources, write_json
+from gateware.elaboration import to_verilog
 from gateware.top_zynq import TopZynq
 from models import bundle as bundles
 from models.bundle import Bundle
@@ -146,7 +146,7 @@ def run(
         start = time.monotonic()
         with watched(f"{count} px/clock: elaborating", enabled=progress):
             derived, note = fit(bundle, place / "bundle", count)
-            text = verilog.convert(TopZynq(derived), name=NAME)
+            text = to_verilog(TopZynq(derived), name=NAME)
         elaboration_s = time.monotonic() - start
         source = place / f"{NAME}.v"
         if not source.exists() or source.read_text() != text:

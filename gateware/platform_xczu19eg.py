@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import ClassVar
 
 from amaranth import Elaboratable, Module
-from amaranth.back import verilog
 from amaranth.build import TemplatedPlatform
 from amaranth.vendor import XilinxPlatform
+
+from .elaboration import to_verilog
 
 MAXIMUM_CLOCK_MHZ = 775  # a fully registered DSP48E2 of this speed grade
 DEVICE = {
@@ -109,7 +110,7 @@ class XCZU19EGPlatform(XilinxPlatform):
     def prepare(self, elaboratable, name="top", **kwargs):
         text = elaboratable
         if not isinstance(text, str):
-            text = verilog.convert(elaboratable, name=name, platform=self)
+            text = to_verilog(elaboratable, name=name, platform=self)
         module = re.search(rf"^\s*module\s+{re.escape(name)}\b(.*?);", text, re.MULTILINE | re.DOTALL)
         if module is None:
             raise ValueError(f"name {name!r}: expected a module of this name in the Verilog")

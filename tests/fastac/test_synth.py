@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 from amaranth import Module, Signal, signed
-from amaranth.back import rtlil
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 from click.testing import CliRunner
@@ -16,6 +15,7 @@ from fastac import synth, synth_ecp5, synth_tools, synth_yosys
 from fastac.cli import main
 from fastac.synth_netlist import UNIT, Port, parts, ports
 from fastac.synth_tools import OutOfTimeError, SynthError
+from gateware.elaboration import to_rtlil
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -81,7 +81,7 @@ class Design(wiring.Component):
 
 @pytest.fixture(scope="module")
 def design():
-    return parts(rtlil.convert(Design(), name="fastac"), "fastac")
+    return parts(to_rtlil(Design(), name="fastac"), "fastac")
 
 
 @pytest.fixture
@@ -125,7 +125,7 @@ def test_elements_of_arrays_do_not_look_like_bits():
     module = Module()
     module.d.sync += [component.o[1].eq(component.i[0]), component.o[0].eq(component.i[1])]
     component.elaborate = lambda platform: module
-    text = rtlil.convert(component, name="fastac")
+    text = to_rtlil(component, name="fastac")
     assert "\\o[1]" in text
     [part] = parts(text, "fastac")
     assert "\\o[1]" not in part.text

@@ -5,10 +5,10 @@ import re
 from pathlib import Path
 
 import pytest
-from amaranth.back import verilog
 
 from fastac.scene import Hardware, Numbers, load
 from gateware.datapath import Datapath
+from gateware.elaboration import to_verilog
 from gateware.top_zynq import TopZynq
 from sim.bench_specimen import scene, specimen
 
@@ -108,7 +108,7 @@ WORDS = {
 def test_only_what_the_scene_requires_is_built(tmp_path, name):
     bundle = specimen(tmp_path / "bundle", scene(**WANTED[name]), hidden=(2,))
     top = TopZynq(bundle)
-    text = verilog.convert(top, name="fastac")
+    text = to_verilog(top, name="fastac")
     modules = {
         match.replace("\\", "").removeprefix("fastac.")
         for match in re.findall(r"^module (\S+) ?\(", text, re.MULTILINE)
@@ -155,7 +155,7 @@ def test_what_shipped_scenes_leave_out(tmp_path, name):
     shipped = load(SCENES / f"{name}.toml")
     small = shipped.sensor.model_copy(update={"height_px": 24, "width_px": 24})
     top = TopZynq(specimen(tmp_path / "b", shipped.model_copy(update={"sensor": small}), hidden=(2,)))
-    text = verilog.convert(top, name="fastac")
+    text = to_verilog(top, name="fastac")
     modules = [m.replace("\\", "") for m in re.findall(r"^module (\S+) ?\(", text, re.MULTILINE)]
     present, absent = SHIPPED[name]
     for part in present:

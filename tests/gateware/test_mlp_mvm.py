@@ -3,8 +3,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from amaranth.back import rtlil
 
+from gateware.elaboration import to_rtlil
 from gateware.mlp_mvm import MvmCore, MvmTile
 from models.integer import Layer
 from sim.stream import check, pack
@@ -32,7 +32,7 @@ def compare(dut, layer, x, folder):
 
 
 def multiplications(core) -> int:
-    return rtlil.convert(core).count("cell $mul ")
+    return to_rtlil(core).count("cell $mul ")
 
 
 @pytest.mark.parametrize(

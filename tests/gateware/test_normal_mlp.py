@@ -4,8 +4,8 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from amaranth.back import rtlil
 
+from gateware.elaboration import to_rtlil
 from gateware.normal_mlp import NormalMlp
 from models.integer import Layer, Requantisation
 from sim.stream import check, pack
@@ -73,7 +73,7 @@ def test_baked_weights(tmp_path, sizes, lanes, latency, bits):
     layers = network(sizes, rng, bits)
     dut = NormalMlp(layers, input_width=WIDTH, lanes=lanes)
     assert (dut.latency, dut.multipliers, dut.parameter_bits) == (latency, 0, 0)
-    assert "cell $mul " not in rtlil.convert(dut)
+    assert "cell $mul " not in to_rtlil(dut)
     compare(dut, layers, beats(layers, lanes, rng), latency, bits, tmp_path)
 
 
@@ -101,7 +101,7 @@ def test_multipliers_of_the_papers_network():
     layers = network([6, 16, 16, 16, 3], np.random.default_rng(1), 10, loadable=True)
     dut = NormalMlp(layers, input_width=WIDTH, lanes=1)
     assert dut.multipliers == 48 + 128 + 128 + 48 + 48
-    assert rtlil.convert(dut).count("cell $mul ") == dut.multipliers
+    assert to_rtlil(dut).count("cell $mul ") == dut.multipliers
     assert NormalMlp(layers, input_width=WIDTH, lanes=4).multipliers == 4 * dut.multipliers
 
 

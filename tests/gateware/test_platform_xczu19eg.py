@@ -1,6 +1,6 @@
 import pytest
-from amaranth.back import verilog
 
+from gateware.elaboration import to_verilog
 from gateware.frame_timer import FrameTimer
 from gateware.platform_xczu19eg import (
     DEVICE,
@@ -17,7 +17,7 @@ def component():
 
 @pytest.mark.parametrize("given", ["component", "Verilog"])
 def test_vivado_project(tmp_path, given):
-    design = component() if given == "component" else verilog.convert(component(), name="fastac")
+    design = component() if given == "component" else to_verilog(component(), name="fastac")
     files = write_vivado_project(design, tmp_path / "vivado", 250, name="fastac")
     assert all(file.is_file() for file in files)
     texts = {file.name: file.read_text() for file in files}

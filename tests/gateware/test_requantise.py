@@ -1,9 +1,9 @@
 # amaranth: UnusedElaboratable=no
 import numpy as np
 import pytest
-from amaranth.back import rtlil
 from amaranth.sim import Simulator
 
+from gateware.elaboration import to_rtlil
 from gateware.requantise import Requantise, RequantiseCore
 from models.integer import Requantisation
 from sim.stream import check, pack
@@ -43,7 +43,7 @@ def test_baked_multipliers(tmp_path, multipliers, shift):
     scale = Requantisation(np.array(multipliers), shift)
     dut = Requantise(scale, width=WIDTH)
     assert (dut.latency, dut.core.multipliers, dut.core.parameter_bits) == (6, 0, 0)
-    assert "cell $mul " not in rtlil.convert(dut.core)
+    assert "cell $mul " not in to_rtlil(dut.core)
     compare(dut, scale, tmp_path)
 
 
@@ -51,7 +51,7 @@ def test_loadable_multipliers(tmp_path, with_parameters):
     built = Requantisation(np.array([1, 1, 1, 1]), 5, 10)
     dut = Requantise(built, width=WIDTH, loadable=True)
     assert (dut.latency, dut.core.multipliers, dut.core.parameter_bits) == (6, 4, 4 * 17 + 6)
-    assert rtlil.convert(dut.core).count("cell $mul ") == 4
+    assert to_rtlil(dut.core).count("cell $mul ") == 4
     multipliers, shift = TABLES[2]
     scale = Requantisation(np.array(multipliers), shift, 10)
     compare(with_parameters(dut, dut.core.parameter_image(scale)), scale, tmp_path)

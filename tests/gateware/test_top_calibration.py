@@ -5,9 +5,9 @@ import json
 
 import numpy as np
 import pytest
-from amaranth.back import verilog
 
 from gateware.calibration import calibration_words
+from gateware.elaboration import to_verilog
 from gateware.top_zynq import TopZynq
 from models.pipeline import join
 from sim.bench_specimen import QUICK, frames, recalibrated, scene, specimen
@@ -33,7 +33,7 @@ def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
     other = recalibrated(tmp_path / "other", own)
     top = TopZynq(own)
     source = tmp_path / f"{NAME}.v"
-    source.write_text(verilog.convert(top, name=NAME))
+    source.write_text(to_verilog(top, name=NAME))
 
     images = frames(own.pipeline.background, SPANS)
     results = [bundle.pipeline.run(images) for bundle in (own, other)]
@@ -76,4 +76,4 @@ def test_baked_hardware_has_nothing_of_it(tmp_path, mode):
         assert bool(path.loadable_tables) == bool(path.loadable_registers) == found
         ports = {"hold", "network", "constant", "offset", "rest"} & set(path.signature.members)
         assert ports == ({"hold", "network", *path.loadable_tables} if found else set())
-        assert ("calibration" in verilog.convert(top, name=NAME)) == found
+        assert ("calibration" in to_verilog(top, name=NAME)) == found

@@ -6,8 +6,8 @@ from itertools import product
 
 import numpy as np
 import pytest
-from amaranth.back import verilog
 
+from gateware.elaboration import to_verilog
 from gateware.register_map import ERRORS
 from gateware.top_zynq import TopZynq
 from models.pipeline import join
@@ -29,7 +29,7 @@ class Hardware:
         self.pipeline = self.bundle.pipeline
         self.top = TopZynq(self.bundle)
         self.source = folder / f"{NAME}.v"
-        self.source.write_text(verilog.convert(self.top, name=NAME))
+        self.source.write_text(to_verilog(self.top, name=NAME))
 
     def frames(self, *spans: int) -> np.ndarray:
         return frames(self.pipeline.background, spans)

@@ -4,8 +4,8 @@ import json
 
 import numpy as np
 import pytest
-from amaranth.back import verilog
 
+from gateware.elaboration import to_verilog
 from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
 from models.validity import REASONS
@@ -50,7 +50,7 @@ def hardware(tmp_path_factory):
     folder = tmp_path_factory.mktemp("hardware")
     bundle = specimen(folder / "bundle", scene(("normals", "depth", "force_z"), lanes=2))
     source = folder / "fastac.v"
-    source.write_text(verilog.convert(TopZynq(bundle), name="fastac"))
+    source.write_text(to_verilog(TopZynq(bundle), name="fastac"))
     images = frames(bundle.pipeline.background, (10, 40, 255))
     return bundle, source, images, bundle.pipeline.run(images), folder / "sim"
 

@@ -8,8 +8,8 @@ import zlib
 
 import numpy as np
 import pytest
-from amaranth.back import verilog
 
+from gateware.elaboration import to_verilog
 from gateware.top_zynq import TopZynq
 from sim.bench_specimen import QUICK, frames, scene, specimen
 from sim.runner import COMPRESSORS
@@ -112,7 +112,7 @@ def traced(tmp_path_factory):
     bundle = specimen(folder / "bundle", scene(("normals",)))
     top = TopZynq(bundle)
     source = folder / f"{NAME}.v"
-    source.write_text(verilog.convert(top, name=NAME))
+    source.write_text(to_verilog(top, name=NAME))
     images = frames(bundle.pipeline.background, (40,))
     result = bundle.pipeline.run(images)
 
