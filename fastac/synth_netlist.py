@@ -20,7 +20,6 @@ ELEMENT = re.compile(r"(?<=\S)\[(\d+)\]")
 PORT_NUMBER = re.compile(r"\b(input|output) \d+ ")
 SERIAL = re.compile(r"(?<=\\port\$)\d+(?=\$)")
 """Of a port that Amaranth names itself, counted through the whole design."""
-SOURCE_LINE = re.compile(r"^ *attribute \\src [^\n]*\n", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -91,7 +90,7 @@ def _sorted(text: str) -> str:
 
 def _renamed(bodies: Iterable[str], name: str) -> str:
     """The modules with `name` called `UNIT`, and nothing left of where it stood."""
-    text = "".join(_sorted(SOURCE_LINE.sub("", body).replace("attribute \\top 1\n", "")) for body in bodies)
+    text = "".join(_sorted(body.replace("attribute \\top 1\n", "")) for body in bodies)
     text = ELEMENT.sub(r".\1", text)
     serials = list(dict.fromkeys(SERIAL.findall(text)))
     text = SERIAL.sub(lambda found: str(serials.index(found[0])), text)

@@ -42,6 +42,7 @@ def test_collector_rests_only_while_the_design_is_elaborated(convert, head, enab
     text = convert(design, name="counter", platform=platform)
     assert head in text
     assert "count" in text
+    assert __file__ not in text
     assert design.collecting is False
     assert design.platform is platform
     assert gc.isenabled() == enabled
