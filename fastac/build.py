@@ -5,33 +5,17 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fastac import accuracy, frames, hardware, synth, training
+from fastac import accuracy, frames, hardware, resources, synth, training
 from fastac import report as reporting
 from fastac.scene import Scene
 from fastac.workspace import Step, Workspace, digest_file, write_json
 from gateware.cycle_model import multipliers
-from gateware.platform_xczu19eg import DeviceError, check_multipliers
+from gateware.platform_xczu19eg import DeviceError, check_block_rams, check_multipliers
 from models import bundle
 from sensor import dataset, fingertip
 
 TRAINING_SOURCES = ("models/*.py", "fastac/training.py", "fastac/frames.py", "sensor/samples.py")
-HARDWARE_SOURCES = (
-    "gateware/*.py",
-    "gateware/*.vlt",
-    "models/integer.py",
-    "models/fixed.py",
-    "models/validity.py",
-    "fastac/hardware.py",
-)
-PIPELINE_SOURCES = (
-    "models/pipeline.py",
-    "models/emulator*.py",
-    "models/pixel_*.py",
-    "models/sine_fold.py",
-    "models/vector_tile.py",
-    "models/over_frames.py",
-    "models/direct.py",
-)
+HARDWARE_SOURCES = (*synth.SOURCES, "gateware/*.vlt", "fastac/hardware.py")
 
 
 class BuildError(ValueError):
@@ -71,6 +55,7 @@ class Build:
             )
         try:
             check_multipliers(multipliers(self.scene))
+            check_block_rams(resources.block_rams(resources.kernel_memory(self.scene)))
         except DeviceError as error:
             raise BuildError(f"scene {self.scene.name}: {error}") from None
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -197,7 +182,7 @@ class Build:
                 "sim",
                 self._simulate,
                 None,
-                (*HARDWARE_SOURCES, "sim/*.py", *PIPELINE_SOURCES),
+                (*HARDWARE_SOURCES, "sim/*.py"),
                 ("sim.json",),
                 ("verilog",),
             ),

@@ -10,10 +10,11 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac import resources
 from fastac.synth import source_digest
 from fastac.workspace import write_json
 from gateware.elaboration import to_verilog
-from gateware.platform_xczu19eg import DeviceError, check_multipliers, write_vivado_project
+from gateware.platform_xczu19eg import DeviceError, check_block_rams, check_multipliers, write_vivado_project
 from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
 from sensor.dataset import Dataset
@@ -34,11 +35,12 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
 
     The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
     waivers in gateware/lint.vlt. Raises HardwareError with its first finding otherwise, and, before anything
-    is elaborated, where the device has fewer multipliers than the design needs.
+    is elaborated, where the device has fewer multipliers or block RAMs than the design needs.
     """
     top = TopZynq(bundle)
     try:
         check_multipliers(top.datapath.multipliers)
+        check_block_rams(resources.block_rams(resources.memories(bundle.pipeline)))
     except DeviceError as error:
         raise HardwareError(f"{bundle.scene.name}: {error}") from None
     with watched("elaborating Verilog", enabled=progress):

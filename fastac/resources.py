@@ -7,7 +7,7 @@ same way; DSP slices are the products of the architecture.
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -16,6 +16,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 from fastac.energy import Frame, Work
+from fastac.scene import Scene
 from gateware.cycle_model import multipliers
 from models.fixed import signed_width
 from models.integer import PatchForce
@@ -67,6 +68,22 @@ def blocks(width: int, depth: int) -> float:
     )
 
 
+def kernel_memory(scene: Scene) -> Iterator[tuple[str, int, int, int]]:
+    """As `memories`, of a force's kernels at every pixel, if the scene has them."""
+    if scene.wants_force and scene.wants_solver and scene.force.kernel == "patch":
+        lanes, size = scene.hardware.pixels_per_clock, scene.inner_px
+        words = len(scene.force_axes) * scene.force.kernel_size**2
+        yield "force", 1, lanes * words * scene.numbers.kernel_bits, size * -(-size // lanes)
+
+
+def block_rams(found: Iterable[tuple[str, int, int, int]]) -> dict[str, float]:
+    """RAMB36 by stage that hold such `memories`."""
+    needed: dict[str, float] = {}
+    for stage, number, width, depth in found:
+        needed[stage] = needed.get(stage, 0.0) + number * blocks(width, depth)
+    return needed
+
+
 def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
     """(stage, number, bits of a word, words) of the memories that are deep enough for block RAM."""
     scene, frame, solver = pipeline.scene, Frame(pipeline), pipeline.solver
@@ -102,9 +119,8 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
         if scene.wants_force and not difference:
             yield "depth", 1, lanes * (pipeline.depth.width if loadable else rest), frame.inner_beats
     force = pipeline.force
-    if isinstance(force, PatchForce):
-        yield "force", 1, lanes * len(force.kernel) * force.size**2 * force.kernel_bits, frame.inner_beats
-    elif force is not None:
+    yield from kernel_memory(scene)
+    if force is not None and not isinstance(force, PatchForce):
         axes, rows, columns, terms = force.weight.shape
         yield "force", 1, lanes * axes * terms * force.weight_width, rows * -(-columns // lanes)
 
@@ -173,10 +189,9 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
             "patch_bits": 0,
             "tree_bits": lanes * axes * terms * (force.input_width + force.weight_width),
         }
-    for values in found.values():
-        values["ramb36"] = 0.0
-    for stage, number, width, depth in memories(pipeline):
-        found[stage]["ramb36"] += number * blocks(width, depth)
+    needed = block_rams(memories(pipeline))
+    for stage, values in found.items():
+        values["ramb36"] = needed.get(stage, 0.0)
     return found
 
 

@@ -21,7 +21,7 @@ from fastac.scene import Scene, Sensor
 from fastac.sweep_spec import digest
 from fastac.workspace import digest_file, digest_sources, write_json
 from gateware.cycle_model import cycles, multipliers
-from gateware.platform_xczu19eg import check_multipliers
+from gateware.platform_xczu19eg import check_block_rams, check_multipliers
 from models import metrics, quantise, train_force
 from models.hyperforce import HyperForce
 from models.pipeline import IntegerPipeline
@@ -216,6 +216,7 @@ class PointModels:
         """
         check_multipliers(multipliers(self.scene))
         pipeline = self.pipeline
+        check_block_rams(resources.block_rams(resources.memories(pipeline)))
         found = self._errors(pipeline)
         floats = json.loads(self.steps["float"].path.read_text())
         found |= {f"float_{name}": value for name, value in floats.items()}

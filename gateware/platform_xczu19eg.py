@@ -43,6 +43,22 @@ def check_multipliers(by_stage: dict[str, int]) -> None:
         )
 
 
+def check_block_rams(by_stage: dict[str, float]) -> None:
+    """Raise DeviceError if the RAMB36 of all stages, {stage: number}, are more than the device has.
+
+    UltraRAM is not counted on: it takes no initial values (Xilinx UG573), and the tables, such as those of
+    the force kernels, are nothing else.
+    """
+    needed = sum(by_stage.values())
+    if needed > DEVICE["ramb36"]:
+        stages = ", ".join(f"{name} {number:,g}" for name, number in by_stage.items())
+        raise DeviceError(
+            f"{needed:,g} RAMB36 ({stages}): the {DEVICE['part']} has {DEVICE['ramb36']:,}; choose"
+            " force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits or a smaller"
+            " sensor.width_px"
+        )
+
+
 class XCZU19EGPlatform(XilinxPlatform):
     """Device, package and speed grade; a clock of `clock_mhz` at the port `clk` is the only constraint.
 

@@ -75,10 +75,10 @@ class Run:
         await RisingEdge(dut.clk)
         return taken
 
-    async def write(self, word: int, *, idle: int = 1) -> None:
+    async def write(self, word: int, *, idle: int = 1, reset: int = 0) -> None:
         """Offer a word; the model says whether it is taken."""
         expected = int(idle and self.model.expects(word))
-        taken = await self.clock(write=1, word=word, idle=idle)
+        taken = await self.clock(write=1, word=word, idle=idle, reset=reset)
         assert taken == expected, f"word {word:#x}: taken {taken}, expected {expected}"
         if taken:
             self.model.take(word)
@@ -174,8 +174,24 @@ async def partial_load(dut):
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
-async def restart_without_loading(dut):
+async def reset_with_every_word(dut):
+    """Each is taken, and the loading ends though the clock after the last word is one of reset, too."""
     run = await Run.begin(dut)
+    for image in reversed(IMAGES):
+        for word in image["words"]:
+            await run.write(word, reset=1)
+        await run.clock(reset=1)
+        await run.check()
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def restart_without_loading(dut):
+    """Nor does it harm in the clock after the last word."""
+    run = await Run.begin(dut)
+    await run.clock(restart=1)
+    await run.check()
+    for word in IMAGES[1]["words"]:
+        await run.write(word)
     await run.clock(restart=1)
     await run.check()
 

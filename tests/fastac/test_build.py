@@ -156,6 +156,21 @@ def test_hardware_that_the_device_cannot_hold_is_refused_before_anything_is_trai
     assert not (tmp_path / "b").exists()
 
 
+def test_kernels_that_the_device_cannot_hold_are_refused_before_anything_is_trained(make_scene, tmp_path):
+    changes = {
+        "outputs": ["force_xyz"],
+        "sensor": {"height_px": 256, "width_px": 256, "geometry": "flat"},
+        "force": {"kernel_size": 7},
+    }
+    # 254² words of 7 · 7 · 3 · 12 = 1,764 bits are 113.8 Mbit, and the device's RAMB36 hold 36.3 ...
+    with pytest.raises(BuildError, match=r"scene tiny: 3,111.5 RAMB36 \(force 3,111.5\): .* has 984; ch"):
+        Build(make_scene(**changes, numbers={"kernel_bits": 12}), tmp_path / "b")
+    assert not (tmp_path / "b").exists()
+    # ... and none where one weight a pixel has the same resultant.
+    changes["force"]["kernel"] = "collapsed"
+    Build(make_scene(**changes, numbers={"kernel_bits": 12}), tmp_path / "b")
+
+
 class TestOnlyWhatIsWanted:
     def test_normals_alone(self, make_scene, tiny_file, tmp_path, monkeypatch):
         def refuse(*_, **__):

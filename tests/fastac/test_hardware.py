@@ -6,6 +6,7 @@ import pytest
 
 from fastac import hardware
 from fastac.hardware import HardwareError, check_verilog, lint, write_verilog
+from fastac.resources import block_rams, memories
 from gateware.platform_xczu19eg import DEVICE
 from gateware.top_zynq import TopZynq
 from models.bundle import Bundle
@@ -57,12 +58,24 @@ def test_everything_that_vivado_and_a_driver_need_is_there(bundle, written):
 def test_more_multipliers_than_the_device_has_are_refused(bundle, tmp_path, monkeypatch):
     needed = sum(TopZynq(bundle).datapath.multipliers.values())
     monkeypatch.setitem(DEVICE, "dsp48e2", needed - 1)
-    monkeypatch.setattr(hardware.verilog, "convert", lambda top, name: pytest.fail("elaborated"))
+    monkeypatch.setattr(hardware, "to_verilog", lambda top, name: pytest.fail("elaborated"))
     with pytest.raises(
         HardwareError, match=rf"{bundle.scene.name}: {needed} DSP48E2 \(normals \d+,"
     ) as error:
         write_verilog(bundle, tmp_path / "verilog", progress=False)
     assert "hardware.pixels_per_clock" in one_line(error)
+    assert not list(tmp_path.iterdir())
+
+
+def test_more_memory_than_the_device_has_is_refused(bundle, tmp_path, monkeypatch):
+    needed = sum(block_rams(memories(bundle.pipeline)).values())
+    assert needed > 0
+    monkeypatch.setitem(DEVICE, "ramb36", needed - 0.5)
+    with pytest.raises(
+        HardwareError, match=rf"{bundle.scene.name}: {needed:g} RAMB36 \(background \d"
+    ) as error:
+        write_verilog(bundle, tmp_path / "verilog", progress=False)
+    one_line(error)
     assert not list(tmp_path.iterdir())
 
 
@@ -103,7 +116,7 @@ def test_interruption_leaves_the_old_folder_or_none(bundle, tmp_path, monkeypatc
     def interrupted(*args, **kwargs):
         raise reason
 
-    monkeypatch.setattr(hardware.verilog, "convert", lambda top, name: f"module {name}(clk);\nendmodule\n")
+    monkeypatch.setattr(hardware, "to_verilog", lambda top, name: f"module {name}(clk);\nendmodule\n")
     monkeypatch.setattr(hardware, step, interrupted)
     with pytest.raises(type(reason)):
         write_verilog(bundle, folder, progress=False)
@@ -113,7 +126,7 @@ def test_interruption_leaves_the_old_folder_or_none(bundle, tmp_path, monkeypatc
 
 
 def test_writing_again_replaces_everything(bundle, tmp_path, monkeypatch):
-    monkeypatch.setattr(hardware.verilog, "convert", lambda top, name: f"module {name}(clk);\nendmodule\n")
+    monkeypatch.setattr(hardware, "to_verilog", lambda top, name: f"module {name}(clk);\nendmodule\n")
     monkeypatch.setattr(hardware, "lint", lambda source: None)
     folder = tmp_path / "deeper" / "verilog"
     for _ in range(2):

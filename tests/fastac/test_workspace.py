@@ -164,9 +164,9 @@ def test_digests_depend_on_content_and_names_alone(tmp_path, monkeypatch):
 
 
 def test_the_build_s_own_patterns_match_files():
-    from fastac.build import HARDWARE_SOURCES, PIPELINE_SOURCES, TRAINING_SOURCES
+    from fastac.build import HARDWARE_SOURCES, TRAINING_SOURCES
 
-    sources = (*TRAINING_SOURCES, *HARDWARE_SOURCES, *PIPELINE_SOURCES)
+    sources = (*TRAINING_SOURCES, *HARDWARE_SOURCES)
     for pattern in (*sources, "sim/*.py", "fastac/report*.py", "fastac/*.j2"):
         assert any(workspace.ROOT.glob(pattern)), pattern
 

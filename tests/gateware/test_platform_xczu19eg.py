@@ -6,6 +6,7 @@ from gateware.platform_xczu19eg import (
     DEVICE,
     DeviceError,
     XCZU19EGPlatform,
+    check_block_rams,
     check_multipliers,
     write_vivado_project,
 )
@@ -66,11 +67,22 @@ def test_refuses_verilog(tmp_path, text, message):
     assert not list(tmp_path.iterdir())
 
 
-def test_refuses_what_the_device_cannot_hold():
+def test_refuses_multipliers_that_the_device_cannot_hold():
     check_multipliers({"normals": 352, "depth": 1616})
     with pytest.raises(DeviceError) as error:
         check_multipliers({"normals": 352, "depth": 1617})
     assert str(error.value) == (
         "1,969 DSP48E2 (normals 352, depth 1,617): the xczu19eg-ffvc1760-2-i has 1,968; choose fewer"
         " hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px"
+    )
+
+
+def test_refuses_memories_that_the_device_cannot_hold():
+    check_block_rams({"background": 12.5, "force": 971.5})
+    with pytest.raises(DeviceError) as error:
+        check_block_rams({"background": 12.5, "force": 1012})
+    assert str(error.value) == (
+        "1,024.5 RAMB36 (background 12.5, force 1,012): the xczu19eg-ffvc1760-2-i has 984; choose"
+        " force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits or a smaller"
+        " sensor.width_px"
     )

@@ -281,6 +281,19 @@ def test_normals_alone(tmp_path):
     check_faults(hardware)
 
 
+def test_force_map_with_void_lanes_last_row_first(tmp_path):
+    """22 columns are five and a half beats of four lanes, and the solver turns the rows around."""
+    settings = {"solver": "tridiagonal", "kernel_size": 5, "mode": "difference", "weights": "baked"}
+    check_frames(
+        Hardware(tmp_path, outputs=("depth", "force_y", "force_z", "force_map"), lanes=4, size=24, **settings)
+    )
+
+
+def test_odd_size_backward_differences_and_floor(tmp_path):
+    settings = {"divergence": "backward", "rounding": "floor", "clamp": False, "kernel_size": 3}
+    check_frames(Hardware(tmp_path, outputs=("depth", "force_z"), size=17, **settings))
+
+
 PAPER = [
     (lanes, weights, mode, (1, 3, 5, 7)[(k + shift) % 4])
     for shift, lanes in enumerate((1, 2, 4))
