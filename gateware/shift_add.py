@@ -40,7 +40,8 @@ class Term:
         """The sum of two terms, at most `bound` in magnitude; one addition or subtraction."""
         first, second = (other, self) if self.negative else (self, other)
         shift = min(first.shift, second.shift)
-        left, right = (term.value << (term.shift - shift) for term in (first, second))
+        # Amaranth takes the amount of a `<<` for a variable and makes room for the largest of as many bits.
+        left, right = (term.value.shift_left(term.shift - shift) for term in (first, second))
         subtract = second.negative and not first.negative
         return Term(left - right if subtract else left + right, bound, shift, first.negative)
 
