@@ -34,13 +34,11 @@ class DeviceError(ValueError):
 
 def check_multipliers(by_stage: dict[str, int]) -> None:
     """Raise DeviceError if the DSP48E2 of all stages, {stage: number}, are more than the device has."""
-    needed = sum(by_stage.values())
-    if needed > DEVICE["dsp48e2"]:
-        stages = ", ".join(f"{name} {number:,}" for name, number in by_stage.items())
-        raise DeviceError(
-            f"{needed:,} DSP48E2 ({stages}): the {DEVICE['part']} has {DEVICE['dsp48e2']:,}; choose fewer"
-            " hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px"
-        )
+    _check(
+        "DSP48E2",
+        by_stage,
+        "fewer hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px",
+    )
 
 
 def check_block_rams(by_stage: dict[str, float]) -> None:
@@ -49,13 +47,21 @@ def check_block_rams(by_stage: dict[str, float]) -> None:
     UltraRAM is not counted on: it takes no initial values (Xilinx UG573), and the tables, such as those of
     the force kernels, are nothing else.
     """
-    needed = sum(by_stage.values())
-    if needed > DEVICE["ramb36"]:
+    _check(
+        "RAMB36",
+        by_stage,
+        "force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits or a smaller"
+        " sensor.width_px",
+    )
+
+
+def _check(block: str, by_stage: dict[str, float], remedy: str) -> None:
+    """Raise DeviceError if the stages need more of a kind of block than the device has."""
+    needed, held = sum(by_stage.values()), DEVICE[block.lower()]
+    if needed > held:
         stages = ", ".join(f"{name} {number:,g}" for name, number in by_stage.items())
         raise DeviceError(
-            f"{needed:,g} RAMB36 ({stages}): the {DEVICE['part']} has {DEVICE['ramb36']:,}; choose"
-            " force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits or a smaller"
-            " sensor.width_px"
+            f"{needed:,g} {block} ({stages}): the {DEVICE['part']} has {held:,}; choose {remedy}"
         )
 
 
