@@ -100,11 +100,10 @@ def _renamed(bodies: Iterable[str], name: str) -> str:
 def parts(text: str, top: str) -> list[Part]:
     """The different modules of a design in RTLIL with top module `top`, in the order of the hierarchy.
 
-    `ASSEMBLIES` are taken apart; every other module stays whole with its submodules. Modules of the same
-    text are one part with several instances.
+    `ASSEMBLIES` are taken apart; every other module stays whole with its submodules. A module that stands in
+    several places, and modules of the same text, are one part with several instances.
     """
     modules = {found[1]: found[0] for found in MODULE.finditer(text)}
-    root = f"\\{top}"
     found: dict[str, Part] = {}
 
     def add(path: str, body: str, own_logic: bool) -> None:
@@ -113,17 +112,16 @@ def parts(text: str, top: str) -> list[Part]:
         part = Part(name, body, own_logic)
         found.setdefault(part.digest, part).instances.append(name)
 
-    def visit(name: str) -> None:
-        path = name.removeprefix(root).removeprefix(".")
-        children = list(dict.fromkeys(c for c, _ in CHILD.findall(modules[name]) if c in modules))
+    def visit(name: str, path: str) -> None:
+        children = [(kind, cell) for kind, cell in CHILD.findall(modules[name]) if kind in modules]
         if not children or path not in ASSEMBLIES:
             add(path, _renamed((modules[m] for m in _closure(modules, name)), name), False)
             return
-        for child in children:
-            visit(child)
+        for kind, cell in children:
+            visit(kind, f"{path}.{cell[1:]}".removeprefix("."))
         if OPERATOR.search(modules[name]):
-            boxes = [_black_box(modules, child) for child in children]
+            boxes = [_black_box(modules, kind) for kind in dict.fromkeys(kind for kind, _ in children)]
             add(path, _renamed([modules[name], *boxes], name), True)
 
-    visit(root)
+    visit(f"\\{top}", "")
     return list(found.values())

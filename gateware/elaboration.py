@@ -4,16 +4,97 @@ Amaranth's netlist of a top at four pixels per clock has a million nets, each a 
 the text is written. Python's cyclic garbage collector walks them all again and again and finds nothing to
 free, a third of the time. It is paused meanwhile; reference counts still free what they can.
 
+Components that are alike, such as the lanes' tiles, Amaranth would elaborate and write one by one. `alike`
+makes them instances of one module.
+
 Where in the sources a net comes from is left out: those are paths of this machine, and the text is to follow
 from the design alone.
 """
 
 import gc
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from contextvars import ContextVar
 
 from amaranth.back import rtlil, verilog
-from amaranth.hdl import Elaboratable
+from amaranth.hdl import ClockSignal, Const, Elaboratable, Instance, Value
+from amaranth.lib.wiring import Component, In
+
+TOP_ATTRIBUTE = "attribute \\top 1\n"
+"""In RTLIL, of the module that a text is written for."""
+RESET = re.compile(r"^(?!  wire |    connect \\rst 1'0$).*\\rst\b", re.MULTILINE)
+"""A use of the reset in RTLIL, neither its declaration nor one that is never given."""
+
+
+class Library:
+    """The modules that a design shares, named after it, and those of them whose text is still to write."""
+
+    def __init__(self, design: str):
+        self.design = design
+        self.names: set[str] = set()
+        self.waiting: list[tuple[str, Component]] = []
+
+    def add(self, name: str, component: Component) -> str:
+        """The module name of `component`; raises ValueError if another one has it."""
+        module = f"{self.design}.shared.{name}"
+        if module in self.names:
+            raise ValueError(f"shared module {name}: expected a name that is not taken yet")
+        self.names.add(module)
+        self.waiting.append((module, component))
+        return module
+
+
+_library: ContextVar[Library | None] = ContextVar("library", default=None)
+"""Of the design whose text is being written; None elsewhere, as in Amaranth's simulator."""
+
+
+def alike(components: Sequence[Component], name: str) -> list[Elaboratable]:
+    """What to make submodules of in place of `components`, which do the same, each for its own signals.
+
+    Where a text is written, several are instances of one module `name`, elaborated from the first. Registers
+    in it are of domain sync and without a reset: a `ResetInserter` around an instance would not reach them.
+    """
+    library = _library.get()
+    if library is None or len(components) == 1:
+        return list(components)
+    module = library.add(name, components[0])
+    domain = [("i", "clk", ClockSignal()), ("i", "rst", Const(0))]
+    found = []
+    for component in components:
+        ports = [
+            ("i" if member.flow == In else "o", "__".join(map(str, path)), Value.cast(value))
+            for path, member, value in component.signature.flatten(component)
+        ]
+        found.append(Instance(module, *domain, *ports))
+    return found
+
+
+def to_verilog(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
+    """Verilog of `design` as module `name`, its components elaborated for `platform`.
+
+    What Amaranth raises of a faulty design passes through.
+    """
+    # What verilog.convert() calls, which takes one design; Amaranth's release is pinned.
+    return verilog._convert_rtlil_text(to_rtlil(design, name=name, platform=platform))
+
+
+def to_rtlil(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
+    """RTLIL of `design`, Yosys' own form, as module `name`, and of what it shares; else as `to_verilog`."""
+    library = Library(name)
+    outer = _library.set(library)
+    try:
+        with collector_paused():
+            texts = [rtlil.convert(design, name=name, platform=platform, emit_src=False)]
+            while library.waiting:
+                module, component = library.waiting.pop()
+                text = rtlil.convert(component, name=module, platform=platform, emit_src=False)
+                if RESET.search(text):
+                    raise ValueError(f"shared module {module} resets a register: expected none with a reset")
+                texts.append(text.replace(TOP_ATTRIBUTE, "", 1))
+    finally:
+        _library.reset(outer)
+    return "".join(texts)
 
 
 @contextmanager
@@ -26,18 +107,3 @@ def collector_paused() -> Iterator[None]:
     finally:
         if enabled:
             gc.enable()
-
-
-def to_verilog(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
-    """Verilog of `design` as module `name`, its components elaborated for `platform`.
-
-    What Amaranth raises of a faulty design passes through.
-    """
-    with collector_paused():
-        return verilog.convert(design, name=name, platform=platform, emit_src=False)
-
-
-def to_rtlil(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
-    """RTLIL of `design`, Yosys' own form, as module `name`; else as `to_verilog`."""
-    with collector_paused():
-        return rtlil.convert(design, name=name, platform=platform, emit_src=False)

@@ -10,6 +10,7 @@ from amaranth.lib.wiring import In, Out
 
 from models.integer import Layer
 
+from .elaboration import alike
 from .handshake import check_lanes, stall_free
 from .mlp_mvm import MvmCore, tile_latency
 from .requantise import RequantiseCore
@@ -103,10 +104,12 @@ class NormalMlp(wiring.Component):
         m = Module()
         advance = stall_free(m, self.i, self.o, self.latency)
 
+        for name in self.cores[0]:
+            for lane, core in enumerate(alike([cores[name] for cores in self.cores], name)):
+                m.submodules[f"{name}_lane{lane}"] = core
         for lane, cores in enumerate(self.cores):
             x, latency, low = self.i.payload[lane], 0, 0
-            for name, core in cores.items():
-                m.submodules[f"{name}_lane{lane}"] = core
+            for core in cores.values():
                 m.d.comb += [core.advance.eq(advance), core.i.eq(x)]
                 if self.loadable:
                     m.d.comb += core.parameters.eq(self.parameters[low : low + core.parameter_bits])

@@ -73,7 +73,10 @@ def test_baked_weights(tmp_path, sizes, lanes, latency, bits):
     layers = network(sizes, rng, bits)
     dut = NormalMlp(layers, input_width=WIDTH, lanes=lanes)
     assert (dut.latency, dut.multipliers, dut.parameter_bits) == (latency, 0, 0)
-    assert "cell $mul " not in to_rtlil(dut)
+    text = to_rtlil(dut)
+    assert "cell $mul " not in text
+    # However many lanes, one text of each core.
+    assert text.count("\nmodule ") == 1 + len(dut.cores[0])
     compare(dut, layers, beats(layers, lanes, rng), latency, bits, tmp_path)
 
 
