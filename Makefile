@@ -28,7 +28,7 @@ lint: $(READY)
 	$(VENV)/bin/ruff format --check .
 
 unit: $(READY)
-	$(VENV)/bin/python -m pytest -n auto --dist worksteal
+	$(VENV)/bin/python -m pytest -n auto --dist worksteal --durations 20
 
 BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle.json \
 	build/fast/bundle/bundle.json build/force/bundle/bundle.json))
