@@ -1,10 +1,11 @@
+# amaranth: UnusedElaboratable=no
 import pytest
 from amaranth import Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.synth_netlist import parts
-from gateware.elaboration import to_rtlil
+from gateware.elaboration import alike, to_rtlil
 
 
 class Product(wiring.Component):
@@ -40,9 +41,13 @@ class Delay(wiring.Component):
 
 
 class Design(wiring.Component):
-    """An assembly of two equal products and a delay, with a counter of its own."""
+    """An assembly of two equal products and a delay, with a counter of its own.
 
-    def __init__(self):
+    shared : the products are instances of one module, not a module each
+    """
+
+    def __init__(self, *, shared: bool = False):
+        self.shared = shared
         super().__init__(
             {
                 "a": In(signed(16)),
@@ -56,11 +61,12 @@ class Design(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.left, m.submodules.right = left, right = Product(), Product()
+        left, right = products = Product(), Product()
+        m.submodules.left, m.submodules.right = alike(products, "product") if self.shared else products
         m.submodules.delay = delay = Delay()
         m.d.sync += self.count.eq(self.count + delay.o)
         m.d.comb += delay.i.eq(self.bit)
-        for product in (left, right):
+        for product in products:
             m.d.comb += [product.a.eq(self.a), product.b.eq(self.b), product.c.eq(self.c)]
         m.d.comb += self.o.eq(left.o - right.o)
         return m
@@ -69,6 +75,12 @@ class Design(wiring.Component):
 @pytest.fixture(scope="module")
 def design():
     return parts(to_rtlil(Design(), name="fastac"), "fastac")
+
+
+@pytest.fixture(scope="module")
+def text_of_shared():
+    """RTLIL of `design`, its products one module."""
+    return to_rtlil(Design(shared=True), name="fastac")
 
 
 @pytest.fixture(scope="module")

@@ -1,12 +1,11 @@
-# amaranth: UnusedElaboratable=no
 """A design in its parts."""
 
-from amaranth import Module, Signal, signed
+from amaranth import Module, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.synth_netlist import UNIT, parts, ports
-from gateware.elaboration import alike, to_rtlil
+from gateware.elaboration import to_rtlil
 
 
 def test_equal_modules_are_one_part(design, modules):
@@ -35,38 +34,12 @@ def test_elements_of_arrays_do_not_look_like_bits():
     assert "\\o [7:4]" in part.text
 
 
-class Inverter(wiring.Component):
-    """Its input inverted, a clock later."""
-
-    i: In(1)
-    o: Out(1)
-
-    def elaborate(self, platform):
-        m = Module()
-        held = Signal(reset_less=True)
-        m.d.sync += held.eq(~self.i)
-        m.d.comb += self.o.eq(held)
-        return m
-
-
-class Inverters(wiring.Component):
-    """Two of them, alike, one behind the other."""
-
-    i: In(1)
-    o: Out(1)
-
-    def elaborate(self, platform):
-        m = Module()
-        first, second = both = Inverter(), Inverter()
-        m.submodules.first, m.submodules.second = alike(both, "inverter")
-        m.d.comb += [first.i.eq(self.i), second.i.eq(first.o), self.o.eq(second.o)]
-        return m
-
-
-def test_instances_of_a_shared_module_are_one_part():
-    text = to_rtlil(Inverters(), name="fastac")
-    assert text.count("\nmodule ") == 2
-    [part] = parts(text, "fastac")
-    assert part.instances == ["first", "second"]
-    assert {port.name for port in ports(part.text)} == {"\\clk", "\\i", "\\rst", "\\o"}
-    assert "fastac" not in part.text
+def test_instances_of_a_shared_module_are_one_part(text_of_shared):
+    # The assembly, the products' module and the delay.
+    assert text_of_shared.count("\nmodule ") == 3
+    found = parts(text_of_shared, "fastac")
+    # Instances come behind the submodules that are elaborated in place.
+    assert [part.instances for part in found] == [["delay"], ["left", "right"], ["top (own logic)"]]
+    names = ("a", "b", "c", "clk", "o", "rst")
+    assert {port.name for port in ports(found[1].text)} == {f"\\{name}" for name in names}
+    assert all("fastac" not in part.text for part in found)
