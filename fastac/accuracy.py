@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from models import metrics
-from models.bundle import Bundle
-from models.float_pipeline import FloatPipeline
-from models.pipeline import Result
-from sensor.dataset import Dataset, DatasetError
+from fastac.models import metrics
+from fastac.models.bundle import Bundle
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.pipeline import Result
+from fastac.sensor.dataset import Dataset, DatasetError
 
 
 def choose(data: Dataset, split: str, path: Path) -> np.ndarray:

@@ -7,13 +7,13 @@ import numpy as np
 import torch
 
 from fastac import training
-from fastac.scene import Scene
+from fastac.models import metrics, quantise, slope_force, train_force
+from fastac.models.adjoint import displacement_mm, slope_weights
+from fastac.models.bundle import Bundle
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
+from fastac.sensor.geometry import rest_slopes
 from fastac.variants import float_variant, integer_variant, slope_words, variant
-from models import metrics, quantise, slope_force, train_force
-from models.adjoint import displacement_mm, slope_weights
-from models.bundle import Bundle
-from sensor.dataset import Dataset
-from sensor.geometry import rest_slopes
 
 FITS = ("displacement", "smooth", "slopes")
 """Whence the adjoint's weights: from HyperForce on the displacement, from one weight a pixel of the

@@ -17,13 +17,13 @@ import numpy as np
 from fastac.accuracy import spread
 from fastac.cli_common import load_bundle
 from fastac.frames import read
-from fastac.scene import Scene
-from models import direct
-from models.bundle import Bundle, BundleError
-from models.emulator import Emulator
-from models.float_pipeline import FloatPipeline
-from models.pipeline import Result
-from sensor.dataset import DatasetError
+from fastac.models import direct
+from fastac.models.bundle import Bundle, BundleError
+from fastac.models.emulator import Emulator
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.pipeline import Result
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import DatasetError
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2

@@ -12,13 +12,13 @@ from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
-from fastac.scene import Scene
-from sensor.fem_contact import Load
-from sensor.fem_probe import FemProbe
-from sensor.fem_rig import FemRig
-from sensor.indenter import Cylinder
-from sensor.protocol import FingertipError
-from sensor.rig import Pressed
+from fastac.scenes.schema import Scene
+from fastac.sensor.fem_contact import Load
+from fastac.sensor.fem_probe import FemProbe
+from fastac.sensor.fem_rig import FemRig
+from fastac.sensor.indenter import Cylinder
+from fastac.sensor.protocol import FingertipError
+from fastac.sensor.rig import Pressed
 
 LENGTHS, REACH = 20, 0.4
 """The bottle's length in images, and the deepest that it sinks in thicknesses of the elastomer."""

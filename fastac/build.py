@@ -7,15 +7,15 @@ from pathlib import Path
 
 from fastac import accuracy, frames, hardware, resources, synth, training
 from fastac import report as reporting
-from fastac.scene import Scene
+from fastac.gateware.cycle_model import multipliers
+from fastac.gateware.platform_xczu19eg import DeviceError, check_block_rams, check_multipliers
+from fastac.models import bundle
+from fastac.scenes.schema import Scene
+from fastac.sensor import dataset, fingertip
 from fastac.workspace import Step, Workspace, digest_file, write_json
-from gateware.cycle_model import multipliers
-from gateware.platform_xczu19eg import DeviceError, check_block_rams, check_multipliers
-from models import bundle
-from sensor import dataset, fingertip
 
-TRAINING_SOURCES = ("models/*.py", "fastac/training.py", "fastac/frames.py", "sensor/samples.py")
-HARDWARE_SOURCES = (*synth.SOURCES, "gateware/*.vlt", "fastac/hardware.py")
+TRAINING_SOURCES = ("models/**/*.py", "fastac/training.py", "fastac/frames.py", "sensor/samples.py")
+HARDWARE_SOURCES = (*synth.SOURCES, "gateware/**/*.vlt", "fastac/hardware.py")
 
 
 class BuildError(ValueError):
@@ -118,7 +118,7 @@ class Build:
                 "data",
                 self._generate,
                 source,
-                ("sensor/*.py",),
+                ("sensor/**/*.py",),
                 () if self.data_file else ("data.h5",),
             ),
             Step(
@@ -166,7 +166,7 @@ class Build:
                 "evaluate",
                 self._evaluate,
                 None,
-                ("models/*.py", "fastac/accuracy.py"),
+                ("models/**/*.py", "fastac/accuracy.py"),
                 ("accuracy.json",),
                 ("bundle",),
             ),
@@ -182,7 +182,7 @@ class Build:
                 "sim",
                 self._simulate,
                 None,
-                (*HARDWARE_SOURCES, "sim/*.py"),
+                (*HARDWARE_SOURCES, "sim/**/*.py"),
                 ("sim.json",),
                 ("verilog",),
             ),

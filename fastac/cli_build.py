@@ -5,7 +5,6 @@ from pathlib import Path
 
 import click
 
-from fastac import scene as scenes
 from fastac.cli_common import (
     INPUT,
     announce,
@@ -15,6 +14,7 @@ from fastac.cli_common import (
     progress_option,
     run_build,
 )
+from fastac.scenes import schema as scenes
 
 
 def print_summary(folder: Path) -> None:

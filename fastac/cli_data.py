@@ -5,8 +5,8 @@ from pathlib import Path
 import click
 import h5py
 
-from fastac import scene as scenes
 from fastac.cli_common import INPUT, build_folder, cache_option, output_option, progress_option
+from fastac.scenes import schema as scenes
 
 
 @click.command()
@@ -19,7 +19,7 @@ def data(scene, output, cache, progress):
 
     Samples whose tangential load the contact cannot carry are left out and counted.
     """
-    from sensor.fingertip import generate
+    from fastac.sensor.fingertip import generate
 
     scene = scenes.load(scene)
     output = output or build_folder(scene, None) / "data.h5"
@@ -55,7 +55,7 @@ def cad_options(command):
 
 
 def load_cad(scene, path: Path | None, pitch_mm: float | None):
-    from sensor import cad
+    from fastac.sensor import cad
 
     return cad.of_file(scene.sensor, path, pitch_mm) if path else cad.of_scene(scene.sensor)
 
@@ -80,8 +80,8 @@ def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, cache, progr
     import tempfile
 
     from fastac import cnc
-    from sensor import dataset, poses
-    from sensor.fingertip import generate
+    from fastac.sensor import dataset, poses
+    from fastac.sensor.fingertip import generate
 
     scene = scenes.load(scene)
     rows = cnc.planned(scene, load_cad(scene, cad, cad_pitch_mm), origin_mm)

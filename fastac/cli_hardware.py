@@ -5,7 +5,6 @@ import os
 
 import click
 
-from fastac import scene as scenes
 from fastac.cli_common import (
     INPUT,
     SPLITS,
@@ -15,6 +14,7 @@ from fastac.cli_common import (
     progress_option,
     run_build,
 )
+from fastac.scenes import schema as scenes
 
 
 @click.command()
@@ -46,7 +46,7 @@ def calibration(bundle, hardware, keep_force, output):
     weights of the force, which differ from training to training unless --keep-force takes the hardware's. The
     background is not part of it: let the hardware capture its own.
     """
-    from gateware import calibration as images
+    from fastac.gateware import calibration as images
 
     model, known = load_bundle(bundle), load_bundle(hardware)
     if keep_force:
@@ -89,7 +89,7 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     """
     from fastac import accuracy, hardware
     from fastac.frames import read
-    from sim.top import trace_file
+    from fastac.sim.top import trace_file
 
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)
@@ -135,7 +135,7 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
     estimates. Needs the extra `synth`: pip install -e '.[synth]'.
     """
     from fastac import synth as synthesis
-    from gateware.platform_xczu19eg import DEVICE
+    from fastac.gateware.platform_xczu19eg import DEVICE
 
     if source.suffix == ".toml":
         scene = scenes.load(source)

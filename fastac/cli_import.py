@@ -2,9 +2,9 @@
 
 import click
 
-from fastac import scene as scenes
 from fastac.cli_common import INPUT, Group, progress_option
 from fastac.cli_data import cad_options, load_cad
+from fastac.scenes import schema as scenes
 
 
 def size_options(command):
@@ -41,8 +41,8 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
     Photographs are padded to the aspect of the target with the background, which is not valid, and resampled
     by area. Normals are known inside the labelled contact circle; around it they are unknown.
     """
-    from sensor.ball_press import import_folder
-    from sensor.dataset import read
+    from fastac.sensor.ball_press import import_folder
+    from fastac.sensor.dataset import read
 
     output.parent.mkdir(parents=True, exist_ok=True)
     import_folder(
@@ -97,8 +97,8 @@ def force_recording(
     otherwise. Only the background frames may lack a row. Photographs are padded to the target's aspect with
     the background and resampled by area.
     """
-    from sensor.dataset import read
-    from sensor.force_recording import import_recording
+    from fastac.sensor.dataset import read
+    from fastac.sensor.force_recording import import_recording
 
     output.parent.mkdir(parents=True, exist_ok=True)
     import_recording(
@@ -150,7 +150,7 @@ def cnc_recording(
     last sample is the background: the skin at rest.
     """
     from fastac import cnc
-    from sensor.dataset import read
+    from fastac.sensor.dataset import read
 
     scene = scenes.load(scene)
     output.parent.mkdir(parents=True, exist_ok=True)

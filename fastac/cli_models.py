@@ -4,7 +4,6 @@ import click
 import h5py
 import numpy as np
 
-from fastac import scene as scenes
 from fastac.cli_common import (
     INPUT,
     SPLITS,
@@ -14,6 +13,7 @@ from fastac.cli_common import (
     progress_option,
     run_build,
 )
+from fastac.scenes import schema as scenes
 
 
 @click.command()
@@ -92,7 +92,7 @@ def predict(bundle, data, use_float, split, output, progress):
     """
     from fastac import accuracy
     from fastac.frames import read
-    from models.float_pipeline import FloatPipeline
+    from fastac.models.float_pipeline import FloatPipeline
 
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)

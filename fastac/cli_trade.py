@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from fastac import scene as scenes
 from fastac.cli_common import INPUT, output_option, progress_option
+from fastac.scenes import schema as scenes
 
 
 @click.command()

@@ -2,7 +2,6 @@
 
 import click
 
-from fastac import scene as scenes
 from fastac.cli_common import (
     INPUT,
     SPLITS,
@@ -12,6 +11,7 @@ from fastac.cli_common import (
     progress_option,
     run_build,
 )
+from fastac.scenes import schema as scenes
 
 
 class Lanes(click.ParamType):

@@ -12,14 +12,14 @@ from tqdm import tqdm
 
 from fastac.cnc_frames import BACKGROUND, CncFrames, stem
 from fastac.frames import as_channels
-from fastac.scene import Scene
-from models.markers import Detector, MarkerError, Tracked, Tracker
-from sensor import dataset, poses
-from sensor.cad import Cad
-from sensor.footage import ImportFailure
-from sensor.pose_labels import labels
-from sensor.poses import Pose
-from sensor.protocol import stations
+from fastac.models.markers import Detector, MarkerError, Tracked, Tracker
+from fastac.scenes.schema import Scene
+from fastac.sensor import dataset, poses
+from fastac.sensor.cad import Cad
+from fastac.sensor.footage import ImportFailure
+from fastac.sensor.pose_labels import labels
+from fastac.sensor.poses import Pose
+from fastac.sensor.protocol import stations
 
 POSES = "poses.csv"
 Point = tuple[float, float, float]

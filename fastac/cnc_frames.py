@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fastac.scene import Sensor
-from models.image_processing import ImageProcessing
-from models.raw10 import Raw10Error, pack, unpack
-from sensor.cad import read_array
-from sensor.footage import ImportFailure, photograph
-from sensor.mosaic import CELL, MosaicError
+from fastac.models.image_processing import ImageProcessing
+from fastac.models.raw10 import Raw10Error, pack, unpack
+from fastac.scenes.schema import Sensor
+from fastac.sensor.cad import read_array
+from fastac.sensor.footage import ImportFailure, photograph
+from fastac.sensor.mosaic import CELL, MosaicError
 
 BACKGROUND = "background"
 SUFFIXES = {"raw10": (".raw", ".npy"), "channels": (".npy", ".png")}

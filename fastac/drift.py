@@ -13,13 +13,13 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from fastac import accuracy
-from fastac.scene import Scene
-from models import metrics
-from models.bundle import Bundle
-from models.float_pipeline import FloatPipeline
-from models.validity import REASONS
-from sensor import faults, fingertip
-from sensor.dataset import Dataset, read
+from fastac.models import metrics
+from fastac.models.bundle import Bundle
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.validity import REASONS
+from fastac.scenes.schema import Scene
+from fastac.sensor import faults, fingertip
+from fastac.sensor.dataset import Dataset, read
 
 ERRORS = {"depth_mae_mm": "depth error, mm", "force_mae_n": "force error, N"}
 LOADS = (1.5, 2, 3, 4, 6)

@@ -14,13 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gateware.packed_products import packing
-from gateware.shift_add import canonical_signed_digits
-from models.features import WIDTH
-from models.fixed import FLOOR, NEAREST, signed_width
-from models.integer import EigenvalueDivision, Layer, PatchForce, SineTransform, WeightedSum
-from models.pipeline import IntegerPipeline
-from models.tridiagonal import Elimination, Recurrence
+from fastac.gateware.packed_products import packing
+from fastac.gateware.shift_add import canonical_signed_digits
+from fastac.models.features import WIDTH
+from fastac.models.fixed import FLOOR, NEAREST, signed_width
+from fastac.models.integer import EigenvalueDivision, Layer, PatchForce, SineTransform, WeightedSum
+from fastac.models.pipeline import IntegerPipeline
+from fastac.models.tridiagonal import Elimination, Recurrence
 
 MANTISSA_BITS = MULTIPLIER_BITS = 17
 ORIGIN = (

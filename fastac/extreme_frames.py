@@ -3,12 +3,12 @@
 import numpy as np
 
 from fastac import verify
-from models import direct
-from models.bundle import Bundle
-from models.float_pipeline import FloatPipeline
-from models.pipeline import IntegerPipeline
-from models.quantise import assemble
-from models.validity import REASONS
+from fastac.models import direct
+from fastac.models.bundle import Bundle
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.pipeline import IntegerPipeline
+from fastac.models.quantise import assemble
+from fastac.models.validity import REASONS
 
 PRIOR_STEPS = 7
 """Halvings in the search for the deepest boundary prior."""

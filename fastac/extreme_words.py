@@ -6,13 +6,13 @@ from pathlib import Path
 
 from tqdm import tqdm
 
+from fastac.models.pipeline import IntegerPipeline
+from fastac.models.worst_case import WorstCase, of_pixels
+from fastac.models.worst_case_solver import of_solver
+from fastac.sim.worst_case import compare
 from fastac.workspace import digest_sources, write_json
-from models.pipeline import IntegerPipeline
-from models.worst_case import WorstCase, of_pixels
-from models.worst_case_solver import of_solver
-from sim.worst_case import compare
 
-RTL_SOURCES = ("gateware/*.py", "models/*.py", "sim/*.py")
+RTL_SOURCES = ("gateware/**/*.py", "models/**/*.py", "sim/**/*.py")
 
 
 class ExtremesError(RuntimeError):

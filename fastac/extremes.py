@@ -14,10 +14,10 @@ from tqdm import tqdm
 
 from fastac import accuracy, drift, extreme_frames, extreme_words
 from fastac.cli_common import INPUT, load_bundle, progress_option
+from fastac.models.bundle import Bundle
+from fastac.models.validity import REASONS
+from fastac.sensor.dataset import Dataset, read
 from fastac.workspace import write_json
-from models.bundle import Bundle
-from models.validity import REASONS
-from sensor.dataset import Dataset, read
 
 FILE, PLOT = "extremes.json", "extremes.png"
 DRIFT_FRAMES = 48

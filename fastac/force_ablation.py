@@ -17,20 +17,20 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac import frames, training
-from fastac import scene as scenes
 from fastac.build import float_settings
 from fastac.cli_common import INPUT, cache_option, load_bundle, output_option, progress_option
+from fastac.models import displacement
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.train_hyperforce_3d import select, train
 from fastac.paper_figures import FORCE_FULL, FORCE_MAE_N
-from fastac.scene import Scene
+from fastac.scenes import schema as scenes
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset, DatasetError
+from fastac.sensor.samples import SPLITS
 from fastac.workspace import content_hash, digest_file, digest_sources, read_or_make, write_json
-from models import displacement
-from models.float_pipeline import FloatPipeline
-from models.train_hyperforce_3d import select, train
-from sensor.dataset import Dataset, DatasetError
-from sensor.samples import SPLITS
 
 AXES = "xyz"
-SOURCES = ("models/*.py", "fastac/force_ablation.py", "fastac/training.py")
+SOURCES = ("models/**/*.py", "fastac/force_ablation.py", "fastac/training.py")
 
 Fields = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
 """Displacements (frames, 3, N, N) in mm and forces (frames, 3) in N, by split."""

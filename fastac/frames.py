@@ -17,13 +17,13 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from fastac.scene import Scene, Sensor
+from fastac.models.image_processing import ImageProcessing
+from fastac.scenes.schema import Scene, Sensor
+from fastac.sensor import dataset
+from fastac.sensor.dataset import Dataset, DatasetError
+from fastac.sensor.fingertip import sample
+from fastac.sensor.rig import Pressed
 from fastac.workspace import digest_file, digest_sources
-from models.image_processing import ImageProcessing
-from sensor import dataset
-from sensor.dataset import Dataset, DatasetError
-from sensor.fingertip import sample
-from sensor.rig import Pressed
 
 CACHE = Path("build/cache")
 """Where processed frames are kept, unless the caller says otherwise."""

@@ -15,15 +15,15 @@ from tqdm import tqdm
 
 from fastac import frames
 from fastac.bottle import Grasp, Hold
+from fastac.gateware.cycle_model import cycles
 from fastac.grip_control import GripControl, friction_ratio
-from fastac.scene import Scene
+from fastac.models.bundle import Bundle
+from fastac.scenes.schema import Scene
+from fastac.sensor.protocol import FingertipError
+from fastac.sensor.rig import Rig, rig_of
 from fastac.tables import Table
 from fastac.vibration import CAMERA_HZ, require
 from fastac.workspace import write_json
-from gateware.cycle_model import cycles
-from models.bundle import Bundle
-from sensor.protocol import FingertipError
-from sensor.rig import Rig, rig_of
 
 SLIPPED_MM = 1e-3
 """Sliding beyond this is a slip."""

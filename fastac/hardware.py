@@ -11,16 +11,21 @@ from pathlib import Path
 import numpy as np
 
 from fastac import resources
+from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.platform_xczu19eg import (
+    DeviceError,
+    check_block_rams,
+    check_multipliers,
+    write_vivado_project,
+)
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.bundle import Bundle
+from fastac.sensor.dataset import Dataset
+from fastac.sim import top as simulation
+from fastac.sim.progress import watched
+from fastac.sim.runner import EXECUTABLE, use_verilator
 from fastac.synth import source_digest
 from fastac.workspace import write_json
-from gateware.elaboration import to_verilog
-from gateware.platform_xczu19eg import DeviceError, check_block_rams, check_multipliers, write_vivado_project
-from gateware.top_zynq import TopZynq
-from models.bundle import Bundle
-from sensor.dataset import Dataset
-from sim import top as simulation
-from sim.progress import watched
-from sim.runner import EXECUTABLE, use_verilator
 
 NAME = "fastac"
 WAIVERS = Path(__file__).resolve().parent.parent / "gateware" / "lint.vlt"

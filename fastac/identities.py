@@ -16,12 +16,12 @@ from tqdm import tqdm
 from fastac import adjoint_fits, training
 from fastac.cli_common import INPUT, load_bundle, progress_option
 from fastac.frames import read
+from fastac.models import quantise
+from fastac.models.adjoint import slope_weights
+from fastac.models.bundle import Bundle
+from fastac.models.hyperforce import collapse
+from fastac.models.poisson import boundary_term, solve, source_of
 from fastac.variants import integer_variant, slope_words, variant
-from models import quantise
-from models.adjoint import slope_weights
-from models.bundle import Bundle
-from models.hyperforce import collapse
-from models.poisson import boundary_term, solve, source_of
 
 SOLVERS = ("dst2d", "tridiagonal")
 

@@ -9,13 +9,13 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac import accuracy, training
-from fastac.scene import Scene
+from fastac.models import slope_force
+from fastac.models.bundle import Bundle
+from fastac.models.train_force_labels import differences
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset, DatasetError
+from fastac.sensor.force_labels import split_by_group
 from fastac.workspace import digest_file, digest_sources, write_json
-from models import slope_force
-from models.bundle import Bundle
-from models.train_force_labels import differences
-from sensor.dataset import Dataset, DatasetError
-from sensor.force_labels import split_by_group
 
 MODELS = ("float", "integer", "linear", "quadratic")
 """Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background,
@@ -89,7 +89,7 @@ def evaluate(data: Dataset, scene: Scene, path: Path, folder: Path, *, progress:
     settings = [
         scene.model_dump(mode="json"),
         digest_file(path),
-        digest_sources(("models/*.py", "fastac/training.py", "fastac/leave_one_out.py")),
+        digest_sources(("models/**/*.py", "fastac/training.py", "fastac/leave_one_out.py")),
     ]
     key = hashlib.sha256(json.dumps(settings).encode()).hexdigest()
     found = {}

@@ -15,18 +15,18 @@ from fastac.accuracy import of_dataset
 from fastac.build import Build, float_settings
 from fastac.force_ablation import Fields
 from fastac.limits_geometry import NOISELESS, seen_by, variants
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.hyperforce import coordinates
+from fastac.models.hyperforce_3d import HyperForce3D
+from fastac.models.train_hyperforce_3d import refit, select
 from fastac.reproduce_section import stamped_key
-from fastac.scene import Scene
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.workspace import content_hash, digest_sources, read_or_make
-from models.float_pipeline import FloatPipeline
-from models.hyperforce import coordinates
-from models.hyperforce_3d import HyperForce3D
-from models.train_hyperforce_3d import refit, select
-from sensor.dataset import SPLITS, Dataset
 
 SOURCES = (
-    "models/*.py",
-    "sensor/*.py",
+    "models/**/*.py",
+    "sensor/**/*.py",
     "fastac/frames.py",
     "fastac/force_ablation.py",
     "fastac/limits_*.py",

@@ -13,21 +13,21 @@ from tqdm import tqdm
 from fastac import frames, training
 from fastac.build import Build, float_settings
 from fastac.drift import take
+from fastac.models import metrics
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.pipeline import Result
 from fastac.reproduce_geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
 from fastac.reproduce_section import stamped_key, vertical
-from fastac.scene import Scene, Sensor
+from fastac.scenes.schema import Scene, Sensor
+from fastac.sensor.dataset import SPLITS, Dataset
+from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
+from fastac.sensor.redraw import redraw
+from fastac.sensor.skin_paint import coverage, marker_pixels
 from fastac.workspace import content_hash, digest_sources, write_json
-from models import metrics
-from models.float_pipeline import FloatPipeline
-from models.pipeline import Result
-from sensor.dataset import SPLITS, Dataset
-from sensor.geometry import pixel_centres_mm, rest_slopes
-from sensor.redraw import redraw
-from sensor.skin_paint import coverage, marker_pixels
 
 SOURCES = (
-    "models/*.py",
-    "sensor/*.py",
+    "models/**/*.py",
+    "sensor/**/*.py",
     "fastac/training.py",
     "fastac/frames.py",
     "fastac/limits_geometry.py",

@@ -14,8 +14,8 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from fastac.objects import Shown
-from fastac.scene import Sensor
-from sensor.geometry import pixel_centres_mm, rest_depth_mm
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
 
 ARROWS = 400
 """Arrows of force that are drawn, at most: those of the pixels with the largest forces on a coarser grid."""

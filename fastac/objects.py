@@ -11,13 +11,13 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac import frames
-from fastac.scene import Sensor
-from models.bundle import Bundle
-from models.pipeline import Result
-from sensor.elastomer import Layer
-from sensor.object_press import ObjectPress, press_object
-from sensor.objects import OBJECTS
-from sensor.protocol import FingertipError
+from fastac.models.bundle import Bundle
+from fastac.models.pipeline import Result
+from fastac.scenes.schema import Sensor
+from fastac.sensor.elastomer import Layer
+from fastac.sensor.object_press import ObjectPress, press_object
+from fastac.sensor.objects import OBJECTS
+from fastac.sensor.protocol import FingertipError
 
 LOADS = 3.0
 """The load, unless the caller says otherwise, in the largest of the first bundle's protocol."""

@@ -13,11 +13,11 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac import accuracy, energy, paper_figures, synth
-from fastac.scene import Scene
+from fastac.gateware.platform_xczu19eg import DEVICE
+from fastac.models.bundle import Bundle
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
 from fastac.workspace import write_json
-from gateware.platform_xczu19eg import DEVICE
-from models.bundle import Bundle
-from sensor.dataset import Dataset
 
 LATENCY_ORIGIN = (
     "counted in the Verilator simulation of the top-level; stages: the design's formulas, whose"

@@ -54,7 +54,12 @@ SECTIONS = (
         "What limits it",
         reproduce_limits.run,
         reproduce_limits.tables,
-        ("sensor/*.py", "fastac/reproduce_limits.py", "fastac/limits_*.py", "fastac/reproduce_geometry.py"),
+        (
+            "sensor/**/*.py",
+            "fastac/reproduce_limits.py",
+            "fastac/limits_*.py",
+            "fastac/reproduce_geometry.py",
+        ),
         needs=("geometry", "forces"),
         lacks=reproduce_limits.lacks,
     ),
@@ -63,7 +68,7 @@ SECTIONS = (
         "In time: vibrations",
         lambda build, folder: vibration.run(build.bundle, folder, cache=build.cache, progress=build.progress),
         vibration.tables,
-        ("sensor/*.py", "fastac/vibration.py", "fastac/sampling.py", "fastac/temporal_figures.py"),
+        ("sensor/**/*.py", "fastac/vibration.py", "fastac/sampling.py", "fastac/temporal_figures.py"),
         lacks=lambda build: vibration.lacks(build.scene),
     ),
     Section(
@@ -72,13 +77,13 @@ SECTIONS = (
         lambda build, folder: grasp.run(build.bundle, folder, cache=build.cache, progress=build.progress),
         grasp.tables,
         (
-            *("sensor/*.py", "fastac/grasp.py", "fastac/bottle.py", "fastac/grip_control.py"),
+            *("sensor/**/*.py", "fastac/grasp.py", "fastac/bottle.py", "fastac/grip_control.py"),
             *("fastac/vibration.py", "fastac/temporal_figures.py"),
         ),
         lacks=lambda build: grasp.lacks(build.scene),
     ),
 )
-COMMON = ("models/*.py", "fastac/reproduce_section.py", "fastac/frames.py", "fastac/paper_figures.py")
+COMMON = ("models/**/*.py", "fastac/reproduce_section.py", "fastac/frames.py", "fastac/paper_figures.py")
 RESULT, PAGE = "reproduce.json", "reproduce.html"
 
 

@@ -5,11 +5,11 @@ from pathlib import Path
 from fastac import accuracy, force_ablation
 from fastac.build import Build
 from fastac.force_ablation import AXES
+from fastac.models.float_pipeline import FloatPipeline
 from fastac.paper_figures import FORCE_FULL, FORCE_MAE_N
 from fastac.reproduce_section import beside
+from fastac.sensor.dataset import DatasetError
 from fastac.tables import Table
-from models.float_pipeline import FloatPipeline
-from sensor.dataset import DatasetError
 
 FULL = "dynamic xyz"
 MEASURES = {

@@ -21,16 +21,16 @@ import numpy as np
 
 from fastac import training
 from fastac.build import Build, network_settings
+from fastac.models import metrics
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.pipeline import Result
+from fastac.models.poisson import boundary_term, solve, source_of
 from fastac.paper_figures import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.reproduce_section import beside, stamped_key, vertical
-from fastac.scene import CHANNELS, Scene
+from fastac.scenes.schema import CHANNELS, Scene
+from fastac.sensor.dataset import Dataset
 from fastac.tables import Table
 from fastac.workspace import content_hash
-from models import metrics
-from models.float_pipeline import FloatPipeline
-from models.pipeline import Result
-from models.poisson import boundary_term, solve, source_of
-from sensor.dataset import Dataset
 
 NAMES = {"bgr": "RGB-only", "bgr+nir": "RGB-NIR"}
 COMPONENTS = ("x", "y", "total")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from fastac.build import Build
+from fastac.sensor.dataset import Dataset
 from fastac.tables import Table
 from fastac.workspace import Workspace
-from sensor.dataset import Dataset
 
 
 @dataclass(frozen=True)

@@ -24,13 +24,13 @@ from threadpoolctl import threadpool_limits
 from fastac.accuracy import of_dataset, spread
 from fastac.benchmark import fastest
 from fastac.build import Build
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.threads import single_thread
+from fastac.models.torch_pipeline import TorchPipeline
 from fastac.paper_figures import STAGES
 from fastac.rapl import NoCounters, PackageCounters
 from fastac.reproduce_section import stamped_key
 from fastac.tables import Table, number
-from models.float_pipeline import FloatPipeline
-from models.threads import single_thread
-from models.torch_pipeline import TorchPipeline
 
 TITLES = {
     "normals": "surface normals",

@@ -18,14 +18,14 @@ from pathlib import Path
 from tqdm import tqdm
 
 from fastac import resources, synth_tools, synth_yosys
-from fastac.scene import Scene
+from fastac.gateware.cycle_model import multipliers
+from fastac.gateware.elaboration import to_rtlil
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.bundle import Bundle
+from fastac.scenes.schema import Scene
+from fastac.sim.bench_specimen import specimen
 from fastac.synth_netlist import Part, parts
 from fastac.workspace import write_json
-from gateware.cycle_model import multipliers
-from gateware.elaboration import to_rtlil
-from gateware.top_zynq import TopZynq
-from models.bundle import Bundle
-from sim.bench_specimen import specimen
 
 JOBS = 2
 CONTROL_IN = 3

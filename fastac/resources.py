@@ -16,11 +16,11 @@ import numpy as np
 from scipy.optimize import nnls
 
 from fastac.energy import Frame, Work
-from fastac.scene import Scene
-from gateware.cycle_model import multipliers
-from models.fixed import signed_width
-from models.integer import PatchForce
-from models.pipeline import IntegerPipeline
+from fastac.gateware.cycle_model import multipliers
+from fastac.models.fixed import signed_width
+from fastac.models.integer import PatchForce
+from fastac.models.pipeline import IntegerPipeline
+from fastac.scenes.schema import Scene
 
 SAMPLES = Path(__file__).with_name("resource_samples.json")
 COUNTED = ("lut", "ramb36", "dsp48e2")

@@ -12,17 +12,17 @@ import click
 import numpy as np
 
 from fastac import frames
-from fastac import scene as scenes
 from fastac.benchmark import fastest
 from fastac.cli_common import INPUT, cache_option, progress_option
-from fastac.scene import Scene, SceneError
-from sensor.camera import render
-from sensor.fem_rig import FemRig
-from sensor.fem_skin import skin_of
-from sensor.gel_contact import GelContact
-from sensor.indenter import Ball
-from sensor.protocol import stations
-from sensor.raw_window import render_raw10
+from fastac.scenes import schema as scenes
+from fastac.scenes.schema import Scene, SceneError
+from fastac.sensor.camera import render
+from fastac.sensor.fem_rig import FemRig
+from fastac.sensor.fem_skin import skin_of
+from fastac.sensor.gel_contact import GelContact
+from fastac.sensor.indenter import Ball
+from fastac.sensor.protocol import stations
+from fastac.sensor.raw_window import render_raw10
 
 STATIONS, REPEATS = 5, 5
 

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from fastac import resources
-from fastac.scene import Scene
+from fastac.models import quantise
+from fastac.models.pipeline import IntegerPipeline
+from fastac.scenes.schema import Scene
+from fastac.sensor.geometry import rest_depth_mm
+from fastac.sim.bench_specimen import layers
 from fastac.workspace import Workspace
-from models import quantise
-from models.pipeline import IntegerPipeline
-from sensor.geometry import rest_depth_mm
-from sim.bench_specimen import layers
 
 ABSENT = "–"
 SEED = 1

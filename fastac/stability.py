@@ -15,11 +15,11 @@ from tqdm import tqdm
 
 from fastac import hardware
 from fastac.cli_common import INPUT, load_bundle, progress_option
+from fastac.models.pipeline import IntegerPipeline
+from fastac.sensor import faults
+from fastac.sensor.dataset import Dataset, read
+from fastac.sim import top as simulation
 from fastac.workspace import write_json
-from models.pipeline import IntegerPipeline
-from sensor import faults
-from sensor.dataset import Dataset, read
-from sim import top as simulation
 
 FILE = "stability.json"
 BATCH = 100

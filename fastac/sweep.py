@@ -16,7 +16,7 @@ import torch
 from threadpoolctl import threadpool_limits
 from tqdm import tqdm
 
-from fastac.scene import Scene
+from fastac.scenes.schema import Scene
 from fastac.sweep_models import (
     POINT_SOURCES,
     PointModels,

@@ -17,19 +17,19 @@ from filelock import FileLock
 
 from fastac import accuracy, energy, resources, training
 from fastac.build import TRAINING_SOURCES
-from fastac.scene import Scene, Sensor
+from fastac.gateware.cycle_model import cycles, multipliers
+from fastac.gateware.platform_xczu19eg import check_block_rams, check_multipliers
+from fastac.models import metrics, quantise, train_force
+from fastac.models.hyperforce import HyperForce
+from fastac.models.pipeline import IntegerPipeline
+from fastac.scenes.schema import Scene, Sensor
+from fastac.sensor import dataset, fingertip
 from fastac.sweep_spec import digest
 from fastac.workspace import digest_file, digest_sources, write_json
-from gateware.cycle_model import cycles, multipliers
-from gateware.platform_xczu19eg import check_block_rams, check_multipliers
-from models import metrics, quantise, train_force
-from models.hyperforce import HyperForce
-from models.pipeline import IntegerPipeline
-from sensor import dataset, fingertip
 
 POINT_SOURCES = (
-    "models/*.py",
-    "gateware/*.py",
+    "models/**/*.py",
+    "gateware/**/*.py",
     "fastac/sweep_models.py",
     "fastac/energy.py",
     "fastac/resource*",
@@ -117,7 +117,7 @@ class PointModels:
         def add(name: str, settings: dict, run, needs: tuple[str, ...] = (), suffix: str = ".npz") -> None:
             before = tuple(found[need] for need in needs if need in found)
             of_data = None if self.setting.data is None else digest_data(Path(self.setting.data))
-            code = sources(("sensor/*.py",) if name == "data" else TRAINING_SOURCES)
+            code = sources(("sensor/**/*.py",) if name == "data" else TRAINING_SOURCES)
             key = digest([name, settings, code, of_data, [step.key for step in before]])
             path = Path(self.setting.cache) / name / f"{key}{suffix}"
             found[name] = Step(name, key, path, before, run)
@@ -258,7 +258,7 @@ def origins() -> dict[str, str]:
 def generation(setting: Setting) -> str:
     """What all comparable points share: the code, the data, the frames."""
     data = None if setting.data is None else digest_data(Path(setting.data))
-    code = sources((*POINT_SOURCES, *TRAINING_SOURCES, "sensor/*.py"))
+    code = sources((*POINT_SOURCES, *TRAINING_SOURCES, "sensor/**/*.py"))
     return digest([code, data, setting.split, setting.frames])
 
 

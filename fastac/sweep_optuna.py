@@ -4,7 +4,7 @@ from pathlib import Path
 
 import optuna
 
-from fastac.scene import Scene
+from fastac.scenes.schema import Scene
 from fastac.sweep_results import Results, Row
 from fastac.sweep_spec import Point, Spec, expand, point_of
 

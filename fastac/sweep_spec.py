@@ -11,8 +11,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError
 
-from fastac import scene as scenes
-from fastac.scene import Count, Scene, Strict
+from fastac.scenes import schema as scenes
+from fastac.scenes.schema import Count, Scene, Strict
 
 Values = Annotated[list, Field(min_length=1)]
 Axes = Annotated[dict[str, Values], Field(min_length=1)]

@@ -17,7 +17,7 @@ from fastac.synth_netlist import Part, parts
 from fastac.synth_tools import SynthError
 from fastac.workspace import digest_sources, write_json
 
-SOURCES = ("gateware/*.py", "models/*.py")
+SOURCES = ("gateware/**/*.py", "models/**/*.py")
 """What the Verilog follows from, beside the bundle."""
 FILE = "synth.json"
 CACHE = "synth"
@@ -75,8 +75,8 @@ TASKS = (COUNT, REGISTERS, LUTS, PLACE)
 
 def elaborate(bundle) -> list[Part]:
     """The parts of a bundle's top-level, and each as elaborated for the ECP5."""
-    from gateware.elaboration import to_rtlil
-    from gateware.top_zynq import TopZynq
+    from fastac.gateware.elaboration import to_rtlil
+    from fastac.gateware.top_zynq import TopZynq
 
     found, to_place = (
         parts(to_rtlil(TopZynq(bundle), name="fastac", platform=platform), "fastac")

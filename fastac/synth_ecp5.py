@@ -4,9 +4,9 @@ import json
 import re
 from pathlib import Path
 
-from . import synth_tools
-from .synth_netlist import Part, Port, ports
-from .synth_yosys import cells, netlist
+from fastac import synth_tools
+from fastac.synth_netlist import Part, Port, ports
+from fastac.synth_yosys import cells, netlist
 
 AIM_MHZ = 150
 CAPACITY = {"MULT18X18D": 156, "DP16KD": 208, "TRELLIS_FF": 83_640, "LUT4": 83_640}

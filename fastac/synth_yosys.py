@@ -4,8 +4,8 @@ import json
 import re
 from pathlib import Path
 
-from . import synth_tools
-from .synth_netlist import UNIT, Part
+from fastac import synth_tools
+from fastac.synth_netlist import UNIT, Part
 
 MAPPING = "-flatten -noiopad -noclkbuf"
 COUNT_SCRIPT = f"""\

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import tomli_w
 
-from fastac import scene as scenes
-from fastac.scene import Scene
+from fastac.scenes import schema as scenes
+from fastac.scenes.schema import Scene
 from fastac.sweep_results import Results, Row
 
 ERRORS = {

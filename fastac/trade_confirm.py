@@ -6,13 +6,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fastac import accuracy, hardware
-from fastac.scene import Scene
+from fastac.gateware.cycle_model import cycles
+from fastac.models import bundle as bundles
+from fastac.scenes.schema import Scene
 from fastac.sweep_models import PointModels, Setting, latency, point_key
 from fastac.sweep_results import Row
 from fastac.sweep_spec import Point
 from fastac.trade import Source, TradeError
-from gateware.cycle_model import cycles
-from models import bundle as bundles
 
 FRAMES = 3
 """Through the hardware, back to back: three show the interval between frames twice."""

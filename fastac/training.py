@@ -6,15 +6,15 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fastac.scene import Scene
-from models import bundle, quantise, slope_force, train_force, train_force_labels, train_normals
-from models.adjoint import displacement_mm, slope_weights
-from models.features import scales
-from models.float_pipeline import FloatPipeline
-from models.hyperforce import HyperForce, collapse
-from models.normals import PixelNetwork
-from models.pipeline import IntegerPipeline
-from sensor.dataset import Dataset
+from fastac.models import bundle, quantise, slope_force, train_force, train_force_labels, train_normals
+from fastac.models.adjoint import displacement_mm, slope_weights
+from fastac.models.features import scales
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.hyperforce import HyperForce, collapse
+from fastac.models.normals import PixelNetwork
+from fastac.models.pipeline import IntegerPipeline
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
 
 CALIBRATION_PX = 1 << 17
 """Pixels that fix the ranges of the activations."""

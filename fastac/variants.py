@@ -6,11 +6,11 @@ import numpy as np
 from pydantic import ValidationError
 from tqdm import tqdm
 
-from fastac.scene import Scene, SceneError, describe
-from models import quantise
-from models.bundle import Bundle
-from models.float_pipeline import FloatPipeline
-from models.pipeline import CHUNK, IntegerPipeline
+from fastac.models import quantise
+from fastac.models.bundle import Bundle
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.pipeline import CHUNK, IntegerPipeline
+from fastac.scenes.schema import Scene, SceneError, describe
 
 
 def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> Scene:

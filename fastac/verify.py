@@ -11,20 +11,20 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
+from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.top_zynq import TopZynq
 from fastac.hardware import NAME
+from fastac.models import bundle as bundles
+from fastac.models.bundle import Bundle
 from fastac.report import DEVICE
-from fastac.scene import Scene, SceneError, describe
+from fastac.scenes.schema import Scene, SceneError, describe
+from fastac.sensor.dataset import Dataset
+from fastac.sim.progress import watched
+from fastac.sim.top import simulate
 from fastac.workspace import digest_sources, write_json
-from gateware.elaboration import to_verilog
-from gateware.top_zynq import TopZynq
-from models import bundle as bundles
-from models.bundle import Bundle
-from sensor.dataset import Dataset
-from sim.progress import watched
-from sim.top import simulate
 
 FILE = "verify.json"
-SOURCES = ("sim/*.py", "models/*.py")
+SOURCES = ("sim/**/*.py", "models/**/*.py")
 """What a row follows from, beside its Verilog and its frames."""
 LIMITS = {"elaboration_s": 60, "build_s": 180, "simulation_s_per_frame": 20}
 """To be met on two cores."""

@@ -16,15 +16,15 @@ from scipy.interpolate import PchipInterpolator
 from tqdm import tqdm
 
 from fastac import frames
+from fastac.gateware.cycle_model import cycles
+from fastac.models.bundle import Bundle
 from fastac.sampling import Spectrum, alias_hz, spectrum, taken
-from fastac.scene import Scene
+from fastac.scenes.schema import Scene
+from fastac.sensor.protocol import FingertipError
+from fastac.sensor.rig import Rig, rig_of
+from fastac.sensor.sequence import probe_of
 from fastac.tables import Table
 from fastac.workspace import write_json
-from gateware.cycle_model import cycles
-from models.bundle import Bundle
-from sensor.protocol import FingertipError
-from sensor.rig import Rig, rig_of
-from sensor.sequence import probe_of
 
 FREQUENCIES_HZ = (50, 70, 100)
 CAMERA_HZ = 240

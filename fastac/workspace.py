@@ -22,7 +22,7 @@ def digest_file(path: Path) -> str:
 
 
 def digest_sources(patterns: tuple[str, ...]) -> str:
-    """One hash of the project's own source files that match, such as "models/*.py"."""
+    """One hash of the project's own source files that match, such as "models/**/*.py"."""
     digest = hashlib.sha256()
     for pattern in patterns:
         for path in sorted(ROOT.glob(pattern)):

@@ -6,9 +6,8 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from models.features import WIDTH
-
-from .handshake import check_lanes, stall_free
+from fastac.gateware.handshake import check_lanes, stall_free
+from fastac.models.features import WIDTH
 
 
 def _check_coordinates(name: str, codes: np.ndarray, size: int) -> None:

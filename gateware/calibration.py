@@ -14,16 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from models.bounds import Stage
-from models.bundle import Bundle, save
-from models.fixed import NEAREST
-from models.integer import Depth, Layer, PoissonSource, Requantisation, WeightedSum
-from models.pipeline import IntegerPipeline
-from models.quantise import with_force_of
-from models.validity import FrameValidity
-
-from .calibration_loader import CalibrationLoader, ImageLayout
-from .datapath import Datapath
+from fastac.gateware.calibration_loader import CalibrationLoader, ImageLayout
+from fastac.gateware.datapath import Datapath
+from fastac.models.bounds import Stage
+from fastac.models.bundle import Bundle, save
+from fastac.models.fixed import NEAREST
+from fastac.models.integer import Depth, Layer, PoissonSource, Requantisation, WeightedSum
+from fastac.models.pipeline import IntegerPipeline
+from fastac.models.quantise import with_force_of
+from fastac.models.validity import FrameValidity
 
 FORMAT_VERSION = 2
 """Of the images."""

@@ -4,24 +4,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from fastac.scene import Scene
-from models.bounds import reciprocal_distance
-from models.features import WIDTH, limits
-from models.fixed import signed_width
-
-from .background import BackgroundSubtraction
-from .displacement import DepthOutput, Displacement
-from .frame_accumulator import raster_interval
-from .frame_cycles import FrameCycles
-from .frame_guard import FrameGuard
-from .fz_stream import PatchForceStream
-from .gradient_ratio import GradientDivider
-from .mlp_mvm import tile_multipliers
-from .normal_mlp import NormalMlp
-from .packed_products import packing
-from .poisson_solver import PoissonSolver, frame_interval
-from .tridiagonal_solver import TridiagonalPoissonSolver
-from .weighted_sum import WeightedSumStream
+from fastac.gateware.background import BackgroundSubtraction
+from fastac.gateware.displacement import DepthOutput, Displacement
+from fastac.gateware.frame_accumulator import raster_interval
+from fastac.gateware.frame_cycles import FrameCycles
+from fastac.gateware.frame_guard import FrameGuard
+from fastac.gateware.fz_stream import PatchForceStream
+from fastac.gateware.gradient_ratio import GradientDivider
+from fastac.gateware.mlp_mvm import tile_multipliers
+from fastac.gateware.normal_mlp import NormalMlp
+from fastac.gateware.packed_products import packing
+from fastac.gateware.poisson_solver import PoissonSolver, frame_interval
+from fastac.gateware.tridiagonal_solver import TridiagonalPoissonSolver
+from fastac.gateware.weighted_sum import WeightedSumStream
+from fastac.models.bounds import reciprocal_distance
+from fastac.models.features import WIDTH, limits
+from fastac.models.fixed import signed_width
+from fastac.scenes.schema import Scene
 
 NORMAL, SLOPES, DISPLACEMENT = 3, 2, 1
 """Words: outputs of the pixel network, and of a pixel where weighted sums take slopes or displacements."""

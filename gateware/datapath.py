@@ -8,23 +8,22 @@ from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
-from models.features import WIDTH, coordinate_codes
-from models.integer import PatchForce, WeightedSum
-from models.pipeline import IntegerPipeline
-
-from .background import BackgroundSubtraction
-from .calibration_loader import Table
-from .displacement import DepthOutput, Displacement
-from .frame_cycles import FrameCycles
-from .frame_guard import ERRORS, EVENTS, FrameGuard
-from .fz_stream import PatchForceStream
-from .gradient_ratio import GradientDivider
-from .normal_mlp import NormalMlp
-from .poisson_solver import Buffer, PoissonSolver
-from .stream_fork import Fork
-from .tridiagonal_solver import TridiagonalPoissonSolver
-from .validity import FrameValidity
-from .weighted_sum import WeightedSumStream
+from fastac.gateware.background import BackgroundSubtraction
+from fastac.gateware.calibration_loader import Table
+from fastac.gateware.displacement import DepthOutput, Displacement
+from fastac.gateware.frame_cycles import FrameCycles
+from fastac.gateware.frame_guard import ERRORS, EVENTS, FrameGuard
+from fastac.gateware.fz_stream import PatchForceStream
+from fastac.gateware.gradient_ratio import GradientDivider
+from fastac.gateware.normal_mlp import NormalMlp
+from fastac.gateware.poisson_solver import Buffer, PoissonSolver
+from fastac.gateware.stream_fork import Fork
+from fastac.gateware.tridiagonal_solver import TridiagonalPoissonSolver
+from fastac.gateware.validity import FrameValidity
+from fastac.gateware.weighted_sum import WeightedSumStream
+from fastac.models.features import WIDTH, coordinate_codes
+from fastac.models.integer import PatchForce, WeightedSum
+from fastac.models.pipeline import IntegerPipeline
 
 
 def last_row_first(stage):

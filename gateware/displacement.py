@@ -6,11 +6,10 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from models.fixed import signed_width
-from models.integer import Depth, DisplacementQuantiser
-
-from .calibration_loader import Table
-from .handshake import check_lanes, stall_free
+from fastac.gateware.calibration_loader import Table
+from fastac.gateware.handshake import check_lanes, stall_free
+from fastac.models.fixed import signed_width
+from fastac.models.integer import Depth, DisplacementQuantiser
 
 
 class RasterRom(wiring.Component):

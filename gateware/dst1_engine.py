@@ -6,10 +6,9 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.integer import SineTransform
-
-from .credit_queue import CreditQueue
-from .product import LATENCY, product
+from fastac.gateware.credit_queue import CreditQueue
+from fastac.gateware.product import LATENCY, product
+from fastac.models.integer import SineTransform
 
 
 class Dst1Engine(wiring.Component):

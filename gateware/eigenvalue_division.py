@@ -5,9 +5,8 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.integer import EigenvalueDivision
-
-from .handshake import stall_free
+from fastac.gateware.handshake import stall_free
+from fastac.models.integer import EigenvalueDivision
 
 
 class EigenvalueDivider(wiring.Component):

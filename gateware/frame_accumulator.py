@@ -5,7 +5,7 @@ from amaranth import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.fixed import signed_width
+from fastac.models.fixed import signed_width
 
 
 def tree_levels(terms: int) -> int:

@@ -1,8 +1,7 @@
 """A frame's cycles from those of its stages: the same sums for components and for a scene's figures."""
 
-from fastac.scene import Scene
-
-from .poisson_solver import Buffer
+from fastac.gateware.poisson_solver import Buffer
+from fastac.scenes.schema import Scene
 
 
 class FrameCycles:

@@ -5,16 +5,21 @@ from amaranth import Module, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.fixed import signed_width
-from models.integer import PatchForce
-
-from .displacement import RasterRom, raster_beats
-from .frame_accumulator import FrameAccumulator, dsp_slices, raster_interval, sum_tree, tree_levels
-from .handshake import stall_free
-from .patch_generator import PatchGenerator, check_patches
-from .product import LATENCY as PRODUCT_LATENCY
-from .product import product
-from .stream_fork import Fork
+from fastac.gateware.displacement import RasterRom, raster_beats
+from fastac.gateware.frame_accumulator import (
+    FrameAccumulator,
+    dsp_slices,
+    raster_interval,
+    sum_tree,
+    tree_levels,
+)
+from fastac.gateware.handshake import stall_free
+from fastac.gateware.patch_generator import PatchGenerator, check_patches
+from fastac.gateware.product import LATENCY as PRODUCT_LATENCY
+from fastac.gateware.product import product
+from fastac.gateware.stream_fork import Fork
+from fastac.models.fixed import signed_width
+from fastac.models.integer import PatchForce
 
 
 def kernel_words(force: PatchForce, lanes: int) -> np.ndarray:

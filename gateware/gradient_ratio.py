@@ -4,9 +4,8 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.integer import GradientRatio
-
-from .handshake import check_lanes, stall_free
+from fastac.gateware.handshake import check_lanes, stall_free
+from fastac.models.integer import GradientRatio
 
 
 class GradientDivider(wiring.Component):

@@ -8,13 +8,12 @@ from amaranth import Cat, Const, Module, Shape, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.fixed import signed_width
-from models.integer import Layer
-
-from .packed_products import Packing, packing
-from .product import LATENCY as PRODUCT_STAGES
-from .product import product
-from .shift_add import Register, Term, constant_product, registers, tree
+from fastac.gateware.packed_products import Packing, packing
+from fastac.gateware.product import LATENCY as PRODUCT_STAGES
+from fastac.gateware.product import product
+from fastac.gateware.shift_add import Register, Term, constant_product, registers, tree
+from fastac.models.fixed import signed_width
+from fastac.models.integer import Layer
 
 
 def tile_latency(inputs: int) -> int:

@@ -8,12 +8,11 @@ from amaranth import Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.integer import Layer
-
-from .elaboration import alike
-from .handshake import check_lanes, stall_free
-from .mlp_mvm import MvmCore, tile_latency
-from .requantise import RequantiseCore
+from fastac.gateware.elaboration import alike
+from fastac.gateware.handshake import check_lanes, stall_free
+from fastac.gateware.mlp_mvm import MvmCore, tile_latency
+from fastac.gateware.requantise import RequantiseCore
+from fastac.models.integer import Layer
 
 
 def _check_chain(layers: Sequence[Layer]) -> None:

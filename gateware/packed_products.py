@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from amaranth import Cat, Const, Value, unsigned
 
-from models.fixed import signed_width
+from fastac.models.fixed import signed_width
 
 WIDE_PORT, NARROW_PORT = 27, 18
 """Bits of the two signed operands of a DSP48E2's multiplier."""

@@ -5,7 +5,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from .handshake import check_lanes
+from fastac.gateware.handshake import check_lanes
 
 KERNEL_SIZES = (1, 3, 5, 7)
 

@@ -14,7 +14,7 @@ from amaranth import Elaboratable, Module
 from amaranth.build import TemplatedPlatform
 from amaranth.vendor import XilinxPlatform
 
-from .elaboration import to_verilog
+from fastac.gateware.elaboration import to_verilog
 
 MAXIMUM_CLOCK_MHZ = 775  # a fully registered DSP48E2 of this speed grade
 DEVICE = {

@@ -5,12 +5,11 @@ from amaranth import Module
 from amaranth.lib import fifo, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
-from models.integer import EigenvalueDivision, PoissonSource, SineTransform
-
-from .dst1_engine import Dst1Engine
-from .eigenvalue_division import EigenvalueDivider
-from .poisson_source import PoissonSourceStream
-from .transposer import Transposer
+from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.gateware.eigenvalue_division import EigenvalueDivider
+from fastac.gateware.poisson_source import PoissonSourceStream
+from fastac.gateware.transposer import Transposer
+from fastac.models.integer import EigenvalueDivision, PoissonSource, SineTransform
 
 
 class Buffer(wiring.Component):

@@ -5,10 +5,9 @@ from amaranth import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.fixed import signed_width
-from models.integer import PoissonSource
-
-from .calibration_loader import Table
+from fastac.gateware.calibration_loader import Table
+from fastac.models.fixed import signed_width
+from fastac.models.integer import PoissonSource
 
 
 class PoissonSourceStream(wiring.Component):

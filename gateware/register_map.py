@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from models.validity import REASONS
+from fastac.models.validity import REASONS
 
 ADDRESS_WIDTH = 8
 ID = int.from_bytes(b"FTAC", "big")

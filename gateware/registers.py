@@ -4,13 +4,12 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.validity import REASONS
-
-from .axi_lite import AxiLiteSlave, Response, axi_lite_signature
-from .calibration_loader import calibration_signature
-from .frame_guard import EVENTS
-from .frame_timer import FrameTimer
-from .register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, REGISTERS, Identity
+from fastac.gateware.axi_lite import AxiLiteSlave, Response, axi_lite_signature
+from fastac.gateware.calibration_loader import calibration_signature
+from fastac.gateware.frame_guard import EVENTS
+from fastac.gateware.frame_timer import FrameTimer
+from fastac.gateware.register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, REGISTERS, Identity
+from fastac.models.validity import REASONS
 
 FOUND_HERE = ("result_overrun", "calibration_refused", "frame_suspect")
 """Errors that are not reported from elsewhere."""

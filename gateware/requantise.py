@@ -5,10 +5,9 @@ from amaranth import Cat, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.integer import Requantisation
-
-from .product import product
-from .shift_add import Register, Term, constant_product, registers
+from fastac.gateware.product import product
+from fastac.gateware.shift_add import Register, Term, constant_product, registers
+from fastac.models.integer import Requantisation
 
 MULTIPLIER_BITS, SHIFT_BITS = 17, 6
 COARSE = 3

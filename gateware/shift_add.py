@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 from amaranth import Module, Signal, Value, signed
 
-from models.fixed import signed_width
+from fastac.models.fixed import signed_width
 
 
 def canonical_signed_digits(constant: int) -> list[tuple[int, int]]:

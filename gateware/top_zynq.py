@@ -7,14 +7,13 @@ from amaranth import Cat, Const, Module, ResetInserter, Signal
 from amaranth.lib import fifo, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.bundle import Bundle
-
-from .axi_lite import axi_lite_signature
-from .calibration import image_layout, loader
-from .datapath import Datapath
-from .frame_guard import ERRORS, EVENTS, axis_signature
-from .register_map import ADDRESS_WIDTH, AXES, Identity
-from .registers import RegisterBlock
+from fastac.gateware.axi_lite import axi_lite_signature
+from fastac.gateware.calibration import image_layout, loader
+from fastac.gateware.datapath import Datapath
+from fastac.gateware.frame_guard import ERRORS, EVENTS, axis_signature
+from fastac.gateware.register_map import ADDRESS_WIDTH, AXES, Identity
+from fastac.gateware.registers import RegisterBlock
+from fastac.models.bundle import Bundle
 
 VERSION = 3
 """Of the hardware and of its register map."""

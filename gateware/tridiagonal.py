@@ -4,9 +4,8 @@ from amaranth import Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.tridiagonal import Elimination, Recurrence, Substitution
-
-from .handshake import stall_free
+from fastac.gateware.handshake import stall_free
+from fastac.models.tridiagonal import Elimination, Recurrence, Substitution
 
 
 class RowRecurrence(wiring.Component):

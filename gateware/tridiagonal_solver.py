@@ -5,14 +5,13 @@ from amaranth import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from models.integer import PoissonSource, SineTransform
-from models.tridiagonal import Elimination, Substitution
-
-from .dst1_engine import Dst1Engine
-from .frame_reversal import FrameReversal
-from .poisson_solver import Buffer, check_stages, connect_stages, frame_interval
-from .poisson_source import PoissonSourceStream
-from .tridiagonal import RowRecurrence
+from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.gateware.frame_reversal import FrameReversal
+from fastac.gateware.poisson_solver import Buffer, check_stages, connect_stages, frame_interval
+from fastac.gateware.poisson_source import PoissonSourceStream
+from fastac.gateware.tridiagonal import RowRecurrence
+from fastac.models.integer import PoissonSource, SineTransform
+from fastac.models.tridiagonal import Elimination, Substitution
 
 
 class TridiagonalPoissonSolver(wiring.Component):

@@ -6,10 +6,9 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, fifo, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models import validity as model
-from models.features import WIDTH
-
-from .frame_accumulator import FrameAccumulator, raster_interval, tree_levels
+from fastac.gateware.frame_accumulator import FrameAccumulator, raster_interval, tree_levels
+from fastac.models import validity as model
+from fastac.models.features import WIDTH
 
 FRAMES_IN_FLIGHT = 8
 """Verdicts that wait for their frame's results; no datapath holds so many frames."""

@@ -5,14 +5,13 @@ from amaranth import Cat, Module, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from models.fixed import signed_width
-from models.integer import WeightedSum
-
-from .displacement import RasterRom, raster_beats
-from .frame_accumulator import FrameAccumulator, dsp_slices, raster_interval, tree_levels
-from .handshake import check_lanes
-from .product import LATENCY as PRODUCT_LATENCY
-from .product import product
+from fastac.gateware.displacement import RasterRom, raster_beats
+from fastac.gateware.frame_accumulator import FrameAccumulator, dsp_slices, raster_interval, tree_levels
+from fastac.gateware.handshake import check_lanes
+from fastac.gateware.product import LATENCY as PRODUCT_LATENCY
+from fastac.gateware.product import product
+from fastac.models.fixed import signed_width
+from fastac.models.integer import WeightedSum
 
 
 def weight_words(weighted: WeightedSum, lanes: int) -> np.ndarray:

@@ -10,7 +10,7 @@ as L is symmetric. Prior and background meet only the constant −Σ (a·p_rest 
 
 import numpy as np
 
-from .poisson import solve, source_of
+from fastac.models.poisson import solve, source_of
 
 
 def transposed_divergence(g: np.ndarray, divergence: str) -> np.ndarray:

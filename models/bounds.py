@@ -11,9 +11,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from .fixed import LARGEST_ERROR, NEAREST, Fixed, check_rounding, fit
-from .integer import EigenvalueDivision, SineTransform
-from .poisson import eigenvalues, row_eigenvalues, sine_matrix
+from fastac.models.fixed import LARGEST_ERROR, NEAREST, Fixed, check_rounding, fit
+from fastac.models.integer import EigenvalueDivision, SineTransform
+from fastac.models.poisson import eigenvalues, row_eigenvalues, sine_matrix
 
 MANTISSA_BITS = 17
 GUARD_BITS = 4

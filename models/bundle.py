@@ -20,10 +20,9 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from fastac.scene import Scene, describe
-
-from . import bounds, fixed, integer, tridiagonal, validity
-from .pipeline import IntegerPipeline
+from fastac.models import bounds, fixed, integer, tridiagonal, validity
+from fastac.models.pipeline import IntegerPipeline
+from fastac.scenes.schema import Scene, describe
 
 FORMAT_VERSION = 3
 CLASSES = {

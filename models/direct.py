@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .bounds import Solver
-from .features import integer_features
-from .fixed import round_shift
-from .integer import PatchForce, SineTransform
-from .over_frames import Outputs
+from fastac.models.bounds import Solver
+from fastac.models.features import integer_features
+from fastac.models.fixed import round_shift
+from fastac.models.integer import PatchForce, SineTransform
+from fastac.models.over_frames import Outputs
 
 if TYPE_CHECKING:
-    from .pipeline import IntegerPipeline
+    from fastac.models.pipeline import IntegerPipeline
 
 
 def _transform(transform: SineTransform, rows: np.ndarray) -> np.ndarray:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .displacement_field import TangentialField
-from .float_pipeline import FloatPipeline
-from .markers import Detector, MarkerError, associate
-from .over_frames import over_frames, require_frames
+from fastac.models.displacement_field import TangentialField
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.markers import Detector, MarkerError, associate
+from fastac.models.over_frames import over_frames, require_frames
 
 MAX_LOST = 0.05
 """Share of the markers that a frame may lack: its field then is that of the others."""

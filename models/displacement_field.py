@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from models.markers import MarkerError, Tracked
+from fastac.models.markers import MarkerError, Tracked
 
 MINIMUM = 3
 """Markers that shift, rotation and stretch of a plane take at least."""

@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .bounds import Solver
-from .emulator_solver import EXACT_FLOAT32, RecurrenceTables, TransformTables, require_exact
-from .features import limits
-from .integer import Layer, PatchForce, WeightedSum
-from .over_frames import CHUNK
-from .pixel_loops import (
+from fastac.models.bounds import Solver
+from fastac.models.emulator_solver import EXACT_FLOAT32, RecurrenceTables, TransformTables, require_exact
+from fastac.models.features import limits
+from fastac.models.integer import Layer, PatchForce, WeightedSum
+from fastac.models.over_frames import CHUNK
+from fastac.models.pixel_loops import (
     AHEAD,
     depth_and_displacement,
     displacement_words,
@@ -26,11 +26,11 @@ from .pixel_loops import (
     source,
     unit_normals,
 )
-from .pixel_tiles import PixelTiles
-from .tridiagonal import TridiagonalSolver
+from fastac.models.pixel_tiles import PixelTiles
+from fastac.models.tridiagonal import TridiagonalSolver
 
 if TYPE_CHECKING:
-    from .pipeline import IntegerPipeline
+    from fastac.models.pipeline import IntegerPipeline
 
 UNWANTED = {kind: np.empty((0, 0), kind) for kind in (np.int64, np.float32)}
 SOLVERS = {Solver: TransformTables, TridiagonalSolver: RecurrenceTables}

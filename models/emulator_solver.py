@@ -6,10 +6,10 @@ and so is every partial sum, in whatever order BLAS adds.
 
 import numpy as np
 
-from .bounds import Solver
-from .fixed import NEAREST, half_unit
-from .integer import SineTransform
-from .sine_fold import (
+from fastac.models.bounds import Solver
+from fastac.models.fixed import NEAREST, half_unit
+from fastac.models.integer import SineTransform
+from fastac.models.sine_fold import (
     FoldedSine,
     fold_columns,
     fold_rows,
@@ -18,7 +18,7 @@ from .sine_fold import (
     unfold_columns,
     unfold_rows,
 )
-from .tridiagonal import Recurrence, TridiagonalSolver
+from fastac.models.tridiagonal import Recurrence, TridiagonalSolver
 
 EXACT = 1 << 53
 EXACT_FLOAT32 = 1 << 24

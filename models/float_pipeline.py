@@ -7,18 +7,17 @@ from functools import cached_property, partial
 import numpy as np
 import torch
 
-from fastac.scene import Scene
-
-from . import normals as pixel_normals
-from .bundle import Bundle
-from .features import scales
-from .hyperforce import collapse, force_map
-from .over_frames import Outputs, choose, over_frames, require_frames
-from .pipeline import Result
-from .pixel_loops import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
-from .pixel_tiles import PixelTiles
-from .poisson import boundary_term, divergence_scale, eigenvalues, sine_matrix, solve, source_of
-from .sine_fold import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
+from fastac.models import normals as pixel_normals
+from fastac.models.bundle import Bundle
+from fastac.models.features import scales
+from fastac.models.hyperforce import collapse, force_map
+from fastac.models.over_frames import Outputs, choose, over_frames, require_frames
+from fastac.models.pipeline import Result
+from fastac.models.pixel_loops import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
+from fastac.models.pixel_tiles import PixelTiles
+from fastac.models.poisson import boundary_term, divergence_scale, eigenvalues, sine_matrix, solve, source_of
+from fastac.models.sine_fold import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
+from fastac.scenes.schema import Scene
 
 
 @dataclass(frozen=True, eq=False)

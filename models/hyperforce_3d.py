@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from .hyperforce import HyperForce, force_map
+from fastac.models.hyperforce import HyperForce, force_map
 
 INPUTS = {"xy": (0, 1), "z": (2,), "xyz": (0, 1, 2)}
 """Components of the displacement that a model may see."""

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from models.raw10 import MAXIMUM
-from sensor.mosaic import CELL, CHANNELS, LAYOUT, check_cells
+from fastac.models.raw10 import MAXIMUM
+from fastac.sensor.mosaic import CELL, CHANNELS, LAYOUT, check_cells
 
 SAME_FILTER = np.zeros((9, 9), np.uint8)
 """The eight nearest pixels that share the filter of the middle one at every phase of the pattern: (±2, ±2),

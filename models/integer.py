@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from .fixed import NEAREST, check_rounding, exact_matmul, half_unit, round_shift, signed_width
+from fastac.models.fixed import NEAREST, check_rounding, exact_matmul, half_unit, round_shift, signed_width
 
 
 def _fits(name: str, values, bits: int, *, signed: bool) -> None:

@@ -2,10 +2,9 @@
 
 import numpy as np
 
-from fastac.scene import Scene
-from sensor.dataset import Dataset
-
-from .pipeline import Result
+from fastac.models.pipeline import Result
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
 
 RIM_PX = 4
 """Original pixels inside a labelled contact circle that are left out: the label's own uncertainty."""

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 from torch import nn
 
-from .features import HIDDEN, scales
+from fastac.models.features import HIDDEN, scales
 
 
 class PixelNetwork(nn.Module):

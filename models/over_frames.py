@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import ThreadpoolController
 from tqdm import tqdm
 
-from .threads import single_thread
+from fastac.models.threads import single_thread
 
 CHUNK = 16
 """Frames that are under way at once in each thread; bounds the memory."""

@@ -6,14 +6,12 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from fastac.scene import Scene
-
-from . import direct
-from .bounds import Solver
-from .emulator import Emulator
-from .emulator_solver import NotExactError
-from .features import integer_features
-from .integer import (
+from fastac.models import direct
+from fastac.models.bounds import Solver
+from fastac.models.emulator import Emulator
+from fastac.models.emulator_solver import NotExactError
+from fastac.models.features import integer_features
+from fastac.models.integer import (
     Depth,
     DisplacementQuantiser,
     GradientRatio,
@@ -22,10 +20,11 @@ from .integer import (
     PoissonSource,
     WeightedSum,
 )
-from .over_frames import CHUNK as CHUNK
-from .over_frames import choose, over_frames, require_frames
-from .tridiagonal import TridiagonalSolver
-from .validity import FrameValidity
+from fastac.models.over_frames import CHUNK as CHUNK
+from fastac.models.over_frames import choose, over_frames, require_frames
+from fastac.models.tridiagonal import TridiagonalSolver
+from fastac.models.validity import FrameValidity
+from fastac.scenes.schema import Scene
 
 
 @dataclass(frozen=True, eq=False)

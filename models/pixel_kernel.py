@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from .vector_tile import NEURONS, PIXELS, tile_linear, tile_rectified, tile_requantised
+from fastac.models.vector_tile import NEURONS, PIXELS, tile_linear, tile_rectified, tile_requantised
 
 BLOCK = 4 * PIXELS
 """Pixels under way at once: two layers' planes of 16 neurons take 16 KiB in float32."""

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from .features import coordinate_codes
-from .pixel_kernel import forward, packed
+from fastac.models.features import coordinate_codes
+from fastac.models.pixel_kernel import forward, packed
 
 
 class PixelTiles:

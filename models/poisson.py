@@ -8,7 +8,7 @@ Source: Lu et al., "FasTac", boundary-prior fast Poisson reconstruction; Press e
 import numpy as np
 from scipy.fft import dstn
 
-from .integer import divergence_of
+from fastac.models.integer import divergence_of
 
 
 def sine_matrix(size: int) -> np.ndarray:

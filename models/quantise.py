@@ -5,12 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from fastac.scene import Scene
-
-from .bounds import solver
-from .features import limits
-from .fixed import Fixed, to_words
-from .integer import (
+from fastac.models.bounds import solver
+from fastac.models.features import limits
+from fastac.models.fixed import Fixed, to_words
+from fastac.models.integer import (
     Depth,
     DisplacementQuantiser,
     GradientRatio,
@@ -21,10 +19,11 @@ from .integer import (
     WeightedSum,
     divergence_of,
 )
-from .pipeline import IntegerPipeline
-from .poisson import boundary_term
-from .tridiagonal import tridiagonal_solver
-from .validity import FrameValidity
+from fastac.models.pipeline import IntegerPipeline
+from fastac.models.poisson import boundary_term
+from fastac.models.tridiagonal import tridiagonal_solver
+from fastac.models.validity import FrameValidity
+from fastac.scenes.schema import Scene
 
 CHOOSERS = {"dst2d": solver, "tridiagonal": tridiagonal_solver}
 MULTIPLIER_BITS = 17

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.fft import dctn, idct, idctn
 from tqdm import tqdm
 
-from . import ridge
+from fastac.models import ridge
 
 SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
 """Cosines along each axis that are tried."""

@@ -8,10 +8,10 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from .features import integer_features, scales
-from .float_pipeline import FloatPipeline
-from .hyperforce import collapse
-from .poisson import eigenvalues, sine_matrix
+from fastac.models.features import integer_features, scales
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.hyperforce import collapse
+from fastac.models.poisson import eigenvalues, sine_matrix
 
 
 class TorchPipeline:

@@ -10,11 +10,10 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from fastac.scene import Scene
-
-from . import ridge
-from .hyperforce import HyperForce, coordinates
-from .threads import single_thread
+from fastac.models import ridge
+from fastac.models.hyperforce import HyperForce, coordinates
+from fastac.models.threads import single_thread
+from fastac.scenes.schema import Scene
 
 
 def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:

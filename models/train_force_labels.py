@@ -15,14 +15,13 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from fastac.scene import Scene
-from sensor.dataset import Dataset
-
-from . import slope_force
-from .features import DIFFERENCE_SCALE, HIDDEN, coordinate_codes, integer_features, scales
-from .normals import PixelNetwork
-from .threads import single_thread
-from .train_normals import ScaledNetwork, Unit
+from fastac.models import slope_force
+from fastac.models.features import DIFFERENCE_SCALE, HIDDEN, coordinate_codes, integer_features, scales
+from fastac.models.normals import PixelNetwork
+from fastac.models.threads import single_thread
+from fastac.models.train_normals import ScaledNetwork, Unit
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
 
 LEAST_PX = 32
 """Averaged frames keep at least so many pixels along each side."""

@@ -17,12 +17,11 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from fastac.scene import Scene
-
-from . import ridge
-from .hyperforce import coordinates
-from .hyperforce_3d import INPUTS, HyperForce3D
-from .threads import single_thread
+from fastac.models import ridge
+from fastac.models.hyperforce import coordinates
+from fastac.models.hyperforce_3d import INPUTS, HyperForce3D
+from fastac.models.threads import single_thread
+from fastac.scenes.schema import Scene
 
 PATIENCE = 15
 """Epochs without a smaller validation error after which training stops."""

@@ -11,14 +11,13 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
-from fastac.scene import Training
-from sensor.dataset import Dataset
-
-from .ensemble import Ensemble
-from .features import COORDINATE_SCALE, HIDDEN, integer_features, scales
-from .integer import Layer, Requantisation
-from .normals import PixelNetwork, normal_loss
-from .threads import single_thread
+from fastac.models.ensemble import Ensemble
+from fastac.models.features import COORDINATE_SCALE, HIDDEN, integer_features, scales
+from fastac.models.integer import Layer, Requantisation
+from fastac.models.normals import PixelNetwork, normal_loss
+from fastac.models.threads import single_thread
+from fastac.scenes.schema import Training
+from fastac.sensor.dataset import Dataset
 
 VALIDATION_PX = 1 << 18
 TEACHER_WEIGHT_DECAY = 0.05

@@ -17,10 +17,10 @@ from functools import cached_property
 
 import numpy as np
 
-from .bounds import GUARD_BITS, Stage, coefficients, green_norm, stencil_norms
-from .fixed import LARGEST_ERROR, NEAREST, Fixed, check_rounding, fit, half_unit, round_shift
-from .integer import SineTransform
-from .poisson import eigenvalues
+from fastac.models.bounds import GUARD_BITS, Stage, coefficients, green_norm, stencil_norms
+from fastac.models.fixed import LARGEST_ERROR, NEAREST, Fixed, check_rounding, fit, half_unit, round_shift
+from fastac.models.integer import SineTransform
+from fastac.models.poisson import eigenvalues
 
 COEFFICIENT_BITS = 17
 """The most that, unsigned, share a DSP48E2 through its signed 18-bit port."""

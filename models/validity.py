@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from .fixed import signed_width
+from fastac.models.fixed import signed_width
 
 REASONS = (
     "clipped",

@@ -7,9 +7,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from .fixed import signed_width
-from .integer import Layer, PatchForce
-from .pipeline import IntegerPipeline
+from fastac.models.fixed import signed_width
+from fastac.models.integer import Layer, PatchForce
+from fastac.models.pipeline import IntegerPipeline
 
 SATURATES = "saturates there, and sets its flag"
 

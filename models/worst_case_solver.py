@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from .bounds import Solver, stencil_norms
-from .fixed import LARGEST_ERROR
-from .integer import PoissonSource, SineTransform, divergence_of
-from .pipeline import IntegerPipeline
-from .tridiagonal import TridiagonalSolver, row_operators
-from .worst_case import WorstCase, magnitude
+from fastac.models.bounds import Solver, stencil_norms
+from fastac.models.fixed import LARGEST_ERROR
+from fastac.models.integer import PoissonSource, SineTransform, divergence_of
+from fastac.models.pipeline import IntegerPipeline
+from fastac.models.tridiagonal import TridiagonalSolver, row_operators
+from fastac.models.worst_case import WorstCase, magnitude
 
 CANDIDATES = 8
 """Pixels on either side of the image's middle, one of which has the deepest solution: there the boundary is

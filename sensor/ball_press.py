@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
-from sensor import dataset
-from sensor.footage import CHANNELS, ImportFailure, photograph
-from sensor.geometry import ball_slopes, normals_from_slopes
-from sensor.resample import Resampling
+from fastac.sensor import dataset
+from fastac.sensor.footage import CHANNELS, ImportFailure, photograph
+from fastac.sensor.geometry import ball_slopes, normals_from_slopes
+from fastac.sensor.resample import Resampling
 
 COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px", "split")
 

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from fastac.scene import Sensor
-from sensor.footage import ImportFailure
-from sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm, rest_slopes
-from sensor.indenter import Ball
+from fastac.scenes.schema import Sensor
+from fastac.sensor.footage import ImportFailure
+from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm, rest_slopes
+from fastac.sensor.indenter import Ball
 
 FINER = 8
 """Points along each side of a pixel that are searched for the first touch."""

@@ -6,10 +6,10 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
-from fastac.scene import Sensor
-from sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
-from sensor.light import irradiance
-from sensor.skin_paint import albedo
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
+from fastac.sensor.light import irradiance
+from fastac.sensor.skin_paint import albedo
 
 BACKGROUND_EXPOSURES = 16
 """Frames that a background is averaged over, as users do to be rid of its noise."""

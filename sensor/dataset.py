@@ -31,8 +31,8 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from fastac.scene import Scene
-from sensor.samples import FORCE_AXES, SPLITS, Dataset, DatasetError, check
+from fastac.scenes.schema import Scene
+from fastac.sensor.samples import FORCE_AXES, SPLITS, Dataset, DatasetError, check
 
 __all__ = ["FORCE_AXES", "SPLITS", "Dataset", "DatasetError", "read", "write"]
 

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-from fastac.scene import Elastomer, Sensor
-from sensor.geometry import pixel_centres_mm, rest_depth_mm
+from fastac.scenes.schema import Elastomer, Sensor
+from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
 
 GAP_TOLERANCE = 1e-6
 """Largest |gap| where pressed, relative to the approach: 1 nm at 1 mm. The most exact depth solver of the

@@ -26,7 +26,7 @@ from skfem import Basis, BilinearForm, ElementHex0, ElementHex1, ElementVector
 from skfem.helpers import ddot, div, sym_grad
 from tqdm import tqdm
 
-from sensor.fem_mesh import FemError, GelMesh
+from fastac.sensor.fem_mesh import FemError, GelMesh
 
 COLUMNS = 512
 """Right-hand sides that are solved at once."""

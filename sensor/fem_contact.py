@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetrs
 
-from sensor.contact_equations import Conditions, conditions, linearised
+from fastac.sensor.contact_equations import Conditions, conditions, linearised
 
 GAP_TOLERANCE_MM = 1e-8
 FORCE_TOLERANCE = 1e-8

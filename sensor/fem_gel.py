@@ -10,14 +10,14 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from fastac.scene import Elastomer, Sensor
-from sensor.contact_equations import superposed
-from sensor.elastomer import ContactError
-from sensor.fem import cached_unit_compliance
-from sensor.fem_contact import GAP_TOLERANCE_MM, ContactProblem, Load, NotConvergedError, State
-from sensor.fem_mesh import GelMesh, sensor_mesh
-from sensor.gel_contact import GelContact
-from sensor.indenter import Indenter
+from fastac.scenes.schema import Elastomer, Sensor
+from fastac.sensor.contact_equations import superposed
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.fem import cached_unit_compliance
+from fastac.sensor.fem_contact import GAP_TOLERANCE_MM, ContactProblem, Load, NotConvergedError, State
+from fastac.sensor.fem_mesh import GelMesh, sensor_mesh
+from fastac.sensor.gel_contact import GelContact
+from fastac.sensor.indenter import Indenter
 
 STEEPEST = 4.0
 """Slope of an indenter beyond which it is a side, not a face: small displacements say nothing there."""

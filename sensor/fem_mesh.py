@@ -11,8 +11,8 @@ from functools import cached_property
 import numpy as np
 from skfem import MeshHex
 
-from fastac.scene import Sensor
-from sensor.geometry import normals_from_slopes
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import normals_from_slopes
 
 CORNERS = np.array([(1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1, 0), (0, 0, 1), (0, 0, 0)])
 """Offsets (i, j, k) of a hexahedron's nodes, in scikit-fem's order."""

@@ -6,12 +6,12 @@ Friction remembers: what slid stays where it slid to.
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from sensor.elastomer import ContactError
-from sensor.fem_contact import GAP_TOLERANCE_MM, Load, NotConvergedError, State
-from sensor.fem_rig import FemRig
-from sensor.fem_skin import skin_of
-from sensor.indenter import Indenter
-from sensor.rig import Pressed
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.fem_contact import GAP_TOLERANCE_MM, Load, NotConvergedError, State
+from fastac.sensor.fem_rig import FemRig
+from fastac.sensor.fem_skin import skin_of
+from fastac.sensor.indenter import Indenter
+from fastac.sensor.rig import Pressed
 
 FIRST_STEPS = 4
 """Steps of the first load, from where nothing touches."""

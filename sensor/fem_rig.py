@@ -5,14 +5,14 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fastac.scene import Sensor
-from sensor.elastomer import ContactError
-from sensor.fem_gel import Gel
-from sensor.fem_skin import skin_of
-from sensor.gel_contact import GelContact
-from sensor.indenter import Ball
-from sensor.protocol import Station
-from sensor.rig import Pressed
+from fastac.scenes.schema import Sensor
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.fem_gel import Gel
+from fastac.sensor.fem_skin import skin_of
+from fastac.sensor.gel_contact import GelContact
+from fastac.sensor.indenter import Ball
+from fastac.sensor.protocol import Station
+from fastac.sensor.rig import Pressed
 
 
 class FemRig:

@@ -14,11 +14,11 @@ from numba import njit
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import map_coordinates, spline_filter1d
 
-from fastac.scene import Sensor
-from sensor.gel_contact import REMAPPINGS, GelContact
-from sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm
-from sensor.indenter import Indenter
-from sensor.layer_rig import slopes_less
+from fastac.scenes.schema import Sensor
+from fastac.sensor.gel_contact import REMAPPINGS, GelContact
+from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm
+from fastac.sensor.indenter import Indenter
+from fastac.sensor.layer_rig import slopes_less
 
 ITERATIONS, CLOSE_PX = 5, 1e-3
 """Of Newton's method, to find which point of the skin lies above a pixel, and how near it has to come."""

@@ -13,16 +13,16 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from fastac.scene import Scene, Sensor
-from sensor import dataset
-from sensor.camera import background, render
-from sensor.elastomer import ContactError
-from sensor.geometry import rest_depth_mm
-from sensor.mosaic import CELL
-from sensor.protocol import FingertipError, stations
-from sensor.raw_window import background_raw10, render_raw10
-from sensor.rig import Pressed, Rig, rig_of
-from sensor.skin_paint import marker_pixels
+from fastac.scenes.schema import Scene, Sensor
+from fastac.sensor import dataset
+from fastac.sensor.camera import background, render
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.geometry import rest_depth_mm
+from fastac.sensor.mosaic import CELL
+from fastac.sensor.protocol import FingertipError, stations
+from fastac.sensor.raw_window import background_raw10, render_raw10
+from fastac.sensor.rig import Pressed, Rig, rig_of
+from fastac.sensor.skin_paint import marker_pixels
 
 CACHE = Path("build/cache")
 """Where finite-element compliances are kept, unless the caller says otherwise."""

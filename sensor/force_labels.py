@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from sensor.footage import ImportFailure, Photographs, Video
-from sensor.samples import FORCE_AXES, SPLITS
+from fastac.sensor.footage import ImportFailure, Photographs, Video
+from fastac.sensor.samples import FORCE_AXES, SPLITS
 
 COLUMNS = {axis: f"force_{axis}_n" for axis in FORCE_AXES}
 BLOCKS, VALIDATION_BLOCKS = 10, (3, 8)

@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from sensor import dataset, force_labels
-from sensor.footage import CHANNELS, ImportFailure, Photographs, Video, footage
-from sensor.force_labels import Labels, split_by_group
-from sensor.resample import Resampling
+from fastac.sensor import dataset, force_labels
+from fastac.sensor.footage import CHANNELS, ImportFailure, Photographs, Video, footage
+from fastac.sensor.force_labels import Labels, split_by_group
+from fastac.sensor.resample import Resampling
 
 REST_SHARE = 0.1
 """A background frame with a larger share of the recording's largest force is no frame at rest."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from sensor.elastomer import ContactError
-from sensor.fem_mesh import GelMesh
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.fem_mesh import GelMesh
 
 REMAPPINGS = 8
 """Fixed-point iterations to find which point of the skin lies above a pixel; each is a factor of strain."""

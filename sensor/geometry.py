@@ -6,7 +6,7 @@ row v along y; the origin of x and y is the centre of the image. Slopes are p = 
 
 import numpy as np
 
-from fastac.scene import Sensor
+from fastac.scenes.schema import Sensor
 
 
 def pixel_centres_mm(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from sensor.fem_mesh import FemError
+from fastac.sensor.fem_mesh import FemError
 
 Surface = tuple[np.ndarray, np.ndarray, np.ndarray]
 """z, p and q, of one shape; z is infinite outside, slopes are zero there."""

@@ -3,11 +3,11 @@
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from fastac.scene import Sensor
-from sensor.elastomer import Contact, Layer
-from sensor.geometry import ball_slopes, normals_from_slopes, rest_slopes
-from sensor.protocol import Station
-from sensor.rig import Pressed
+from fastac.scenes.schema import Sensor
+from fastac.sensor.elastomer import Contact, Layer
+from fastac.sensor.geometry import ball_slopes, normals_from_slopes, rest_slopes
+from fastac.sensor.protocol import Station
+from fastac.sensor.rig import Pressed
 
 
 def slopes_less(displacement_mm: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:

@@ -13,10 +13,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 from numba import njit
 
-from fastac.scene import Sensor
-from sensor.geometry import pixel_centres_mm
-from sensor.shadow import visible
-from sensor.sources import source_mm
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import pixel_centres_mm
+from fastac.sensor.shadow import visible
+from fastac.sensor.sources import source_mm
 
 
 def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.ndarray:

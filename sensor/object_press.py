@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensor.elastomer import Layer
-from sensor.geometry import normals_from_slopes
-from sensor.indenter import HeightMap
-from sensor.layer_rig import slopes_less
-from sensor.rig import Pressed
+from fastac.sensor.elastomer import Layer
+from fastac.sensor.geometry import normals_from_slopes
+from fastac.sensor.indenter import HeightMap
+from fastac.sensor.layer_rig import slopes_less
+from fastac.sensor.rig import Pressed
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ of the real things, and assumptions.
 
 import numpy as np
 
-from sensor.indenter import HeightMap
+from fastac.sensor.indenter import HeightMap
 
 PITCH_MM = 0.05
 

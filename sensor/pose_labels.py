@@ -8,11 +8,11 @@ which gives way less, farther out. So what is deeper than a larger share than th
 
 import numpy as np
 
-from sensor.cad import Cad, half_mm
-from sensor.footage import ImportFailure
-from sensor.geometry import ball_slopes, normals_from_slopes, pixel_centres_mm
-from sensor.indenter import Ball
-from sensor.poses import Pose
+from fastac.sensor.cad import Cad, half_mm
+from fastac.sensor.footage import ImportFailure
+from fastac.sensor.geometry import ball_slopes, normals_from_slopes, pixel_centres_mm
+from fastac.sensor.indenter import Ball
+from fastac.sensor.poses import Pose
 
 CONTACT_SHARE = 0.6
 """Of the deepest point's depth below the resting skin: half, and a fifth more for friction and tilt."""

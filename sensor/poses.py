@@ -13,8 +13,8 @@ from collections.abc import Iterable
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 
-from sensor.dataset import SPLITS
-from sensor.footage import ImportFailure
+from fastac.sensor.dataset import SPLITS
+from fastac.sensor.footage import ImportFailure
 
 MEASURED = ("force_x_n", "force_y_n", "force_z_n")
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastac.scene import Protocol, Scene, Sensor
+from fastac.scenes.schema import Protocol, Scene, Sensor
 
 MARGIN_BALLS = 0.3
 """Distance from the fixed rim to the outermost positions, in ball diameters: as much as the contact grows."""

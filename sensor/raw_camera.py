@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sensor.mosaic import MosaicError, mosaic
+from fastac.sensor.mosaic import MosaicError, mosaic
 
 MAXIMUM = 2**10 - 1
 

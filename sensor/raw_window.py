@@ -6,12 +6,12 @@ Light and grain are those of the pixels, linear between them; dots are drawn at 
 import cv2
 import numpy as np
 
-from fastac.scene import Sensor
-from sensor.camera import BACKGROUND_EXPOSURES, exposure
-from sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
-from sensor.mosaic import CELL
-from sensor.raw_camera import MAXIMUM, RawCamera
-from sensor.skin_paint import coverage, marker_pixels
+from fastac.scenes.schema import Sensor
+from fastac.sensor.camera import BACKGROUND_EXPOSURES, exposure
+from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
+from fastac.sensor.mosaic import CELL
+from fastac.sensor.raw_camera import MAXIMUM, RawCamera
+from fastac.sensor.skin_paint import coverage, marker_pixels
 
 
 def raw_camera(sensor: Sensor) -> RawCamera:

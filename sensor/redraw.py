@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fastac.scene import Sensor
-from sensor.camera import background, render
-from sensor.dataset import Dataset
-from sensor.raw_window import background_raw10, render_raw10
+from fastac.scenes.schema import Sensor
+from fastac.sensor.camera import background, render
+from fastac.sensor.dataset import Dataset
+from fastac.sensor.raw_window import background_raw10, render_raw10
 
 
 def redraw(data: Dataset, sensor: Sensor, seed: int) -> tuple[np.ndarray, Callable[[int], np.ndarray]]:

@@ -6,9 +6,9 @@ from typing import Protocol
 
 import numpy as np
 
-from fastac.scene import Sensor
-from sensor.elastomer import ContactError
-from sensor.protocol import Station
+from fastac.scenes.schema import Sensor
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.protocol import Station
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class Rig(Protocol):
 def rig_of(sensor: Sensor, cache: Path | str, *, progress: bool = True) -> Rig:
     """The gel that the scene asks for; `cache` is where a finite-element compliance is kept."""
     if sensor.elastomer.mechanics == "layer":
-        from sensor.layer_rig import LayerRig
+        from fastac.sensor.layer_rig import LayerRig
 
         return LayerRig(sensor)
-    from sensor.fem_rig import FemRig  # scikit-fem is slow to load, and a layer does without
+    from fastac.sensor.fem_rig import FemRig  # scikit-fem is slow to load, and a layer does without
 
     return FemRig(sensor, cache, progress=progress)

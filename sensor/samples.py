@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastac.scene import CHANNELS, Scene
-from sensor.mosaic import CELL
+from fastac.scenes.schema import CHANNELS, Scene
+from fastac.sensor.mosaic import CELL
 
 SPLITS = ("train", "validation", "test")
 FORCE_AXES = ("x", "y", "z")

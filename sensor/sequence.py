@@ -7,9 +7,9 @@ and 1 ms.
 
 from typing import Protocol
 
-from sensor.layer_rig import LayerRig
-from sensor.protocol import Station
-from sensor.rig import Pressed, Rig
+from fastac.sensor.layer_rig import LayerRig
+from fastac.sensor.protocol import Station
+from fastac.sensor.rig import Pressed, Rig
 
 
 class Probe(Protocol):
@@ -35,7 +35,7 @@ def probe_of(rig: Rig, ball_mm: float, x_mm: float, y_mm: float) -> Probe:
     """A ball over the skin of either rig."""
     if isinstance(rig, LayerRig):
         return LayerProbe(rig, ball_mm, x_mm, y_mm)
-    from sensor.fem_probe import FemProbe  # scikit-fem is slow to load, and a layer does without
-    from sensor.indenter import Ball
+    from fastac.sensor.fem_probe import FemProbe  # scikit-fem is slow to load, and a layer does without
+    from fastac.sensor.indenter import Ball
 
     return FemProbe(rig, Ball(ball_mm), x_mm, y_mm)

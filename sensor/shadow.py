@@ -13,9 +13,9 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
-from fastac.scene import Sensor
-from sensor.geometry import pixel_centres_mm
-from sensor.sources import source_mm
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import pixel_centres_mm
+from fastac.sensor.sources import source_mm
 
 FIRST_PX = 3.0
 """Distance of the first sample: nearer ones are the slope itself, which shades by Lambert's law."""

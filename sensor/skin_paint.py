@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from scipy.ndimage import map_coordinates
 
-from fastac.scene import Sensor
+from fastac.scenes.schema import Sensor
 
 
 @lru_cache

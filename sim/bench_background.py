@@ -16,8 +16,8 @@ import numpy as np
 from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
-from models.features import WIDTH
-from sim.stream import pack
+from fastac.models.features import WIDTH
+from fastac.sim.stream import pack
 
 SET = json.loads(Path(os.environ["BENCH"]).read_text())
 FRAMES, BACKGROUND = (np.array(SET[key]) for key in ("frames", "background"))  # (F, H, W, C), (H, W, C)

@@ -6,8 +6,8 @@ import os
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge, gather
 
-from gateware.register_map import ERRORS, REGISTERS, Identity
-from sim.axi_lite import DECERR, OKAY, SLVERR, read, start, write
+from fastac.gateware.register_map import ERRORS, REGISTERS, Identity
+from fastac.sim.axi_lite import DECERR, OKAY, SLVERR, read, start, write
 
 IDENTITY = Identity(**json.loads(os.environ["IDENTITY"]))
 AT = {register.name: register.offset for register in IDENTITY.registers}

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.scene import Scene
-from models import bundle
-from models.bundle import Bundle
-from models.features import integer_features, scales
-from models.integer import Layer
-from models.quantise import assemble, quantise_layers, with_force, with_force_of, with_limits
+from fastac.models import bundle
+from fastac.models.bundle import Bundle
+from fastac.models.features import integer_features, scales
+from fastac.models.integer import Layer
+from fastac.models.quantise import assemble, quantise_layers, with_force, with_force_of, with_limits
+from fastac.scenes.schema import Scene
 
 QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
 """Arguments of Verilator for short simulations: half the time to build."""

@@ -17,8 +17,8 @@ from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
-from gateware.register_map import REGISTERS
-from sim.axi_lite import read, write
+from fastac.gateware.register_map import REGISTERS
+from fastac.sim.axi_lite import read, write
 
 FOLDER = Path(os.environ["BENCH"])
 SET = json.loads((FOLDER / "settings.json").read_text())

@@ -7,8 +7,8 @@ tests/gateware/test_top_zynq.py.
 import cocotb
 from cocotb.triggers import RisingEdge
 
-from sim.bench_top import SET
-from sim.top_run import (
+from fastac.sim.bench_top import SET
+from fastac.sim.top_run import (
     CAPTURE,
     COLUMNS,
     ENABLE,

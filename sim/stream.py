@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .runner import simulate
+from fastac.sim.runner import simulate
 
 
 def pack(vectors, bits: int) -> list[int]:
@@ -70,7 +70,7 @@ def check(
     simulate(
         component,
         name,
-        "sim.bench_stream",
+        "fastac.sim.bench_stream",
         folder,
         build_args=build_args,
         log_file=log_file,

@@ -8,14 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gateware.register_map import ID
-from gateware.top_zynq import RasterOutput, TopZynq
-from models.bundle import Bundle
-from models.pipeline import Result
-from models.validity import suspects
-
-from .progress import watched
-from .runner import build
+from fastac.gateware.register_map import ID
+from fastac.gateware.top_zynq import RasterOutput, TopZynq
+from fastac.models.bundle import Bundle
+from fastac.models.pipeline import Result
+from fastac.models.validity import suspects
+from fastac.sim.progress import watched
+from fastac.sim.runner import build
 
 SUSPECT = 1 << 10
 """Of tuser, in streams of depth and force maps: the frame is not to be trusted."""
@@ -172,7 +171,7 @@ def simulate(
         with watched("simulating", enabled=progress, total=total, unit="cycle", position=cycle):
             runner.test(
                 hdl_toplevel=name,
-                test_module="sim.bench_top",
+                test_module="fastac.sim.bench_top",
                 build_dir=build_folder,
                 waves=trace is not None,
                 test_args=test_args,

@@ -8,9 +8,9 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 
-from gateware.register_map import ERRORS
-from models.validity import suspects
-from sim.bench_top import FOLDER, LINGER, SET, frame_beats, start
+from fastac.gateware.register_map import ERRORS
+from fastac.models.validity import suspects
+from fastac.sim.bench_top import FOLDER, LINGER, SET, frame_beats, start
 
 with np.load(FOLDER / "frames.npz", allow_pickle=False) as archive:
     FRAMES = {name: archive[name] for name in archive.files}

@@ -5,17 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from gateware.displacement import DepthOutput, Displacement, raster_beats
-from gateware.dst1_engine import Dst1Engine
-from gateware.eigenvalue_division import EigenvalueDivider
-from gateware.fz_stream import PatchForceStream
-from gateware.gradient_ratio import GradientDivider
-from gateware.mlp_mvm import MvmTile
-from gateware.poisson_source import PoissonSourceStream
-from gateware.tridiagonal import RowRecurrence
-from gateware.weighted_sum import WeightedSumStream
-from models.features import WIDTH
-from models.integer import (
+from fastac.gateware.displacement import DepthOutput, Displacement, raster_beats
+from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.gateware.eigenvalue_division import EigenvalueDivider
+from fastac.gateware.fz_stream import PatchForceStream
+from fastac.gateware.gradient_ratio import GradientDivider
+from fastac.gateware.mlp_mvm import MvmTile
+from fastac.gateware.poisson_source import PoissonSourceStream
+from fastac.gateware.tridiagonal import RowRecurrence
+from fastac.gateware.weighted_sum import WeightedSumStream
+from fastac.models.features import WIDTH
+from fastac.models.integer import (
     Depth,
     EigenvalueDivision,
     GradientRatio,
@@ -25,12 +25,11 @@ from models.integer import (
     SineTransform,
     WeightedSum,
 )
-from models.tridiagonal import Recurrence, Substitution
-from models.worst_case import WorstCase
-
-from .bench_specimen import QUICK
-from .preloaded import WithParameters
-from .stream import check, pack
+from fastac.models.tridiagonal import Recurrence, Substitution
+from fastac.models.worst_case import WorstCase
+from fastac.sim.bench_specimen import QUICK
+from fastac.sim.preloaded import WithParameters
+from fastac.sim.stream import check, pack
 
 
 def _rows(frames: np.ndarray, lanes: int) -> np.ndarray:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from fastac.scene import Scene
+from fastac.scenes.schema import Scene
 
 TINY = """\
 name = "tiny"
@@ -68,7 +68,7 @@ def tiny_scene(make_scene) -> Scene:
 @pytest.fixture(scope="session")
 def tiny_file(tiny_scene, tmp_path_factory) -> Path:
     """A dataset of 18 train, 8 validation and 8 test presses. Not to be changed."""
-    from sensor.fingertip import generate
+    from fastac.sensor.fingertip import generate
 
     path = tmp_path_factory.mktemp("frames") / "tiny.h5"
     generate(tiny_scene, path, progress=False, processes=1)
@@ -77,7 +77,7 @@ def tiny_file(tiny_scene, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def tiny_data(tiny_file, tiny_scene):
-    from sensor.dataset import read
+    from fastac.sensor.dataset import read
 
     return read(tiny_file, tiny_scene)
 
@@ -94,7 +94,7 @@ def tiny_folder(tiny_scene, tiny_file, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def tiny_bundle(tiny_folder):
-    from models import bundle
+    from fastac.models import bundle
 
     return bundle.load(tiny_folder / "bundle")
 
@@ -116,7 +116,7 @@ def tiny_rig_cache(tmp_path_factory) -> Path:
 def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, tmp_path_factory) -> Path:
     """A build folder of that scene with everything up to the bundle. Not to be changed."""
     from fastac.build import Build
-    from sensor.fingertip import generate
+    from fastac.sensor.fingertip import generate
 
     folder = tmp_path_factory.mktemp("build") / "tiny_rig"
     data = folder.with_name("tiny_rig.h5")
@@ -127,6 +127,6 @@ def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def tiny_rig_bundle(tiny_rig_folder):
-    from models import bundle
+    from fastac.models import bundle
 
     return bundle.load(tiny_rig_folder / "bundle")

@@ -4,8 +4,8 @@ from amaranth import Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.elaboration import alike, to_rtlil
 from fastac.synth_netlist import parts
-from gateware.elaboration import alike, to_rtlil
 
 
 class Product(wiring.Component):

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from fastac import accuracy
-from models import metrics
-from models.float_pipeline import FloatPipeline
-from sensor.dataset import DatasetError
+from fastac.models import metrics
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.sensor.dataset import DatasetError
 
 
 def test_choose_takes_a_split_or_all(tiny_data, tmp_path):

@@ -8,8 +8,8 @@ import pytest
 
 from fastac import training
 from fastac.build import Build, BuildError, float_settings, network_settings
-from models import bundle, float_pipeline, quantise, train_force
-from sensor import dataset
+from fastac.models import bundle, float_pipeline, quantise, train_force
+from fastac.sensor import dataset
 
 TRAIN = ["data", "normals", "integers", "force", "bundle"]
 QUICK = {"normals_epochs": 1, "finetune_epochs": 1}

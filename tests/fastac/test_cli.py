@@ -12,13 +12,13 @@ from click.testing import CliRunner
 from PIL import Image
 
 from fastac import hardware, verify
-from fastac import scene as scenes
 from fastac import sweep as sweeps
 from fastac.cli import main
-from models import bundle as bundles
-from models.float_pipeline import FloatPipeline
-from sensor import dataset
-from sim.top import Report as Simulated
+from fastac.models import bundle as bundles
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.scenes import schema as scenes
+from fastac.sensor import dataset
+from fastac.sim.top import Report as Simulated
 
 QUICK = """
 normals_epochs = 1
@@ -493,7 +493,7 @@ class TestPredict:
         ],
     )
     def test_only_what_is_wanted(self, tiny_bundle, make_scene, tiny_file, tmp_path, outputs, written):
-        from models import quantise
+        from fastac.models import quantise
 
         trained = tiny_bundle.pipeline
         pipeline = quantise.assemble(

@@ -6,12 +6,12 @@ from PIL import Image
 
 from fastac import cnc
 from fastac.cnc_frames import CncFrames
-from fastac.scene import Sensor, parse
-from models.raw10 import pack
-from sensor import dataset
-from sensor.cad import of_file, of_scene
-from sensor.fingertip import generate
-from sensor.footage import ImportFailure
+from fastac.models.raw10 import pack
+from fastac.scenes.schema import Sensor, parse
+from fastac.sensor import dataset
+from fastac.sensor.cad import of_file, of_scene
+from fastac.sensor.fingertip import generate
+from fastac.sensor.footage import ImportFailure
 
 TEXT = """
 name = "rig"

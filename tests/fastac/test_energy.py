@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from fastac import energy
-from models import quantise
-from models.integer import Layer, PatchForce, Requantisation
+from fastac.models import quantise
+from fastac.models.integer import Layer, PatchForce, Requantisation
 
 PIXELS, INNER, SIDE = 256, 196, 14
 

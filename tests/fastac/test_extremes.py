@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from fastac import drift, extreme_frames, extreme_words, extremes, verify
-from sim import worst_case
+from fastac.sim import worst_case
 
 
 @pytest.fixture(scope="module")
@@ -110,7 +110,7 @@ def test_frames_of_the_hardware_are_compared_once(tiny_bundle, tmp_path, monkeyp
 def test_what_differs_is_counted(tiny_bundle, monkeypatch):
     frames = verify.special_frames(tiny_bundle.pipeline.background)[:2]
     assert extreme_frames.unequal(tiny_bundle.pipeline, frames) == 0
-    from models import direct
+    from fastac.models import direct
 
     loop = direct.loop
 

@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fastac import force_ablation, scene
+from fastac import force_ablation
 from fastac.force_ablation import errors, require
+from fastac.models import train_hyperforce_3d
 from fastac.paper_figures import FORCE_MAE_N
-from models import train_hyperforce_3d
-from sensor import dataset
-from sensor.dataset import DatasetError
+from fastac.scenes import schema
+from fastac.sensor import dataset
+from fastac.sensor.dataset import DatasetError
 
 SIZE, PITCH = 32, 0.25
 TEXT = f"""
@@ -159,13 +160,13 @@ def test_what_the_dataset_lacks(drawn, changes, message):
     settings, path = drawn
     data = replace(dataset.read(path), **changes)
     with pytest.raises(DatasetError, match=message):
-        require(data, scene.load(settings), path.with_name("d.h5"), True)
+        require(data, schema.load(settings), path.with_name("d.h5"), True)
 
 
 def test_found_displacements_need_no_truth(drawn):
     settings, path = drawn
     data = replace(dataset.read(path), tangential_mm=None, depth_mm=None)
-    require(data, scene.load(settings), path, False)
+    require(data, schema.load(settings), path, False)
 
 
 def test_a_missing_scene_is_one_line(drawn, tmp_path):

@@ -7,10 +7,10 @@ import pytest
 
 from fastac import frames
 from fastac.build import Build
-from sensor import dataset
-from sensor.fingertip import generate, sample
-from sensor.protocol import Station
-from sensor.rig import rig_of
+from fastac.sensor import dataset
+from fastac.sensor.fingertip import generate, sample
+from fastac.sensor.protocol import Station
+from fastac.sensor.rig import rig_of
 
 RAW = {"frames": "raw10"}
 

@@ -5,12 +5,12 @@ import re
 import pytest
 
 from fastac import hardware
+from fastac.gateware.platform_xczu19eg import DEVICE
+from fastac.gateware.top_zynq import TopZynq
 from fastac.hardware import HardwareError, check_verilog, lint, write_verilog
+from fastac.models.bundle import Bundle
 from fastac.resources import block_rams, memories
-from gateware.platform_xczu19eg import DEVICE
-from gateware.top_zynq import TopZynq
-from models.bundle import Bundle
-from sim.bench_specimen import scene, specimen
+from fastac.sim.bench_specimen import scene, specimen
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ import pytest
 from click.testing import CliRunner
 
 from fastac import adjoint_fits, identities, training
-from fastac.scene import SceneError
+from fastac.models import integer, metrics
+from fastac.models.integer import WeightedSum
+from fastac.scenes.schema import SceneError
+from fastac.sensor.dataset import write
 from fastac.variants import float_variant, integer_variant, slope_words, variant
-from models import integer, metrics
-from models.integer import WeightedSum
-from sensor.dataset import write
 
 
 @pytest.fixture(scope="module")
@@ -190,7 +190,7 @@ class TestCommand:
         assert "nan" not in result.output
 
     def test_without_force_only_the_solvers(self, make_scene, tiny_bundle, folder, tmp_path):
-        from models import bundle
+        from fastac.models import bundle
 
         shutil.copy(folder / "data.h5", tmp_path / "data.h5")
         scene = make_scene(outputs=["depth"])

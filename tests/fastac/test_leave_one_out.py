@@ -11,10 +11,10 @@ from PIL import Image
 from fastac import leave_one_out
 from fastac.build import Build
 from fastac.cli import main
+from fastac.models import bundle
+from fastac.sensor import dataset
+from fastac.sensor.fingertip import generate
 from fastac.training import TrainingError, require
-from models import bundle
-from sensor import dataset
-from sensor.fingertip import generate
 
 GROUPS = ("ball", "cup", "nut")
 

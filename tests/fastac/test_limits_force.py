@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fastac.limits_force import closed_form, mixed, seen, smaller_loads
-from sensor.samples import SPLITS
+from fastac.sensor.samples import SPLITS
 
 COUNTS = {"train": 40, "validation": 10, "test": 10}
 N = 14

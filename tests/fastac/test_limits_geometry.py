@@ -14,7 +14,7 @@ from fastac.limits_geometry import (
     variants,
 )
 from fastac.reproduce_geometry import rgb_data, rgb_scene
-from fastac.scene import Light, Markers, Raw10
+from fastac.scenes.schema import Light, Markers, Raw10
 
 EVERYTHING = {"markers": Markers(), "light": Light(specular=0.1, cast_shadows=True)}
 

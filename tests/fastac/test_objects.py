@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from fastac import objects
 from fastac.cli import main
 from fastac.object_figures import arrows, force_maps, page
-from sensor.protocol import FingertipError
+from fastac.sensor.protocol import FingertipError
 
 ONE = Path("one")
 

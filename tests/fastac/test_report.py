@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from fastac import energy, report
-from models import quantise
-from models.bundle import Bundle
+from fastac.models import quantise
+from fastac.models.bundle import Bundle
 
 SIMULATED = {
     "frame_indices": [26, 33],

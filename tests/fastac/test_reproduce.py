@@ -12,15 +12,15 @@ import pytest
 from click.testing import CliRunner
 
 from fastac import grasp, hardware, limits_geometry, reproduce, training, vibration
-from fastac import scene as scenes
 from fastac.accuracy import compare
 from fastac.build import Build
 from fastac.cli import main
+from fastac.gateware.cycle_model import cycles
 from fastac.paper_figures import FORCE_MAE_N, STAGES
 from fastac.reproduce_section import Section, vertical
+from fastac.scenes import schema as scenes
 from fastac.tables import Table
 from fastac.workspace import ROOT, write_json
-from gateware.cycle_model import cycles
 
 RIG = """
 name = "rig"

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from fastac import resources
+from fastac.gateware.cycle_model import multipliers
 from fastac.scope import specimen
-from gateware.cycle_model import multipliers
 
 SAMPLES = json.loads(resources.SAMPLES.read_text())["samples"]
 

@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from fastac import hardware, stability
-from models.over_frames import CHUNK
-from models.pipeline import IntegerPipeline
+from fastac.models.over_frames import CHUNK
+from fastac.models.pipeline import IntegerPipeline
 
 
 @pytest.fixture(scope="module")

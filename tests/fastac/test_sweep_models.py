@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from fastac import accuracy, sweep_models
+from fastac.gateware.cycle_model import cycles
+from fastac.models.integer import PatchForce
 from fastac.sweep_models import PointModels, Setting, Step
-from gateware.cycle_model import cycles
-from models.integer import PatchForce
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 import pytest
 
 from fastac import sweep_spec
-from fastac.scene import SceneError
+from fastac.scenes.schema import SceneError
 from fastac.sweep_spec import SpecError, expand, grid, point_of
 
 

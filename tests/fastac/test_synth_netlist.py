@@ -4,8 +4,8 @@ from amaranth import Module, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.elaboration import to_rtlil
 from fastac.synth_netlist import UNIT, parts, ports
-from gateware.elaboration import to_rtlil
 
 
 def test_equal_modules_are_one_part(design, modules):

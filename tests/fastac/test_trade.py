@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fastac import scene as scenes
 from fastac import trade
+from fastac.scenes import schema as scenes
 from fastac.sweep_results import Results, ResultsError, Row
 from fastac.trade import TradeError
 

@@ -3,11 +3,11 @@ from dataclasses import asdict, replace
 import pytest
 
 from fastac import hardware, trade, trade_confirm
+from fastac.gateware.cycle_model import cycles
 from fastac.sweep_models import PointModels, Setting, generation, point_key
 from fastac.sweep_results import Results, Row
 from fastac.sweep_spec import Point
 from fastac.trade import Source, TradeError
-from gateware.cycle_model import cycles
 
 
 @pytest.fixture(scope="module")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from fastac import training
-from models import quantise
-from models.float_pipeline import FloatPipeline
-from models.hyperforce import collapse
-from models.normals import PixelNetwork
+from fastac.models import quantise
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.hyperforce import collapse
+from fastac.models.normals import PixelNetwork
 
 
 def test_rest_is_the_dataset_s_or_flat(tiny_data):

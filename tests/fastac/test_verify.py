@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from fastac import verify
-from fastac.scene import SceneError
-from models import bundle as bundles
-from sim.bench_specimen import QUICK, frames, scene, specimen
-from sim.top import Report
+from fastac.models import bundle as bundles
+from fastac.scenes.schema import SceneError
+from fastac.sim.bench_specimen import QUICK, frames, scene, specimen
+from fastac.sim.top import Report
 
 
 @pytest.fixture(scope="module")

@@ -10,9 +10,9 @@ from click.testing import CliRunner
 
 from fastac import vibration
 from fastac.cli import main
-from gateware.cycle_model import cycles
-from sensor.elastomer import ContactError
-from sensor.protocol import FingertipError
+from fastac.gateware.cycle_model import cycles
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.protocol import FingertipError
 
 SHORT = vibration.Vibration(seconds=0.2)
 

@@ -167,7 +167,7 @@ def test_the_build_s_own_patterns_match_files():
     from fastac.build import HARDWARE_SOURCES, TRAINING_SOURCES
 
     sources = (*TRAINING_SOURCES, *HARDWARE_SOURCES)
-    for pattern in (*sources, "sim/*.py", "fastac/report*.py", "fastac/*.j2"):
+    for pattern in (*sources, "sim/**/*.py", "fastac/report*.py", "fastac/*.j2"):
         assert any(workspace.ROOT.glob(pattern)), pattern
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim.preloaded import WithParameters
+from fastac.sim.preloaded import WithParameters
 
 
 @pytest.fixture

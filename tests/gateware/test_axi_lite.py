@@ -4,8 +4,8 @@ from amaranth import Array, Module, Mux, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In
 
-from gateware.axi_lite import AxiLiteSlave, Response, axi_lite_signature
-from sim.runner import simulate
+from fastac.gateware.axi_lite import AxiLiteSlave, Response, axi_lite_signature
+from fastac.sim.runner import simulate
 
 
 class Memory(wiring.Component):
@@ -39,7 +39,7 @@ class Memory(wiring.Component):
 
 
 def test_accesses(tmp_path):
-    simulate(Memory(6), "memory", "sim.bench_axi_lite", tmp_path, ADDRESS_WIDTH="6")
+    simulate(Memory(6), "memory", "fastac.sim.bench_axi_lite", tmp_path, ADDRESS_WIDTH="6")
 
 
 @pytest.mark.parametrize("width", [2, 33])

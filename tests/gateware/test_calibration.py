@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateware.calibration import (
+from fastac.gateware.calibration import (
     CalibrationError,
     calibration_words,
     difference,
@@ -12,12 +12,12 @@ from gateware.calibration import (
     image_layout,
     keep_force,
 )
-from gateware.datapath import Datapath
-from models import bundle
-from models.bounds import Stage
-from models.pipeline import IntegerPipeline
-from models.quantise import assemble, with_force_of
-from sim.bench_specimen import recalibrated, scene, specimen
+from fastac.gateware.datapath import Datapath
+from fastac.models import bundle
+from fastac.models.bounds import Stage
+from fastac.models.pipeline import IntegerPipeline
+from fastac.models.quantise import assemble, with_force_of
+from fastac.sim.bench_specimen import recalibrated, scene, specimen
 
 WANTED = {
     "absolute": {"outputs": ("depth", "force_z"), "mode": "absolute", "lanes": 4},

@@ -4,9 +4,9 @@ import json
 import numpy as np
 import pytest
 
-from gateware.calibration_loader import CalibrationLoader, ImageLayout, Table
-from sim.runner import simulate
-from sim.stream import pack
+from fastac.gateware.calibration_loader import CalibrationLoader, ImageLayout, Table
+from fastac.sim.runner import simulate
+from fastac.sim.stream import pack
 
 LAYOUTS = {
     "tables of one and of four": ImageLayout(
@@ -57,7 +57,7 @@ def test_loader(tmp_path, layout):
     path = tmp_path / "bench.json"
     path.write_text(json.dumps(bench))
     dut = CalibrationLoader(layout, registers, bundle_hash)
-    simulate(dut, "calibration_loader", "sim.bench_calibration_loader", tmp_path, BENCH=str(path))
+    simulate(dut, "calibration_loader", "fastac.sim.bench_calibration_loader", tmp_path, BENCH=str(path))
 
 
 def test_image():

@@ -10,7 +10,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
-from gateware.credit_queue import CreditQueue
+from fastac.gateware.credit_queue import CreditQueue
 
 BEATS = 300
 

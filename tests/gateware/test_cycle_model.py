@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from fastac.scene import Network, Numbers, load
-from gateware.cycle_model import CycleModel, cycles, multipliers
-from gateware.datapath import Datapath
-from models.bounds import reciprocal_distance, reciprocals
-from sim.bench_specimen import NUMBERS, scene, specimen
+from fastac.gateware.cycle_model import CycleModel, cycles, multipliers
+from fastac.gateware.datapath import Datapath
+from fastac.models.bounds import reciprocal_distance, reciprocals
+from fastac.scenes.schema import Network, Numbers, load
+from fastac.sim.bench_specimen import NUMBERS, scene, specimen
 
 SCENES = Path(__file__).parents[2] / "scenes"
 OPTIONS = {

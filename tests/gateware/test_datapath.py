@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from fastac.scene import Hardware, Numbers, load
-from gateware.datapath import Datapath
-from gateware.elaboration import to_verilog
-from gateware.top_zynq import TopZynq
-from sim.bench_specimen import scene, specimen
+from fastac.gateware.datapath import Datapath
+from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.top_zynq import TopZynq
+from fastac.scenes.schema import Hardware, Numbers, load
+from fastac.sim.bench_specimen import scene, specimen
 
 SCENES = Path(__file__).parents[2] / "scenes"
 EVERYTHING = ("normals", "depth", "force_z")

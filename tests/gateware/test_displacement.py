@@ -4,10 +4,10 @@ import pytest
 from amaranth import Shape
 from amaranth.sim import Simulator
 
-from gateware.displacement import DepthOutput, Displacement, RasterRom, raster_beats
-from models.integer import Depth, DisplacementQuantiser
-from sim.preloaded import Preloaded
-from sim.stream import check, pack
+from fastac.gateware.displacement import DepthOutput, Displacement, RasterRom, raster_beats
+from fastac.models.integer import Depth, DisplacementQuantiser
+from fastac.sim.preloaded import Preloaded
+from fastac.sim.stream import check, pack
 
 FRAMES = 3
 

@@ -2,10 +2,10 @@
 import numpy as np
 import pytest
 
-from gateware.dst1_engine import Dst1Engine
-from models.fixed import signed_width
-from models.integer import SineTransform
-from sim.stream import check, pack
+from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.models.fixed import signed_width
+from fastac.models.integer import SineTransform
+from fastac.sim.stream import check, pack
 
 
 def sine_transform(

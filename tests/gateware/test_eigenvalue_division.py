@@ -2,10 +2,10 @@
 import numpy as np
 import pytest
 
-from gateware.eigenvalue_division import EigenvalueDivider
-from models.fixed import signed_width
-from models.integer import EigenvalueDivision
-from sim.stream import check, pack
+from fastac.gateware.eigenvalue_division import EigenvalueDivider
+from fastac.models.fixed import signed_width
+from fastac.models.integer import EigenvalueDivision
+from fastac.sim.stream import check, pack
 
 
 def eigenvalue_division(size: int, *, input_width: int, rounding: str = "nearest") -> EigenvalueDivision:

@@ -7,7 +7,7 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from gateware.elaboration import alike, to_rtlil, to_verilog
+from fastac.gateware.elaboration import alike, to_rtlil, to_verilog
 
 
 class Watcher(wiring.Component):

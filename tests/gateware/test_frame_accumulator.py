@@ -2,9 +2,9 @@
 import numpy as np
 import pytest
 
-from gateware.frame_accumulator import FrameAccumulator, dsp_slices, tree_levels
-from sim.amaranth_bench import transfer
-from sim.stream import check, pack
+from fastac.gateware.frame_accumulator import FrameAccumulator, dsp_slices, tree_levels
+from fastac.sim.amaranth_bench import transfer
+from fastac.sim.stream import check, pack
 
 
 @pytest.mark.parametrize(("beats", "axes", "words"), [(6, 2, 3), (5, 1, 1), (7, 3, 8)])

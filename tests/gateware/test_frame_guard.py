@@ -4,8 +4,8 @@ import random
 
 import pytest
 
-from gateware.frame_guard import ERRORS, FrameGuard
-from sim.runner import simulate
+from fastac.gateware.frame_guard import ERRORS, FrameGuard
+from fastac.sim.runner import simulate
 
 
 def reference(beats, height, line_beats, lanes, pixel_bits):
@@ -176,7 +176,7 @@ def test_rtl_equals_reference(tmp_path, height, width, channels, lanes):
         "timeout_cycles": 20_000,
     }
     path.write_text(json.dumps(bench))
-    simulate(guard, "frame_guard", "sim.bench_frame_guard", tmp_path, BENCH=str(path))
+    simulate(guard, "frame_guard", "fastac.sim.bench_frame_guard", tmp_path, BENCH=str(path))
 
 
 @pytest.mark.parametrize(

@@ -1,12 +1,12 @@
 # amaranth: UnusedElaboratable=no
 import pytest
 
-from gateware.frame_timer import FrameTimer
-from sim.runner import simulate
+from fastac.gateware.frame_timer import FrameTimer
+from fastac.sim.runner import simulate
 
 
 def test_times_and_numbers(tmp_path):
-    simulate(FrameTimer(force=True, depth=True), "frame_timer", "sim.bench_frame_timer", tmp_path)
+    simulate(FrameTimer(force=True, depth=True), "frame_timer", "fastac.sim.bench_frame_timer", tmp_path)
 
 
 @pytest.mark.parametrize(("force", "depth"), [(True, False), (False, True)])

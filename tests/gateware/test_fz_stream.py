@@ -4,10 +4,10 @@ import pytest
 from amaranth.hdl import Fragment, ResetInserter, Signal
 from amaranth.sim import Simulator
 
-from gateware.fz_stream import PatchForceStream, PixelResponse
-from models.integer import PatchForce
-from sim.amaranth_bench import transfer
-from sim.stream import check, pack
+from fastac.gateware.fz_stream import PatchForceStream, PixelResponse
+from fastac.models.integer import PatchForce
+from fastac.sim.amaranth_bench import transfer
+from fastac.sim.stream import check, pack
 
 
 def beats(frames, lanes, rng):

@@ -4,9 +4,9 @@ import itertools
 import numpy as np
 import pytest
 
-from gateware.gradient_ratio import GradientDivider
-from models.integer import GradientRatio
-from sim.stream import check, pack
+from fastac.gateware.gradient_ratio import GradientDivider
+from fastac.models.integer import GradientRatio
+from fastac.sim.stream import check, pack
 
 
 def normals(ratio, rng, count):

@@ -4,10 +4,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateware.elaboration import to_rtlil
-from gateware.mlp_mvm import MvmCore, MvmTile
-from models.integer import Layer
-from sim.stream import check, pack
+from fastac.gateware.elaboration import to_rtlil
+from fastac.gateware.mlp_mvm import MvmCore, MvmTile
+from fastac.models.integer import Layer
+from fastac.sim.stream import check, pack
 
 
 def vectors(layer, low, high, rng, count=100):

@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from gateware.elaboration import to_rtlil
-from gateware.normal_mlp import NormalMlp
-from models.integer import Layer, Requantisation
-from sim.stream import check, pack
+from fastac.gateware.elaboration import to_rtlil
+from fastac.gateware.normal_mlp import NormalMlp
+from fastac.models.integer import Layer, Requantisation
+from fastac.sim.stream import check, pack
 
 WIDTH = 9
 

@@ -3,7 +3,7 @@ import pytest
 from amaranth import Const, Module, Signal, signed
 from amaranth.sim import Simulator
 
-from gateware.packed_products import Packing, packing
+from fastac.gateware.packed_products import Packing, packing
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
-from gateware.patch_generator import PatchGenerator
-from sim.stream import check, pack
+from fastac.gateware.patch_generator import PatchGenerator
+from fastac.sim.stream import check, pack
 
 
 def beats(frames, lanes, rng=None):

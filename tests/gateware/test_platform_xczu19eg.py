@@ -1,8 +1,8 @@
 import pytest
 
-from gateware.elaboration import to_verilog
-from gateware.frame_timer import FrameTimer
-from gateware.platform_xczu19eg import (
+from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.frame_timer import FrameTimer
+from fastac.gateware.platform_xczu19eg import (
     DEVICE,
     DeviceError,
     XCZU19EGPlatform,

@@ -4,10 +4,10 @@ import pytest
 from amaranth.hdl import ResetInserter, Signal
 from amaranth.sim import Simulator
 
-from gateware.poisson_solver import PoissonSolver
-from models.fixed import signed_width
-from models.integer import EigenvalueDivision, PoissonSource, SineTransform
-from sim.stream import check, pack
+from fastac.gateware.poisson_solver import PoissonSolver
+from fastac.models.fixed import signed_width
+from fastac.models.integer import EigenvalueDivision, PoissonSource, SineTransform
+from fastac.sim.stream import check, pack
 
 
 def stages(size: int, *, gradient_width: int = 10, divergence: str = "central") -> tuple:

@@ -2,10 +2,10 @@
 import numpy as np
 import pytest
 
-from gateware.poisson_source import PoissonSourceStream
-from models.integer import PoissonSource, divergence_of
-from sim.preloaded import Preloaded
-from sim.stream import check, pack
+from fastac.gateware.poisson_source import PoissonSourceStream
+from fastac.models.integer import PoissonSource, divergence_of
+from fastac.sim.preloaded import Preloaded
+from fastac.sim.stream import check, pack
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
 from fastac.ecp5_product import OPERAND_BITS, Ecp5
-from gateware.product import LATENCY, product
+from fastac.gateware.product import LATENCY, product
 
 
 class Multiplier(wiring.Component):

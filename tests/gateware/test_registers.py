@@ -4,10 +4,10 @@ from dataclasses import asdict
 
 import pytest
 
-from gateware import frame_guard
-from gateware.register_map import ADDRESS_WIDTH, ERRORS, REGISTERS, Identity
-from gateware.registers import RegisterBlock
-from sim.runner import simulate
+from fastac.gateware import frame_guard
+from fastac.gateware.register_map import ADDRESS_WIDTH, ERRORS, REGISTERS, Identity
+from fastac.gateware.registers import RegisterBlock
+from fastac.sim.runner import simulate
 
 SHAPE = {
     "bundle_hash": 0xFEDCBA9876543210,
@@ -34,7 +34,7 @@ def test_registers(tmp_path, outputs):
     simulate(
         RegisterBlock(identity),
         "registers",
-        "sim.bench_registers",
+        "fastac.sim.bench_registers",
         tmp_path,
         IDENTITY=json.dumps(asdict(identity)),
     )

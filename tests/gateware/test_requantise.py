@@ -3,10 +3,10 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
-from gateware.elaboration import to_rtlil
-from gateware.requantise import Requantise, RequantiseCore
-from models.integer import Requantisation
-from sim.stream import check, pack
+from fastac.gateware.elaboration import to_rtlil
+from fastac.gateware.requantise import Requantise, RequantiseCore
+from fastac.models.integer import Requantisation
+from fastac.sim.stream import check, pack
 
 WIDTH = 20
 TABLES = [

@@ -5,7 +5,7 @@ import pytest
 from amaranth import Module, Signal, signed
 from amaranth.sim import Simulator
 
-from gateware.shift_add import Term, canonical_signed_digits, constant_product, registers, tree
+from fastac.gateware.shift_add import Term, canonical_signed_digits, constant_product, registers, tree
 
 CONSTANTS = [*range(-128, 0), *range(1, 128), 2047, -2048, 1365, -1365, 77_771, 131_071, 87_381]
 

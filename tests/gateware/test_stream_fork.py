@@ -7,7 +7,7 @@ import pytest
 from amaranth.hdl import unsigned
 from amaranth.sim import Simulator
 
-from gateware.stream_fork import Fork
+from fastac.gateware.stream_fork import Fork
 
 BEATS = 200
 

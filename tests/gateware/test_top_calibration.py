@@ -6,13 +6,13 @@ import json
 import numpy as np
 import pytest
 
-from gateware.calibration import calibration_words
-from gateware.elaboration import to_verilog
-from gateware.top_zynq import TopZynq
-from models.pipeline import join
-from sim.bench_specimen import QUICK, frames, recalibrated, scene, specimen
-from sim.runner import build
-from sim.top import bench_settings, expected_words
+from fastac.gateware.calibration import calibration_words
+from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.pipeline import join
+from fastac.sim.bench_specimen import QUICK, frames, recalibrated, scene, specimen
+from fastac.sim.runner import build
+from fastac.sim.top import bench_settings, expected_words
 
 NAME = "fastac"
 SPANS = (10, 5, 60)
@@ -59,7 +59,7 @@ def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
     runner = build(source, NAME, tmp_path / "build", build_args=QUICK)
     runner.test(
         hdl_toplevel=NAME,
-        test_module="sim.bench_top_calibration",
+        test_module="fastac.sim.bench_top_calibration",
         build_dir=tmp_path / "build",
         extra_env={"BENCH": str(tmp_path)},
     )

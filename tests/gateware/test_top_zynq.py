@@ -7,13 +7,13 @@ from itertools import product
 import numpy as np
 import pytest
 
-from gateware.elaboration import to_verilog
-from gateware.register_map import ERRORS
-from gateware.top_zynq import TopZynq
-from models.pipeline import join
-from sim.bench_specimen import QUICK, frames, scene, specimen
-from sim.runner import build
-from sim.top import Report, bench_settings, expected_words, simulate
+from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.register_map import ERRORS
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.pipeline import join
+from fastac.sim.bench_specimen import QUICK, frames, scene, specimen
+from fastac.sim.runner import build
+from fastac.sim.top import Report, bench_settings, expected_words, simulate
 
 NAME = "fastac"
 MILD = (10, 5, 15, 20, 25)
@@ -229,7 +229,7 @@ def check_faults(hardware: Hardware) -> None:
     runner = build(hardware.source, NAME, hardware.folder / "sim" / "build", build_args=QUICK)
     runner.test(
         hdl_toplevel=NAME,
-        test_module="sim.bench_top_faults",
+        test_module="fastac.sim.bench_top_faults",
         build_dir=hardware.folder / "sim" / "build",
         extra_env={"BENCH": str(folder)},
     )

@@ -2,8 +2,8 @@
 import numpy as np
 import pytest
 
-from gateware.transposer import Transposer
-from sim.stream import check, pack
+from fastac.gateware.transposer import Transposer
+from fastac.sim.stream import check, pack
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:

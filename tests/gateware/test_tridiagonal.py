@@ -2,11 +2,11 @@
 import numpy as np
 import pytest
 
-from gateware.frame_reversal import FrameReversal
-from gateware.tridiagonal import RowRecurrence
-from models.integer import SineTransform
-from models.tridiagonal import Elimination, Substitution, thomas_coefficients
-from sim.stream import check, pack
+from fastac.gateware.frame_reversal import FrameReversal
+from fastac.gateware.tridiagonal import RowRecurrence
+from fastac.models.integer import SineTransform
+from fastac.models.tridiagonal import Elimination, Substitution, thomas_coefficients
+from fastac.sim.stream import check, pack
 
 FRAMES = 4
 

@@ -4,18 +4,18 @@ import pytest
 from amaranth.hdl import ResetInserter, Signal
 from amaranth.sim import Simulator
 
-from gateware.tridiagonal_solver import TridiagonalPoissonSolver
-from models.bounds import coefficients
-from models.fixed import Fixed
-from models.integer import PoissonSource, SineTransform
-from models.tridiagonal import (
+from fastac.gateware.tridiagonal_solver import TridiagonalPoissonSolver
+from fastac.models.bounds import coefficients
+from fastac.models.fixed import Fixed
+from fastac.models.integer import PoissonSource, SineTransform
+from fastac.models.tridiagonal import (
     Elimination,
     Substitution,
     TridiagonalSolver,
     thomas_coefficients,
     tridiagonal_solver,
 )
-from sim.stream import check, pack
+from fastac.sim.stream import check, pack
 
 GRADIENT_WIDTH = 10
 LIMIT = 2 ** (GRADIENT_WIDTH - 1) - 1

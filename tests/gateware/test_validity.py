@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gateware.validity import FrameValidity
-from models import validity as model
-from models.features import integer_features
-from sim.runner import simulate
-from sim.stream import pack
+from fastac.gateware.validity import FrameValidity
+from fastac.models import validity as model
+from fastac.models.features import integer_features
+from fastac.sim.runner import simulate
+from fastac.sim.stream import pack
 
 SIZE = 16
 FRAMES = 6
@@ -77,7 +77,9 @@ def test_flags(tmp_path, lanes, channels, slopes, displacements):
         "beats": SIZE * SIZE // lanes,
     }
     (tmp_path / "settings.json").write_text(json.dumps(settings))
-    simulate(component, "validity", "sim.bench_validity", tmp_path, BENCH=str(tmp_path / "settings.json"))
+    simulate(
+        component, "validity", "fastac.sim.bench_validity", tmp_path, BENCH=str(tmp_path / "settings.json")
+    )
 
 
 def test_limits_image_is_what_the_hardware_has():

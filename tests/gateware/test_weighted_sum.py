@@ -7,19 +7,13 @@ from amaranth import Const, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from gateware.displacement import Displacement
-from gateware.fz_stream import PatchForceStream
-from gateware.gradient_ratio import GradientDivider
-from gateware.weighted_sum import WeightedSumStream
-from models.integer import (
-    Depth,
-    DisplacementQuantiser,
-    GradientRatio,
-    PatchForce,
-    WeightedSum,
-)
-from sim.amaranth_bench import transfer
-from sim.stream import check, pack
+from fastac.gateware.displacement import Displacement
+from fastac.gateware.fz_stream import PatchForceStream
+from fastac.gateware.gradient_ratio import GradientDivider
+from fastac.gateware.weighted_sum import WeightedSumStream
+from fastac.models.integer import Depth, DisplacementQuantiser, GradientRatio, PatchForce, WeightedSum
+from fastac.sim.amaranth_bench import transfer
+from fastac.sim.stream import check, pack
 
 
 def beats(x, lanes, bits, rng):

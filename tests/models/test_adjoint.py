@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models import quantise
-from models.adjoint import displacement_mm, slope_weights, transposed_divergence
-from models.float_pipeline import FloatPipeline
-from models.hyperforce import collapse
-from models.poisson import boundary_term, solve, source_of
+from fastac.models import quantise
+from fastac.models.adjoint import displacement_mm, slope_weights, transposed_divergence
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.hyperforce import collapse
+from fastac.models.poisson import boundary_term, solve, source_of
 
 MODES = pytest.mark.parametrize("mode", ["absolute", "difference"])
 DIVERGENCES = pytest.mark.parametrize("divergence", ["central", "backward"])

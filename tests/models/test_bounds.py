@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from models.bounds import Solver, coefficients, reciprocals, solver
-from models.fixed import Fixed, to_words
-from models.integer import PoissonSource
-from models.poisson import boundary_term, sine_matrix, solve, source_of
+from fastac.models.bounds import Solver, coefficients, reciprocals, solver
+from fastac.models.fixed import Fixed, to_words
+from fastac.models.integer import PoissonSource
+from fastac.models.poisson import boundary_term, sine_matrix, solve, source_of
 
 STAGES = ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
 SLOPE_FRACTION = 10

@@ -6,9 +6,9 @@ from dataclasses import fields, is_dataclass, replace
 import numpy as np
 import pytest
 
-from fastac.scene import Scene
-from models import bundle
-from models.bundle import BundleError
+from fastac.models import bundle
+from fastac.models.bundle import BundleError
+from fastac.scenes.schema import Scene
 
 
 @pytest.fixture

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 import torch
 
-from models.displacement import MAX_LOST, find
-from models.float_pipeline import FloatPipeline
-from models.markers import MarkerError
-from models.normals import PixelNetwork
+from fastac.models.displacement import MAX_LOST, find
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.markers import MarkerError
+from fastac.models.normals import PixelNetwork
 
 SIZE, PITCH = 64, 0.1
 GRID = np.stack(np.meshgrid(np.arange(8, 60, 10.0), np.arange(8, 60, 10.0)), axis=-1).reshape(-1, 2)

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from models.displacement_field import TangentialField, displacement_mm
-from models.markers import MarkerError, Tracked
+from fastac.models.displacement_field import TangentialField, displacement_mm
+from fastac.models.markers import MarkerError, Tracked
 
 GRID = np.stack(np.meshgrid(np.arange(4, 64, 8.0), np.arange(4, 48, 8.0)), axis=-1).reshape(-1, 2)
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import direct
-from models.emulator import Emulator
-from models.emulator_solver import EXACT, NotExactError, require_exact
-from models.integer import GradientRatio, Layer, PatchForce, Requantisation, SineTransform
-from models.over_frames import CHUNK, over_frames
-from sim import bench_specimen
+from fastac.models import direct
+from fastac.models.emulator import Emulator
+from fastac.models.emulator_solver import EXACT, NotExactError, require_exact
+from fastac.models.integer import GradientRatio, Layer, PatchForce, Requantisation, SineTransform
+from fastac.models.over_frames import CHUNK, over_frames
+from fastac.sim import bench_specimen
 
 DEPTH, Z, XYZ = "depth", "force_z", "force_xyz"
 MAP = ("force_z", "force_map")
@@ -228,7 +228,7 @@ def test_only_what_is_wanted(tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("nobody wants depth")
 
-    monkeypatch.setattr("models.emulator_solver.TransformTables.solve", refuse)
+    monkeypatch.setattr("fastac.models.emulator_solver.TransformTables.solve", refuse)
     pipeline.run(frames, wanted=["normals", "slopes", "normal_words", "gradient_saturated"])
     with pytest.raises(AssertionError, match="nobody wants depth"):
         pipeline.run(frames, wanted=["force_n"])

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from models.ensemble import Ensemble
-from models.normals import normal_loss
+from fastac.models.ensemble import Ensemble
+from fastac.models.normals import normal_loss
 
 
 @pytest.fixture

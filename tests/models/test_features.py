@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.features import WIDTH, coordinate_codes, integer_features, limits, scales
+from fastac.models.features import WIDTH, coordinate_codes, integer_features, limits, scales
 
 
 @pytest.mark.parametrize("size", [16, 63, 128, 256])

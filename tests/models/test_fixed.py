@@ -4,7 +4,7 @@ from math import floor
 import numpy as np
 import pytest
 
-from models.fixed import Fixed, check_rounding, exact_matmul, fit, round_shift, signed_width, to_words
+from fastac.models.fixed import Fixed, check_rounding, exact_matmul, fit, round_shift, signed_width, to_words
 
 
 @pytest.mark.parametrize(

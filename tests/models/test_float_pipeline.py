@@ -5,11 +5,11 @@ import pytest
 from scipy.sparse import diags_array, eye_array, kron
 from scipy.sparse.linalg import spsolve
 
-from models import float_pipeline, quantise
-from models.features import integer_features
-from models.float_pipeline import FloatPipeline
-from models.normals import predict, slopes_of
-from models.over_frames import CHUNK
+from fastac.models import float_pipeline, quantise
+from fastac.models.features import integer_features
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.normals import predict, slopes_of
+from fastac.models.over_frames import CHUNK
 
 PITCH_MM = 0.25
 

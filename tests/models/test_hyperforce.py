@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from models.hyperforce import HyperForce, collapse, coordinates
+from fastac.models.hyperforce import HyperForce, collapse, coordinates
 
 
 def model(n: int = 6, *, kernel_size: int = 3, axes: int = 1) -> HyperForce:

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from models.hyperforce import collapse, coordinates
-from models.hyperforce_3d import INPUTS, HyperForce3D
+from fastac.models.hyperforce import collapse, coordinates
+from fastac.models.hyperforce_3d import INPUTS, HyperForce3D
 
 N, FRAMES = 9, 4
 

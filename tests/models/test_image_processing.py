@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.image_processing import (
+from fastac.models.image_processing import (
     ImageProcessing,
     ImageProcessingError,
     cell_means,
@@ -9,7 +9,7 @@ from models.image_processing import (
     interpolate_nir,
     to_bggr,
 )
-from sensor.mosaic import CELL, LAYOUT, MosaicError, mosaic
+from fastac.sensor.mosaic import CELL, LAYOUT, MosaicError, mosaic
 
 COLOURS = np.array([300.0, 400.0, 500.0, 200.0])
 

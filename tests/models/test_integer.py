@@ -7,8 +7,8 @@ from math import floor
 import numpy as np
 import pytest
 
-from models.hyperforce import collapse
-from models.integer import (
+from fastac.models.hyperforce import collapse
+from fastac.models.integer import (
     Depth,
     DisplacementQuantiser,
     EigenvalueDivision,

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from models.markers import Detector, MarkerError, Tracker, associate
+from fastac.models.markers import Detector, MarkerError, Tracker, associate
 
 PHOTOGRAPHS = Path(__file__).parents[3] / "shared/data/fots/markers"
 needs_photographs = pytest.mark.skipif(

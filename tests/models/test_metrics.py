@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import metrics
-from models.pipeline import Result
-from sensor.dataset import Dataset
+from fastac.models import metrics
+from fastac.models.pipeline import Result
+from fastac.sensor.dataset import Dataset
 
 SIZE = 20
 FLAT = (0.0, 0.0, 1.0)

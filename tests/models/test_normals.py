@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 import torch
 
-from models.features import scales
-from models.integer import GradientRatio
-from models.normals import PixelNetwork, normal_loss, predict, slopes_of
+from fastac.models.features import scales
+from fastac.models.integer import GradientRatio
+from fastac.models.normals import PixelNetwork, normal_loss, predict, slopes_of
 
 
 def test_slopes_by_hand():

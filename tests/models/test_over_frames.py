@@ -3,8 +3,8 @@ import threading
 import numpy as np
 import pytest
 
-from models import over_frames as module
-from models.over_frames import CHUNK, choose, over_frames, require_frames
+from fastac.models import over_frames as module
+from fastac.models.over_frames import CHUNK, choose, over_frames, require_frames
 
 OUTPUTS = {"double": ((2,), np.int64), "index": ((), np.int32)}
 

@@ -3,10 +3,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models import quantise
-from models.integer import divergence_of
-from models.over_frames import CHUNK
-from models.pipeline import Result, join
+from fastac.models import quantise
+from fastac.models.integer import divergence_of
+from fastac.models.over_frames import CHUNK
+from fastac.models.pipeline import Result, join
 
 STAGES = ("source", "solver", "depth", "quantiser", "force", "force_n_per_unit")
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from models.normals import slopes_of
-from models.pixel_loops import limited_slopes, unit_normals
+from fastac.models.normals import slopes_of
+from fastac.models.pixel_loops import limited_slopes, unit_normals
 
 
 @pytest.mark.parametrize("real", [np.float32, np.float64])

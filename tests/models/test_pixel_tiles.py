@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from models.features import integer_features
-from models.integer import Requantisation
-from models.pixel_kernel import BLOCK, packed
-from models.pixel_tiles import PixelTiles
-from models.vector_tile import NEURONS
+from fastac.models.features import integer_features
+from fastac.models.integer import Requantisation
+from fastac.models.pixel_kernel import BLOCK, packed
+from fastac.models.pixel_tiles import PixelTiles
+from fastac.models.vector_tile import NEURONS
 
 SHAPES = [(1, 1, 3), (3, 5, 4), (8, BLOCK // 8, 3), (7, 37, 4)]
 """Less than a block of pixels, one block, and several of which the last is not full."""

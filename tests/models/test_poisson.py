@@ -8,7 +8,7 @@ from scipy.fft import dst
 from scipy.sparse import diags_array, eye_array, kron
 from scipy.sparse.linalg import spsolve
 
-from models.poisson import boundary_term, eigenvalues, sine_matrix, solve, source_of
+from fastac.models.poisson import boundary_term, eigenvalues, sine_matrix, solve, source_of
 
 
 def laplacian(n: int):

@@ -4,9 +4,9 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from models import quantise
-from models.features import scales
-from models.integer import Layer
+from fastac.models import quantise
+from fastac.models.features import scales
+from fastac.models.integer import Layer
 
 
 @pytest.mark.parametrize(

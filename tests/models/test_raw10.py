@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models.raw10 import Raw10Error, pack, unpack
+from fastac.models.raw10 import Raw10Error, pack, unpack
 
 
 def test_order_of_bits():

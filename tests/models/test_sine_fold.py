@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.bounds import coefficients
-from models.poisson import sine_matrix
-from models.sine_fold import (
+from fastac.models.bounds import coefficients
+from fastac.models.poisson import sine_matrix
+from fastac.models.sine_fold import (
     FoldedSine,
     fold_columns,
     fold_rows,

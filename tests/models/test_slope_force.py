@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from models import ridge, slope_force
+from fastac.models import ridge, slope_force
 
 H, W = 12, 14
 

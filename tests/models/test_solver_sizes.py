@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from models.fixed import Fixed
-from models.integer import PoissonSource
-from models.poisson import solve
-from models.quantise import CHOOSERS
+from fastac.models.fixed import Fixed
+from fastac.models.integer import PoissonSource
+from fastac.models.poisson import solve
+from fastac.models.quantise import CHOOSERS
 
 WIDTH_MM = 16.0
 FRACTION, WIDTH = 14, 17

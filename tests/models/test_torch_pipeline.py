@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import torch
 
-from models.float_pipeline import FloatPipeline
-from models.torch_pipeline import TorchPipeline
+from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.torch_pipeline import TorchPipeline
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from models.train_force import build, refit, train
+from fastac.models.train_force import build, refit, train
 
 N = 14
 

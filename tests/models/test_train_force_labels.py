@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import torch
 
-from models import slope_force, train_force_labels
-from models.features import integer_features
-from models.normals import predict, slopes_of
-from models.train_force_labels import ForceFromPixels, labelled_by, linear_network, mixtures_of
-from sensor import dataset
-from sensor.fingertip import generate
+from fastac.models import slope_force, train_force_labels
+from fastac.models.features import integer_features
+from fastac.models.normals import predict, slopes_of
+from fastac.models.train_force_labels import ForceFromPixels, labelled_by, linear_network, mixtures_of
+from fastac.sensor import dataset
+from fastac.sensor.fingertip import generate
 
 
 @pytest.fixture(scope="module")

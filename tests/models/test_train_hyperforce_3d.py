@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from models import train_hyperforce_3d
-from models.train_hyperforce_3d import error_n, refit, select, train
+from fastac.models import train_hyperforce_3d
+from fastac.models.train_hyperforce_3d import error_n, refit, select, train
 
 N = 14
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import torch
 
-from models.features import integer_features, scales
-from models.integer import Layer, Requantisation
-from models.normals import predict
-from models.quantise import quantise_layers
-from models.train_normals import BitTrueNetwork, finetune, labelled, labelled_pixels, train
+from fastac.models.features import integer_features, scales
+from fastac.models.integer import Layer, Requantisation
+from fastac.models.normals import predict
+from fastac.models.quantise import quantise_layers
+from fastac.models.train_normals import BitTrueNetwork, finetune, labelled, labelled_pixels, train
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.linalg import lu
 
-from models.fixed import Fixed, to_words
-from models.integer import PoissonSource
-from models.poisson import boundary_term, sine_matrix, solve, source_of
-from models.tridiagonal import (
+from fastac.models.fixed import Fixed, to_words
+from fastac.models.integer import PoissonSource
+from fastac.models.poisson import boundary_term, sine_matrix, solve, source_of
+from fastac.models.tridiagonal import (
     Elimination,
     Substitution,
     TridiagonalSolver,

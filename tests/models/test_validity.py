@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from models.quantise import with_limits
-from models.validity import REASONS, FrameValidity
-from sim.bench_specimen import frames, scene, specimen
+from fastac.models.quantise import with_limits
+from fastac.models.validity import REASONS, FrameValidity
+from fastac.sim.bench_specimen import frames, scene, specimen
 
 SHAPE = (6, 8, 3)
 MEASURES = ("clipped", "brightness_b", "brightness_g", "brightness_r", "change", "detail")

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fastac.scene import load
-from sensor.ball_press import ImportFailure, import_folder
-from sensor.dataset import read
+from fastac.scenes.schema import load
+from fastac.sensor.ball_press import ImportFailure, import_folder
+from fastac.sensor.dataset import read
 
 ROOT = Path(__file__).parents[2]
 FOTS = ROOT.parent / "shared" / "data" / "fots"

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from fastac.scene import Sensor
-from sensor.cad import of_file, of_scene
-from sensor.footage import ImportFailure
-from sensor.geometry import rest_depth_at_mm
-from sensor.indenter import Ball
+from fastac.scenes.schema import Sensor
+from fastac.sensor.cad import of_file, of_scene
+from fastac.sensor.footage import ImportFailure
+from fastac.sensor.geometry import rest_depth_at_mm
+from fastac.sensor.indenter import Ball
 
 SENSOR = Sensor(geometry="fingertip", height_px=32, width_px=28, pitch_mm=0.5)
 FLAT = Sensor(geometry="flat", height_px=32, width_px=28, pitch_mm=0.5)

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from fastac.scene import Sensor
-from sensor.camera import background, exposure, render
-from sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
+from fastac.scenes.schema import Sensor
+from fastac.sensor.camera import background, exposure, render
+from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 
 
 def sensor(**keys):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sensor.contact_equations import conditions, linearised, superposed
+from fastac.sensor.contact_equations import conditions, linearised, superposed
 
 FRICTION = 0.5
 SCALE = np.array([[2.0, 3.0, 5.0]])

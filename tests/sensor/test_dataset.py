@@ -2,8 +2,8 @@ import h5py
 import numpy as np
 import pytest
 
-from fastac.scene import parse
-from sensor.dataset import DatasetError, read, write
+from fastac.scenes.schema import parse
+from fastac.sensor.dataset import DatasetError, read, write
 
 N, H, W = 3, 16, 20
 

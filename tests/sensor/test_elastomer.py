@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from fastac.scene import Elastomer, Sensor
-from sensor.elastomer import ContactError, Layer, layer_compliance, modulation
-from sensor.geometry import pixel_centres_mm, rest_depth_mm
+from fastac.scenes.schema import Elastomer, Sensor
+from fastac.sensor.elastomer import ContactError, Layer, layer_compliance, modulation
+from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
 
 CURVED = Sensor(geometry="fingertip", height_px=64, width_px=64, pitch_mm=0.25)
 

@@ -1,6 +1,6 @@
 import numpy as np
 
-from sensor import faults
+from fastac.sensor import faults
 
 FRAMES = np.random.default_rng(1).integers(40, 200, (3, 16, 20, 4)).astype(np.uint8)
 

@@ -3,10 +3,10 @@ import pytest
 from scipy.integrate import quad
 from scipy.sparse.linalg import splu
 
-from fastac.scene import Elastomer, Sensor
-from sensor import fem
-from sensor.elastomer import layer_compliance
-from sensor.fem_mesh import FemError, GelMesh, layered, sensor_mesh
+from fastac.scenes.schema import Elastomer, Sensor
+from fastac.sensor import fem
+from fastac.sensor.elastomer import layer_compliance
+from fastac.sensor.fem_mesh import FemError, GelMesh, layered, sensor_mesh
 
 CURVED = Sensor(geometry="fingertip", height_px=33, width_px=33, pitch_mm=0.5)
 

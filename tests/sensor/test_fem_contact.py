@@ -6,12 +6,12 @@ from scipy.integrate import quad
 from scipy.sparse import block_array, csr_array
 from scipy.sparse.linalg import splu
 
-from fastac.scene import Elastomer, Sensor
-from sensor import fem
-from sensor.elastomer import layer_compliance
-from sensor.fem_gel import Gel
-from sensor.fem_mesh import layered, sensor_mesh
-from sensor.indenter import Ball
+from fastac.scenes.schema import Elastomer, Sensor
+from fastac.sensor import fem
+from fastac.sensor.elastomer import layer_compliance
+from fastac.sensor.fem_gel import Gel
+from fastac.sensor.fem_mesh import layered, sensor_mesh
+from fastac.sensor.indenter import Ball
 
 CURVED = Sensor(geometry="fingertip", height_px=33, width_px=33, pitch_mm=0.5)
 HERTZ = Elastomer(modulus_mpa=0.2, poisson_ratio=0.3, thickness_mm=10.0, thickness_variation=0)

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from fastac.scene import Sensor
-from sensor.elastomer import ContactError
-from sensor.fem_gel import Gel
-from sensor.geometry import pixel_centres_mm
-from sensor.indenter import Ball, Cylinder, Edge, FlatPunch, HeightMap
+from fastac.scenes.schema import Sensor
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.fem_gel import Gel
+from fastac.sensor.geometry import pixel_centres_mm
+from fastac.sensor.indenter import Ball, Cylinder, Edge, FlatPunch, HeightMap
 
 FLAT = Sensor(geometry="flat", height_px=64, width_px=64, pitch_mm=0.25)
 CURVED = FLAT.model_copy(update={"geometry": "fingertip"})

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from fastac.scene import Sensor
-from sensor.fem_mesh import FemError, GelMesh, layered, sensor_mesh
-from sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_mm, rest_slopes
+from fastac.scenes.schema import Sensor
+from fastac.sensor.fem_mesh import FemError, GelMesh, layered, sensor_mesh
+from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_mm, rest_slopes
 
 CURVED = Sensor(geometry="fingertip", height_px=33, width_px=33, pitch_mm=0.5)
 

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from fastac.scene import Sensor
-from sensor.elastomer import ContactError
-from sensor.fem_contact import Load
-from sensor.fem_probe import FemProbe
-from sensor.fem_rig import FemRig
-from sensor.indenter import Ball, Cylinder
+from fastac.scenes.schema import Sensor
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.fem_contact import Load
+from fastac.sensor.fem_probe import FemProbe
+from fastac.sensor.fem_rig import FemRig
+from fastac.sensor.indenter import Ball, Cylinder
 
 FRICTION, LOAD_N = 0.6, 0.5
 GEL = {"mechanics": "fem", "friction": FRICTION, "elements": 12, "layers": 2}

@@ -5,11 +5,11 @@ import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import binary_fill_holes
 
-from fastac.scene import Sensor
-from sensor.fem_gel import Gel
-from sensor.fem_skin import _filled, _onto, _spline, skin_of
-from sensor.geometry import ball_slopes, pixel_centres_mm, rest_depth_at_mm, rest_depth_mm
-from sensor.indenter import Ball
+from fastac.scenes.schema import Sensor
+from fastac.sensor.fem_gel import Gel
+from fastac.sensor.fem_skin import _filled, _onto, _spline, skin_of
+from fastac.sensor.geometry import ball_slopes, pixel_centres_mm, rest_depth_at_mm, rest_depth_mm
+from fastac.sensor.indenter import Ball
 
 SENSOR = Sensor(geometry="fingertip", height_px=80, width_px=80, pitch_mm=0.2)
 BALL, X, Y = Ball(5.0), 1.0, -0.6

@@ -3,12 +3,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from fastac.scene import Protocol, parse
-from sensor.dataset import read
-from sensor.elastomer import ContactError, Layer
-from sensor.fingertip import generate
-from sensor.layer_rig import surface
-from sensor.protocol import FingertipError, positions_mm
+from fastac.scenes.schema import Protocol, parse
+from fastac.sensor.dataset import read
+from fastac.sensor.elastomer import ContactError, Layer
+from fastac.sensor.fingertip import generate
+from fastac.sensor.layer_rig import surface
+from fastac.sensor.protocol import FingertipError, positions_mm
 
 
 def scene(outputs='["depth", "force_z"]', geometry="fingertip", channels="bgr+nir", protocol="", extra=""):

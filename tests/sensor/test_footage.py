@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sensor.footage import ImportFailure, Photographs, Video, footage
+from fastac.sensor.footage import ImportFailure, Photographs, Video, footage
 
 
 def film(path, images, codec="ffv1"):

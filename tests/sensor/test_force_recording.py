@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from sensor import dataset
-from sensor.footage import ImportFailure
-from sensor.force_labels import split_by_group
-from sensor.force_recording import import_recording
+from fastac.sensor import dataset
+from fastac.sensor.footage import ImportFailure
+from fastac.sensor.force_labels import split_by_group
+from fastac.sensor.force_recording import import_recording
 
 HEADER = "frame,force_z_n,group\n"
 SIZE = {"height_px": 16, "width_px": 16}
@@ -96,7 +96,7 @@ def test_background_frames_may_lack_a_row(place):
 
 
 def test_videos_are_folders_of_frames(place):
-    from .test_footage import film
+    from tests.sensor.test_footage import film
 
     expected, images = imported(place), photographs(place).astype(np.uint8)
     film(place / "v.mkv", images)

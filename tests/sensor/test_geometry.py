@@ -1,8 +1,14 @@
 import numpy as np
 import pytest
 
-from fastac.scene import Sensor
-from sensor.geometry import ball_slopes, normals_from_slopes, pixel_centres_mm, rest_depth_mm, rest_slopes
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import (
+    ball_slopes,
+    normals_from_slopes,
+    pixel_centres_mm,
+    rest_depth_mm,
+    rest_slopes,
+)
 
 CURVED = Sensor(geometry="fingertip", height_px=40, width_px=48, pitch_mm=0.25)
 

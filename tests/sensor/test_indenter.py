@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from sensor.fem_mesh import FemError
-from sensor.geometry import ball_slopes
-from sensor.indenter import Ball, Cylinder, Edge, FlatPunch, HeightMap
+from fastac.sensor.fem_mesh import FemError
+from fastac.sensor.geometry import ball_slopes
+from fastac.sensor.indenter import Ball, Cylinder, Edge, FlatPunch, HeightMap
 
 V, U = np.mgrid[:33, :33]
 BUMPS = HeightMap(0.2 * np.sin(U / 5.0) * np.cos(V / 7.0), 0.15)

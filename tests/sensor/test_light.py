@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
 
-from fastac.scene import Light, Sensor
-from sensor.geometry import normals_from_slopes
-from sensor.light import irradiance
-from sensor.sources import source_mm
+from fastac.scenes.schema import Light, Sensor
+from fastac.sensor.geometry import normals_from_slopes
+from fastac.sensor.light import irradiance
+from fastac.sensor.sources import source_mm
 
 FLAT = Sensor(geometry="flat", height_px=32, width_px=32, pitch_mm=0.5, channels="bgr+nir")
 B, G, R, NIR = range(4)

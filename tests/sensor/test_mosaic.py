@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sensor.mosaic import LAYOUT, MosaicError, mosaic
+from fastac.sensor.mosaic import LAYOUT, MosaicError, mosaic
 
 
 def test_layout_is_what_the_paper_says():

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import label, maximum_filter
 
-from fastac.scene import Sensor
-from sensor.elastomer import ContactError, Layer
-from sensor.indenter import Ball, HeightMap
-from sensor.object_press import press_object
-from sensor.objects import OBJECTS, PITCH_MM, fingerprint, led_pads, strawberry
+from fastac.scenes.schema import Sensor
+from fastac.sensor.elastomer import ContactError, Layer
+from fastac.sensor.indenter import Ball, HeightMap
+from fastac.sensor.object_press import press_object
+from fastac.sensor.objects import OBJECTS, PITCH_MM, fingerprint, led_pads, strawberry
 
 SENSOR = Sensor(geometry="fingertip", height_px=64, width_px=64, pitch_mm=0.25)
 

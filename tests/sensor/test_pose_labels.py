@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fastac.scene import Sensor
-from sensor.cad import of_scene
-from sensor.fem_rig import FemRig
-from sensor.footage import ImportFailure
-from sensor.pose_labels import labels
-from sensor.poses import Pose
-from sensor.protocol import Station
+from fastac.scenes.schema import Sensor
+from fastac.sensor.cad import of_scene
+from fastac.sensor.fem_rig import FemRig
+from fastac.sensor.footage import ImportFailure
+from fastac.sensor.pose_labels import labels
+from fastac.sensor.poses import Pose
+from fastac.sensor.protocol import Station
 
 SENSOR = Sensor(
     geometry="fingertip",

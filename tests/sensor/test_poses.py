@@ -2,8 +2,8 @@ import math
 
 import pytest
 
-from sensor.footage import ImportFailure
-from sensor.poses import COLUMNS, Pose, read, write
+from fastac.sensor.footage import ImportFailure
+from fastac.sensor.poses import COLUMNS, Pose, read, write
 
 TOLD = Pose("train", 0, -4.5, 1 / 3, 4.25, 0.5, 0.15, -0.0)
 DONE = Pose("test", 7, 1.0, 2.0, 3.0, 1.0, 0.0, 0.0, 0.01, -0.02, 0.99)

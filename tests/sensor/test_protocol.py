@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from fastac.scene import parse
-from sensor.protocol import FingertipError, positions_mm, stations
+from fastac.scenes.schema import parse
+from fastac.sensor.protocol import FingertipError, positions_mm, stations
 
 TEXT = """
 name = "p"

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sensor.mosaic import MosaicError
-from sensor.raw_camera import RawCamera
+from fastac.sensor.mosaic import MosaicError
+from fastac.sensor.raw_camera import RawCamera
 
 CLEAN = {"vignetting": 0.0, "dead_share": 0.0}
 

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from fastac.scene import Sensor
-from sensor.camera import exposure
-from sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
-from sensor.raw_window import background_raw10, raw_camera, render_raw10, window_light
-from sensor.skin_paint import marker_pixels
+from fastac.scenes.schema import Sensor
+from fastac.sensor.camera import exposure
+from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
+from fastac.sensor.raw_window import background_raw10, raw_camera, render_raw10, window_light
+from fastac.sensor.skin_paint import marker_pixels
 
 
 def sensor(**keys):

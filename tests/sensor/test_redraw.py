@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sensor.camera import BACKGROUND_EXPOSURES, exposure
-from sensor.mosaic import CELL
-from sensor.redraw import redraw
+from fastac.sensor.camera import BACKGROUND_EXPOSURES, exposure
+from fastac.sensor.mosaic import CELL
+from fastac.sensor.redraw import redraw
 
 
 def test_the_same_sensor_gives_frames_alike_but_for_the_noise(tiny_data, tiny_scene):

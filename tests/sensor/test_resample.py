@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sensor.resample import Resampling, overlaps
+from fastac.sensor.resample import Resampling, overlaps
 
 
 def test_overlaps_are_exact_areas():

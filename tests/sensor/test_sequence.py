@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fastac.scene import Sensor
-from sensor.elastomer import ContactError
-from sensor.protocol import Station
-from sensor.rig import rig_of
-from sensor.sequence import probe_of
+from fastac.scenes.schema import Sensor
+from fastac.sensor.elastomer import ContactError
+from fastac.sensor.protocol import Station
+from fastac.sensor.rig import rig_of
+from fastac.sensor.sequence import probe_of
 
 SIZE = {"geometry": "fingertip", "height_px": 16, "width_px": 16, "pitch_mm": 1.0}
 

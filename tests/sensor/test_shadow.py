@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from fastac.scene import Light, Sensor
-from sensor.geometry import rest_depth_mm
-from sensor.light import irradiance
-from sensor.shadow import visible
-from sensor.sources import source_mm
+from fastac.scenes.schema import Light, Sensor
+from fastac.sensor.geometry import rest_depth_mm
+from fastac.sensor.light import irradiance
+from fastac.sensor.shadow import visible
+from fastac.sensor.sources import source_mm
 
 SHARP = Light(distance_mm=30.0, below_mm=6.0, softening_mm=0.0, cast_shadows=True)
 FLAT = Sensor(geometry="flat", height_px=64, width_px=64, pitch_mm=0.25, light=SHARP)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.ndimage import map_coordinates
 
-from fastac.scene import Sensor
-from sensor.skin_paint import albedo, grain, marker_centres_mm, marker_pixels
+from fastac.scenes.schema import Sensor
+from fastac.sensor.skin_paint import albedo, grain, marker_centres_mm, marker_pixels
 
 
 def sensor(**keys):

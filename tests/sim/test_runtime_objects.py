@@ -2,7 +2,7 @@
 
 import pytest
 
-from sim import runner, runtime_objects
+from fastac.sim import runner, runtime_objects
 
 VERILOG = "module follower(input clk, input a, output reg b); always @(posedge clk) b <= a; endmodule\n"
 

@@ -5,12 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from gateware.elaboration import to_verilog
-from gateware.top_zynq import TopZynq
-from models.bundle import Bundle
-from models.validity import REASONS
-from sim.bench_specimen import QUICK, frames, scene, specimen
-from sim.top import Comparison, SimulationFailure, simulate
+from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.bundle import Bundle
+from fastac.models.validity import REASONS
+from fastac.sim.bench_specimen import QUICK, frames, scene, specimen
+from fastac.sim.top import Comparison, SimulationFailure, simulate
 
 WORDS = np.arange(12).reshape(3, 4)
 

@@ -9,11 +9,11 @@ import zlib
 import numpy as np
 import pytest
 
-from gateware.elaboration import to_verilog
-from gateware.top_zynq import TopZynq
-from sim.bench_specimen import QUICK, frames, scene, specimen
-from sim.runner import COMPRESSORS
-from sim.top import bench_settings, simulate, trace_file
+from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.top_zynq import TopZynq
+from fastac.sim.bench_specimen import QUICK, frames, scene, specimen
+from fastac.sim.runner import COMPRESSORS
+from fastac.sim.top import bench_settings, simulate, trace_file
 
 NAME = "fastac"
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from models.worst_case import of_pixels
-from models.worst_case_solver import of_solver
-from sim.bench_specimen import NUMBERS, scene, specimen
-from sim.worst_case import compare
+from fastac.models.worst_case import of_pixels
+from fastac.models.worst_case_solver import of_solver
+from fastac.sim.bench_specimen import NUMBERS, scene, specimen
+from fastac.sim.worst_case import compare
 
 WIDE = NUMBERS | {"gradient_fraction_bits": 12, "coefficient_fraction_bits": 14}
 """Words in which roundings are small."""

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from fastac.scene import SceneError, load, parse
+from fastac.scenes.schema import SceneError, load, parse
 
 SCENES = Path(__file__).parents[2] / "scenes"
 MINIMAL = 'name = "x"\noutputs = ["depth"]\n[sensor]\ngeometry = "flat"\n'
