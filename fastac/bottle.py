@@ -4,7 +4,7 @@ The bottle is a rigid upright cylinder, its axis along the image's x, which poin
 straight at it, and by symmetry each carries half of every load, so that one of them is simulated. How far
 the finger has come towards the bottle is given by the angle between the fingers; its force follows from the
 gel. The hand follows its own course, pushes the cap through a spring, and leaves it when it goes back.
-Contact is that of sensor/fem_contact.py: where Coulomb's friction cannot carry weight and hand, every node
+Contact is that of sensor/mechanics/fem/contact.py: where Coulomb's friction cannot carry weight and hand, every node
 slides, and the bottle comes down until the hand's spring has slackened.
 """
 
@@ -13,12 +13,12 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from fastac.scenes.schema import Scene
-from fastac.sensor.fem_contact import Load
-from fastac.sensor.fem_probe import FemProbe
-from fastac.sensor.fem_rig import FemRig
-from fastac.sensor.indenter import Cylinder
+from fastac.sensor.mechanics.fem.contact import Load
+from fastac.sensor.mechanics.fem.probe import FemProbe
+from fastac.sensor.mechanics.fem.rig import FemRig
+from fastac.sensor.mechanics.indenter import Cylinder
+from fastac.sensor.mechanics.press import Pressed
 from fastac.sensor.protocol import FingertipError
-from fastac.sensor.rig import Pressed
 
 LENGTHS, REACH = 20, 0.4
 """The bottle's length in images, and the deepest that it sinks in thicknesses of the elastomer."""

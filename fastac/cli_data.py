@@ -55,7 +55,7 @@ def cad_options(command):
 
 
 def load_cad(scene, path: Path | None, pitch_mm: float | None):
-    from fastac.sensor import cad
+    from fastac.sensor.importers import cad
 
     return cad.of_file(scene.sensor, path, pitch_mm) if path else cad.of_scene(scene.sensor)
 
@@ -79,9 +79,9 @@ def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, cache, progr
     """
     import tempfile
 
-    from fastac import cnc
-    from fastac.sensor import dataset, poses
+    from fastac.sensor import dataset
     from fastac.sensor.fingertip import generate
+    from fastac.sensor.importers import cnc, poses
 
     scene = scenes.load(scene)
     rows = cnc.planned(scene, load_cad(scene, cad, cad_pitch_mm), origin_mm)

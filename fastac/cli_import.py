@@ -41,8 +41,8 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
     Photographs are padded to the aspect of the target with the background, which is not valid, and resampled
     by area. Normals are known inside the labelled contact circle; around it they are unknown.
     """
-    from fastac.sensor.ball_press import import_folder
     from fastac.sensor.dataset import read
+    from fastac.sensor.importers.ball_press import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
     import_folder(
@@ -98,7 +98,7 @@ def force_recording(
     the background and resampled by area.
     """
     from fastac.sensor.dataset import read
-    from fastac.sensor.force_recording import import_recording
+    from fastac.sensor.importers.force_recording import import_recording
 
     output.parent.mkdir(parents=True, exist_ok=True)
     import_recording(
@@ -149,8 +149,8 @@ def cnc_recording(
     Normals and depth are known, and valid, where the ball is certain to touch, of vertical samples only. The
     last sample is the background: the skin at rest.
     """
-    from fastac import cnc
     from fastac.sensor.dataset import read
+    from fastac.sensor.importers import cnc
 
     scene = scenes.load(scene)
     output.parent.mkdir(parents=True, exist_ok=True)

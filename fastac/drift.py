@@ -18,8 +18,9 @@ from fastac.models.bundle import Bundle
 from fastac.models.float_pipeline import FloatPipeline
 from fastac.models.validity import REASONS
 from fastac.scenes.schema import Scene
-from fastac.sensor import faults, fingertip
+from fastac.sensor import fingertip
 from fastac.sensor.dataset import Dataset, read
+from fastac.sensor.optics import faults
 
 ERRORS = {"depth_mae_mm": "depth error, mm", "force_mae_n": "force error, N"}
 LOADS = (1.5, 2, 3, 4, 6)

@@ -22,7 +22,7 @@ from fastac.scenes.schema import Scene, Sensor
 from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.fingertip import sample
-from fastac.sensor.rig import Pressed
+from fastac.sensor.mechanics.press import Pressed
 from fastac.workspace import digest_file, digest_sources
 
 CACHE = Path("build/cache")
@@ -69,7 +69,7 @@ def read(path: Path | str, scene: Scene, *, cache: Path | str = CACHE, progress:
 def _content_hash(path: Path, sensor: Sensor) -> str:
     """Of everything that the processed frames depend on."""
     settings = [sensor.channels, sensor.raw10.model_dump(mode="json"), cv2.__version__]
-    sources = digest_sources(("models/image_processing.py", "sensor/mosaic.py", "fastac/frames.py"))
+    sources = digest_sources(("models/image_processing.py", "sensor/optics/mosaic.py", "fastac/frames.py"))
     return hashlib.sha256(json.dumps([settings, sources, digest_file(path)]).encode()).hexdigest()
 
 

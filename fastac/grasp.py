@@ -19,8 +19,9 @@ from fastac.gateware.cycle_model import cycles
 from fastac.grip_control import GripControl, friction_ratio
 from fastac.models.bundle import Bundle
 from fastac.scenes.schema import Scene
+from fastac.sensor.mechanics.press import Rig
+from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
-from fastac.sensor.rig import Rig, rig_of
 from fastac.tables import Table
 from fastac.vibration import CAMERA_HZ, require
 from fastac.workspace import write_json

@@ -13,13 +13,13 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac.models.image_processing import ImageProcessing, downsample
-from fastac.models.raw10 import MAXIMUM, pack, unpack
 from fastac.scenes.schema import Sensor
-from fastac.sensor.camera import exposure
-from fastac.sensor.elastomer import Layer
-from fastac.sensor.layer_rig import surface
-from fastac.sensor.mosaic import CELL, CHANNELS
-from fastac.sensor.raw_camera import RawCamera
+from fastac.sensor.mechanics.layer import Layer
+from fastac.sensor.mechanics.layer_rig import surface
+from fastac.sensor.optics.camera import exposure
+from fastac.sensor.optics.mosaic import CELL, CHANNELS
+from fastac.sensor.optics.raw10 import MAXIMUM, pack, unpack
+from fastac.sensor.optics.raw_camera import RawCamera
 
 EXPOSURE = 0.75
 """Share of an 8-bit frame's exposure: a visible pixel also has room for its crosstalk."""

@@ -14,7 +14,7 @@ from fastac.models.bundle import Bundle
 from fastac.models.train_force_labels import differences
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
-from fastac.sensor.force_labels import split_by_group
+from fastac.sensor.importers.force_labels import split_by_group
 from fastac.workspace import digest_file, digest_sources, write_json
 
 MODELS = ("float", "integer", "linear", "quadratic")

@@ -21,8 +21,8 @@ from fastac.reproduce_section import stamped_key, vertical
 from fastac.scenes.schema import Scene, Sensor
 from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
+from fastac.sensor.optics.skin_paint import coverage, marker_pixels
 from fastac.sensor.redraw import redraw
-from fastac.sensor.skin_paint import coverage, marker_pixels
 from fastac.workspace import content_hash, digest_sources, write_json
 
 SOURCES = (

@@ -14,9 +14,9 @@ from fastac import frames
 from fastac.models.bundle import Bundle
 from fastac.models.pipeline import Result
 from fastac.scenes.schema import Sensor
-from fastac.sensor.elastomer import Layer
-from fastac.sensor.object_press import ObjectPress, press_object
-from fastac.sensor.objects import OBJECTS
+from fastac.sensor.mechanics.layer import Layer
+from fastac.sensor.mechanics.object_press import ObjectPress, press_object
+from fastac.sensor.mechanics.objects import OBJECTS
 from fastac.sensor.protocol import FingertipError
 
 LOADS = 3.0

@@ -16,13 +16,13 @@ from fastac.benchmark import fastest
 from fastac.cli_common import INPUT, cache_option, progress_option
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene, SceneError
-from fastac.sensor.camera import render
-from fastac.sensor.fem_rig import FemRig
-from fastac.sensor.fem_skin import skin_of
-from fastac.sensor.gel_contact import GelContact
-from fastac.sensor.indenter import Ball
+from fastac.sensor.mechanics.fem.pressed_gel import GelContact
+from fastac.sensor.mechanics.fem.rig import FemRig
+from fastac.sensor.mechanics.fem.skin import skin_of
+from fastac.sensor.mechanics.indenter import Ball
+from fastac.sensor.optics.camera import render
+from fastac.sensor.optics.raw_window import render_raw10
 from fastac.sensor.protocol import stations
-from fastac.sensor.raw_window import render_raw10
 
 STATIONS, REPEATS = 5, 5
 

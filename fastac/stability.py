@@ -16,8 +16,8 @@ from tqdm import tqdm
 from fastac import hardware
 from fastac.cli_common import INPUT, load_bundle, progress_option
 from fastac.models.pipeline import IntegerPipeline
-from fastac.sensor import faults
 from fastac.sensor.dataset import Dataset, read
+from fastac.sensor.optics import faults
 from fastac.sim import top as simulation
 from fastac.workspace import write_json
 

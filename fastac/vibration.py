@@ -20,9 +20,9 @@ from fastac.gateware.cycle_model import cycles
 from fastac.models.bundle import Bundle
 from fastac.sampling import Spectrum, alias_hz, spectrum, taken
 from fastac.scenes.schema import Scene
+from fastac.sensor.mechanics.press import Rig
+from fastac.sensor.mechanics.rig import probe_of, rig_of
 from fastac.sensor.protocol import FingertipError
-from fastac.sensor.rig import Rig, rig_of
-from fastac.sensor.sequence import probe_of
 from fastac.tables import Table
 from fastac.workspace import write_json
 

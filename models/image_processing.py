@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fastac.models.raw10 import MAXIMUM
-from fastac.sensor.mosaic import CELL, CHANNELS, LAYOUT, check_cells
+from fastac.sensor.optics.mosaic import CELL, CHANNELS, LAYOUT, MosaicError, check_cells, window
+from fastac.sensor.optics.raw10 import MAXIMUM
 
 SAME_FILTER = np.zeros((9, 9), np.uint8)
 """The eight nearest pixels that share the filter of the middle one at every phase of the pattern: (±2, ±2),
@@ -93,18 +93,11 @@ class ImageProcessing:
 
     def window(self, height_px: int, width_px: int) -> tuple[slice, slice]:
         """Rows and columns that are kept: the middle of the image, beginning with a whole cell."""
-        slices = []
-        for key, size, kept in zip(
-            ("height", "width"), (height_px, width_px), self.crop_px or (height_px, width_px), strict=True
-        ):
-            if not 0 < kept <= size or kept % self.downsample or kept % CELL:
-                raise ImageProcessingError(
-                    f"crop_px {key} = {kept}: expected at most {size} and a multiple of {CELL}"
-                    f" and of downsample = {self.downsample}"
-                )
-            start = (size - kept) // 2 // CELL * CELL
-            slices.append(slice(start, start + kept))
-        return slices[0], slices[1]
+        size = height_px, width_px
+        try:
+            return window(*size, self.crop_px or size, multiple_of=self.downsample)
+        except MosaicError as error:
+            raise ImageProcessingError(str(error)) from None
 
 
 def check_raw(raw: np.ndarray) -> None:

@@ -1,6 +1,6 @@
 """The virtual fingertip: a simulated sensor pressed after the paper's protocol, to the dataset format.
 
-The scene says which gel (sensor/rig.py), which loads (sensor/protocol.py) and which frames. The dataset holds
+The scene says which gel (sensor/mechanics/press.py), which loads (sensor/protocol.py) and which frames. The dataset holds
 normals, forces and poses, which cost nothing, and depth only if the scene has something to solve for it. The
 paper knows normals and depth of vertical samples only; here those of tangential ones are known just as well,
 and are kept. What friction cannot carry is left out, and counted.
@@ -15,14 +15,14 @@ from tqdm import tqdm
 
 from fastac.scenes.schema import Scene, Sensor
 from fastac.sensor import dataset
-from fastac.sensor.camera import background, render
-from fastac.sensor.elastomer import ContactError
 from fastac.sensor.geometry import rest_depth_mm
-from fastac.sensor.mosaic import CELL
+from fastac.sensor.mechanics.press import ContactError, Pressed, Rig
+from fastac.sensor.mechanics.rig import rig_of
+from fastac.sensor.optics.camera import background, render
+from fastac.sensor.optics.mosaic import CELL
+from fastac.sensor.optics.raw_window import background_raw10, render_raw10
+from fastac.sensor.optics.skin_paint import marker_pixels
 from fastac.sensor.protocol import FingertipError, stations
-from fastac.sensor.raw_window import background_raw10, render_raw10
-from fastac.sensor.rig import Pressed, Rig, rig_of
-from fastac.sensor.skin_paint import marker_pixels
 
 CACHE = Path("build/cache")
 """Where finite-element compliances are kept, unless the caller says otherwise."""

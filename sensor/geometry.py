@@ -5,6 +5,7 @@ row v along y; the origin of x and y is the centre of the image. Slopes are p = 
 """
 
 import numpy as np
+from scipy.interpolate import RectBivariateSpline
 
 from fastac.scenes.schema import Sensor
 
@@ -64,3 +65,15 @@ def normals_from_slopes(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     """Outward unit normals (…, 3) = (−p, −q, 1) / norm, in the slopes' precision."""
     length = np.sqrt(p * p + q * q + 1)
     return np.stack([-p / length, -q / length, 1 / length], axis=-1)
+
+
+def slopes_less(displacement_mm: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """p and q, (H, W) each, of the untouched skin, in closed form, less the displacement's derivative by a
+    cubic spline."""
+    rows = np.arange(sensor.height_px) * sensor.pitch_mm
+    columns = np.arange(sensor.width_px) * sensor.pitch_mm
+    spline = RectBivariateSpline(rows, columns, displacement_mm)
+    p, q = rest_slopes(sensor)
+    p -= spline(rows, columns, dy=1)
+    q -= spline(rows, columns, dx=1)
+    return p, q

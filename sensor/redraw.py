@@ -9,9 +9,9 @@ from collections.abc import Callable
 import numpy as np
 
 from fastac.scenes.schema import Sensor
-from fastac.sensor.camera import background, render
 from fastac.sensor.dataset import Dataset
-from fastac.sensor.raw_window import background_raw10, render_raw10
+from fastac.sensor.optics.camera import background, render
+from fastac.sensor.optics.raw_window import background_raw10, render_raw10
 
 
 def redraw(data: Dataset, sensor: Sensor, seed: int) -> tuple[np.ndarray, Callable[[int], np.ndarray]]:

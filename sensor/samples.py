@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fastac.scenes.schema import CHANNELS, Scene
-from fastac.sensor.mosaic import CELL
+from fastac.sensor.optics.mosaic import CELL
 
 SPLITS = ("train", "validation", "test")
 FORCE_AXES = ("x", "y", "z")

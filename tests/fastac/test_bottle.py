@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fastac.bottle import Grasp, Hold
+from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
-from fastac.sensor.rig import rig_of
 
 STEPS = 24
 

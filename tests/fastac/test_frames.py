@@ -9,8 +9,8 @@ from fastac import frames
 from fastac.build import Build
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate, sample
+from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import Station
-from fastac.sensor.rig import rig_of
 
 RAW = {"frames": "raw10"}
 

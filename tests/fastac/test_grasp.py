@@ -11,8 +11,8 @@ from fastac import grasp as experiment
 from fastac.bottle import Grasp, Hold
 from fastac.cli import main
 from fastac.grip_control import GripControl, friction_ratio
+from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
-from fastac.sensor.rig import rig_of
 
 BRIEF = Grasp(pushes_n=(0.02, 0.048), push_s=0.2, pause_s=0.05, step_deg=0.01, most_deg=0.2)
 

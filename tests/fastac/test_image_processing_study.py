@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fastac.image_processing_study import CAMERAS, PATHS, errors, noise_free
-from fastac.sensor.raw_camera import RawCamera
+from fastac.sensor.optics.raw_camera import RawCamera
 
 
 def smooth_light(size=64):

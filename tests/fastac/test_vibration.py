@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from fastac import vibration
 from fastac.cli import main
 from fastac.gateware.cycle_model import cycles
-from fastac.sensor.elastomer import ContactError
+from fastac.sensor.mechanics.press import ContactError
 from fastac.sensor.protocol import FingertipError
 
 SHORT = vibration.Vibration(seconds=0.2)

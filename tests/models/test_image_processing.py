@@ -9,7 +9,7 @@ from fastac.models.image_processing import (
     interpolate_nir,
     to_bggr,
 )
-from fastac.sensor.mosaic import CELL, LAYOUT, MosaicError, mosaic
+from fastac.sensor.optics.mosaic import CELL, LAYOUT, MosaicError, mosaic
 
 COLOURS = np.array([300.0, 400.0, 500.0, 200.0])
 

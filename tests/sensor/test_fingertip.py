@@ -5,9 +5,10 @@ import pytest
 
 from fastac.scenes.schema import Protocol, parse
 from fastac.sensor.dataset import read
-from fastac.sensor.elastomer import ContactError, Layer
 from fastac.sensor.fingertip import generate
-from fastac.sensor.layer_rig import surface
+from fastac.sensor.mechanics.layer import Layer
+from fastac.sensor.mechanics.layer_rig import surface
+from fastac.sensor.mechanics.press import ContactError
 from fastac.sensor.protocol import FingertipError, positions_mm
 
 

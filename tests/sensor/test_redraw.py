@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fastac.sensor.camera import BACKGROUND_EXPOSURES, exposure
-from fastac.sensor.mosaic import CELL
+from fastac.sensor.optics.camera import BACKGROUND_EXPOSURES, exposure
+from fastac.sensor.optics.mosaic import CELL
 from fastac.sensor.redraw import redraw
 
 

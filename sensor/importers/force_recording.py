@@ -1,0 +1,170 @@
+"""Recordings with a force gauge, a video or photographs and one force per frame, to the dataset format."""
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from fastac.sensor import dataset
+from fastac.sensor.importers import force_labels
+from fastac.sensor.importers.footage import CHANNELS, ImportFailure, Photographs, Video, footage
+from fastac.sensor.importers.force_labels import Labels, split_by_group
+from fastac.sensor.importers.resample import Resampling
+
+REST_SHARE = 0.1
+"""A background frame with a larger share of the recording's largest force is no frame at rest."""
+
+
+def _check_frames(labels: Labels, first: int) -> None:
+    """Raise ImportFailure unless every frame from `first` to the last one that has a row has one."""
+    known = np.concatenate([[first - 1], labels.frame[labels.frame >= first]])
+    gaps = np.flatnonzero(np.diff(known) > 1)
+    if len(gaps):
+        missing = known[gaps[0]] + 1
+        raise ImportFailure(f"{labels.path}: frame {missing}: no row, though frame {known[-1]} has one")
+
+
+def _frames(
+    source: Photographs | Video, labels: Labels, stop: int, progress: bool, label: str
+) -> Iterator[tuple[int, np.ndarray]]:
+    """Index and image of the frames before `stop`, which must be there and of one size.
+
+    Where `stop` is behind the last frame that has a row, no frame may be left.
+    """
+    shape, last, index = None, int(labels.frame[-1]), -1
+    with tqdm(source, total=stop, desc=label, unit="frame", disable=not progress, leave=False) as bar:
+        for index, image in enumerate(bar):
+            if index == stop <= last:
+                return
+            if index > last:
+                raise ImportFailure(f"{labels.path}: frame {index}: no row, but {source.path} has this frame")
+            shape = shape or image.shape
+            if image.shape != shape:
+                raise ImportFailure(
+                    f"{source.path}: frame {index} = {image.shape[1]} x {image.shape[0]} px:"
+                    f" expected the first frame's {shape[1]} x {shape[0]}"
+                )
+            yield index, image
+    if index + 1 < stop:
+        raise ImportFailure(f"{labels.where(-1)}: frame = {last}: {source.path} has {index + 1} frames")
+
+
+def _at_rest(labels: Labels, count: int, per_group: bool) -> dict[int, int]:
+    """Which frames show the background of which group: {frame: group's number}, group 0 if all share one.
+
+    Raises ImportFailure where a group is too short, or where the gauge says that something touches.
+    """
+    if per_group:
+        chosen = {}
+        for number, name in enumerate(labels.groups):
+            rows = np.flatnonzero(labels.group == name)
+            if len(rows) < count:
+                raise ImportFailure(
+                    f"{labels.path}: group {name!r} has {len(rows)} frames: expected {count} of background"
+                )
+            chosen |= dict.fromkeys(labels.frame[rows[:count]].tolist(), number)
+    else:
+        chosen = dict.fromkeys(range(count), 0)
+    size = np.linalg.norm(labels.force_n, axis=1)
+    for row in np.flatnonzero(np.isin(labels.frame, list(chosen))):
+        if size[row] > REST_SHARE * size.max():
+            raise ImportFailure(
+                f"{labels.where(row)}: {size[row]:g} N in background frame {labels.frame[row]}:"
+                f" expected at most {REST_SHARE:.0%} of the largest force, {size.max():g} N"
+            )
+    return chosen
+
+
+def _backgrounds(source, labels: Labels, chosen: dict[int, int], progress: bool) -> np.ndarray:
+    """The mean of each group's frames at rest, float64 (groups, height, width, C)."""
+    sums, counts = None, np.bincount(list(chosen.values()))
+    for index, image in _frames(source, labels, max(chosen) + 1, progress, "background"):
+        if sums is None:
+            sums = np.zeros((len(counts), *image.shape), np.uint32)
+        if index in chosen:
+            sums[chosen[index]] += image
+    return sums / counts[:, None, None, None]
+
+
+def _split(labels: Labels, held_out: tuple[str, ...]) -> np.ndarray:
+    """The file's own split, or that by groups; without `held_out` the last group is the test."""
+    for name in held_out:
+        if name not in labels.groups:
+            raise ImportFailure(f"{labels.path}: group {name!r}: expected one of {', '.join(labels.groups)}")
+    if labels.split is not None:
+        if held_out:
+            raise ImportFailure(f"{labels.path}: split: a column of its own, so no group can be held out too")
+        return labels.split
+    if len(labels.groups) == 1:
+        raise ImportFailure(
+            f"{labels.path}: group = {labels.groups[0]!r} in every row: nothing can be held out;"
+            " name several groups or give a column split"
+        )
+    if len(set(held_out)) == len(labels.groups):
+        raise ImportFailure(
+            f"{labels.path}: group: all {len(labels.groups)} are held out, none is left to train on"
+        )
+    return split_by_group(labels.group, held_out or (labels.groups[-1],))
+
+
+def import_recording(
+    source: Path | str,
+    forces: Path | str,
+    *,
+    background_frames: int,
+    pitch_mm: float,
+    output: Path | str,
+    per_group: bool = False,
+    held_out: tuple[str, ...] = (),
+    height_px: int = 128,
+    width_px: int = 128,
+    progress: bool = True,
+) -> None:
+    """Import the frames of `source`, a video or a folder, with the forces of a CSV file (see force_labels).
+
+    background_frames : the mean of the first so many frames is the background; they may lack a row, and then
+        are no samples
+    per_group : each group has its own rest, the mean of its own first frames. Its frames are then shifted by
+        what its rest differs from the mean of all: only differences from the rest mean anything.
+    pitch_mm : of a resampled pixel; held_out : groups for the test (default: the last)
+
+    Frames are padded to the target's aspect by the background and resampled by exact area averaging. A video
+    is decoded twice rather than kept. Raises ImportFailure on anything missing, unreadable or inconsistent.
+    """
+    source, forces = footage(Path(source)), Path(forces)
+    if not (math.isfinite(pitch_mm) and pitch_mm > 0):
+        raise ImportFailure(f"{source.path}: pitch_mm = {pitch_mm:g}: expected more than 0")
+    labels = force_labels.read(forces, source)
+    last = int(labels.frame[-1])
+    if not 1 <= background_frames <= last + 1:
+        raise ImportFailure(f"{forces}: background_frames = {background_frames}: expected 1 to {last + 1}")
+    split = _split(labels, held_out)
+    _check_frames(labels, 0 if per_group else background_frames)
+    chosen = _at_rest(labels, background_frames, per_group)
+
+    rests = _backgrounds(source, labels, chosen, progress)
+    resampling = Resampling(*rests.shape[1:3], height_px, width_px)
+    background = resampling.background(rests.mean(axis=0))
+    shifts = [background - resampling.covered(rest) for rest in rests]
+    numbers = {name: number if per_group else 0 for number, name in enumerate(labels.groups)}
+    frames = np.empty((len(labels.frame), height_px, width_px, len(CHANNELS)), np.uint8)
+    rows = {int(frame): row for row, frame in enumerate(labels.frame)}
+    for index, image in _frames(source, labels, last + 1, progress, "frames"):
+        row = rows.get(index)
+        if row is not None:
+            shifted = resampling.covered(image) + shifts[numbers[labels.group[row]]]
+            frames[row] = np.clip(np.rint(shifted), 0, 255)
+    dataset.write(
+        output,
+        pitch_mm=pitch_mm,
+        channels=CHANNELS,
+        source=f"recorded: forces from {source.path.name}",
+        background=np.rint(background).astype(np.uint8),
+        frames=frames,
+        split=split,
+        force_n=labels.force_n,
+        force_axes=labels.axes,
+        group=labels.group,
+    )

@@ -1,0 +1,148 @@
+"""Linear elasticity of the gel by finite elements, and the compliance of its skin.
+
+Trilinear hexahedra. Gels are nearly incompressible, and such elements would lock; so the volumetric energy is
+that of each element's mean dilatation, which is the same as one pressure per element (Hughes, "The Finite
+Element Method", 4.4 and 4.5). Nodes on the skeleton and the rim are fixed.
+
+The skin's compliance is what remains when the layers beneath are eliminated one after another: with the
+stiffness in blocks by layers, S_1 = K_11, S_{k+1} = K_{k+1,k+1} − K_{k+1,k} S_k⁻¹ K_{k,k+1}, and the
+compliance is the inverse of the last S. Each block is factorised once, and its right-hand sides are solved
+in blocks.
+"""
+
+import hashlib
+import os
+import tempfile
+from itertools import pairwise
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+import skfem
+from scipy.linalg import cholesky, solve_triangular
+from scipy.linalg.lapack import dpotri
+from scipy.sparse import csr_array, diags_array
+from skfem import Basis, BilinearForm, ElementHex0, ElementHex1, ElementVector
+from skfem.helpers import ddot, div, sym_grad
+from tqdm import tqdm
+
+from fastac.sensor.mechanics.fem.mesh import GelMesh
+from fastac.sensor.mechanics.press import FemError
+
+COLUMNS = 512
+"""Right-hand sides that are solved at once."""
+FORMAT_VERSION = 1
+
+
+@BilinearForm
+def _deviatoric(u, v, _):
+    return 2 * ddot(sym_grad(u), sym_grad(v)) - 2 / 3 * div(u) * div(v)
+
+
+@BilinearForm
+def _dilatation(u, pressure, _):
+    return div(u) * pressure
+
+
+def stiffness(mesh: GelMesh, modulus_mpa: float, poisson_ratio: float) -> csr_array:
+    """The stiffness matrix of all nodes, fixed ones included, in N/mm.
+
+    Rows and columns 3n, 3n + 1, 3n + 2 are x, y, z of node n = (k·ny + j)·nx + i.
+    """
+    basis = Basis(mesh.mesh, ElementVector(ElementHex1()), intorder=2)
+    constant = basis.with_element(ElementHex0())
+    shear = modulus_mpa / (2 * (1 + poisson_ratio))
+    bulk = modulus_mpa / (3 * (1 - 2 * poisson_ratio))
+    change = _dilatation.assemble(basis, constant)
+    matrix = (
+        shear * _deviatoric.assemble(basis)
+        + bulk * change.T @ diags_array(1 / constant.dx.sum(axis=1)) @ change
+    )
+    order = basis.nodal_dofs.T.ravel()
+    return csr_array(matrix.tocsr()[order][:, order])
+
+
+def free_dofs(mesh: GelMesh) -> np.ndarray:
+    """Degrees of freedom that move, (layers, 3·ny'·nx'), layer by layer from the skeleton up."""
+    layers, ny, nx = mesh.nodes_mm.shape[:3]
+    nodes = np.arange(layers * ny * nx).reshape(layers, ny, nx)[1:, 1:-1, 1:-1]
+    return (3 * nodes[..., None] + np.arange(3)).reshape(layers - 1, -1)
+
+
+def unit_compliance(mesh: GelMesh, poisson_ratio: float, *, progress: bool = True) -> np.ndarray:
+    """The skin's compliance for a modulus of 1 MPa, symmetric (n, n) float64 in mm/N.
+
+    n = 3·ny'·nx': x, y, z of each node that moves, row by row. Displacements are the compliance times nodal
+    forces; for another modulus, divide by it.
+    """
+    matrix, dofs = stiffness(mesh, 1.0, poisson_ratio), free_dofs(mesh)
+    size = dofs.shape[1]
+    blocks = range(0, size, COLUMNS)
+    condensed = matrix[dofs[0]][:, dofs[0]].toarray()
+    total = len(blocks) * (len(dofs) - 1) + 1
+    with tqdm(total=total, desc="compliance", unit="block", disable=not progress, leave=False) as bar:
+        for below, above in pairwise(dofs):
+            factor = _factor(condensed)
+            coupling = matrix[below][:, above]
+            half = np.empty((size, size))
+            for start in blocks:
+                part = slice(start, start + COLUMNS)
+                half[:, part] = solve_triangular(factor, coupling[:, part].toarray(), lower=True)
+                bar.update()
+            condensed = matrix[above][:, above].toarray() - half.T @ half
+        inverse, failed = dpotri(_factor(condensed), lower=1, overwrite_c=1)
+        bar.update()
+    if failed:
+        raise FemError("gel mesh: the skin's stiffness is singular")
+    lower = np.tril(inverse, -1)
+    return lower + lower.T + np.diag(inverse.diagonal())
+
+
+def _factor(matrix: np.ndarray) -> np.ndarray:
+    try:
+        return cholesky(matrix, lower=True)
+    except np.linalg.LinAlgError:
+        raise FemError("gel mesh: the stiffness is not positive: an element is too distorted") from None
+
+
+def content_hash(mesh: GelMesh, poisson_ratio: float) -> str:
+    """Of everything that the unit compliance depends on."""
+    digest = hashlib.sha256(f"{FORMAT_VERSION} {skfem.__version__} {poisson_ratio!r}".encode())
+    digest.update(repr(mesh.nodes_mm.shape).encode())
+    digest.update(np.ascontiguousarray(mesh.nodes_mm, "<f8").tobytes())
+    return digest.hexdigest()
+
+
+def cached_unit_compliance(
+    mesh: GelMesh, poisson_ratio: float, cache: Path | str, *, progress: bool = True
+) -> np.ndarray:
+    """`unit_compliance`, from the folder `cache` if it is there, and else computed and put there.
+
+    The file is named by the content's hash and appears complete or not at all. Raises FemError where one is
+    damaged.
+    """
+    cache = Path(cache)
+    path = cache / f"compliance-{content_hash(mesh, poisson_ratio)[:24]}.npz"
+    size = 3 * mesh.shape[0] * mesh.shape[1]
+    if path.exists():
+        try:
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+                matrix = stored["compliance_mm_per_n"]
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise FemError(f"{path}: damaged ({error}): delete it") from None
+        if matrix.shape != (size, size) or matrix.dtype != np.float64:
+            raise FemError(
+                f"{path}: {matrix.dtype} {matrix.shape}: expected float64 {(size, size)}: delete it"
+            )
+        return matrix
+    matrix = unit_compliance(mesh, poisson_ratio, progress=progress)
+    cache.mkdir(parents=True, exist_ok=True)
+    handle, temporary = tempfile.mkstemp(dir=cache, suffix=".part")
+    try:
+        with os.fdopen(handle, "wb") as file:
+            np.savez(file, compliance_mm_per_n=matrix)
+        os.replace(temporary, path)
+    except BaseException:
+        os.unlink(temporary)
+        raise
+    return matrix

@@ -1,0 +1,219 @@
+"""The finite-element gel of a fingertip: presses by rigid indenters, with friction and under given loads.
+
+F is the skin's force on the indenter, F_x along u, F_y along v, F_z positive in compression, as in a dataset.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+from fastac.scenes.schema import Elastomer, Sensor
+from fastac.sensor.mechanics.fem.compliance import cached_unit_compliance
+from fastac.sensor.mechanics.fem.contact import (
+    GAP_TOLERANCE_MM,
+    ContactProblem,
+    Load,
+    NotConvergedError,
+    State,
+)
+from fastac.sensor.mechanics.fem.equations import superposed
+from fastac.sensor.mechanics.fem.mesh import GelMesh, sensor_mesh
+from fastac.sensor.mechanics.fem.pressed_gel import GelContact
+from fastac.sensor.mechanics.indenter import Indenter
+from fastac.sensor.mechanics.press import ContactError
+
+STEEPEST = 4.0
+"""Slope of an indenter beyond which it is a side, not a face: small displacements say nothing there."""
+FINER = 4
+"""Points along each side of an element that are searched for the first touch."""
+
+
+@dataclass(frozen=True)
+class Meeting:
+    """An indenter over the skin: what may touch, before anything does."""
+
+    indenter: Indenter
+    x_mm: float
+    y_mm: float
+    problem: ContactProblem
+    candidates: np.ndarray
+    """Nodes of the problem among the skin's inner nodes, row by row."""
+    other_gap_mm: np.ndarray
+    """(ny, nx) gap at first touch of the skin's other nodes, infinite at candidates."""
+    first_touch_mm: float
+
+
+class Gel:
+    """The elastomer of one sensor, with its compliance computed once; presses on it are independent."""
+
+    def __init__(self, mesh: GelMesh, elastomer: Elastomer, cache: Path | str, *, progress: bool = True):
+        self.mesh, self.elastomer = mesh, elastomer
+        unit = cached_unit_compliance(mesh, elastomer.poisson_ratio, cache, progress=progress)
+        self._unit = unit
+        y, x = mesh.skin_mm[:, 0, 1], mesh.skin_mm[0, :, 0]
+        fine = [np.interp(np.arange(0, len(n) - 1 + 1e-9, 1 / FINER), np.arange(len(n)), n) for n in (y, x)]
+        self._fine_y_mm, self._fine_x_mm = fine
+        self._fine_z_mm = RectBivariateSpline(y, x, mesh.skin_mm[..., 2])(*fine)
+
+    @classmethod
+    def of_sensor(cls, sensor: Sensor, cache: Path | str, *, elements=40, layers=4, progress=True) -> "Gel":
+        return cls(sensor_mesh(sensor, elements, layers), sensor.elastomer, cache, progress=progress)
+
+    def press(
+        self,
+        indenter: Indenter,
+        x_mm: float,
+        y_mm: float,
+        *,
+        load_n: float,
+        friction: float = 0.0,
+        tangential_n: tuple[float, float] | None = None,
+        steps: int = 4,
+    ) -> GelContact:
+        """Press an indenter with its axis at x, y down until F_z = load_n; then, if asked, drag it sideways.
+
+        It is led straight down. With `tangential_n` it is then dragged against that direction, and held
+        across it, until the force along (F_x, F_y) = tangential_n has that size, F_z being kept. Each
+        phase is divided into `steps`, for friction remembers. Raises ContactError for an indenter beside the
+        skin or on its rim, and for a load that friction, the indenter's face or the thickness cannot carry.
+        """
+        drags = () if tangential_n is None else (tangential_n,)
+        keys = {"load_n": load_n, "friction": friction, "drags_n": drags, "steps": steps}
+        contact = self.presses(indenter, x_mm, y_mm, **keys)[-1]
+        if isinstance(contact, ContactError):
+            raise contact
+        return contact
+
+    def presses(
+        self,
+        indenter: Indenter,
+        x_mm: float,
+        y_mm: float,
+        *,
+        load_n: float,
+        friction: float = 0.0,
+        drags_n: Sequence[tuple[float, float]] = (),
+        steps: int = 4,
+    ) -> list[GelContact | ContactError]:
+        """`press` without a drag, then each of `drags_n` (F_x, F_y) from there, as `press` would alone.
+
+        In place of a drag that cannot be carried is its error. Raises ContactError as `press` does where the
+        vertical load cannot.
+        """
+        where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm with {load_n:g} N"
+        if not load_n > 0:
+            raise ContactError(f"{where}: expected a load of more than 0")
+        meeting = self._meet(indenter, x_mm, y_mm, friction, self.elastomer.thickness_mm, where)
+        problem = meeting.problem
+        down = self._press_down(problem, load_n, steps, where)
+        found: list[GelContact | ContactError] = [self.contact(meeting, down, where)]
+        for drag in drags_n:
+            dragged = f"{where} and {drag[0]:g}, {drag[1]:g} N sideways"
+            try:
+                state = self._drag(problem, down, load_n, drag, steps, dragged)
+                found.append(self.contact(meeting, state, dragged))
+            except ContactError as error:
+                found.append(error)
+        return found
+
+    def _first_touch_mm(self, indenter: Indenter, x_mm: float, y_mm: float, where: str) -> float:
+        x, y = self._fine_x_mm, self._fine_y_mm
+        if not (x[0] <= x_mm <= x[-1] and y[0] <= y_mm <= y[-1]):
+            raise ContactError(f"{where}: expected inside the skin")
+        touch = self._fine_z_mm - indenter.surface(*np.meshgrid(x - x_mm, y - y_mm))[0]
+        return float(touch.max())
+
+    def meet(
+        self, indenter: Indenter, x_mm: float, y_mm: float, *, friction: float, reach_mm: float
+    ) -> Meeting:
+        """The contact problem of an indenter with its axis at x, y, to be led from load to load.
+
+        reach_mm : how far at most it will sink, for nodes farther from it at first touch are left out
+        Raises ContactError for an indenter beside the skin or on its rim.
+        """
+        where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm"
+        return self._meet(indenter, x_mm, y_mm, friction, min(reach_mm, self.elastomer.thickness_mm), where)
+
+    def _meet(self, indenter, x_mm, y_mm, friction, reach_mm, where) -> Meeting:
+        if not 0 <= friction <= 10:
+            raise ContactError(f"{where}: friction = {friction:g}: expected 0 to 10")
+        touch_mm = self._first_touch_mm(indenter, x_mm, y_mm, where)
+        skin = self.mesh.skin_mm
+        z, p, q = indenter.surface(skin[..., 0] - x_mm, skin[..., 1] - y_mm)
+        if not np.isfinite(z).any():
+            raise ContactError(f"{where}: smaller than the mesh's elements")
+        gap = np.maximum(z + touch_mm - skin[..., 2], 0)
+        inner = (slice(1, -1), slice(1, -1))
+        flat, slopes = gap[inner].ravel(), np.hypot(p, q)[inner].ravel()
+        candidates = np.flatnonzero((flat < reach_mm) & (slopes < STEEPEST))
+        other_gap = gap.copy()
+        row, column = np.unravel_index(candidates, self.mesh.shape)
+        other_gap[row + 1, column + 1] = np.inf
+        if not len(candidates):
+            raise ContactError(f"{where}: the indenter touches nothing but the fixed rim")
+        outwards = np.stack([-p[inner].ravel(), -q[inner].ravel(), np.ones_like(flat)], axis=-1)[candidates]
+        normals = outwards / np.linalg.norm(outwards, axis=-1, keepdims=True)
+        dofs = (3 * candidates[:, None] + np.arange(3)).ravel()
+        compliance = self._unit[np.ix_(dofs, dofs)] / self.elastomer.modulus_mpa
+        problem = ContactProblem(compliance, flat[candidates] * normals[:, 2], normals, friction)
+        return Meeting(indenter, x_mm, y_mm, problem, candidates, other_gap, touch_mm)
+
+    @staticmethod
+    def _press_down(problem: ContactProblem, load_n: float, steps: int, where: str) -> State:
+        down = Load(np.eye(3), np.array([False, False, True]), np.array([0.0, 0.0, load_n]))
+        try:
+            return problem.follow(problem.rest(), down, steps)
+        except NotConvergedError:
+            raise ContactError(f"{where}: no equilibrium: more than the contact can carry") from None
+
+    @staticmethod
+    def _drag(problem: ContactProblem, start: State, load_n: float, drag_n, steps: int, where: str) -> State:
+        size = np.hypot(*drag_n)
+        if size == 0:
+            return start
+        along = np.array([*drag_n, 0.0]) / size
+        axes = np.stack([along, np.cross((0, 0, 1), along), (0, 0, 1)])
+        load = Load(axes, np.array([True, False, True]), np.array([size, 0.0, load_n]))
+        try:
+            state = problem.follow(start, load, steps)
+        except NotConvergedError:
+            raise ContactError(f"{where}: no equilibrium: more than the contact can carry") from None
+        if not state.sticking.any():
+            raise ContactError(f"{where}: slides, a friction of {problem.friction:g} is too little")
+        return state
+
+    def contact(self, meeting: Meeting, state: State, where: str) -> GelContact:
+        """What a state of the meeting's problem makes of the skin; `where` begins errors.
+
+        Raises ContactError where nodes beside the candidates for contact overlap, or the gel is too thin.
+        """
+        problem, candidates = meeting.problem, meeting.candidates
+        ny, nx = self.mesh.shape
+        inner = np.zeros((ny * nx, 3))
+        inner[candidates] = problem.forces_n(state)
+        loaded = candidates[state.force[:, 0] > 0]
+        dofs = (3 * loaded[:, None] + np.arange(3)).ravel()
+        moved = superposed(self._unit, dofs, inner[loaded].ravel()) / self.elastomer.modulus_mpa
+        fields = [moved.reshape(ny, nx, 3), inner.reshape(ny, nx, 3)]
+        for chosen in (state.force[:, 0] > 0, state.sticking):
+            mask = np.zeros(ny * nx, bool)
+            mask[candidates[chosen]] = True
+            fields.append(mask.reshape(ny, nx))
+        whole = [np.pad(field, ((1, 1), (1, 1), (0, 0))[: field.ndim]) for field in fields]
+        touch_mm, way_mm = meeting.first_touch_mm, state.way_mm
+        contact = GelContact(self.mesh, *whole, problem.resultant_n(state), touch_mm, way_mm)
+        self._check(contact, meeting.other_gap_mm, where)
+        return contact
+
+    def _check(self, contact: GelContact, other_gap: np.ndarray, where: str) -> None:
+        overlap = other_gap + contact.way_mm[2] - contact.displacement_mm[..., 2] < -GAP_TOLERANCE_MM
+        if overlap[1:-1, 1:-1].any():
+            raise ContactError(f"{where}: the skin reaches the indenter's side")
+        if overlap.any():
+            raise ContactError(f"{where}: the contact reaches the fixed rim")
+        sunk, thickness = -contact.way_mm[2], self.elastomer.thickness_mm
+        if sunk > thickness:
+            raise ContactError(f"{where}: sinks {sunk:.2f} mm into {thickness:g} mm of elastomer")

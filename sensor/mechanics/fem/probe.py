@@ -1,0 +1,90 @@
+"""An indenter that stays on the finite-element gel and is led from one load to the next.
+
+Friction remembers: what slid stays where it slid to.
+"""
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from fastac.sensor.mechanics.fem.contact import GAP_TOLERANCE_MM, Load, NotConvergedError, State
+from fastac.sensor.mechanics.fem.rig import FemRig
+from fastac.sensor.mechanics.fem.skin import skin_of
+from fastac.sensor.mechanics.indenter import Indenter
+from fastac.sensor.mechanics.press import ContactError, Pressed
+
+FIRST_STEPS = 4
+"""Steps of the first load, from where nothing touches."""
+VERTICAL = np.array([False, False, True])
+
+
+class FemProbe:
+    """Any indenter on the gel of a rig, with the friction of its scene; see sensor.sequence.Probe.
+
+    reach_mm : how far at most it will sink; None: as far as the elastomer is thick. Less is quicker.
+    """
+
+    def __init__(
+        self, rig: FemRig, indenter: Indenter, x_mm: float, y_mm: float, *, reach_mm: float | None = None
+    ):
+        elastomer = rig.sensor.elastomer
+        reach_mm = elastomer.thickness_mm if reach_mm is None else reach_mm
+        with threadpool_limits(1):
+            self._meeting = rig.gel.meet(indenter, x_mm, y_mm, friction=elastomer.friction, reach_mm=reach_mm)
+        self._rig = rig
+        self.state = self._meeting.problem.rest()
+        """May be set to an earlier one, to go on from there."""
+
+    @property
+    def way_mm(self) -> np.ndarray:
+        """(3,) of the indenter from first touch."""
+        return self.state.way_mm
+
+    def at_load(self, load_n: float) -> Pressed:
+        self.lead(Load(np.eye(3), VERTICAL, np.array([0.0, 0.0, load_n])))
+        return self.pressed()
+
+    def lead(self, load: Load) -> np.ndarray:
+        """To the next state, under any load; returns how far the indenter slid, (3,) in mm.
+
+        That is the least that any node slid, of those that touched before and after, along the indenter's way
+        in x and y: zero while one of them sticks. Raises ContactError for what friction cannot carry; the
+        state is then as it was.
+        """
+        before = self.state
+        with threadpool_limits(1):  # or the sums' order, and so the last bits, would depend on the machine
+            try:
+                steps = 1 if before.force.any() else FIRST_STEPS
+                self.state = self._meeting.problem.follow(before, load, steps)
+            except NotConvergedError:
+                raise ContactError(f"{self._where}: no equilibrium: more than it can carry") from None
+        return self._slid(before, self.state)
+
+    def pressed(self) -> Pressed:
+        """The skin in the present state. Raises ContactError where the gel's thickness cannot carry it."""
+        meeting, sensor, way_mm = self._meeting, self._rig.sensor, self.way_mm
+        with threadpool_limits(1):
+            contact = self._rig.gel.contact(meeting, self.state, self._where)
+            skin = skin_of(contact, sensor, meeting.indenter, meeting.x_mm, meeting.y_mm)
+        pose = {
+            "x_mm": meeting.x_mm + way_mm[0],
+            "y_mm": meeting.y_mm + way_mm[1],
+            "z_mm": contact.first_touch_mm + way_mm[2],
+            "approach_mm": -way_mm[2],
+        }
+        return Pressed(skin.normals, skin.depth_mm, skin.touching, contact.force_n, pose, skin.tangential_mm)
+
+    @property
+    def _where(self) -> str:
+        meeting = self._meeting
+        return f"{type(meeting.indenter).__name__} at x = {meeting.x_mm:g} mm, y = {meeting.y_mm:g} mm"
+
+    def _slid(self, before: State, after: State) -> np.ndarray:
+        moved = after.way_mm - before.way_mm
+        moved[2] = 0
+        length = np.linalg.norm(moved)
+        both = (before.force[:, 0] > 0) & (after.force[:, 0] > 0)
+        if not length or not both.any():
+            return np.zeros(3)
+        slip = (after.slip_mm - before.slip_mm)[both]  # of the skin relative to the indenter
+        along = -np.einsum("ik,ikb,b->i", slip, self._meeting.problem.frame[both, 1:], moved / length)
+        return (along.min() if along.min() > GAP_TOLERANCE_MM else 0.0) * moved / length

@@ -1,0 +1,160 @@
+"""The pressed skin of the finite-element gel at the pixels: depth, normals, contact, tangential displacement.
+
+A pixel sees the point of the skin that has moved above it. Which one that is follows from the displacement by
+iteration, on fields that the nodes' cubic spline gives at every pixel. Where the skin so found lies on the
+indenter, to within the spline's error, its depth and slopes are the indenter's own.
+"""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numba import njit
+from scipy.interpolate import make_interp_spline
+from scipy.ndimage import map_coordinates, spline_filter1d
+
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm, slopes_less
+from fastac.sensor.mechanics.fem.pressed_gel import REMAPPINGS, GelContact
+from fastac.sensor.mechanics.indenter import Indenter
+
+ITERATIONS, CLOSE_PX = 5, 1e-3
+"""Of Newton's method, to find which point of the skin lies above a pixel, and how near it has to come."""
+LEAST_AREA = 0.4
+"""Area of compressed skin over that at rest that Newton's steps reckon with, at least."""
+TOUCHING_MM = 3e-3
+"""Gap below which a pixel counts as touching: nodes touch to 2 µm where nothing slides."""
+BEYOND_PX = 8
+"""Pixels beyond the image to which splines go on, so that the filter that ends there is not felt inside."""
+SHARPEST_MM = 0.6
+"""Radius of the skin's sharpest bend. The spline between nodes may miss a bend's sagitta over an element:
+pixels between nodes or pixels that touch do too if their gap is less."""
+
+
+@dataclass(frozen=True)
+class Skin:
+    normals: np.ndarray
+    """(H, W, 3) float64."""
+    depth_mm: np.ndarray
+    """(H, W) float64."""
+    touching: np.ndarray
+    """(H, W) bool."""
+    tangential_mm: np.ndarray
+    """(H, W, 2) displacement in x and y of the skin that is at each pixel at rest."""
+
+
+def skin_of(contact: GelContact, sensor: Sensor, indenter: Indenter, x_mm: float, y_mm: float) -> Skin:
+    """The skin after `indenter`, led down at x_mm, y_mm, made `contact`."""
+    x, y = pixel_centres_mm(sensor)
+    nodes_x, nodes_y = contact.mesh.skin_mm[0, :, 0], contact.mesh.skin_mm[:, 0, 1]
+    pitch = sensor.pitch_mm
+    on_rows, on_columns = _onto(tuple(nodes_y), tuple(y[:, 0])), _onto(tuple(nodes_x), tuple(x[0]))
+    fields = np.moveaxis(contact.displacement_mm, -1, 0) / pitch
+    moved, coefficients = (
+        rows @ fields @ columns.T for rows, columns in zip(on_rows, on_columns, strict=True)
+    )
+    from_v, from_u, sunk_px = _above(coefficients, moved, *np.gradient(moved[:2], axis=(1, 2)))
+    from_x, from_y = (from_u - (sensor.width_px - 1) / 2), (from_v - (sensor.height_px - 1) / 2)
+    depth = rest_depth_at_mm(sensor, from_x * pitch, from_y * pitch) + sunk_px * pitch
+    p, q = slopes_less(rest_depth_at_mm(sensor, x, y) - depth, sensor)
+
+    z, ball_p, ball_q = indenter.surface(x - x_mm - contact.way_mm[0], y - y_mm - contact.way_mm[1])
+    z = z + contact.first_touch_mm + contact.way_mm[2]
+    near = depth > z - (nodes_x[1] - nodes_x[0]) ** 2 / (8 * SHARPEST_MM)
+    touching = near & _filled(_between_touching(contact, from_v, from_u) | (depth > z - TOUCHING_MM))
+    p[touching], q[touching] = ball_p[touching], ball_q[touching]
+    depth = np.where(touching, z, np.minimum(depth, z))
+    tangential = np.ascontiguousarray(np.moveaxis(moved[:2], 0, -1)) * pitch
+    return Skin(normals_from_slopes(p, q), depth, touching, tangential)
+
+
+@lru_cache
+def _onto(nodes_mm: tuple[float, ...], pixels_mm: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """From values at N nodes to those of their cubic spline at P evenly spaced pixels, (P, N), and to the
+    coefficients of the uniform cubic B-spline through these, (P + 2, N), one beyond each end."""
+    pitch = (pixels_mm[-1] - pixels_mm[0]) / (len(pixels_mm) - 1)
+    beyond = pitch * np.arange(1, BEYOND_PX + 1)
+    wide_mm = np.concatenate([pixels_mm[0] - beyond[::-1], pixels_mm, pixels_mm[-1] + beyond])
+    values = make_interp_spline(nodes_mm, np.eye(len(nodes_mm)))(wide_mm)
+    coefficients = spline_filter1d(values, axis=0, mode="mirror")
+    return values[BEYOND_PX:-BEYOND_PX], coefficients[BEYOND_PX - 1 : 1 - BEYOND_PX]
+
+
+def _filled(mask: np.ndarray) -> np.ndarray:
+    """A mask (H, W) with its holes, which no way along rows and columns joins to the border."""
+    beside = np.pad(mask.astype(np.uint8), 1)
+    cv2.floodFill(beside, None, (0, 0), 1)
+    return mask | (beside[1:-1, 1:-1] == 0)
+
+
+def _between_touching(contact: GelContact, from_v: np.ndarray, from_u: np.ndarray) -> np.ndarray:
+    """Whether the skin above each pixel, (H, W), lies in an element whose four nodes touch; nodes span the
+    pixels' centres evenly."""
+    last = [size - 1 for size in contact.touching.shape]
+    height, width = from_v.shape
+    at = [from_v * last[0] / (height - 1), from_u * last[1] / (width - 1)]
+    return map_coordinates(contact.touching.astype(float), at, order=1, mode="nearest") > 1 - 1e-9
+
+
+@njit(cache=True, nogil=True)
+def _above(coefficients, moved, along_v, along_u):
+    """v, u at rest of the skin that is above each pixel (H, W), and how far it has moved along z, in px.
+
+    coefficients : (3, H + 2, W + 2), B-splines of the displacement x, y, z in px
+    moved : (3, H, W), that displacement
+    along_v, along_u : (2, H, W), derivatives of x and y
+
+    Newton's method with the gradient at the pixel itself, which is near enough to that at the point; but
+    where a strong drag folds the skin, the plain iteration.
+    """
+    _, height, width = moved.shape
+    from_v, from_u, raised = np.empty((3, height, width))
+    for v in range(height):
+        for u in range(width):
+            vv, vu, uv, uu = along_v[1, v, u], along_u[1, v, u], along_v[0, v, u], along_u[0, v, u]
+            area = max((1 + vv) * (1 + uu) - vu * uv, LEAST_AREA)
+            off_v, off_u = moved[1, v, u], moved[0, v, u]
+            at_v, at_u, z = float(v), float(u), 0.0
+            close = False
+            for _ in range(ITERATIONS):
+                at_v -= ((1 + uu) * off_v - vu * off_u) / area
+                at_u -= ((1 + vv) * off_u - uv * off_v) / area
+                x, y, z = _spline(coefficients, at_v, at_u)
+                off_v, off_u = at_v - v + y, at_u - u + x
+                close = np.hypot(off_v, off_u) <= CLOSE_PX
+                if close:
+                    break
+            if not close:
+                at_v, at_u = float(v), float(u)
+                for _ in range(REMAPPINGS):
+                    x, y, z = _spline(coefficients, at_v, at_u)
+                    at_v, at_u = v - y, u - x
+                _, _, z = _spline(coefficients, at_v, at_u)
+            from_v[v, u], from_u[v, u], raised[v, u] = at_v, at_u, z
+    return from_v, from_u, raised
+
+
+@njit(cache=True, nogil=True)
+def _spline(coefficients, v, u):
+    """Three uniform cubic B-splines at v, u in px, which are brought inside the image."""
+    _, height, width = coefficients.shape
+    v, u = min(max(v, 0.0), height - 3.0), min(max(u, 0.0), width - 3.0)
+    top, left = min(int(v), height - 4), min(int(u), width - 4)
+    rows, columns = _weights(v - top), _weights(u - left)
+    x = y = z = 0.0
+    for i in range(4):
+        for j in range(4):
+            row, column = top + i, left + j
+            weight = rows[i] * columns[j]
+            x += weight * coefficients[0, row, column]
+            y += weight * coefficients[1, row, column]
+            z += weight * coefficients[2, row, column]
+    return x, y, z
+
+
+@njit(cache=True, nogil=True)
+def _weights(t):
+    """Of the four coefficients around the fraction t, 0 to 1, between the second and the third."""
+    s = 1 - t
+    return s * s * s / 6, 2 / 3 - t * t * (2 - t) / 2, 2 / 3 - s * s * (2 - s) / 2, t * t * t / 6

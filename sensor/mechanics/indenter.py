@@ -1,0 +1,127 @@
+"""Rigid indenters: the lower surface z(x, y) of each, and its slopes.
+
+x and y are in mm from the indenter's axis, z from its lowest point up. Outside its outline a surface is
+infinite. Slopes are p = ∂z/∂x and q = ∂z/∂y.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import RectBivariateSpline
+
+from fastac.sensor.mechanics.press import FemError
+
+Surface = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""z, p and q, of one shape; z is infinite outside, slopes are zero there."""
+
+
+def _positive(**lengths: float) -> None:
+    for key, value in lengths.items():
+        if not (np.isfinite(value) and value > 0):
+            raise FemError(f"{key} = {value:g}: expected more than 0")
+
+
+def _outlined(inside: np.ndarray, z: np.ndarray, p: np.ndarray, q: np.ndarray) -> Surface:
+    return np.where(inside, z, np.inf), np.where(inside, p, 0.0), np.where(inside, q, 0.0)
+
+
+def _along(x: np.ndarray, y: np.ndarray, angle_deg: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Coordinates along an axis and across it, and the direction across, (2,)."""
+    angle = np.deg2rad(angle_deg)
+    across = np.array([-np.sin(angle), np.cos(angle)])
+    return np.cos(angle) * x + np.sin(angle) * y, across[0] * x + across[1] * y, across
+
+
+@dataclass(frozen=True)
+class Ball:
+    ball_mm: float
+    """Diameter."""
+
+    def surface(self, x: np.ndarray, y: np.ndarray) -> Surface:
+        _positive(ball_mm=self.ball_mm)
+        radius = self.ball_mm / 2
+        under = radius**2 - x**2 - y**2
+        root = np.sqrt(np.where(under > 0, under, 1.0))
+        return _outlined(under > 0, radius - root, x / root, y / root)
+
+
+@dataclass(frozen=True)
+class Cylinder:
+    """Lying: its axis is horizontal, `angle_deg` from x towards y."""
+
+    diameter_mm: float
+    length_mm: float
+    angle_deg: float = 0.0
+
+    def surface(self, x: np.ndarray, y: np.ndarray) -> Surface:
+        _positive(diameter_mm=self.diameter_mm, length_mm=self.length_mm)
+        along, across, direction = _along(x, y, self.angle_deg)
+        radius = self.diameter_mm / 2
+        under = radius**2 - across**2
+        root = np.sqrt(np.where(under > 0, under, 1.0))
+        inside = (under > 0) & (np.abs(along) <= self.length_mm / 2)
+        slope = across / root
+        return _outlined(inside, radius - root, slope * direction[0], slope * direction[1])
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A straight wedge pointing down, `angle_deg` from x towards y, with a rounded tip.
+
+    z = (√(s² + r²) − r) / tan(opening/2) with s across the edge and r its rounding: a hyperbola.
+    """
+
+    length_mm: float
+    opening_deg: float = 90.0
+    rounding_mm: float = 0.2
+    angle_deg: float = 0.0
+
+    def surface(self, x: np.ndarray, y: np.ndarray) -> Surface:
+        _positive(length_mm=self.length_mm, rounding_mm=self.rounding_mm, opening_deg=self.opening_deg)
+        if self.opening_deg >= 180:
+            raise FemError(f"opening_deg = {self.opening_deg:g}: expected less than 180")
+        along, across, direction = _along(x, y, self.angle_deg)
+        steep = 1 / np.tan(np.deg2rad(self.opening_deg) / 2)
+        root = np.hypot(across, self.rounding_mm)
+        slope = steep * across / root
+        inside = np.abs(along) <= self.length_mm / 2
+        return _outlined(
+            inside, steep * (root - self.rounding_mm), slope * direction[0], slope * direction[1]
+        )
+
+
+@dataclass(frozen=True)
+class FlatPunch:
+    """Round, its face level."""
+
+    diameter_mm: float
+
+    def surface(self, x: np.ndarray, y: np.ndarray) -> Surface:
+        _positive(diameter_mm=self.diameter_mm)
+        level = np.zeros(np.broadcast(x, y).shape)
+        return _outlined(np.hypot(x, y) <= self.diameter_mm / 2, level, level, level)
+
+
+@dataclass(frozen=True, eq=False)
+class HeightMap:
+    """Any surface, sampled on a square grid centred on the axis; between samples a bicubic spline."""
+
+    height_mm: np.ndarray
+    """(rows, columns) of the lower surface, rows along y; its zero does not matter."""
+    pitch_mm: float
+
+    def __post_init__(self):
+        _positive(pitch_mm=self.pitch_mm)
+        if self.height_mm.ndim != 2 or min(self.height_mm.shape) < 4:
+            raise FemError(f"height map: {self.height_mm.shape}: expected two axes of at least 4")
+        if not np.isfinite(self.height_mm).all():
+            raise FemError("height map: expected finite heights")
+
+    def surface(self, x: np.ndarray, y: np.ndarray) -> Surface:
+        rows, columns = ((np.arange(n) - (n - 1) / 2) * self.pitch_mm for n in self.height_mm.shape)
+        spline = RectBivariateSpline(rows, columns, self.height_mm - self.height_mm.min())
+        inside = (np.abs(x) <= columns[-1]) & (np.abs(y) <= rows[-1])
+        return _outlined(inside, spline.ev(y, x), spline.ev(y, x, dy=1), spline.ev(y, x, dx=1))
+
+
+Indenter = Ball | Cylinder | Edge | FlatPunch | HeightMap

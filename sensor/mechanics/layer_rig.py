@@ -1,0 +1,63 @@
+"""Presses of a ball on the elastic layer: slopes, depth and force from its displacement and pressure."""
+
+import numpy as np
+
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import ball_slopes, normals_from_slopes, slopes_less
+from fastac.sensor.mechanics.layer import Contact, Layer
+from fastac.sensor.mechanics.press import Pressed
+from fastac.sensor.protocol import Station
+
+
+def surface(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: float):
+    """The pressed skin: normals (H, W, 3) and depth_mm (H, W), float64.
+
+    Where the skin touches the ball its slopes are the ball's own.
+    """
+    p, q = slopes_less(contact.displacement_mm, layer.sensor)
+    touching = contact.pressure_mpa > 0
+    p[touching], q[touching] = ball_slopes(layer.x_mm[touching] - x_mm, layer.y_mm[touching] - y_mm, ball_mm)
+    return normals_from_slopes(p, q), layer.rest_depth_mm - contact.displacement_mm
+
+
+def contact_force_n(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: float) -> np.ndarray:
+    """The skin's force on the ball, (3,) in N, z positive in compression.
+
+    Without friction the pressure acts along the surface's normal: a pressure P on the image's plane gives
+    (−p, −q, 1)·P, with the ball's slopes p, q. On a tilted skin a vertical press so has tangential forces.
+    """
+    touching = contact.pressure_mpa > 0
+    p, q = ball_slopes(layer.x_mm[touching] - x_mm, layer.y_mm[touching] - y_mm, ball_mm)
+    pressure = contact.pressure_mpa[touching] * layer.sensor.pitch_mm**2
+    return np.array([-(p * pressure).sum(), -(q * pressure).sum(), pressure.sum()])
+
+
+class LayerRig:
+    def __init__(self, sensor: Sensor):
+        self.layer = Layer(sensor)
+
+    def presses(self, station: Station, ball_mm: float) -> list[Pressed]:
+        """One sample: a layer has no friction, and a scene with it no tangential loads."""
+        x_mm, y_mm = station.x_mm, station.y_mm
+        contact = self.layer.press(x_mm, y_mm, ball_mm=ball_mm, load_n=station.load_n)
+        normals, depth_mm = surface(contact, self.layer, x_mm, y_mm, ball_mm)
+        pose = {
+            "x_mm": x_mm,
+            "y_mm": y_mm,
+            "ball_mm": ball_mm,
+            "approach_mm": contact.approach_mm,
+            "contact_radius_mm": contact.contact_radius_mm,
+        }
+        force = contact_force_n(contact, self.layer, x_mm, y_mm, ball_mm)
+        return [Pressed(normals, depth_mm, contact.pressure_mpa > 0, force, pose)]
+
+
+class LayerProbe:
+    """A ball on the elastic layer, whose states do not depend on what was before."""
+
+    def __init__(self, rig: LayerRig, ball_mm: float, x_mm: float, y_mm: float):
+        self._rig, self._ball_mm, self._at = rig, ball_mm, (x_mm, y_mm)
+
+    def at_load(self, load_n: float) -> Pressed:
+        (pressed,) = self._rig.presses(Station("test", *self._at, load_n), self._ball_mm)
+        return pressed
