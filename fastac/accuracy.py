@@ -5,10 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.models import metrics
-from fastac.models.bundle import Bundle
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.pipeline import Result
+from fastac.models import accuracy
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.result import Result
 from fastac.sensor.dataset import Dataset, DatasetError
 
 
@@ -26,8 +28,12 @@ def spread(index: np.ndarray, count: int) -> np.ndarray:
 
 
 def of_dataset(pipeline, data: Dataset):
-    """The pipeline with the dataset's own background: each recording is seen against its own rest."""
-    return replace(pipeline, background=data.background)
+    """What runs frames with the dataset's own background: each recording is seen against its own rest.
+
+    pipeline : a float pipeline, or the tables of an integer one
+    """
+    own = replace(pipeline, background=data.background)
+    return Emulator(own) if isinstance(own, IntegerPipeline) else own
 
 
 def compare(
@@ -43,7 +49,7 @@ def compare(
     }
     results = {name: p.run(data.frames[index], progress=progress) for name, p in pipelines.items()}
     errors = {
-        name: metrics.evaluate(result, pipelines[name].run(data.background[None]), data, index, bundle.scene)
+        name: accuracy.evaluate(result, pipelines[name].run(data.background[None]), data, index, bundle.scene)
         for name, result in results.items()
     }
     growth = {

@@ -7,9 +7,12 @@ import numpy as np
 import torch
 
 from fastac import training
-from fastac.models import metrics, quantise, slope_force, train_force
-from fastac.models.adjoint import displacement_mm, slope_weights
-from fastac.models.bundle import Bundle
+from fastac.models import accuracy
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.adjoint import displacement_mm, slope_weights
+from fastac.models.integer import assemble
+from fastac.models.integer.bundle import Bundle
+from fastac.models.training import hyperforce, slope_force
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.geometry import rest_slopes
@@ -42,7 +45,7 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
         }
         for name, pipeline in (
             ("float", float_variant(bundle, scene)),
-            ("integer", integer_variant(bundle, scene)),
+            ("integer", Emulator(integer_variant(bundle, scene))),
         )
     }
     true = {split: true_change(scene, data, index) for split, index in splits.items()}
@@ -56,8 +59,8 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
         weights["smooth", name] = slope_weights(smooth[..., 0], divergence, pitch_mm)
         if start is None:
             rest = training.rest_depth_mm(data)
-            start, _ = train_force.train(scene, rest, pressed, truth, progress=progress)
-        models[name], _ = train_force.refit(scene, start, pressed, truth)
+            start, _ = hyperforce.train(scene, rest, pressed, truth, progress=progress)
+        models[name], _ = hyperforce.refit(scene, start, pressed, truth)
         weights["displacement", name] = training.force_weights(models[name], scene)
     with torch.inference_mode():
         kernels = models["integer"].kernels().double().numpy()
@@ -115,7 +118,7 @@ def accuracies(
     unit = 2.0**-upto.ratio.fraction
     for name in FITS:
         weights = {arithmetic: fits.weights[name, arithmetic] for arithmetic in ("float", "integer")}
-        integer = quantise.with_force(upto, weights["integer"])
+        integer = Emulator(assemble.with_force(upto, weights["integer"]))
         found = {
             "float": float_variant(bundle, scene, weights["float"]).run(frames, progress=progress),
             "integer": integer.run(frames, progress=progress),
@@ -126,7 +129,7 @@ def accuracies(
         noise = integer.run(again, progress=progress).force_n - found["integer"].force_n
         nmae = {
             arithmetic: [
-                metrics.force(replace(result, force_n=result.force_n[:, [k]]), data, index, (axis,))[
+                accuracy.force(replace(result, force_n=result.force_n[:, [k]]), data, index, (axis,))[
                     "force_nmae_percent"
                 ]
                 for k, axis in enumerate(scene.force_axes)

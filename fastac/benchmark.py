@@ -17,11 +17,12 @@ import numpy as np
 from fastac.accuracy import spread
 from fastac.cli_common import load_bundle
 from fastac.frames import read
-from fastac.models import direct
-from fastac.models.bundle import Bundle, BundleError
-from fastac.models.emulator import Emulator
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.pipeline import Result
+from fastac.models.emulator import direct
+from fastac.models.emulator.exact import ExactTables
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer.bundle import Bundle, BundleError
+from fastac.models.result import Result
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import DatasetError
 
@@ -89,8 +90,8 @@ def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
 def measure(folder: Path) -> None:
     bundle = load_bundle(folder)
     pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
-    models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": pipeline}
-    Emulator(pipeline)  # refuses tables that only the loop can compute
+    models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": Emulator(pipeline)}
+    ExactTables(pipeline)  # refuses tables that only the loop can compute
     few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
     print(f"{folder}, {' × '.join(map(str, pipeline.background.shape))}")
@@ -103,7 +104,7 @@ def measure(folder: Path) -> None:
             )
         )
     print(line("int64 loop", fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS), LOOP_FRAMES))
-    count = compare(pipeline.run(few), loop)
+    count = compare(Emulator(pipeline).run(few), loop)
     print(f"  emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames")
 
 

@@ -8,8 +8,8 @@ from pathlib import Path
 from fastac import accuracy, frames, hardware, resources, synth, training
 from fastac import report as reporting
 from fastac.gateware.cycle_model import multipliers
-from fastac.gateware.platform_xczu19eg import DeviceError, check_block_rams, check_multipliers
-from fastac.models import bundle
+from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
+from fastac.models.integer import bundle
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset, fingertip
 from fastac.workspace import Step, Workspace, digest_file, write_json

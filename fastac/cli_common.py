@@ -38,7 +38,7 @@ def cache_option(text: str):
 
 def load_bundle(path: Path):
     """The bundle in a folder, or in a build folder's `bundle`."""
-    from fastac.models import bundle
+    from fastac.models.integer import bundle
 
     inside = path / "bundle"
     return bundle.load(inside if (inside / "bundle.json").exists() else path)

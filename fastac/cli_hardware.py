@@ -135,7 +135,7 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
     estimates. Needs the extra `synth`: pip install -e '.[synth]'.
     """
     from fastac import synth as synthesis
-    from fastac.gateware.platform_xczu19eg import DEVICE
+    from fastac.gateware.target.device import DEVICE
 
     if source.suffix == ".toml":
         scene = scenes.load(source)

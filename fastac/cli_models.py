@@ -92,7 +92,7 @@ def predict(bundle, data, use_float, split, output, progress):
     """
     from fastac import accuracy
     from fastac.frames import read
-    from fastac.models.float_pipeline import FloatPipeline
+    from fastac.models.floating.pipeline import FloatPipeline
 
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)

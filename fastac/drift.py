@@ -13,10 +13,10 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from fastac import accuracy
-from fastac.models import metrics
-from fastac.models.bundle import Bundle
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.validity import REASONS
+from fastac.models import accuracy as metrics
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.frame_validity import REASONS
 from fastac.scenes.schema import Scene
 from fastac.sensor import fingertip
 from fastac.sensor.dataset import Dataset, read

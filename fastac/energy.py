@@ -14,13 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastac.gateware.packed_products import packing
-from fastac.gateware.shift_add import canonical_signed_digits
-from fastac.models.features import WIDTH
-from fastac.models.fixed import FLOOR, NEAREST, signed_width
-from fastac.models.integer import EigenvalueDivision, Layer, PatchForce, SineTransform, WeightedSum
-from fastac.models.pipeline import IntegerPipeline
-from fastac.models.tridiagonal import Elimination, Recurrence
+from fastac.gateware.arithmetic.packed_products import packing
+from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
+from fastac.models.integer.dst2d import EigenvalueDivision
+from fastac.models.integer.features import WIDTH
+from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.network import Layer
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.tridiagonal import Elimination, Recurrence
+from fastac.models.integer.words import FLOOR, NEAREST, signed_width
 
 MANTISSA_BITS = MULTIPLIER_BITS = 17
 ORIGIN = (

@@ -3,12 +3,13 @@
 import numpy as np
 
 from fastac import verify
-from fastac.models import direct
-from fastac.models.bundle import Bundle
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.pipeline import IntegerPipeline
-from fastac.models.quantise import assemble
-from fastac.models.validity import REASONS
+from fastac.models.emulator import direct
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer.assemble import assemble
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.frame_validity import REASONS
+from fastac.models.integer.pipeline import IntegerPipeline
 
 PRIOR_STEPS = 7
 """Halvings in the search for the deepest boundary prior."""
@@ -19,14 +20,14 @@ def unequal(pipeline: IntegerPipeline, frames: np.ndarray) -> int:
     outputs = direct.outputs(pipeline)
     loop = {name: np.empty((len(frames), *shape), kind) for name, (shape, kind) in outputs.items()}
     direct.loop(pipeline, frames, loop)
-    found = pipeline.run(frames)
+    found = Emulator(pipeline).run(frames)
     return sum(int((getattr(found, name) != values).sum()) for name, values in loop.items())
 
 
 def images(bundle: Bundle) -> list[dict]:
     """Of each special frame: what is flagged, what saturates, and whether every value is a number."""
     pipeline, frames = bundle.pipeline, verify.special_frames(bundle.pipeline.background)
-    results = [pipeline.run(frames), FloatPipeline.from_bundle(bundle).run(frames)]
+    results = [Emulator(pipeline).run(frames), FloatPipeline.from_bundle(bundle).run(frames)]
     rows = []
     for k, name in enumerate(verify.SPECIAL):
         fields = [value[k] for result in results for value in vars(result).values() if value is not None]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from fastac.models.pipeline import IntegerPipeline
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.worst_case import WorstCase, of_pixels
 from fastac.models.worst_case_solver import of_solver
 from fastac.sim.worst_case import compare

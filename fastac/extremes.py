@@ -14,8 +14,8 @@ from tqdm import tqdm
 
 from fastac import accuracy, drift, extreme_frames, extreme_words
 from fastac.cli_common import INPUT, load_bundle, progress_option
-from fastac.models.bundle import Bundle
-from fastac.models.validity import REASONS
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.frame_validity import REASONS
 from fastac.sensor.dataset import Dataset, read
 from fastac.workspace import write_json
 

@@ -19,9 +19,9 @@ import numpy as np
 from fastac import frames, training
 from fastac.build import float_settings
 from fastac.cli_common import INPUT, cache_option, load_bundle, output_option, progress_option
-from fastac.models import displacement
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.train_hyperforce_3d import select, train
+from fastac.models.floating import displacement_3d
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.training.hyperforce_3d import select, train
 from fastac.paper_figures import FORCE_FULL, FORCE_MAE_N
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
@@ -70,7 +70,7 @@ def find_arrays(pipeline: FloatPipeline, data: Dataset, *, progress: bool) -> di
     """What the frames show: of each split the displacements `.field_mm` of the frames that are `.kept`."""
     arrays = {}
     for split in SPLITS:
-        found = displacement.find(pipeline, data.frames[data.indices(split)], progress=progress)
+        found = displacement_3d.find(pipeline, data.frames[data.indices(split)], progress=progress)
         arrays |= {f"{split}.field_mm": found.field_mm, f"{split}.kept": found.kept}
     return arrays
 

@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from fastac.models.image_processing import ImageProcessing
+from fastac.models.vision.image_processing import ImageProcessing
 from fastac.scenes.schema import Scene, Sensor
 from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset, DatasetError
@@ -69,7 +69,9 @@ def read(path: Path | str, scene: Scene, *, cache: Path | str = CACHE, progress:
 def _content_hash(path: Path, sensor: Sensor) -> str:
     """Of everything that the processed frames depend on."""
     settings = [sensor.channels, sensor.raw10.model_dump(mode="json"), cv2.__version__]
-    sources = digest_sources(("models/image_processing.py", "sensor/optics/mosaic.py", "fastac/frames.py"))
+    sources = digest_sources(
+        ("models/vision/image_processing.py", "sensor/optics/mosaic.py", "fastac/frames.py")
+    )
     return hashlib.sha256(json.dumps([settings, sources, digest_file(path)]).encode()).hexdigest()
 
 

@@ -17,7 +17,8 @@ from fastac import frames
 from fastac.bottle import Grasp, Hold
 from fastac.gateware.cycle_model import cycles
 from fastac.grip_control import GripControl, friction_ratio
-from fastac.models.bundle import Bundle
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
 from fastac.scenes.schema import Scene
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import rig_of
@@ -76,13 +77,13 @@ def follow(
 
     pushes_n : of each frame, see `Hold.step`; may look at the hold and end
     """
-    scene = bundle.scene
+    scene, emulator = bundle.scene, Emulator(bundle.pipeline)
     rng, angle_deg, rows = np.random.default_rng(scene.protocol.seed), 0.0, []
     bar = tqdm(pushes_n, desc=label, unit="frame", disable=not progress, leave=False)
     for frame, push_n in enumerate(bar):
         pressed = hold.step(push_n, angle_deg)
         image = frames.of_press(pressed, scene.sensor, rng)
-        found = bundle.pipeline.run(image[None], wanted=("force_n", "validity"))
+        found = emulator.run(image[None], wanted=("force_n", "validity"))
         force_n = found.force_n[0].astype(np.float64)
         state = (angle_deg, hold.hand_n, hold.lowered_mm, hold.slipped_mm, found.validity[0] != 0)
         rows.append((frame / CAMERA_HZ, pressed.force_n, force_n, *state))

@@ -11,15 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from fastac import resources
-from fastac.gateware.elaboration import to_verilog
-from fastac.gateware.platform_xczu19eg import (
-    DeviceError,
-    check_block_rams,
-    check_multipliers,
-    write_vivado_project,
-)
+from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
+from fastac.gateware.target.elaboration import to_verilog
+from fastac.gateware.target.vivado import write_vivado_project
 from fastac.gateware.top_zynq import TopZynq
-from fastac.models.bundle import Bundle
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
 from fastac.sensor.dataset import Dataset
 from fastac.sim import top as simulation
 from fastac.sim.progress import watched
@@ -131,7 +128,7 @@ def simulate(
     """
     check_verilog(bundle, verilog_folder)
     frames = data.frames[index]
-    result = bundle.pipeline.run(frames, progress=progress)
+    result = Emulator(bundle.pipeline).run(frames, progress=progress)
     source = verilog_folder / f"{NAME}.v"
     found = simulation.simulate(
         bundle, source, frames, result, folder, name=NAME, trace=trace, progress=progress

@@ -16,11 +16,13 @@ from tqdm import tqdm
 from fastac import adjoint_fits, training
 from fastac.cli_common import INPUT, load_bundle, progress_option
 from fastac.frames import read
-from fastac.models import quantise
-from fastac.models.adjoint import slope_weights
-from fastac.models.bundle import Bundle
-from fastac.models.hyperforce import collapse
-from fastac.models.poisson import boundary_term, solve, source_of
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.adjoint import slope_weights
+from fastac.models.floating.hyperforce import collapse
+from fastac.models.floating.poisson import solve, source_of
+from fastac.models.integer import assemble
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.laplacian import boundary_term
 from fastac.variants import integer_variant, slope_words, variant
 
 SOLVERS = ("dst2d", "tridiagonal")
@@ -86,9 +88,9 @@ def patch_mismatches(
     """Accumulators of the K×K kernels `weights` (axes, N, N, K, K) against one weight a pixel, on frames."""
     solver = "tridiagonal" if bundle.scene.poisson.solver == "adjoint" else bundle.scene.poisson.solver
     upto = integer_variant(bundle, variant(bundle.scene, solver=solver))
-    words = upto.run(frames, progress=progress).displacement_words
+    words = Emulator(upto).run(frames, progress=progress).displacement_words
     patch, collapsed = (
-        quantise.with_force(
+        assemble.with_force(
             upto.replace(scene=variant(bundle.scene, solver=solver, kernel=kernel)), weights
         ).force
         for kernel in ("patch", "collapsed")

@@ -12,7 +12,7 @@ import click
 import numpy as np
 from tqdm import tqdm
 
-from fastac.models.image_processing import ImageProcessing, downsample
+from fastac.models.vision.image_processing import ImageProcessing, downsample
 from fastac.scenes.schema import Sensor
 from fastac.sensor.mechanics.layer import Layer
 from fastac.sensor.mechanics.layer_rig import surface

@@ -9,9 +9,9 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac import accuracy, training
-from fastac.models import slope_force
-from fastac.models.bundle import Bundle
-from fastac.models.train_force_labels import differences
+from fastac.models.integer.bundle import Bundle
+from fastac.models.training import slope_force
+from fastac.models.training.from_forces import differences
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group

@@ -15,10 +15,10 @@ from fastac.accuracy import of_dataset
 from fastac.build import Build, float_settings
 from fastac.force_ablation import Fields
 from fastac.limits_geometry import NOISELESS, seen_by, variants
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.hyperforce import coordinates
-from fastac.models.hyperforce_3d import HyperForce3D
-from fastac.models.train_hyperforce_3d import refit, select
+from fastac.models.floating.hyperforce import coordinates
+from fastac.models.floating.hyperforce_3d import HyperForce3D
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.training.hyperforce_3d import refit, select
 from fastac.reproduce_section import stamped_key
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import SPLITS, Dataset

@@ -13,9 +13,9 @@ from tqdm import tqdm
 from fastac import frames, training
 from fastac.build import Build, float_settings
 from fastac.drift import take
-from fastac.models import metrics
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.pipeline import Result
+from fastac.models import accuracy
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.result import Result
 from fastac.reproduce_geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
 from fastac.reproduce_section import stamped_key, vertical
 from fastac.scenes.schema import Scene, Sensor
@@ -205,4 +205,6 @@ def solver(build: Build) -> dict[str, float]:
         "difference": rest_mm + absolute_depth_mm(change, scene, None),
         "absolute": absolute_depth_mm(slopes, scene, rest_mm),
     }
-    return {mode: metrics.depth_mae_mm(Result(depth_mm=depth), data, index) for mode, depth in depths.items()}
+    return {
+        mode: accuracy.depth_mae_mm(Result(depth_mm=depth), data, index) for mode, depth in depths.items()
+    }

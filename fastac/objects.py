@@ -11,8 +11,9 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac import frames
-from fastac.models.bundle import Bundle
-from fastac.models.pipeline import Result
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
+from fastac.models.result import Result
 from fastac.scenes.schema import Sensor
 from fastac.sensor.mechanics.layer import Layer
 from fastac.sensor.mechanics.object_press import ObjectPress, press_object
@@ -94,7 +95,7 @@ def reconstruct(bundles: dict[Path, Bundle], load_n: float | None, *, progress: 
         for bundle in bundles.values():
             sensor = bundle.scene.sensor
             frame = frames.of_press(truth.pressed, sensor, np.random.default_rng(scene.protocol.seed))
-            found[title(bundle)] = Reconstruction(frame, bundle.pipeline.run(frame[None]))
+            found[title(bundle)] = Reconstruction(frame, Emulator(bundle.pipeline).run(frame[None]))
         shown.append(Shown(name, scene.sensor, truth, found))
     return shown
 

@@ -13,8 +13,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac import accuracy, energy, paper_figures, synth
-from fastac.gateware.platform_xczu19eg import DEVICE
-from fastac.models.bundle import Bundle
+from fastac.gateware.target.device import DEVICE
+from fastac.models.integer.bundle import Bundle
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.workspace import write_json

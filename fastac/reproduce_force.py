@@ -5,7 +5,7 @@ from pathlib import Path
 from fastac import accuracy, force_ablation
 from fastac.build import Build
 from fastac.force_ablation import AXES
-from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.floating.pipeline import FloatPipeline
 from fastac.paper_figures import FORCE_FULL, FORCE_MAE_N
 from fastac.reproduce_section import beside
 from fastac.sensor.dataset import DatasetError

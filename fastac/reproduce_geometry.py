@@ -21,10 +21,11 @@ import numpy as np
 
 from fastac import training
 from fastac.build import Build, network_settings
-from fastac.models import metrics
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.pipeline import Result
-from fastac.models.poisson import boundary_term, solve, source_of
+from fastac.models import accuracy
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.floating.poisson import solve, source_of
+from fastac.models.integer.laplacian import boundary_term
+from fastac.models.result import Result
 from fastac.paper_figures import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.reproduce_section import beside, stamped_key, vertical
 from fastac.scenes.schema import CHANNELS, Scene
@@ -88,7 +89,7 @@ def judge(
     """Errors of gradients and of depth under each boundary, and the depths (frames, H, W) themselves."""
     scene, rest_mm = pipeline.scene, pipeline.rest_depth_mm
     result = pipeline.run(data.frames[index], wanted=("normals", "slopes", "depth_mm"), progress=progress)
-    errors = metrics.normals(result, data, index, scene.sensor.pitch_mm)
+    errors = accuracy.normals(result, data, index, scene.sensor.pitch_mm)
     free = absolute_depth_mm(result.slopes, scene, None)
     depths = {
         "prior": result.depth_mm,
@@ -104,7 +105,7 @@ def judge(
         },
         "normal_mae_deg": errors["normal_mae_deg"],
         "depth_mae_mm": {
-            name: metrics.depth_mae_mm(Result(depth_mm=depth), data, index) for name, depth in depths.items()
+            name: accuracy.depth_mae_mm(Result(depth_mm=depth), data, index) for name, depth in depths.items()
         },
     }
     return found, depths

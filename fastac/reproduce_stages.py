@@ -24,9 +24,9 @@ from threadpoolctl import threadpool_limits
 from fastac.accuracy import of_dataset, spread
 from fastac.benchmark import fastest
 from fastac.build import Build
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.threads import single_thread
-from fastac.models.torch_pipeline import TorchPipeline
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.floating.threads import single_thread
+from fastac.models.floating.torch_pipeline import TorchPipeline
 from fastac.paper_figures import STAGES
 from fastac.rapl import NoCounters, PackageCounters
 from fastac.reproduce_section import stamped_key

@@ -19,11 +19,11 @@ from tqdm import tqdm
 
 from fastac import resources, synth_tools, synth_yosys
 from fastac.gateware.cycle_model import multipliers
-from fastac.gateware.elaboration import to_rtlil
+from fastac.gateware.target.elaboration import to_rtlil
 from fastac.gateware.top_zynq import TopZynq
-from fastac.models.bundle import Bundle
+from fastac.models.integer.bundle import Bundle
+from fastac.models.specimen import specimen
 from fastac.scenes.schema import Scene
-from fastac.sim.bench_specimen import specimen
 from fastac.synth_netlist import Part, parts
 from fastac.workspace import write_json
 

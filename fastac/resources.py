@@ -17,9 +17,9 @@ from scipy.optimize import nnls
 
 from fastac.energy import Frame, Work
 from fastac.gateware.cycle_model import multipliers
-from fastac.models.fixed import signed_width
-from fastac.models.integer import PatchForce
-from fastac.models.pipeline import IntegerPipeline
+from fastac.models.integer.force import PatchForce
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
 
 SAMPLES = Path(__file__).with_name("resource_samples.json")

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from fastac import resources
-from fastac.models import quantise
-from fastac.models.pipeline import IntegerPipeline
+from fastac.models.integer import assemble
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.specimen import layers
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
-from fastac.sim.bench_specimen import layers
 from fastac.workspace import Workspace
 
 ABSENT = "–"
@@ -36,7 +36,7 @@ def specimen(scene: Scene) -> IntegerPipeline:
     rng, sensor = np.random.default_rng(SEED), scene.sensor
     shape = (sensor.height_px, sensor.width_px)
     background = rng.integers(80, 170, (*shape, len(sensor.channel_names))).astype(np.uint8)
-    pipeline = quantise.assemble(
+    pipeline = assemble.assemble(
         scene,
         layers=layers(scene, background, rng, scene.network.hidden),
         background=background,
@@ -47,7 +47,7 @@ def specimen(scene: Scene) -> IntegerPipeline:
     weights = (*shape, 2)
     if not scene.wants_adjoint:
         weights = (scene.inner_px, scene.inner_px, scene.force.kernel_size, scene.force.kernel_size)
-    return quantise.with_force(pipeline, rng.normal(size=(len(scene.force_axes), *weights)))
+    return assemble.with_force(pipeline, rng.normal(size=(len(scene.force_axes), *weights)))
 
 
 @dataclass(frozen=True)

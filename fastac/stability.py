@@ -15,7 +15,8 @@ from tqdm import tqdm
 
 from fastac import hardware
 from fastac.cli_common import INPUT, load_bundle, progress_option
-from fastac.models.pipeline import IntegerPipeline
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.sensor.dataset import Dataset, read
 from fastac.sensor.optics import faults
 from fastac.sim import top as simulation
@@ -44,9 +45,10 @@ def emulate(pipeline: IntegerPipeline, frames: np.ndarray, count: int, *, progre
     The first batch comes again as the last one, backwards.
     """
     rng = np.random.default_rng(1)
-    alone = pipeline.run(frames[:1])
+    emulator = Emulator(pipeline)
+    alone = emulator.run(frames[:1])
     first = perturbed(frames, min(BATCH, count), rng, every=EVERY)
-    before = pipeline.run(first)
+    before = emulator.run(first)
     found = {"frames": 0, "recurrences": 0, "values_compared": 0, "mismatches": 0}
 
     def compare(result, expected, places, others) -> None:
@@ -62,7 +64,7 @@ def emulate(pipeline: IntegerPipeline, frames: np.ndarray, count: int, *, progre
             last = found["frames"] + size == count
             backwards = np.arange(size)[::-1]
             batch = first[backwards] if last else perturbed(frames, size, rng, every=EVERY)
-            result = pipeline.run(batch)
+            result = emulator.run(batch)
             if last:
                 compare(result, before, slice(None), backwards)
             else:
@@ -82,7 +84,7 @@ def simulate(bundle, data: Dataset, index: np.ndarray, count: int, folder: Path,
         bundle,
         folder / "verilog" / f"{hardware.NAME}.v",
         frames,
-        bundle.pipeline.run(frames),
+        Emulator(bundle.pipeline).run(frames),
         folder / "stability",
         name=hardware.NAME,
         progress=progress,

@@ -18,10 +18,13 @@ from filelock import FileLock
 from fastac import accuracy, energy, resources, training
 from fastac.build import TRAINING_SOURCES
 from fastac.gateware.cycle_model import cycles, multipliers
-from fastac.gateware.platform_xczu19eg import check_block_rams, check_multipliers
-from fastac.models import metrics, quantise, train_force
-from fastac.models.hyperforce import HyperForce
-from fastac.models.pipeline import IntegerPipeline
+from fastac.gateware.target.device import check_block_rams, check_multipliers
+from fastac.models import accuracy as metrics
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.hyperforce import HyperForce
+from fastac.models.integer import assemble
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.training import hyperforce
 from fastac.scenes.schema import Scene, Sensor
 from fastac.sensor import dataset, fingertip
 from fastac.sweep_spec import digest
@@ -185,7 +188,7 @@ class PointModels:
         if not state:
             return None
         rest = training.rest_depth_mm(self.data)
-        model = train_force.build(self.scene, rest, axes=len(self.scene.force_axes))
+        model = hyperforce.build(self.scene, rest, axes=len(self.scene.force_axes))
         model.load_state_dict(state)
         return model
 
@@ -200,8 +203,8 @@ class PointModels:
         if not self.scene.wants_force:
             return pipeline
         start = self._start(self._arrays("force"))
-        fitted = training.fit_force("integer", pipeline, self.data, start, progress=False)
-        return quantise.with_force(pipeline, fitted["force.integer_weights"].astype(np.float64))
+        fitted = training.fit_force("integer", Emulator(pipeline), self.data, start, progress=False)
+        return assemble.with_force(pipeline, fitted["force.integer_weights"].astype(np.float64))
 
     @cached_property
     def floats(self) -> dict[str, np.ndarray]:
@@ -217,7 +220,7 @@ class PointModels:
         check_multipliers(multipliers(self.scene))
         pipeline = self.pipeline
         check_block_rams(resources.block_rams(resources.memories(pipeline)))
-        found = self._errors(pipeline)
+        found = self._errors(Emulator(pipeline))
         floats = json.loads(self.steps["float"].path.read_text())
         found |= {f"float_{name}": value for name, value in floats.items()}
         for prefix in ("", "float_"):

@@ -12,7 +12,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from fastac import synth_ecp5, synth_tools, synth_yosys
-from fastac.ecp5_product import Ecp5
+from fastac.gateware.target.ecp5 import Ecp5
 from fastac.synth_netlist import Part, parts
 from fastac.synth_tools import SynthError
 from fastac.workspace import digest_sources, write_json
@@ -75,7 +75,7 @@ TASKS = (COUNT, REGISTERS, LUTS, PLACE)
 
 def elaborate(bundle) -> list[Part]:
     """The parts of a bundle's top-level, and each as elaborated for the ECP5."""
-    from fastac.gateware.elaboration import to_rtlil
+    from fastac.gateware.target.elaboration import to_rtlil
     from fastac.gateware.top_zynq import TopZynq
 
     found, to_place = (

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fastac import accuracy, hardware
 from fastac.gateware.cycle_model import cycles
-from fastac.models import bundle as bundles
+from fastac.models.integer import bundle as bundles
 from fastac.scenes.schema import Scene
 from fastac.sweep_models import PointModels, Setting, latency, point_key
 from fastac.sweep_results import Row

@@ -6,13 +6,18 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fastac.models import bundle, quantise, slope_force, train_force, train_force_labels, train_normals
-from fastac.models.adjoint import displacement_mm, slope_weights
-from fastac.models.features import scales
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.hyperforce import HyperForce, collapse
-from fastac.models.normals import PixelNetwork
-from fastac.models.pipeline import IntegerPipeline
+from fastac.models.emulator import pipeline as emulator_pipeline
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.adjoint import displacement_mm, slope_weights
+from fastac.models.floating.hyperforce import HyperForce, collapse
+from fastac.models.floating.network import PixelNetwork
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer import assemble as integer_assemble
+from fastac.models.integer import bundle, quantise
+from fastac.models.integer.features import scales
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.training import bit_true, from_forces, hyperforce, slope_force
+from fastac.models.training import normals as train_normals
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 
@@ -81,7 +86,7 @@ def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
     """Train the float pixel network; writes its arrays and learning curve."""
     if scene.training.labels == "force":
-        network, history = train_force_labels.train(data, scene, progress=progress)
+        network, history = from_forces.train(data, scene, progress=progress)
     else:
         network, history = train_normals.train(data, scene.training, scene.network.hidden, progress=progress)
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
@@ -97,7 +102,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     count = len([k for k in arrays if k.startswith("network.") and k.endswith(".weight")])
     network = float_pipeline(arrays, data, scene).network
     if scene.training.labels == "force":
-        split = train_force_labels.labelled_by(network, data, seed=scene.training.seed)
+        split = from_forces.labelled_by(network, data, seed=scene.training.seed)
     else:
         split = train_normals.labelled(data, scene.training)
     x, _ = split["train"]
@@ -111,7 +116,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         activation_bits=scene.numbers.activation_bits,
         last_weight_bits=scene.numbers.last_weight_bits,
     )
-    layers, history = train_normals.finetune(split, layers, network, scene.training, progress=progress)
+    layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
 
 
@@ -120,7 +125,7 @@ def force(
 ) -> None:
     """Train the force model on what the float pipeline finds, then fit it to what each pipeline finds."""
     start, arrays = start_force(data, scene, load_arrays(weights), progress=progress)
-    pipeline = integer_pipeline(load_arrays(integers), data, scene)
+    pipeline = Emulator(integer_pipeline(load_arrays(integers), data, scene))
     save_arrays(output, arrays | fit_force("integer", pipeline, data, start, progress=progress))
 
 
@@ -134,14 +139,14 @@ def start_force(
     pipeline, start, arrays = float_pipeline(weights, data, scene), None, {}
     found, truth = force_samples(pipeline, data, progress=progress)
     if scene.force.fit != "slopes":
-        start, history = train_force.train(scene, rest_depth_mm(data), found, truth, progress=progress)
+        start, history = hyperforce.train(scene, rest_depth_mm(data), found, truth, progress=progress)
         arrays = curve(history, "force")
     return start, arrays | _fit_force("float", scene, start, found, truth, progress=progress)
 
 
 def fit_force(
     name: str,
-    pipeline: FloatPipeline | IntegerPipeline,
+    pipeline: FloatPipeline | Emulator,
     data: Dataset,
     start: HyperForce | None,
     *,
@@ -153,7 +158,7 @@ def fit_force(
 
 
 def force_samples(
-    pipeline: FloatPipeline | IntegerPipeline, data: Dataset, *, progress: bool
+    pipeline: FloatPipeline | Emulator, data: Dataset, *, progress: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """What the pipeline finds for the force model, and the true forces, by split."""
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
@@ -170,13 +175,13 @@ def _fit_force(
     if start is None:
         fitted, history = slope_force.fit(found, truth, progress=progress)
     else:
-        model, history = train_force.refit(scene, start, found, truth)
+        model, history = hyperforce.refit(scene, start, found, truth)
         fitted = force_weights(model, scene)
     return {f"force.{name}_weights": fitted.astype(np.float32)} | curve(history, f"force_{name}")
 
 
 def force_input(
-    pipeline: FloatPipeline | IntegerPipeline, frames: np.ndarray, background: np.ndarray, *, progress: bool
+    pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
 ) -> np.ndarray:
     """What the scene's force model is trained on, as the pipeline finds it, by frames.
 
@@ -203,7 +208,7 @@ def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
 
 def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> IntegerPipeline:
     """The integers up to the displacement."""
-    return quantise.assemble(
+    return integer_assemble.assemble(
         scene,
         layers=quantise.layers_from_arrays(arrays),
         background=data.background,
@@ -219,9 +224,9 @@ def assemble(data: Dataset, scene: Scene, folder: Path, output: Path) -> bundle.
     floats |= {k: v for k, v in integer.items() if k.startswith("history.")}
     if scene.wants_force:
         kernels = load_arrays(folder / "force.npz")
-        pipeline = quantise.with_force(pipeline, kernels["force.integer_weights"].astype(np.float64))
+        pipeline = integer_assemble.with_force(pipeline, kernels["force.integer_weights"].astype(np.float64))
         floats |= kernels
     known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))
-    pipeline = quantise.with_limits(pipeline, data.frames[known])
+    pipeline = emulator_pipeline.with_limits(pipeline, data.frames[known])
     source = {"source": data.source, "frames": len(data), "channels": list(data.channels)}
     return bundle.save(output, replace(pipeline, provenance=source), floats)

@@ -6,10 +6,11 @@ import numpy as np
 from pydantic import ValidationError
 from tqdm import tqdm
 
-from fastac.models import quantise
-from fastac.models.bundle import Bundle
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.pipeline import CHUNK, IntegerPipeline
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer import assemble
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.loops.frames import CHUNK
 from fastac.scenes.schema import Scene, SceneError, describe
 
 
@@ -34,7 +35,7 @@ def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> S
 def integer_variant(bundle: Bundle, scene: Scene) -> IntegerPipeline:
     """The bundle's pixel network under another scene, up to the displacement."""
     known = bundle.pipeline
-    return quantise.assemble(
+    return assemble.assemble(
         scene, layers=known.layers, background=known.background, rest_depth_mm=known.rest_depth_mm
     )
 

@@ -11,12 +11,13 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.target.device import DEVICE
+from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.hardware import NAME
-from fastac.models import bundle as bundles
-from fastac.models.bundle import Bundle
-from fastac.report import DEVICE
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import bundle as bundles
+from fastac.models.integer.bundle import Bundle
 from fastac.scenes.schema import Scene, SceneError, describe
 from fastac.sensor.dataset import Dataset
 from fastac.sim.progress import watched
@@ -154,7 +155,7 @@ def run(
                     derived,
                     source,
                     images,
-                    derived.pipeline.run(images, progress=progress),
+                    Emulator(derived.pipeline).run(images, progress=progress),
                     place,
                     name=NAME,
                     stall=stall,

@@ -17,7 +17,8 @@ from tqdm import tqdm
 
 from fastac import frames
 from fastac.gateware.cycle_model import cycles
-from fastac.models.bundle import Bundle
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
 from fastac.sampling import Spectrum, alias_hz, spectrum, taken
 from fastac.scenes.schema import Scene
 from fastac.sensor.mechanics.press import Rig
@@ -125,7 +126,7 @@ def record(bundle: Bundle, rig: Rig, vibration: Vibration, frequency_hz: int, *,
         pressed = probe.at_load(float(load))
         true_n.append(pressed.force_n[2])
         images.append(frames.of_press(pressed, scene.sensor, rng))
-    found = bundle.pipeline.run(np.stack(images), wanted=("force_n",), progress=progress).force_n
+    found = Emulator(bundle.pipeline).run(np.stack(images), wanted=("force_n",), progress=progress).force_n
     fine_s = np.arange(0, count / CAMERA_HZ, 1 / (40 * frequency_hz))
     found_n = found[:, scene.force_axes.index(2)]
     return Recording(frequency_hz, camera_s, np.array(true_n), found_n, fine_s, load_n(fine_s))

@@ -14,15 +14,17 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.calibration_loader import CalibrationLoader, ImageLayout
+from fastac.gateware.bus.calibration_loader import CalibrationLoader, ImageLayout
 from fastac.gateware.datapath import Datapath
-from fastac.models.bounds import Stage
-from fastac.models.bundle import Bundle, save
-from fastac.models.fixed import NEAREST
-from fastac.models.integer import Depth, Layer, PoissonSource, Requantisation, WeightedSum
-from fastac.models.pipeline import IntegerPipeline
-from fastac.models.quantise import with_force_of
-from fastac.models.validity import FrameValidity
+from fastac.models.integer.assemble import with_force_of
+from fastac.models.integer.bounds import Stage
+from fastac.models.integer.bundle import Bundle, save
+from fastac.models.integer.force import WeightedSum
+from fastac.models.integer.frame_validity import FrameValidity
+from fastac.models.integer.network import Layer, Requantisation
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.solver import Depth, PoissonSource
+from fastac.models.integer.words import NEAREST
 
 FORMAT_VERSION = 2
 """Of the images."""

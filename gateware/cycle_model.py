@@ -4,22 +4,23 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from fastac.gateware.background import BackgroundSubtraction
-from fastac.gateware.displacement import DepthOutput, Displacement
-from fastac.gateware.frame_accumulator import raster_interval
+from fastac.gateware.arithmetic.frame_sum import raster_interval
+from fastac.gateware.arithmetic.packed_products import packing
+from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
-from fastac.gateware.frame_guard import FrameGuard
 from fastac.gateware.fz_stream import PatchForceStream
-from fastac.gateware.gradient_ratio import GradientDivider
 from fastac.gateware.mlp_mvm import tile_multipliers
-from fastac.gateware.normal_mlp import NormalMlp
-from fastac.gateware.packed_products import packing
-from fastac.gateware.poisson_solver import PoissonSolver, frame_interval
-from fastac.gateware.tridiagonal_solver import TridiagonalPoissonSolver
-from fastac.gateware.weighted_sum import WeightedSumStream
-from fastac.models.bounds import reciprocal_distance
-from fastac.models.features import WIDTH, limits
-from fastac.models.fixed import signed_width
+from fastac.gateware.network.background import BackgroundSubtraction
+from fastac.gateware.network.gradient_ratio import GradientDivider
+from fastac.gateware.network.pixel_network import NormalMlp
+from fastac.gateware.poisson.depth import DepthOutput, Displacement
+from fastac.gateware.poisson.dst2d import PoissonSolver
+from fastac.gateware.poisson.stages import frame_interval
+from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
+from fastac.gateware.stream.frame_guard import FrameGuard
+from fastac.models.integer.dst2d import reciprocal_distance
+from fastac.models.integer.features import WIDTH, limits
+from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
 
 NORMAL, SLOPES, DISPLACEMENT = 3, 2, 1

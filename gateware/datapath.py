@@ -8,22 +8,23 @@ from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
-from fastac.gateware.background import BackgroundSubtraction
-from fastac.gateware.calibration_loader import Table
-from fastac.gateware.displacement import DepthOutput, Displacement
+from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
-from fastac.gateware.frame_guard import ERRORS, EVENTS, FrameGuard
 from fastac.gateware.fz_stream import PatchForceStream
-from fastac.gateware.gradient_ratio import GradientDivider
-from fastac.gateware.normal_mlp import NormalMlp
-from fastac.gateware.poisson_solver import Buffer, PoissonSolver
-from fastac.gateware.stream_fork import Fork
-from fastac.gateware.tridiagonal_solver import TridiagonalPoissonSolver
-from fastac.gateware.validity import FrameValidity
-from fastac.gateware.weighted_sum import WeightedSumStream
-from fastac.models.features import WIDTH, coordinate_codes
-from fastac.models.integer import PatchForce, WeightedSum
-from fastac.models.pipeline import IntegerPipeline
+from fastac.gateware.network.background import BackgroundSubtraction
+from fastac.gateware.network.gradient_ratio import GradientDivider
+from fastac.gateware.network.pixel_network import NormalMlp
+from fastac.gateware.poisson.depth import DepthOutput, Displacement
+from fastac.gateware.poisson.dst2d import PoissonSolver
+from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
+from fastac.gateware.stream.fork import Fork
+from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FrameGuard
+from fastac.gateware.stream.frame_validity import FrameValidity
+from fastac.gateware.stream.queues import Buffer
+from fastac.gateware.stream.tables import Table
+from fastac.models.integer.features import WIDTH, coordinate_codes
+from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.pipeline import IntegerPipeline
 
 
 def last_row_first(stage):
@@ -98,7 +99,7 @@ class Datapath(FrameCycles, wiring.Component):
             "suspect_valid": Out(1),
             "suspect": Out(1),
             "verdict": Out(self.validity.verdict.signature),
-            **{name: Out(1) for name in (*EVENTS, *ERRORS)},
+            **{name: Out(1) for name in (*EVENTS, *FRAME_FAULTS)},
         }
         self.normal_layout = data.ArrayLayout(data.ArrayLayout(signed(normal_width), 3), lanes)
         self.wants_normals = "normals" in scene.outputs
@@ -191,8 +192,8 @@ class Datapath(FrameCycles, wiring.Component):
             guard.enable.eq(self.enable),
             background.capture.eq(self.capture),
             self.captured.eq(background.captured),
-            Cat(getattr(self, n) for n in (*EVENTS, *ERRORS)).eq(
-                Cat(getattr(guard, n) for n in (*EVENTS, *ERRORS))
+            Cat(getattr(self, n) for n in (*EVENTS, *FRAME_FAULTS)).eq(
+                Cat(getattr(guard, n) for n in (*EVENTS, *FRAME_FAULTS))
             ),
         ]
 

@@ -6,9 +6,9 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.credit_queue import CreditQueue
-from fastac.gateware.product import LATENCY, product
-from fastac.models.integer import SineTransform
+from fastac.gateware.arithmetic.product import LATENCY, product
+from fastac.gateware.stream.queues import CreditQueue
+from fastac.models.integer.solver import SineTransform
 
 
 class Dst1Engine(wiring.Component):

@@ -1,6 +1,6 @@
 """A frame's cycles from those of its stages: the same sums for components and for a scene's figures."""
 
-from fastac.gateware.poisson_solver import Buffer
+from fastac.gateware.stream.queues import Buffer
 from fastac.scenes.schema import Scene
 
 

@@ -5,21 +5,21 @@ from amaranth import Module, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.displacement import RasterRom, raster_beats
-from fastac.gateware.frame_accumulator import (
+from fastac.gateware.arithmetic.frame_sum import (
     FrameAccumulator,
     dsp_slices,
     raster_interval,
     sum_tree,
     tree_levels,
 )
-from fastac.gateware.handshake import stall_free
-from fastac.gateware.patch_generator import PatchGenerator, check_patches
-from fastac.gateware.product import LATENCY as PRODUCT_LATENCY
-from fastac.gateware.product import product
-from fastac.gateware.stream_fork import Fork
-from fastac.models.fixed import signed_width
-from fastac.models.integer import PatchForce
+from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
+from fastac.gateware.arithmetic.product import product
+from fastac.gateware.force.patch_generator import PatchGenerator, check_patches
+from fastac.gateware.stream.fork import Fork
+from fastac.gateware.stream.handshake import stall_free
+from fastac.gateware.stream.tables import RasterRom, raster_beats
+from fastac.models.integer.force import PatchForce
+from fastac.models.integer.words import signed_width
 
 
 def kernel_words(force: PatchForce, lanes: int) -> np.ndarray:

@@ -8,12 +8,12 @@ from amaranth import Cat, Const, Module, Shape, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.packed_products import Packing, packing
-from fastac.gateware.product import LATENCY as PRODUCT_STAGES
-from fastac.gateware.product import product
-from fastac.gateware.shift_add import Register, Term, constant_product, registers, tree
-from fastac.models.fixed import signed_width
-from fastac.models.integer import Layer
+from fastac.gateware.arithmetic.packed_products import Packing, packing
+from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_STAGES
+from fastac.gateware.arithmetic.product import product
+from fastac.gateware.arithmetic.shift_add import Register, Term, constant_product, registers, tree
+from fastac.models.integer.network import Layer
+from fastac.models.integer.words import signed_width
 
 
 def tile_latency(inputs: int) -> int:

@@ -7,13 +7,14 @@ from amaranth import Cat, Const, Module, ResetInserter, Signal
 from amaranth.lib import fifo, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.axi_lite import axi_lite_signature
+from fastac.gateware.bus.axi_lite import axi_lite_signature
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, Identity
+from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.calibration import image_layout, loader
 from fastac.gateware.datapath import Datapath
-from fastac.gateware.frame_guard import ERRORS, EVENTS, axis_signature
-from fastac.gateware.register_map import ADDRESS_WIDTH, AXES, Identity
-from fastac.gateware.registers import RegisterBlock
-from fastac.models.bundle import Bundle
+from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FRAMES_IN_FLIGHT
+from fastac.gateware.stream.handshake import axis_signature
+from fastac.models.integer.bundle import Bundle
 
 VERSION = 3
 """Of the hardware and of its register map."""
@@ -21,7 +22,6 @@ WORD = 32
 """Bits of one value on the output streams."""
 ROW_BITS = 8
 """Of a row's address in tuser."""
-FRAMES_IN_FLIGHT = 8
 RESULT = {"force": "result_valid", "depth": "depth_done", "normals": "normals_done"}
 """Of the registers, the pulse with each kind of result."""
 
@@ -76,7 +76,7 @@ class TopZynq(wiring.Component):
     -------
     s_axis_* : AXI4-Stream of frames; tdata: `lanes` pixels of 8-bit channels in the scene's order, lane 0 and
         channel 0 lowest; tuser: start of frame; tlast: end of line
-    s_axil_* : AXI4-Lite, the registers of gateware/register_map.py
+    s_axil_* : AXI4-Lite, the registers of gateware/bus/register_map.py
     m_axis_depth_* : AXI4-Stream of depth, `lanes` signed 32-bit words, N rows of N values, N = width − 2;
         tkeep: bytes of lanes that hold a value; tlast: end of row; tuser[0]: start of frame; tuser[1]: the
         frame is bad; tuser[9:2]: the row, 0 to N − 1; tuser[10]: the frame is not to be trusted, for a reason
@@ -170,8 +170,8 @@ class TopZynq(wiring.Component):
             self.interrupt.eq(registers.interrupt),
             registers.gradient_saturated.eq(path.gradient_saturated),
             registers.displacement_saturated.eq(path.displacement_saturated),
-            Cat(getattr(registers, n) for n in (*EVENTS, *ERRORS)).eq(
-                Cat(getattr(path, n) for n in (*EVENTS, *ERRORS))
+            Cat(getattr(registers, n) for n in (*EVENTS, *FRAME_FAULTS)).eq(
+                Cat(getattr(path, n) for n in (*EVENTS, *FRAME_FAULTS))
             ),
         ]
         if path.loadable:

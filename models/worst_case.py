@@ -7,9 +7,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fastac.models.fixed import signed_width
-from fastac.models.integer import Layer, PatchForce
-from fastac.models.pipeline import IntegerPipeline
+from fastac.models.integer.force import PatchForce
+from fastac.models.integer.network import Layer
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.words import signed_width
 
 SATURATES = "saturates there, and sets its flag"
 

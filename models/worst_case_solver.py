@@ -2,18 +2,20 @@
 
 Each word is a linear function of the slopes, but for roundings. So the slopes at ±limit by the signs of that
 function's weights, at the place where their L1 norm is the largest, reach the bound. The weights are those of
-the integer tables, see models/bounds.py.
+the integer tables, see models/integer/bounds.py.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from fastac.models.bounds import Solver, stencil_norms
-from fastac.models.fixed import LARGEST_ERROR
-from fastac.models.integer import PoissonSource, SineTransform, divergence_of
-from fastac.models.pipeline import IntegerPipeline
-from fastac.models.tridiagonal import TridiagonalSolver, row_operators
+from fastac.models.integer.bounds import stencil_norms
+from fastac.models.integer.dst2d import Solver
+from fastac.models.integer.laplacian import divergence_of
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.tridiagonal import TridiagonalSolver, row_operators
+from fastac.models.integer.words import LARGEST_ERROR
 from fastac.models.worst_case import WorstCase, magnitude
 
 CANDIDATES = 8

@@ -101,7 +101,7 @@ class Markers(Strict):
 
 class Raw10(Strict):
     """The camera of RAW10 frames, an RGB-IR filter array seen at 4 × 4 raw pixels a pixel, and what makes
-    B, G, R, NIR of its frames (models/image_processing.py). In 10-bit digital numbers."""
+    B, G, R, NIR of its frames (models/vision/image_processing.py). In 10-bit digital numbers."""
 
     exposure: Annotated[float, Field(gt=0, le=1)] = 0.75
     """Share of an 8-bit frame's exposure: a visible pixel also has room for its crosstalk."""

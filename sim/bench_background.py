@@ -16,7 +16,7 @@ import numpy as np
 from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
-from fastac.models.features import WIDTH
+from fastac.models.integer.features import WIDTH
 from fastac.sim.stream import pack
 
 SET = json.loads(Path(os.environ["BENCH"]).read_text())

@@ -6,7 +6,7 @@ import os
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge, gather
 
-from fastac.gateware.register_map import ERRORS, REGISTERS, Identity
+from fastac.gateware.bus.register_map import ERRORS, REGISTERS, Identity
 from fastac.sim.axi_lite import DECERR, OKAY, SLVERR, read, start, write
 
 IDENTITY = Identity(**json.loads(os.environ["IDENTITY"]))

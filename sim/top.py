@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.register_map import ID
+from fastac.gateware.bus.register_map import ID
 from fastac.gateware.top_zynq import RasterOutput, TopZynq
-from fastac.models.bundle import Bundle
-from fastac.models.pipeline import Result
-from fastac.models.validity import suspects
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.frame_validity import suspects
+from fastac.models.result import Result
 from fastac.sim.progress import watched
 from fastac.sim.runner import build
 

@@ -8,8 +8,8 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 
-from fastac.gateware.register_map import ERRORS
-from fastac.models.validity import suspects
+from fastac.gateware.bus.register_map import ERRORS
+from fastac.models.integer.frame_validity import suspects
 from fastac.sim.bench_top import FOLDER, LINGER, SET, frame_beats, start
 
 with np.load(FOLDER / "frames.npz", allow_pickle=False) as archive:

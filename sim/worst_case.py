@@ -5,29 +5,24 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.displacement import DepthOutput, Displacement, raster_beats
 from fastac.gateware.dst1_engine import Dst1Engine
-from fastac.gateware.eigenvalue_division import EigenvalueDivider
+from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.fz_stream import PatchForceStream
-from fastac.gateware.gradient_ratio import GradientDivider
 from fastac.gateware.mlp_mvm import MvmTile
-from fastac.gateware.poisson_source import PoissonSourceStream
-from fastac.gateware.tridiagonal import RowRecurrence
-from fastac.gateware.weighted_sum import WeightedSumStream
-from fastac.models.features import WIDTH
-from fastac.models.integer import (
-    Depth,
-    EigenvalueDivision,
-    GradientRatio,
-    Layer,
-    PatchForce,
-    PoissonSource,
-    SineTransform,
-    WeightedSum,
-)
-from fastac.models.tridiagonal import Recurrence, Substitution
+from fastac.gateware.network.gradient_ratio import GradientDivider
+from fastac.gateware.poisson.depth import DepthOutput, Displacement
+from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
+from fastac.gateware.poisson.recurrence import RowRecurrence
+from fastac.gateware.poisson.source import PoissonSourceStream
+from fastac.gateware.stream.tables import raster_beats
+from fastac.models.integer.dst2d import EigenvalueDivision
+from fastac.models.integer.features import WIDTH
+from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.network import GradientRatio, Layer
+from fastac.models.integer.solver import Depth, PoissonSource, SineTransform
+from fastac.models.integer.tridiagonal import Recurrence, Substitution
+from fastac.models.specimen import QUICK
 from fastac.models.worst_case import WorstCase
-from fastac.sim.bench_specimen import QUICK
 from fastac.sim.preloaded import WithParameters
 from fastac.sim.stream import check, pack
 

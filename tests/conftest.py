@@ -94,7 +94,7 @@ def tiny_folder(tiny_scene, tiny_file, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def tiny_bundle(tiny_folder):
-    from fastac.models import bundle
+    from fastac.models.integer import bundle
 
     return bundle.load(tiny_folder / "bundle")
 
@@ -127,6 +127,6 @@ def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="session")
 def tiny_rig_bundle(tiny_rig_folder):
-    from fastac.models import bundle
+    from fastac.models.integer import bundle
 
     return bundle.load(tiny_rig_folder / "bundle")

@@ -11,7 +11,7 @@ import numpy as np
 from tqdm import tqdm
 
 from fastac.frames import as_channels
-from fastac.models.markers import Detector, MarkerError, Tracked, Tracker
+from fastac.models.vision.markers import Detector, MarkerError, Tracked, Tracker
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset
 from fastac.sensor.importers import poses

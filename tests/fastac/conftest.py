@@ -4,7 +4,7 @@ from amaranth import Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.elaboration import alike, to_rtlil
+from fastac.gateware.target.elaboration import alike, to_rtlil
 from fastac.synth_netlist import parts
 
 

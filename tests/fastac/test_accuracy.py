@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from fastac import accuracy
-from fastac.models import metrics
-from fastac.models.float_pipeline import FloatPipeline
+from fastac.models import accuracy as metrics
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.pipeline import FloatPipeline
 from fastac.sensor.dataset import DatasetError
 
 
@@ -39,7 +40,7 @@ def test_each_recording_is_seen_against_its_own_rest(tiny_bundle, tiny_data):
 def test_compare_runs_both_pipelines_on_the_same_frames(tiny_bundle, tiny_data):
     index = tiny_data.indices("test")[[4, 1]]
     errors, results = accuracy.compare(tiny_bundle, tiny_data, index, progress=False)
-    pipelines = {"float": FloatPipeline.from_bundle(tiny_bundle), "integer": tiny_bundle.pipeline}
+    pipelines = {"float": FloatPipeline.from_bundle(tiny_bundle), "integer": Emulator(tiny_bundle.pipeline)}
     for name, pipeline in pipelines.items():
         alone = pipeline.run(tiny_data.frames[index])
         for key, array in vars(alone).items():

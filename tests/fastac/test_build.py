@@ -8,7 +8,9 @@ import pytest
 
 from fastac import training
 from fastac.build import Build, BuildError, float_settings, network_settings
-from fastac.models import bundle, float_pipeline, quantise, train_force
+from fastac.models.floating import pipeline
+from fastac.models.integer import assemble, bundle, quantise
+from fastac.models.training import hyperforce
 from fastac.sensor import dataset
 
 TRAIN = ["data", "normals", "integers", "force", "bundle"]
@@ -108,7 +110,7 @@ class TestResumes:
         def interrupt(*_, **__):
             raise KeyboardInterrupt
 
-        monkeypatch.setattr(train_force, "train", interrupt)
+        monkeypatch.setattr(hyperforce, "train", interrupt)
         with pytest.raises(KeyboardInterrupt):
             run(scene, tmp_path / "b", tiny_file)
         assert not (tmp_path / "b" / "bundle").exists()
@@ -176,10 +178,10 @@ class TestOnlyWhatIsWanted:
         def refuse(*_, **__):
             raise AssertionError("nobody asked for depth or force")
 
-        monkeypatch.setattr(train_force, "train", refuse)
-        monkeypatch.setitem(quantise.CHOOSERS, "dst2d", refuse)
+        monkeypatch.setattr(hyperforce, "train", refuse)
+        monkeypatch.setitem(assemble.CHOOSERS, "dst2d", refuse)
         monkeypatch.setattr(quantise, "quantise_weights", refuse)
-        monkeypatch.setattr(float_pipeline, "solve", refuse)
+        monkeypatch.setattr(pipeline, "solve", refuse)
         scene = make_scene(outputs=["normals"], training=QUICK)
         announced = run(scene, tmp_path, tiny_file, until="evaluate")
         assert list(announced) == ["data", "normals", "integers", "bundle", "evaluate"]
@@ -194,7 +196,7 @@ class TestOnlyWhatIsWanted:
         def refuse(*_, **__):
             raise AssertionError("nobody asked for force")
 
-        monkeypatch.setattr(train_force, "train", refuse)
+        monkeypatch.setattr(hyperforce, "train", refuse)
         monkeypatch.setattr(quantise, "quantise_weights", refuse)
         monkeypatch.setattr(quantise, "DisplacementQuantiser", refuse)
         scene = make_scene(outputs=["normals", "depth"], training=QUICK)

@@ -14,8 +14,10 @@ from PIL import Image
 from fastac import hardware, verify
 from fastac import sweep as sweeps
 from fastac.cli import main
-from fastac.models import bundle as bundles
-from fastac.models.float_pipeline import FloatPipeline
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer import assemble
+from fastac.models.integer import bundle as bundles
 from fastac.scenes import schema as scenes
 from fastac.sensor import dataset
 from fastac.sim.top import Report as Simulated
@@ -456,7 +458,11 @@ class TestPredict:
             "predict", tiny_folder, tiny_file, "--split", "test", "-o", output, "--no-progress", *more
         )
         assert result.stdout == f"{output}: depth_mm, force_n, normals of 8 frames\n"
-        pipeline = tiny_bundle.pipeline if arithmetic == "integer" else FloatPipeline.from_bundle(tiny_bundle)
+        pipeline = (
+            Emulator(tiny_bundle.pipeline)
+            if arithmetic == "integer"
+            else FloatPipeline.from_bundle(tiny_bundle)
+        )
         index = tiny_data.indices("test")
         expected = pipeline.run(tiny_data.frames[index])
         with h5py.File(output) as file:
@@ -493,10 +499,9 @@ class TestPredict:
         ],
     )
     def test_only_what_is_wanted(self, tiny_bundle, make_scene, tiny_file, tmp_path, outputs, written):
-        from fastac.models import quantise
 
         trained = tiny_bundle.pipeline
-        pipeline = quantise.assemble(
+        pipeline = assemble.assemble(
             make_scene(outputs=outputs),
             layers=trained.layers,
             background=trained.background,

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from fastac import energy
-from fastac.models import quantise
-from fastac.models.integer import Layer, PatchForce, Requantisation
+from fastac.models.integer import assemble
+from fastac.models.integer.force import PatchForce
+from fastac.models.integer.network import Layer, Requantisation
 
 PIXELS, INNER, SIDE = 256, 196, 14
 
@@ -19,16 +20,16 @@ def make_pipeline(tiny_bundle, make_scene):
 
     def make(**changes):
         scene = make_scene(**changes)
-        pipeline = quantise.assemble(
+        pipeline = assemble.assemble(
             scene,
             layers=trained.layers,
             background=trained.background,
             rest_depth_mm=trained.rest_depth_mm,
         )
         if scene.wants_adjoint:
-            return quantise.with_force(pipeline, np.ones((len(scene.force_axes), 16, 16, 2)))
+            return assemble.with_force(pipeline, np.ones((len(scene.force_axes), 16, 16, 2)))
         if scene.wants_force:
-            return quantise.with_force(pipeline, np.ones((len(scene.force_axes), SIDE, SIDE, 5, 5)))
+            return assemble.with_force(pipeline, np.ones((len(scene.force_axes), SIDE, SIDE, 5, 5)))
         return pipeline
 
     return make

@@ -110,7 +110,7 @@ def test_frames_of_the_hardware_are_compared_once(tiny_bundle, tmp_path, monkeyp
 def test_what_differs_is_counted(tiny_bundle, monkeypatch):
     frames = verify.special_frames(tiny_bundle.pipeline.background)[:2]
     assert extreme_frames.unequal(tiny_bundle.pipeline, frames) == 0
-    from fastac.models import direct
+    from fastac.models.emulator import direct
 
     loop = direct.loop
 

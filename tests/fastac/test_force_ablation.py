@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from fastac import force_ablation
 from fastac.force_ablation import errors, require
-from fastac.models import train_hyperforce_3d
+from fastac.models.training import hyperforce_3d
 from fastac.paper_figures import FORCE_MAE_N
 from fastac.scenes import schema
 from fastac.sensor import dataset
@@ -129,7 +129,7 @@ def test_a_second_run_trains_nothing(written, drawn, monkeypatch):
     def epoch(*_):
         raise AssertionError("trained again")
 
-    monkeypatch.setattr(train_hyperforce_3d._Run, "epoch", epoch)
+    monkeypatch.setattr(hyperforce_3d._Run, "epoch", epoch)
     monkeypatch.setattr(force_ablation.training, "normals", epoch)
     monkeypatch.setattr(force_ablation.displacement, "find", epoch)
     assert invoke(drawn, output).output == first.output

@@ -5,12 +5,12 @@ import re
 import pytest
 
 from fastac import hardware
-from fastac.gateware.platform_xczu19eg import DEVICE
+from fastac.gateware.target.device import DEVICE
 from fastac.gateware.top_zynq import TopZynq
 from fastac.hardware import HardwareError, check_verilog, lint, write_verilog
-from fastac.models.bundle import Bundle
+from fastac.models.integer.bundle import Bundle
+from fastac.models.specimen import scene, specimen
 from fastac.resources import block_rams, memories
-from fastac.sim.bench_specimen import scene, specimen
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,10 @@ import pytest
 from click.testing import CliRunner
 
 from fastac import adjoint_fits, identities, training
-from fastac.models import integer, metrics
-from fastac.models.integer import WeightedSum
+from fastac.models import accuracy
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import force as integer_force
+from fastac.models.integer.force import WeightedSum
 from fastac.scenes.schema import SceneError
 from fastac.sensor.dataset import write
 from fastac.variants import float_variant, integer_variant, slope_words, variant
@@ -38,7 +40,7 @@ def fits(tiny_bundle, tiny_data):
 
 
 def test_slope_words_are_the_pipeline_s(tiny_bundle, frames, words):
-    slopes = tiny_bundle.pipeline.run(frames).slopes
+    slopes = Emulator(tiny_bundle.pipeline).run(frames).slopes
     np.testing.assert_array_equal(words * 2.0**-tiny_bundle.pipeline.ratio.fraction, slopes)
 
 
@@ -102,13 +104,13 @@ def test_patches_equal_one_weight_a_pixel(tiny_bundle, frames, monkeypatch):
     kernels = tiny_bundle.floats["force.integer_weights"].astype(float)
     found = identities.patch_mismatches(tiny_bundle, kernels, frames, progress=False)
     assert found == identities.Mismatches(frames=8, accumulators=8, mismatches=0)
-    exact = integer.PatchForce.collapsed
+    exact = integer_force.PatchForce.collapsed
 
     def off_by_one(self) -> WeightedSum:
         force = exact(self)
         return replace(force, constant=force.constant + 1)
 
-    monkeypatch.setattr(integer.PatchForce, "collapsed", off_by_one)
+    monkeypatch.setattr(integer_force.PatchForce, "collapsed", off_by_one)
     assert identities.patch_mismatches(tiny_bundle, kernels, frames, progress=False).mismatches == 8
 
 
@@ -169,7 +171,7 @@ def test_accuracies(tiny_bundle, tiny_data, fits, words, frames):
     for name, row in rows.items():
         assert set(row.nmae_percent) == {"float", "integer", "true"}
         result = float_variant(tiny_bundle, scene, fits.weights[name, "float"]).run(frames)
-        expected = metrics.force(result, tiny_data, index, scene.force_axes)["force_nmae_percent"]
+        expected = accuracy.force(result, tiny_data, index, scene.force_axes)["force_nmae_percent"]
         assert row.nmae_percent["float"] == pytest.approx([expected])
         error = row.rounding
         assert 0 < error.mean_mn <= error.largest_mn <= error.bound_mn
@@ -190,7 +192,7 @@ class TestCommand:
         assert "nan" not in result.output
 
     def test_without_force_only_the_solvers(self, make_scene, tiny_bundle, folder, tmp_path):
-        from fastac.models import bundle
+        from fastac.models.integer import bundle
 
         shutil.copy(folder / "data.h5", tmp_path / "data.h5")
         scene = make_scene(outputs=["depth"])

@@ -11,7 +11,8 @@ from PIL import Image
 from fastac import leave_one_out
 from fastac.build import Build
 from fastac.cli import main
-from fastac.models import bundle
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import bundle
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
 from fastac.training import TrainingError, require
@@ -90,7 +91,7 @@ def test_the_hardware_gets_a_sum_over_the_slopes_that_is_zero_at_rest(build_fold
     pipeline = bundle.load(build_folder / "bundle").pipeline
     assert pipeline.solver is None
     assert pipeline.force.weight.shape == (1, 16, 16, 2)
-    assert not pipeline.run(dataset.read(data_file).background[None]).force_raw.any()
+    assert not Emulator(pipeline).run(dataset.read(data_file).background[None]).force_raw.any()
 
 
 def test_datasets_must_know_the_axes_that_are_wanted(scene, data_file):

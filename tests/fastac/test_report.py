@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from fastac import energy, report
-from fastac.models import quantise
-from fastac.models.bundle import Bundle
+from fastac.models.integer import assemble
+from fastac.models.integer.bundle import Bundle
 
 SIMULATED = {
     "frame_indices": [26, 33],
@@ -140,7 +140,7 @@ class TestContent:
             (["normals"], {"source", "row_inverse", "displacement", "force.accumulator"}),
             (["depth"], {"displacement", "force.accumulator"}),
         ):
-            pipeline = quantise.assemble(
+            pipeline = assemble.assemble(
                 make_scene(outputs=outputs),
                 layers=trained.layers,
                 background=trained.background,
@@ -221,7 +221,7 @@ class TestPage:
     def test_without_force_there_is_no_force(self, tiny_bundle, tiny_data, make_scene, tmp_path):
         scene = make_scene(outputs=["normals"])
         trained = tiny_bundle.pipeline
-        pipeline = quantise.assemble(
+        pipeline = assemble.assemble(
             scene, layers=trained.layers, background=trained.background, rest_depth_mm=trained.rest_depth_mm
         ).replace(provenance=trained.provenance)
         floats = {k: v for k, v in tiny_bundle.floats.items() if k.startswith("network.")}

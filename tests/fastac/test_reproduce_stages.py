@@ -3,8 +3,8 @@
 import pytest
 
 from fastac import reproduce_stages
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.torch_pipeline import TorchPipeline
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.floating.torch_pipeline import TorchPipeline
 from fastac.reproduce_stages import TITLES, energies_mj, latencies_ms, on_cpu, on_device, processor
 
 

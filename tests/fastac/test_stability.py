@@ -8,8 +8,8 @@ import pytest
 from click.testing import CliRunner
 
 from fastac import hardware, stability
-from fastac.models.over_frames import CHUNK
-from fastac.models.pipeline import IntegerPipeline
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.loops.frames import CHUNK
 
 
 @pytest.fixture(scope="module")

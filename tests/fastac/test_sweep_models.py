@@ -5,7 +5,7 @@ import pytest
 
 from fastac import accuracy, sweep_models
 from fastac.gateware.cycle_model import cycles
-from fastac.models.integer import PatchForce
+from fastac.models.integer.force import PatchForce
 from fastac.sweep_models import PointModels, Setting, Step
 
 

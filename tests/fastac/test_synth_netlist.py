@@ -4,7 +4,7 @@ from amaranth import Module, signed
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.elaboration import to_rtlil
+from fastac.gateware.target.elaboration import to_rtlil
 from fastac.synth_netlist import UNIT, parts, ports
 
 

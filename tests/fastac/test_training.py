@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from fastac import training
-from fastac.models import quantise
-from fastac.models.float_pipeline import FloatPipeline
-from fastac.models.hyperforce import collapse
-from fastac.models.normals import PixelNetwork
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.hyperforce import collapse
+from fastac.models.floating.network import PixelNetwork
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer import assemble, quantise
 
 
 def test_rest_is_the_dataset_s_or_flat(tiny_data):
@@ -83,7 +84,7 @@ def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_dat
     assert set(tiny_bundle.floats) == set(expected)
     for name, array in expected.items():
         np.testing.assert_array_equal(tiny_bundle.floats[name], array)
-    kernels, scale = quantise.quantise_weights(force["force.integer_weights"].astype(float), 8)
+    kernels, scale = assemble.quantise_weights(force["force.integer_weights"].astype(float), 8)
     np.testing.assert_array_equal(tiny_bundle.pipeline.force.kernel, kernels)
     unit = tiny_bundle.pipeline.displacement_mm_per_unit
     assert tiny_bundle.pipeline.force_n_per_unit == pytest.approx(unit / scale)
@@ -97,7 +98,7 @@ def test_kernels_are_trained_on_what_their_own_pipeline_finds(tiny_bundle, tiny_
     The integers' own kernels are rounded to 8 bits in the bundle; here they are not.
     """
     index = tiny_data.indices("validation")
-    pipelines = {"float": FloatPipeline.from_bundle(tiny_bundle), "integer": tiny_bundle.pipeline}
+    pipelines = {"float": FloatPipeline.from_bundle(tiny_bundle), "integer": Emulator(tiny_bundle.pipeline)}
     found = pipelines[arithmetic].run(tiny_data.frames[index]).displacement_mm
     weight = collapse(tiny_bundle.floats[f"force.{arithmetic}_weights"])[0]
     force = (np.maximum(found, 0) * weight).sum(axis=(1, 2))

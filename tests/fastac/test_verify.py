@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from fastac import verify
-from fastac.models import bundle as bundles
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import bundle as bundles
+from fastac.models.specimen import QUICK, frames, scene, specimen
 from fastac.scenes.schema import SceneError
-from fastac.sim.bench_specimen import QUICK, frames, scene, specimen
 from fastac.sim.top import Report
 
 
@@ -31,7 +32,7 @@ class TestDerive:
         hardware = derived.scene.hardware.model_copy(update={"pixels_per_clock": 1})
         assert derived.scene.model_copy(update={"hardware": hardware}) == tiny_bundle.scene
         images = tiny_data.frames[:3]
-        found, expected = derived.pipeline.run(images), tiny_bundle.pipeline.run(images)
+        found, expected = Emulator(derived.pipeline).run(images), Emulator(tiny_bundle.pipeline).run(images)
         for name in ("normal_words", "depth_words", "force_raw"):
             np.testing.assert_array_equal(getattr(found, name), getattr(expected, name))
 
@@ -44,7 +45,7 @@ class TestDerive:
             assert {layer.loadable for layer in derived.pipeline.layers} == {weights == "loadable"}
             width = derived.pipeline.layers[-1].accumulator_width
             assert derived.pipeline.ratio.normal_width == width
-            found[weights] = (derived.digest, width, derived.pipeline.run(images))
+            found[weights] = (derived.digest, width, Emulator(derived.pipeline).run(images))
         assert found["loadable"][0] != found["baked"][0]
         assert found["loadable"][1] > found["baked"][1]
         for name in ("normal_words", "depth_words", "force_raw"):

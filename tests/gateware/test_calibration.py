@@ -13,11 +13,11 @@ from fastac.gateware.calibration import (
     keep_force,
 )
 from fastac.gateware.datapath import Datapath
-from fastac.models import bundle
-from fastac.models.bounds import Stage
-from fastac.models.pipeline import IntegerPipeline
-from fastac.models.quantise import assemble, with_force_of
-from fastac.sim.bench_specimen import recalibrated, scene, specimen
+from fastac.models.integer import bundle
+from fastac.models.integer.assemble import assemble, with_force_of
+from fastac.models.integer.bounds import Stage
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.specimen import recalibrated, scene, specimen
 
 WANTED = {
     "absolute": {"outputs": ("depth", "force_z"), "mode": "absolute", "lanes": 4},

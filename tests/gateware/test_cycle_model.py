@@ -11,9 +11,9 @@ from pydantic import ValidationError
 
 from fastac.gateware.cycle_model import CycleModel, cycles, multipliers
 from fastac.gateware.datapath import Datapath
-from fastac.models.bounds import reciprocal_distance, reciprocals
+from fastac.models.integer.dst2d import reciprocal_distance, reciprocals
+from fastac.models.specimen import NUMBERS, scene, specimen
 from fastac.scenes.schema import Network, Numbers, load
-from fastac.sim.bench_specimen import NUMBERS, scene, specimen
 
 SCENES = Path(__file__).parents[2] / "scenes"
 OPTIONS = {

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from fastac.gateware.datapath import Datapath
-from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
+from fastac.models.specimen import scene, specimen
 from fastac.scenes.schema import Hardware, Numbers, load
-from fastac.sim.bench_specimen import scene, specimen
 
 SCENES = Path(__file__).parents[2] / "scenes"
 EVERYTHING = ("normals", "depth", "force_z")

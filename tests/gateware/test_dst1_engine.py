@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from fastac.gateware.dst1_engine import Dst1Engine
-from fastac.models.fixed import signed_width
-from fastac.models.integer import SineTransform
+from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.words import signed_width
 from fastac.sim.stream import check, pack
 
 

@@ -5,7 +5,7 @@ from amaranth.hdl import Fragment, ResetInserter, Signal
 from amaranth.sim import Simulator
 
 from fastac.gateware.fz_stream import PatchForceStream, PixelResponse
-from fastac.models.integer import PatchForce
+from fastac.models.integer.force import PatchForce
 from fastac.sim.amaranth_bench import transfer
 from fastac.sim.stream import check, pack
 

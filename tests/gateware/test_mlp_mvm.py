@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastac.gateware.elaboration import to_rtlil
 from fastac.gateware.mlp_mvm import MvmCore, MvmTile
-from fastac.models.integer import Layer
+from fastac.gateware.target.elaboration import to_rtlil
+from fastac.models.integer.network import Layer
 from fastac.sim.stream import check, pack
 
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from fastac.gateware.calibration import calibration_words
-from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
-from fastac.models.pipeline import join
-from fastac.sim.bench_specimen import QUICK, frames, recalibrated, scene, specimen
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.result import join
+from fastac.models.specimen import QUICK, frames, recalibrated, scene, specimen
 from fastac.sim.runner import build
 from fastac.sim.top import bench_settings, expected_words
 
@@ -36,7 +37,7 @@ def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
     source.write_text(to_verilog(top, name=NAME))
 
     images = frames(own.pipeline.background, SPANS)
-    results = [bundle.pipeline.run(images) for bundle in (own, other)]
+    results = [Emulator(bundle.pipeline).run(images) for bundle in (own, other)]
     for name in ("normal_words", "depth_words", "force_raw"):
         found = [getattr(result, name) for result in results]
         assert found[0] is None or (found[0] != found[1]).any(axis=tuple(range(1, found[0].ndim))).all()

@@ -7,11 +7,12 @@ from itertools import product
 import numpy as np
 import pytest
 
-from fastac.gateware.elaboration import to_verilog
-from fastac.gateware.register_map import ERRORS
+from fastac.gateware.bus.register_map import ERRORS
+from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
-from fastac.models.pipeline import join
-from fastac.sim.bench_specimen import QUICK, frames, scene, specimen
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.result import join
+from fastac.models.specimen import QUICK, frames, scene, specimen
 from fastac.sim.runner import build
 from fastac.sim.top import Report, bench_settings, expected_words, simulate
 
@@ -35,7 +36,7 @@ class Hardware:
         return frames(self.pipeline.background, spans)
 
     def run(self, images: np.ndarray, stall=(0, 0)) -> Report:
-        result = self.pipeline.run(images)
+        result = Emulator(self.pipeline).run(images)
         folder = self.folder / "sim"
         return simulate(
             self.bundle, self.source, images, result, folder, name=NAME, stall=stall, build_args=QUICK
@@ -54,7 +55,7 @@ def check_frames(hardware: Hardware) -> None:
         "force": count * axes,
     }
     values = {name: number for name, number in values.items() if number}
-    result = hardware.pipeline.run(images)
+    result = Emulator(hardware.pipeline).run(images)
     saturated = {
         "gradient_saturated": path.pipeline.scene.wants_slopes and result.gradient_saturated.any(),
         "displacement_saturated": path.wants_displacement and result.displacement_saturated.any(),
@@ -184,7 +185,7 @@ def check_faults(hardware: Hardware) -> None:
         images.append(pipeline.background.copy())
         images[-1][0, 0] = values
     images = np.array(images)
-    results = [pipeline.run(images)]
+    results = [Emulator(pipeline).run(images)]
     of_scene = {
         "gradient_saturated": pipeline.scene.wants_slopes,
         "displacement_saturated": pipeline.scene.wants_force and pipeline.scene.wants_solver,
@@ -206,7 +207,7 @@ def check_faults(hardware: Hardware) -> None:
     # From here on the second frame is the background.
     captured = len(images)
     images = np.concatenate([images, mild[1:4]])
-    results.append(pipeline.replace(background=mild[1]).run(np.array(mild[1:4])))
+    results.append(Emulator(pipeline.replace(background=mild[1])).run(np.array(mild[1:4])))
     assert not results[1].gradient_saturated.any()
     assert not results[1].validity.any()
     result = join(results)

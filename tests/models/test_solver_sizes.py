@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fastac.models.fixed import Fixed
-from fastac.models.integer import PoissonSource
-from fastac.models.poisson import solve
-from fastac.models.quantise import CHOOSERS
+from fastac.models.floating.poisson import solve
+from fastac.models.integer.assemble import CHOOSERS
+from fastac.models.integer.solver import PoissonSource
+from fastac.models.integer.words import Fixed
 
 WIDTH_MM = 16.0
 FRACTION, WIDTH = 14, 17

@@ -5,11 +5,12 @@ import json
 import numpy as np
 import pytest
 
-from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
-from fastac.models.bundle import Bundle
-from fastac.models.validity import REASONS
-from fastac.sim.bench_specimen import QUICK, frames, scene, specimen
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.frame_validity import REASONS
+from fastac.models.specimen import QUICK, frames, scene, specimen
 from fastac.sim.top import Comparison, SimulationFailure, simulate
 
 WORDS = np.arange(12).reshape(3, 4)
@@ -52,7 +53,7 @@ def hardware(tmp_path_factory):
     source = folder / "fastac.v"
     source.write_text(to_verilog(TopZynq(bundle), name="fastac"))
     images = frames(bundle.pipeline.background, (10, 40, 255))
-    return bundle, source, images, bundle.pipeline.run(images), folder / "sim"
+    return bundle, source, images, Emulator(bundle.pipeline).run(images), folder / "sim"
 
 
 def run(hardware, **changes):

@@ -9,9 +9,10 @@ import zlib
 import numpy as np
 import pytest
 
-from fastac.gateware.elaboration import to_verilog
+from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
-from fastac.sim.bench_specimen import QUICK, frames, scene, specimen
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.specimen import QUICK, frames, scene, specimen
 from fastac.sim.runner import COMPRESSORS
 from fastac.sim.top import bench_settings, simulate, trace_file
 
@@ -114,7 +115,7 @@ def traced(tmp_path_factory):
     source = folder / f"{NAME}.v"
     source.write_text(to_verilog(top, name=NAME))
     images = frames(bundle.pipeline.background, (40,))
-    result = bundle.pipeline.run(images)
+    result = Emulator(bundle.pipeline).run(images)
 
     def run(trace):
         report = simulate(

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fastac.models.specimen import NUMBERS, scene, specimen
 from fastac.models.worst_case import of_pixels
 from fastac.models.worst_case_solver import of_solver
-from fastac.sim.bench_specimen import NUMBERS, scene, specimen
 from fastac.sim.worst_case import compare
 
 WIDE = NUMBERS | {"gradient_fraction_bits": 12, "coefficient_fraction_bits": 14}

@@ -8,7 +8,7 @@ from fastac.scenes.schema import load
 from fastac.sensor.dataset import read
 from fastac.sensor.importers.ball_press import ImportFailure, import_folder
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 FOTS = ROOT.parent / "shared" / "data" / "fots"
 HEADER = "image,center_x_px,center_y_px,radius_px,split\n"
 BALL = {"ball_mm": 4.0, "px_per_mm": 10.0, "height_px": 32, "width_px": 32}

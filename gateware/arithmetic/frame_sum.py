@@ -1,0 +1,124 @@
+"""From several words a beat to one sum a frame: adder tree and accumulator, with widths from bounds."""
+
+import numpy as np
+from amaranth import Cat, Module, Mux, Signal, signed
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.models.integer.words import signed_width
+
+
+def tree_levels(terms: int) -> int:
+    """Registers that a value passes in `sum_tree`: ceil(log2(terms))."""
+    return (terms - 1).bit_length()
+
+
+def sum_tree(m: Module, advance, terms: list, bounds: np.ndarray, name: str):
+    """Add a registered tree of two-operand adders over `terms` to `m`; returns the sum.
+
+    `bounds` (cases, terms) holds the largest magnitude of each term in each case that can occur (here: with
+    each word of a ROM). A node is as wide as the largest, over the cases, of its terms' sums.
+    """
+    for level in range(tree_levels(len(terms))):
+        pairs = [terms[k : k + 2] for k in range(0, len(terms), 2)]
+        bounds = np.add.reduceat(bounds, np.arange(0, len(terms), 2), axis=1)
+        terms = [
+            Signal(signed(signed_width(int(bound))), reset_less=True, name=f"{name}_sum{level}_{k}")
+            for k, bound in enumerate(bounds.max(axis=0))
+        ]
+        with m.If(advance):
+            m.d.sync += [s.eq(sum(pair[1:], pair[0])) for s, pair in zip(terms, pairs, strict=True)]
+    return terms[0]
+
+
+def raster_interval(rows: int, columns: int, lanes: int) -> int:
+    """Beats of a frame whose rows each take ceil(columns/lanes)."""
+    return rows * -(-columns // lanes)
+
+
+def dsp_slices(a: int, b: int) -> int:
+    """DSP48E2 for a product of signed words of `a` and `b` bits: 27×18 bits each, signed.
+
+    A longer word is cut into its signed upper part and unsigned parts of one bit less than the port, so
+    ceil((a − 1)/26) · ceil((b − 1)/17), or the same with the ports exchanged if that is less.
+    """
+
+    def parts(width: int, port: int) -> int:
+        return max(1, -(-(width - 1) // (port - 1)))
+
+    return min(parts(a, 27) * parts(b, 18), parts(b, 27) * parts(a, 18))
+
+
+class FrameAccumulator(wiring.Component):
+    """A = constant + the sum of all words of a frame, for each axis.
+
+    Parameters: `bounds` (beats, axes, words), the largest magnitude of each word in each beat of a frame;
+    `constant` (axes,), where the sums start; `width`, the bits of a sum: by default those of |constant| + Σ
+    bounds, the worst axis, and so of every sum on the way.
+
+    Members
+    -------
+    i : stream of axes × words, signed(`word_width`) each; `interval` = beats of them make a frame
+    o : stream of one beat a frame, a sum signed(`width`) per axis
+    start : in place of `constant`, as wide as the sums, and never larger than they allow for. Only with
+        `loadable`.
+
+    `latency` = ceil(log2(words)) + 1 clocks (adder tree, accumulator) pass from the last beat of a frame to
+    its sums if nothing stalls; the next frame may follow without a gap. The last register is the
+    accumulator: while finished sums stand in it, all before it waits.
+    """
+
+    def __init__(
+        self, bounds: np.ndarray, constant: np.ndarray, *, loadable: bool = False, width: int | None = None
+    ):
+        self.bounds, self.constant, self.loadable = bounds, constant, loadable
+        largest = int((np.abs(constant) + bounds.sum(axis=(0, 2))).max())
+        self.width = signed_width(largest) if width is None else width
+        if self.width < signed_width(largest):
+            raise ValueError(f"width {width}: expected {signed_width(largest)} for sums of ±{largest}")
+        self.interval, self.axes, self.words = bounds.shape
+        words = data.ArrayLayout(signed(self.word_width), self.words)
+        sums = data.ArrayLayout(signed(self.width), self.axes)
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(words, self.axes))),
+            "o": Out(stream.Signature(sums)),
+        }
+        if loadable:
+            members["start"] = In(sums)
+        super().__init__(members)
+
+    @property
+    def word_width(self) -> int:
+        return signed_width(int(self.bounds.max()))
+
+    @property
+    def latency(self) -> int:
+        return tree_levels(self.words) + 1
+
+    def elaborate(self, platform):
+        m = Module()
+        advance, done = Signal(), Signal()
+        valid = Signal(tree_levels(self.words))
+        summed = Cat(self.i.valid, valid)[-1]  # the words' sums stand before the accumulator
+        m.d.comb += [
+            advance.eq(self.o.ready | ~done),
+            self.i.ready.eq(advance),
+            self.o.valid.eq(done),
+        ]
+
+        beat = Signal(range(self.interval))
+        fresh = Signal(init=1)  # the next sums are the first of a frame
+        last = beat == self.interval - 1
+        with m.If(advance):
+            m.d.sync += [valid.eq(Cat(self.i.valid, valid)), done.eq(summed & last)]
+            with m.If(summed):
+                m.d.sync += [beat.eq(Mux(last, 0, beat + 1)), fresh.eq(last)]
+
+        for axis, words in enumerate(self.i.payload):
+            total = sum_tree(m, advance, list(words), self.bounds[:, axis], f"axis_{axis}")
+            accumulator = Signal(signed(self.width), reset_less=True, name=f"accumulator_{axis}")
+            start = self.start[axis] if self.loadable else int(self.constant[axis])
+            with m.If(advance & summed):
+                m.d.sync += accumulator.eq(Mux(fresh, start, accumulator) + total)
+            m.d.comb += self.o.payload[axis].eq(accumulator)
+        return m

@@ -1,0 +1,223 @@
+"""The registers a host sees: what the hardware is, what it does, and what it measured."""
+
+from amaranth import Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.bus.axi_lite import AxiLiteSlave, Response, axi_lite_signature
+from fastac.gateware.bus.calibration_loader import calibration_signature
+from fastac.gateware.bus.frame_timer import FrameTimer
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, REGISTERS, Identity
+from fastac.gateware.stream.frame_guard import EVENTS
+from fastac.models.integer.frame_validity import REASONS
+
+FOUND_HERE = ("result_overrun", "calibration_refused", "frame_suspect")
+"""Errors that are not reported from elsewhere."""
+
+
+def capabilities(identity: Identity) -> int:
+    """The word of the register CAPABILITIES."""
+    values = {f"force_{axis}": axis in identity.axes for axis in AXES}
+    register = next(register for register in REGISTERS if register.name == "CAPABILITIES")
+    values |= {f.name: getattr(identity, f.name) for f in register.fields if f.name not in values}
+    return sum(int(values[field.name]) << field.low for field in register.fields)
+
+
+class RegisterBlock(wiring.Component):
+    """The registers of the map that exist for `identity`, behind AXI4-Lite, with the frame timer.
+
+    Members
+    -------
+    axil : AXI4-Lite with addresses of 8 bits; DECERR without a register, SLVERR on writing a read-only one
+    accepted, frame_started, frame_done, frame_bad, line_short, line_long, frame_short, frame_long,
+        no_start : from FrameGuard
+    gradient_saturated, displacement_saturated : pulses or levels that set their error
+    force : a raw accumulator of each axis, signed(force_width), of the clock in which `result_valid` is high
+    result_valid : pulse as a frame's force is taken. Only with axes, as `force`.
+    validity : flags of the frame of the result, in the clock of the result, see FRAME_VALIDITY
+    depth_done, normals_done : pulse as a frame's last beat of depth, of normals leaves. Only with them.
+    background_taken : pulse as a frame has been taken as background. Only with background_capture.
+    enable : let frames in
+    capture_background : the next frame is wanted as background. Only with background_capture.
+    calibration : see `calibration_signature`. Only with a calibration that can be loaded.
+    soft_reset : for one clock: reset the datapath, FrameGuard included
+    interrupt : level
+
+    A result is a force or, where there is none, a whole depth map, else a whole map of normals. What comes
+    and what is cleared in the same clock stays set. See FrameTimer for what the times mean.
+    """
+
+    def __init__(self, identity: Identity):
+        self.identity = identity
+        # What happens elsewhere; the other errors are found here.
+        self.reported = [n for n in identity.errors if n not in FOUND_HERE]
+        inputs = [*EVENTS, *self.reported]
+        outputs = ["soft_reset", "interrupt"]
+        members = {
+            "axil": In(axi_lite_signature(ADDRESS_WIDTH)),
+            "enable": Out(1, init=1),
+            "validity": In(len(REASONS)),
+        }
+        if identity.axes:
+            inputs.append("result_valid")
+            members["force"] = In(data.ArrayLayout(signed(identity.force_width), len(identity.axes)))
+        inputs += [f"{name}_done" for name in ("depth", "normals") if getattr(identity, name)]
+        if identity.background_capture:
+            inputs.append("background_taken")
+            outputs.append("capture_background")
+        if identity.calibration:
+            members["calibration"] = Out(calibration_signature())
+        members |= {name: In(1) for name in inputs} | {name: Out(1) for name in outputs}
+        super().__init__(members)
+
+    def elaborate(self, platform):
+        m = Module()
+        identity = self.identity
+        offsets = {register.name: register.offset for register in identity.registers}
+
+        m.submodules.slave = slave = AxiLiteSlave(ADDRESS_WIDTH)
+        wiring.connect(m, wiring.flipped(self.axil), slave.axil)
+        bus = slave.bus
+        ones = bus.write_data & bus.write_mask  # the ones that are written
+        kept = ~bus.write_mask  # the bits that are not
+
+        def written(name):
+            return bus.write & (bus.write_word == offsets[name] >> 2)
+
+        def read(name):
+            return bus.read & (bus.read_word == offsets[name] >> 2)
+
+        m.submodules.timer = timer = FrameTimer(
+            force=bool(identity.axes), depth=identity.depth, normals=identity.normals
+        )
+        for name in EVENTS:
+            m.d.comb += getattr(timer, name).eq(getattr(self, name))
+        m.d.comb += timer.flush.eq(self.soft_reset)
+        if identity.axes:
+            m.d.comb += timer.result_valid.eq(self.result_valid)
+        if identity.depth:
+            m.d.comb += timer.depth_done.eq(self.depth_done)
+        if identity.normals:
+            m.d.comb += timer.normals_done.eq(self.normals_done)
+        result = self.result_valid if identity.axes else getattr(self, f"{identity.result}_done")
+        result &= ~self.soft_reset  # which forgets its frame
+
+        # CONTROL as it is read and, but for what a write changes, as it stays.
+        interrupt_enable = Signal()
+        requested = Const(0, 1)
+        if identity.background_capture:
+            requested = self.capture_background & ~self.background_taken
+        control = Cat(self.enable, requested, Const(0, 1), interrupt_enable)
+        after = Mux(written("CONTROL"), (control & kept) | ones, control)
+        m.d.sync += [self.enable.eq(after[0]), self.soft_reset.eq(after[2]), interrupt_enable.eq(after[3])]
+        if identity.background_capture:
+            m.d.sync += self.capture_background.eq(after[1] | requested)
+
+        errors = Signal(len(ERRORS))
+        frame_validity = Signal(len(REASONS))
+        pending = Signal()
+        result_valid = Signal()
+        clear_errors = Signal.like(errors)
+        clear_pending = Signal()
+        seen = {name: getattr(self, name) for name in self.reported}
+        seen["result_overrun"] = result & pending & ~clear_pending
+        seen["frame_suspect"] = result & self.validity.any()
+        with m.If(result):
+            m.d.sync += frame_validity.eq(self.validity)
+        loading, refused = Const(0, 1), Const(0, 1)
+        bundle_hash = Const(identity.bundle_hash, 64)
+        if identity.calibration:
+            loader = self.calibration
+            loading, bundle_hash = loader.loading, loader.bundle_hash
+            refused = written("CALIBRATION") & ~loader.taken
+            seen["calibration_refused"] = refused
+            m.d.comb += [
+                loader.write.eq(written("CALIBRATION") & bus.write_mask.all()),
+                loader.word.eq(bus.write_data),
+                loader.idle.eq(~timer.in_flight.any()),
+                loader.restart.eq(written("CONTROL") & ones[4]),
+            ]
+        m.d.comb += [
+            clear_errors.eq(Mux(written("ERRORS"), ones, 0)),
+            clear_pending.eq(written("INTERRUPT_STATUS") & ones[0]),
+            self.interrupt.eq(pending & interrupt_enable),
+        ]
+        m.d.sync += [
+            errors.eq((errors & ~clear_errors) | Cat(seen.get(name, 0) for name in ERRORS)),
+            pending.eq((pending & ~clear_pending) | result),
+            result_valid.eq((result_valid | result) & ~self.soft_reset),
+        ]
+
+        frame_errors = Signal(32)
+        m.d.sync += frame_errors.eq(frame_errors + (self.frame_done & self.frame_bad & ~self.soft_reset))
+
+        values = {
+            "ID": ID,
+            "VERSION": identity.version,
+            "BUNDLE_HASH_LOW": bundle_hash[:32],
+            "BUNDLE_HASH_HIGH": bundle_hash[32:],
+            "GEOMETRY": identity.height | identity.width << 16,
+            "CAPABILITIES": capabilities(identity),
+            "CONTROL": control,
+            "STATUS": Cat(
+                timer.in_flight.any(),
+                result_valid,
+                getattr(timer, f"{identity.result}_bad"),
+                loading,
+                frame_validity.any(),
+                Const(0, 3),
+                timer.in_flight,
+            ),
+            "ERRORS": errors,
+            "INTERRUPT_STATUS": pending,
+            "FRAME_COUNT": timer.frame_count,
+            "FRAME_ERRORS": frame_errors,
+            "INTERVAL": timer.interval,
+            "FRAME_VALIDITY": frame_validity,
+        }
+        if identity.calibration:
+            values |= {
+                "CALIBRATION": Const(0, 32),
+                "CALIBRATION_LAYOUT": identity.calibration_layout,
+                "CALIBRATION_WORDS": identity.calibration_words,
+                "CALIBRATION_RECEIVED": self.calibration.received,
+            }
+        if identity.axes:
+            values |= {
+                "LATENCY_FIRST_PIXEL_TO_FORCE": timer.first_to_force,
+                "LATENCY_LAST_PIXEL_TO_FORCE": timer.last_to_force,
+                "FORCE_SEQUENCE": timer.force_number,
+            }
+        if identity.depth:
+            values["LATENCY_FIRST_PIXEL_TO_DEPTH"] = timer.first_to_depth
+        if identity.normals:
+            values["LATENCY_FIRST_PIXEL_TO_NORMALS"] = timer.first_to_normals
+        for axis, accumulator in zip(identity.axes, self.force if identity.axes else (), strict=True):
+            force = Signal(signed(64), name=f"force_{axis}")
+            held = Signal(32, name=f"force_{axis}_high")
+            low, high = f"FORCE_{axis.upper()}_LOW", f"FORCE_{axis.upper()}_HIGH"
+            with m.If(result):
+                m.d.sync += force.eq(accumulator)
+            with m.If(read(low)):
+                m.d.sync += held.eq(force[32:])
+            values |= {low: force[:32], high: held}
+
+        m.d.comb += [
+            bus.read_response.eq(Response.DECERR),
+            bus.write_response.eq(Response.DECERR),
+        ]
+        with m.Switch(bus.read_word):
+            for register in identity.registers:
+                with m.Case(register.offset >> 2):
+                    m.d.comb += [
+                        bus.read_data.eq(values[register.name]),
+                        bus.read_response.eq(Response.OKAY),
+                    ]
+        with m.Switch(bus.write_word):
+            for register in identity.registers:
+                answer = Response.SLVERR if register.access == "ro" else Response.OKAY
+                if register.name == "CALIBRATION":
+                    answer = Mux(refused, Response.SLVERR, Response.OKAY)
+                with m.Case(register.offset >> 2):
+                    m.d.comb += bus.write_response.eq(answer)
+        return m

@@ -1,0 +1,197 @@
+"""From displacement rows to the K×K patch of every pixel, with K − 1 rows of memory."""
+
+from amaranth import Cat, Module, Mux, Shape, Signal, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.stream.handshake import check_lanes
+
+KERNEL_SIZES = (1, 3, 5, 7)
+
+
+def check_patches(size: int, kernel_size: int, bits: int, lanes: int) -> None:
+    """Raise ValueError for frames, kernels or lanes that `PatchGenerator` does not build."""
+    check_lanes(lanes)
+    if kernel_size not in KERNEL_SIZES:
+        raise ValueError(f"kernel_size {kernel_size}: expected one of {KERNEL_SIZES}")
+    if size < max(kernel_size, lanes + 1):
+        raise ValueError(f"size {size}: expected at least {max(kernel_size, lanes + 1)}")
+    if bits < 1:
+        raise ValueError(f"bits {bits}: expected at least 1")
+
+
+class PatchGenerator(wiring.Component):
+    """The neighbourhood of every pixel of N×N frames, in raster order, `lanes` patches a beat.
+
+    Parameters: `size` N, `kernel_size` K, `bits` of a sample and whether it is `signed`, `lanes`. A row takes
+    B = ceil(N/lanes) beats.
+
+    Members
+    -------
+    i : stream of `lanes` samples, Shape(bits, signed)
+    o : stream of `lanes` patches of K·K samples; sample K·a + b of lane l is the one `a − K//2` rows below
+        and `b − K//2` columns right of pixel l. Outside the frame it is zero; patches of void lanes are void.
+
+    A beat of patches needs the samples of `reach` = (K//2)·B + ceil((K//2)/lanes) beats behind it in raster
+    order. So it leaves `latency` = `reach` + 3 clocks (row memory, window, border) after the beat of the
+    same pixels if nothing stalls. The last `reach` beats of a frame leave with the first beats of the next
+    one; while no beat of a next frame waits, they leave by themselves. A frame thus takes `interval` = N·B
+    clocks, or, if another does not follow, `reach` more. If the next frame begins and pauses before `reach`
+    steps have passed, the rest of the previous one waits with it.
+
+    Rows are kept by their distance in steps, not by their number: which neighbours exist follows from the
+    place of the patch alone, and whatever else stands in the memory (zeros, the frame before, half a frame
+    before a reset) is blanked.
+    """
+
+    def __init__(self, size: int, kernel_size: int, bits: int, *, lanes: int, signed: bool = False):
+        check_patches(size, kernel_size, bits, lanes)
+        self.size, self.kernel_size, self.bits, self.lanes = size, kernel_size, bits, lanes
+        sample = Shape(bits, signed)
+        patch = data.ArrayLayout(sample, kernel_size**2)
+        super().__init__(
+            {
+                "i": In(stream.Signature(data.ArrayLayout(sample, lanes))),
+                "o": Out(stream.Signature(data.ArrayLayout(patch, lanes))),
+            }
+        )
+
+    @property
+    def row_beats(self) -> int:
+        return -(-self.size // self.lanes)
+
+    @property
+    def column_delay(self) -> int:
+        """Beats between a beat and the one with the rightmost neighbours of its pixels."""
+        return -(-(self.kernel_size // 2) // self.lanes)
+
+    @property
+    def reach(self) -> int:
+        return (self.kernel_size // 2) * self.row_beats + self.column_delay
+
+    @property
+    def latency(self) -> int:
+        return self.reach + 3
+
+    @property
+    def interval(self) -> int:
+        return self.size * self.row_beats
+
+    def elaborate(self, platform):
+        m = Module()
+        advance, step, emit = Signal(), Signal(), Signal()
+        stepped = Signal()  # a step stands behind the row memory
+        valid = Signal(3)  # patches behind the row memory, in the window, at the output
+        m.d.comb += [
+            advance.eq(self.o.ready | ~self.o.valid),
+            self.i.ready.eq(advance),
+            self.o.valid.eq(valid[-1]),
+        ]
+        with m.If(advance):
+            m.d.sync += [stepped.eq(step), valid.eq(Cat(step & emit, valid))]
+
+        self._schedule(m, advance, step, emit)
+        columns = self._rows(m, advance, step, stepped)
+        window = self._window(m, advance & stepped, columns)
+        rows_inside, columns_inside = self._inside(m, advance, valid[0])
+
+        # Blanked once per sample; patches are overlapping views of the result.
+        k, width = self.kernel_size, self.lanes + self.kernel_size - 1
+        blanked = [
+            [Signal(self.bits, reset_less=True, name=f"s_{r}_{c}") for c in range(width)] for r in range(k)
+        ]
+        with m.If(advance):
+            m.d.sync += [
+                blanked[r][c].eq(Mux(rows_inside[r] & columns_inside[c], window[r][c], 0))
+                for r in range(k)
+                for c in range(width)
+            ]
+        m.d.comb += [
+            self.o.payload[lane][k * r + c].eq(blanked[r][lane + c])
+            for lane in range(self.lanes)
+            for r in range(k)
+            for c in range(k)
+        ]
+        return m
+
+    def _schedule(self, m: Module, advance, step, emit):
+        """When a step is taken, and whether patches complete with it.
+
+        Steps inside a frame are its beats; the steps after a frame, at most `reach` and only as many as no
+        next frame overtakes, are empty. So `reach` steps behind the input all steps of a frame are in a row.
+        """
+        index = Signal(range(self.interval))  # beats of the current frame already taken
+        owed = Signal(max(1, self.reach.bit_length()))  # beats of patches still to come of the previous frame
+        last = index == self.interval - 1
+        m.d.comb += [
+            step.eq(self.i.valid | ((index == 0) & owed.any())),
+            emit.eq((index >= self.reach) | owed.any()),
+        ]
+        with m.If(advance & step):
+            m.d.sync += owed.eq(Mux(owed.any(), owed - 1, 0))
+            with m.If(self.i.valid):
+                m.d.sync += index.eq(Mux(last, 0, index + 1))
+                with m.If(last):
+                    m.d.sync += owed.eq(self.reach)
+
+    def _rows(self, m: Module, advance, step, stepped) -> list:
+        """The samples 0, 1, … K − 1 rows above the last step, oldest row first; a beat each.
+
+        One word of the memory holds the K − 1 last rows at one place of the row; a step reads it and, a
+        clock later, writes it back one row older. Places are never the same, as a row has 2 beats or more.
+        """
+        newest = Signal(self.lanes * self.bits, reset_less=True)
+        with m.If(advance & step):
+            m.d.sync += newest.eq(self.i.payload)
+        if self.kernel_size == 1:
+            return [newest]
+        width = (self.kernel_size - 1) * len(newest)
+        m.submodules.rows = rows = Memory(shape=unsigned(width), depth=self.row_beats, init=[])
+        read, write = rows.read_port(), rows.write_port()
+        place = Signal(range(self.row_beats))
+        m.d.comb += [
+            read.addr.eq(place),
+            read.en.eq(advance & step),
+            write.data.eq(Cat(newest, read.data)),
+            write.en.eq(advance & stepped),
+        ]
+        with m.If(advance & step):
+            m.d.sync += [
+                place.eq(Mux(place == self.row_beats - 1, 0, place + 1)),
+                write.addr.eq(place),
+            ]
+        rows_above = [read.data.word_select(k, len(newest)) for k in range(self.kernel_size - 1)]
+        return [*reversed(rows_above), newest]
+
+    def _window(self, m: Module, shift, columns: list) -> list[list]:
+        """The samples around the pixels: for each of K rows, the columns −K//2 … lanes − 1 + K//2."""
+        half, fresh = self.kernel_size // 2, self.lanes
+        kept = half + (self.column_delay + 1) * fresh
+        window = []
+        for r, beat in enumerate(columns):
+            row = [Signal(self.bits, reset_less=True, name=f"w_{r}_{c}") for c in range(kept)]
+            entering = [beat.word_select(k, self.bits) for k in range(fresh)]
+            with m.If(shift):
+                m.d.sync += [now.eq(then) for now, then in zip(row, [*row[fresh:], *entering], strict=True)]
+            window.append(row)
+        return window
+
+    def _inside(self, m: Module, advance, emitted) -> tuple[Signal, Signal]:
+        """Which rows and which columns of the window are inside the frame; one clock after `emitted`."""
+        half, beats = self.kernel_size // 2, self.row_beats
+        row, beat = Signal(range(self.size)), Signal(range(beats))
+        rows = Signal(self.kernel_size, reset_less=True)
+        columns = Signal(self.lanes + 2 * half, reset_less=True)
+        with m.If(advance & emitted):
+            m.d.sync += beat.eq(Mux(beat == beats - 1, 0, beat + 1))
+            with m.If(beat == beats - 1):
+                m.d.sync += row.eq(Mux(row == self.size - 1, 0, row + 1))
+            for r in range(self.kernel_size):
+                above, below = half - r, r - half  # how far this row of the window is from the pixel's
+                m.d.sync += rows[r].eq((row >= above) if above > 0 else (row < self.size - below))
+            for c in range(self.lanes + 2 * half):
+                inside = [0 <= b * self.lanes + c - half < self.size for b in range(beats)]
+                outside = [beat == b for b in range(beats) if not inside[b]]
+                m.d.sync += columns[c].eq(~Cat(outside).any())
+        return rows, columns

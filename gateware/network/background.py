@@ -1,0 +1,155 @@
+"""From pixels to features: differences from the background, and where the pixel is."""
+
+import numpy as np
+from amaranth import Module, Mux, Signal, signed, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.stream.handshake import check_lanes, stall_free
+from fastac.models.integer.features import WIDTH
+
+
+def _check_coordinates(name: str, codes: np.ndarray, size: int) -> None:
+    if np.shape(codes) != (size,):
+        raise ValueError(f"{name} {np.shape(codes)}: expected ({size},)")
+    limit = 1 << (WIDTH - 1)
+    if np.min(codes) < -limit or np.max(codes) >= limit:
+        raise ValueError(f"{name} {np.min(codes)} to {np.max(codes)}: expected {-limit} to {limit - 1}")
+
+
+class BackgroundSubtraction(wiring.Component):
+    """Features of `lanes` pixels a clock, bit for bit `models.features.integer_features`.
+
+    Members
+    -------
+    i : stream of `lanes` pixels of `channels` unsigned(8), whole frames in raster order
+    o : stream of `lanes` feature vectors, signed(9) each: ΔI = pixel − background of every channel, then
+        coordinate_u of the pixel's column, then coordinate_v of its row
+    capture : sampled with the first accepted beat of a frame; if high, this frame is the new background:
+        its own ΔI are zero, and the next frames' are differences from it
+    captured : high as the last beat of such a frame is accepted. Of a frame that a reset cuts short it never
+        is; its beats are then in the background, until a whole frame is taken
+
+    The background is a block RAM of one word a beat, height·width/lanes words of 8·channels·lanes bits; it
+    holds `background` until a frame is captured, also through a reset.
+    `latency` = 3 clocks (memory, its output register, difference) pass from an accepted beat to its features
+    if nothing stalls.
+    """
+
+    latency = 3
+
+    def __init__(
+        self,
+        height: int,
+        width: int,
+        channels: int,
+        coordinate_u: np.ndarray,
+        coordinate_v: np.ndarray,
+        background: np.ndarray,
+        *,
+        lanes: int,
+    ):
+        check_lanes(lanes)
+        if width % lanes:
+            raise ValueError(f"width {width}: expected a multiple of {lanes} lanes")
+        _check_coordinates("coordinate_u", coordinate_u, width)
+        _check_coordinates("coordinate_v", coordinate_v, height)
+        background = np.asarray(background)
+        shape = (height, width, channels)
+        if background.shape != shape or background.dtype != np.uint8:
+            raise ValueError(f"background {background.shape} {background.dtype}: expected {shape} uint8")
+        self.coordinate_u, self.coordinate_v = np.array(coordinate_u), np.array(coordinate_v)
+        self.background, self.lanes = background, lanes
+        pixel = data.ArrayLayout(unsigned(8), channels)
+        features = data.ArrayLayout(signed(WIDTH), channels + 2)
+        super().__init__(
+            {
+                "i": In(stream.Signature(data.ArrayLayout(pixel, lanes))),
+                "o": Out(stream.Signature(data.ArrayLayout(features, lanes))),
+                "capture": In(1),
+                "captured": Out(1),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        height, width, channels = self.background.shape
+        beats = width // self.lanes
+
+        # All registers, those in and behind the memories too, move with `advance`: they wait together.
+        advance = stall_free(m, self.i, self.o, self.latency)
+
+        # Where the next beat lies.
+        address, beat, row = Signal(range(height * beats)), Signal(range(beats)), Signal(range(height))
+        line_ends, first, last = Signal(), Signal(), Signal()
+        accept, own, capturing = Signal(), Signal(), Signal()
+        m.d.comb += [
+            line_ends.eq(beat == beats - 1),
+            first.eq(address == 0),
+            last.eq(address == height * beats - 1),
+            accept.eq(self.i.valid & advance),
+            own.eq(Mux(first, self.capture, capturing)),  # this frame becomes the background
+            self.captured.eq(accept & own & last),
+        ]
+        with m.If(accept):
+            m.d.sync += [
+                address.eq(Mux(last, 0, address + 1)),
+                beat.eq(Mux(line_ends, 0, beat + 1)),
+                capturing.eq(own & ~last),
+            ]
+            with m.If(line_ends):
+                m.d.sync += row.eq(Mux(last, 0, row + 1))
+
+        # One word a beat; a word written is read no sooner than a frame later.
+        words = [row.tobytes() for row in self.background.reshape(height * beats, -1)]
+        m.submodules.background = background = Memory(
+            shape=unsigned(8 * channels * self.lanes),
+            depth=len(words),
+            init=[int.from_bytes(word, "little") for word in words],
+            attrs={"ram_style": "block"},
+        )
+        write = background.write_port()
+        m.d.comb += [
+            write.addr.eq(address),
+            write.data.eq(self.i.payload),
+            write.en.eq(accept & own),
+        ]
+        m.submodules.u = u = Memory(
+            shape=data.ArrayLayout(signed(WIDTH), self.lanes),
+            depth=beats,
+            init=self.coordinate_u.reshape(beats, self.lanes).tolist(),
+        )
+        m.submodules.v = v = Memory(shape=signed(WIDTH), depth=height, init=self.coordinate_v.tolist())
+
+        # The memories' reads, their output registers, and beside them the pixels.
+        stages = [(self.i.payload, own)]
+        for k in range(2):
+            pixels = Signal(self.i.payload.shape(), reset_less=True, name=f"pixels_{k}")
+            zero = Signal(reset_less=True, name=f"zero_{k}")
+            with m.If(advance):
+                m.d.sync += [pixels.eq(stages[-1][0]), zero.eq(stages[-1][1])]
+            stages.append((pixels, zero))
+        outputs = []
+        for name, memory, where in (("background", background, address), ("u", u, beat), ("v", v, row)):
+            read = memory.read_port()
+            output = Signal(memory.shape, reset_less=True, name=f"{name}_output")
+            m.d.comb += [read.addr.eq(where), read.en.eq(advance)]
+            with m.If(advance):
+                m.d.sync += output.eq(read.data)
+            outputs.append(output)
+
+        pixels, zero = stages[-1]
+        word, coordinate_u, coordinate_v = outputs
+        features = Signal(self.o.payload.shape(), reset_less=True)
+        m.d.comb += self.o.payload.eq(features)
+        with m.If(advance):
+            for lane in range(self.lanes):
+                for c in range(channels):
+                    known = word.word_select(lane * channels + c, 8)
+                    m.d.sync += features[lane][c].eq(Mux(zero, 0, pixels[lane][c] - known))
+                m.d.sync += [
+                    features[lane][channels].eq(coordinate_u[lane]),
+                    features[lane][channels + 1].eq(coordinate_v),
+                ]
+        return m

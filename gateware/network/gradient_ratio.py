@@ -1,0 +1,128 @@
+"""From surface normals to slopes: p = −n_x/n_z, q = −n_y/n_z, by pipelined restoring division."""
+
+from amaranth import Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.stream.handshake import check_lanes, stall_free
+from fastac.models.integer.network import GradientRatio
+
+
+class GradientDivider(wiring.Component):
+    """Divide `lanes` normals a clock, bit for bit `ratio`; no normal is forbidden.
+
+    Members
+    -------
+    i : stream of `lanes` normals (x, y, z) of any length, signed(ratio.normal_width) each
+    o : stream of `lanes` slopes (p, q), signed(ratio.width) each
+    saturated : high while `o` offers a beat in which a slope saturates or an n_z is not positive
+    over : which of the slopes in the beat that `o` offers do
+
+    A slope is the quotient Q = floor(2**(fraction+1)·|n| / n_z), of `ratio.width` bits, rounded by
+    (Q + 1) >> 1. Each stage of the division brings down one bit of the numerator and finds one bit of Q, so
+    the remainder stays below n_z: normal_width − 1 bits. Q overflows if |n| >> (width − 1 − fraction) >= n_z,
+    which is known before the division.
+
+    `latency` = ratio.width + 2 clocks (magnitudes, one per quotient bit, rounding) pass from an accepted
+    beat to its slopes if nothing stalls.
+    """
+
+    def __init__(self, ratio: GradientRatio, *, lanes: int):
+        check_lanes(lanes)
+        if ratio.normal_width < 2:
+            raise ValueError(f"normal_width {ratio.normal_width}: expected at least 2")
+        if not 0 <= ratio.fraction < ratio.width:
+            raise ValueError(f"fraction {ratio.fraction}: expected 0 to {ratio.width - 1}")
+        if ratio.width > ratio.normal_width + ratio.fraction:
+            raise ValueError(
+                f"width {ratio.width}: expected at most {ratio.normal_width + ratio.fraction},"
+                " what the largest slope needs"
+            )
+        self.ratio, self.lanes = ratio, lanes
+        normal = data.ArrayLayout(signed(ratio.normal_width), 3)
+        slopes = data.ArrayLayout(signed(ratio.width), 2)
+        super().__init__(
+            {
+                "i": In(stream.Signature(data.ArrayLayout(normal, lanes))),
+                "o": Out(stream.Signature(data.ArrayLayout(slopes, lanes))),
+                "saturated": Out(1),
+                "over": Out(2 * lanes),
+            }
+        )
+
+    @staticmethod
+    def latency_of(width: int) -> int:
+        """Of slopes in words of `width` bits."""
+        return width + 2
+
+    @property
+    def latency(self) -> int:
+        return self.latency_of(self.ratio.width)
+
+    def elaborate(self, platform):
+        m = Module()
+        advance = stall_free(m, self.i, self.o, self.latency)
+
+        flags = []
+        for lane, normal in enumerate(self.i.payload):
+            slopes, saturated = self._divide(m, advance, normal, f"lane{lane}")
+            m.d.comb += [self.o.payload[lane][k].eq(slope) for k, slope in enumerate(slopes)]
+            flags += saturated
+        m.d.comb += [self.over.eq(Cat(flags)), self.saturated.eq(self.o.valid & self.over.any())]
+        return m
+
+    def _divide(self, m: Module, advance: Signal, normal, lane: str) -> tuple[list[Signal], list[Signal]]:
+        """The registers of one lane; returns its slopes and the flags of their saturation."""
+        ratio = self.ratio
+        whole = ratio.width - 1 - ratio.fraction  # bits before a slope's point, and bits of |n| to bring down
+        remainder_width = ratio.normal_width - 1
+
+        def register(value, name: str, shape=None) -> Signal:
+            """`value` one advance later; data has no reset."""
+            signal = Signal(value.shape() if shape is None else shape, reset_less=True, name=f"{lane}_{name}")
+            with m.If(advance):
+                m.d.sync += signal.eq(value)
+            return signal
+
+        n_z = normal[2]
+        void = register(n_z <= 0, "void")
+        # Where n_z <= 0 the largest divisor stands in, by which 0 divides to 0.
+        divisor = register(Mux(n_z <= 0, (1 << remainder_width) - 1, n_z), "divisor", remainder_width)
+        axes = []
+        for axis, n in zip("pq", normal, strict=False):
+            negate = register(n >= 0, f"{axis}_negate")
+            magnitude = register(Mux(n < 0, -n, n), f"{axis}_magnitude", ratio.normal_width)
+            over = Mux(void, magnitude != 0, magnitude[whole:] >= divisor)
+            # Remainder above, then the bits to bring down; below them 0, and the quotient as it grows.
+            axes.append((negate, over, magnitude[whole:], list(magnitude[:whole]), []))
+
+        for k in range(ratio.width):
+            more = k < ratio.width - 1  # the last remainder is nobody's
+            for j, (axis, state) in enumerate(zip("pq", axes, strict=True)):
+                negate, over, remainder, rest, quotient = state
+                brought = Cat(rest.pop() if rest else Const(0, 1), remainder)
+                trial = Signal(
+                    signed(max(len(brought), remainder_width) + 1), name=f"{lane}_{axis}_trial_{k}"
+                )
+                m.d.comb += trial.eq(brought - divisor)
+                fits = ~trial[-1]
+                following = Mux(fits, trial, brought)
+                axes[j] = (
+                    register(negate, f"{axis}_negate_{k}"),
+                    register(over, f"{axis}_over_{k}"),
+                    register(following, f"{axis}_remainder_{k}", remainder_width) if more else None,
+                    list(register(Cat(rest), f"{axis}_rest_{k}")) if rest else [],
+                    list(register(Cat(fits, quotient), f"{axis}_quotient_{k}")),
+                )
+            void, divisor = register(void, f"void_{k}"), register(divisor, f"divisor_{k}") if more else None
+
+        slopes, saturated = [], []
+        for axis, (negate, over, _, _, quotient) in zip("pq", axes, strict=True):
+            # ±((Q + 1) >> 1) by one adder: −a − b = ~a + (1 − b). A Q of ones would round beyond the limit.
+            odd, half = quotient[0], Cat(bit ^ negate for bit in (*quotient[1:], 0))
+            rounded = half.as_signed() + (odd ^ negate)
+            beyond = over | Cat(quotient).all()
+            limited = Mux(beyond, Mux(negate, -ratio.limit, ratio.limit), rounded)
+            slopes.append(register(limited, axis, signed(ratio.width)))
+            saturated.append(register(beyond | void, f"{axis}_saturated"))
+        return slopes, saturated

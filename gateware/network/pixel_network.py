@@ -1,0 +1,131 @@
+# amaranth: UnusedElaboratable=no
+"""The pixel network: features to surface normals, a chain of tiles for every lane."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+from amaranth import Module, signed, unsigned
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.mlp_mvm import MvmCore, tile_latency
+from fastac.gateware.network.requantise import RequantiseCore
+from fastac.gateware.stream.handshake import check_lanes, stall_free
+from fastac.gateware.target.elaboration import alike
+from fastac.models.integer.network import Layer
+
+
+def _check_chain(layers: Sequence[Layer]) -> None:
+    if len(layers[-1].weight) != 3 or layers[-1].requantisation is not None:
+        raise ValueError(f"layers[-1] of {len(layers[-1].weight)} neurons: expected 3, not requantised")
+    for k, layer in enumerate(layers):
+        if layer.loadable != layers[0].loadable:
+            raise ValueError(
+                f"layers[{k}].loadable {layer.loadable}: expected {not layer.loadable}, as the first"
+            )
+    for k, (layer, following) in enumerate(pairwise(layers)):
+        neurons, scale = len(layer.weight), layer.requantisation
+        if scale is None or len(scale.multiplier) != neurons:
+            raise ValueError(f"layers[{k}].requantisation {scale}: expected one multiplier for each neuron")
+        if following.weight.shape[1] != neurons:
+            raise ValueError(f"layers[{k + 1}] of {following.weight.shape[1]} inputs: expected {neurons}")
+        top = (1 << scale.bits) - 1
+        if following.input_limit.min() < top:
+            raise ValueError(f"layers[{k + 1}].input_limit {following.input_limit.min()}: expected {top}")
+
+
+class NormalMlp(wiring.Component):
+    """`lanes` pixels a clock through all layers: matrix-vector tile, requantisation, …, last tile.
+
+    Members
+    -------
+    i : stream of `lanes` feature vectors, signed(input_width) each, |i[lane][j]| <= layers[0].input_limit[j]
+    o : stream of `lanes` normals (x, y, z) of any length, signed(layers[-1].accumulator_width) each
+
+    parameters : tables of all layers, as `parameter_image` gives them; constant while pixels are under way.
+        Only if the layers are loadable.
+
+    Every lane has tiles of its own; they share the parameters. All move with one `advance`, so the lanes are
+    in lockstep and `ready` passes a single gate, whatever the number of layers.
+    `latency` = Σ over layers of (5 + ceil(log2(inputs))) + 6·(layers − 1) clocks pass from an accepted beat
+    to its normals if nothing stalls, in either weight mode.
+    """
+
+    def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int):
+        check_lanes(lanes)
+        _check_chain(layers)
+        self.layers, self.input_width, self.lanes = tuple(layers), input_width, lanes
+        self.loadable = layers[0].loadable
+        self.latency = self.latency_of([layer.weight.shape[1] for layer in layers])
+        self.cores = [self._lane() for _ in range(lanes)]
+        features = data.ArrayLayout(signed(input_width), layers[0].weight.shape[1])
+        normal = data.ArrayLayout(signed(layers[-1].accumulator_width), 3)
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(features, lanes))),
+            "o": Out(stream.Signature(data.ArrayLayout(normal, lanes))),
+        }
+        if self.loadable:
+            members["parameters"] = In(unsigned(self.parameter_bits))
+        super().__init__(members)
+
+    @staticmethod
+    def latency_of(inputs: Sequence[int]) -> int:
+        """Of layers with so many inputs each."""
+        return sum(map(tile_latency, inputs)) + (len(inputs) - 1) * RequantiseCore.latency
+
+    @property
+    def multipliers(self) -> int:
+        """Multipliers of all lanes; 0 if the weights are baked in."""
+        return sum(core.multipliers for lane in self.cores for core in lane.values())
+
+    @property
+    def parameter_bits(self) -> int:
+        """Bits of `parameters`; 0 if the weights are baked in."""
+        return sum(core.parameter_bits for core in self.cores[0].values())
+
+    def parameter_image(self, layers: Sequence[Layer]) -> int:
+        """What `parameters` is for `layers`, which may be any of the same shapes and limits.
+
+        From bit 0: layer by layer what MvmCore takes, then what RequantiseCore takes.
+        Raises ValueError for other layers.
+        """
+        if len(layers) != len(self.layers):
+            raise ValueError(f"{len(layers)} layers: expected {len(self.layers)}")
+        _check_chain(layers)
+        tables = [table for layer in layers for table in (layer, layer.requantisation) if table is not None]
+        image, low = 0, 0
+        for core, table in zip(self.cores[0].values(), tables, strict=True):
+            image |= core.parameter_image(table) << low
+            low += core.parameter_bits
+        return image
+
+    def elaborate(self, platform):
+        m = Module()
+        advance = stall_free(m, self.i, self.o, self.latency)
+
+        for name in self.cores[0]:
+            for lane, core in enumerate(alike([cores[name] for cores in self.cores], name)):
+                m.submodules[f"{name}_lane{lane}"] = core
+        for lane, cores in enumerate(self.cores):
+            x, latency, low = self.i.payload[lane], 0, 0
+            for core in cores.values():
+                m.d.comb += [core.advance.eq(advance), core.i.eq(x)]
+                if self.loadable:
+                    m.d.comb += core.parameters.eq(self.parameters[low : low + core.parameter_bits])
+                x, latency, low = core.o, latency + core.latency, low + core.parameter_bits
+            m.d.comb += self.o.payload[lane].eq(x)
+            assert latency == self.latency, f"latency {latency} of lane {lane}: stated {self.latency}"
+        return m
+
+    def _lane(self) -> dict[str, MvmCore | RequantiseCore]:
+        """One lane's cores by name, in order."""
+        cores, width, signed_input = {}, self.input_width, True
+        for k, layer in enumerate(self.layers):
+            cores[f"fc{k}"] = MvmCore(layer, input_width=width, input_signed=signed_input)
+            if layer.requantisation is not None:
+                scale = layer.requantisation
+                cores[f"requantise{k}"] = RequantiseCore(
+                    scale, width=layer.accumulator_width, loadable=layer.loadable
+                )
+                width, signed_input = scale.bits, False
+        return cores

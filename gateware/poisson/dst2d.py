@@ -1,0 +1,120 @@
+# amaranth: UnusedElaboratable=no
+"""The Poisson solver: two separable sine transforms around a division, streamed end to end."""
+
+from amaranth import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
+from fastac.gateware.poisson.source import PoissonSourceStream
+from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_interval
+from fastac.gateware.poisson.transposer import Transposer
+from fastac.gateware.stream.queues import Buffer
+from fastac.models.integer.dst2d import EigenvalueDivision
+from fastac.models.integer.solver import PoissonSource, SineTransform
+
+
+class PoissonSolver(wiring.Component):
+    """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2.
+
+    Source, DST-I of the rows, transposition, DST-I of the columns, division by the eigenvalues, DST-I of the
+    columns back, transposition, DST-I of the rows back. Each stage sustains `lanes` values a clock, and
+    consecutive frames overlap: a frame every `interval` clocks.
+
+    Members
+    -------
+    i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), height × width in raster order
+    o : stream of `lanes` solutions, signed(row_inverse.output_width): N rows of `beats` = ceil(N/lanes) beats
+    offset : as PoissonSourceStream's. Only with `loadable`.
+
+    Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
+    adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
+    `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
+    No way of `ready` reaches past a transform, which takes from registers alone.
+    """
+
+    def __init__(
+        self,
+        source: PoissonSource,
+        row_forward: SineTransform,
+        column_forward: SineTransform,
+        division: EigenvalueDivision,
+        column_inverse: SineTransform,
+        row_inverse: SineTransform,
+        *,
+        height: int,
+        width: int,
+        lanes: int,
+        loadable: bool = False,
+    ):
+        stages = {
+            "row_forward": row_forward,
+            "column_forward": column_forward,
+            "division": division,
+            "column_inverse": column_inverse,
+            "row_inverse": row_inverse,
+        }
+        check_stages(stages, source.width, height, width)
+
+        self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
+        self.row_forward = Dst1Engine(row_forward, lanes=lanes)
+        self.to_columns = Transposer(width - 2, row_forward.output_width, lanes=lanes)
+        self.column_forward = Dst1Engine(column_forward, lanes=lanes)
+        self.division = EigenvalueDivider(division, lanes=lanes)
+        self.column_inverse = Dst1Engine(column_inverse, lanes=lanes)
+        self.to_rows = Transposer(width - 2, column_inverse.output_width, lanes=lanes)
+        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
+        members = {"i": In(self.source.i.signature.flip()), "o": Out(self.row_inverse.o.signature)}
+        if loadable:
+            members["offset"] = In(self.source.table.signature)
+        super().__init__(members)
+        self.size, self.beats = width - 2, self.row_forward.interval
+        self.interval = frame_interval(height, width, lanes)
+
+    @staticmethod
+    def stages_of(width: int, lanes: int, divergence: str, distance: int) -> dict[str, int]:
+        """`stages` for images of `width` pixels; distance : of the division's shifts."""
+        size = width - 2
+        beats = -(-size // lanes)
+        row, frame = beats - 1, size * beats - 1
+        source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)
+        transform = Dst1Engine.latency_of(size) + row
+        return {
+            "source": source + Buffer.latency,
+            "row_forward": transform,
+            "to_columns": Transposer.latency + frame,
+            "column_forward": transform + Buffer.latency,
+            "division": EigenvalueDivider.latency_of(distance) + Buffer.latency,
+            "column_inverse": transform,
+            "to_rows": Transposer.latency + frame,
+            "row_inverse": transform,
+        }
+
+    @staticmethod
+    def multipliers_of(size: int, lanes: int) -> int:
+        return 4 * Dst1Engine.multipliers_of(size, lanes) + EigenvalueDivider.multipliers_of(lanes)
+
+    @property
+    def stages(self) -> dict[str, int]:
+        """From last beat to last beat; the first entry from the frame's first slopes."""
+        source = self.source
+        return self.stages_of(source.width, source.lanes, source.source.divergence, self.division.distance)
+
+    @property
+    def frame_latency(self) -> int:
+        return sum(self.stages.values())
+
+    @property
+    def latency(self) -> int:
+        return self.frame_latency - (self.size * self.beats - 1)
+
+    @property
+    def multipliers(self) -> int:
+        return self.multipliers_of(self.size, self.source.lanes)
+
+    def elaborate(self, platform):
+        m = Module()
+        # Transforms take, and transposers take and give, at registers; elsewhere a buffer parts the way.
+        connect_stages(m, self, ("source", "column_forward", "division"))
+        return m

@@ -1,0 +1,111 @@
+"""Division of the sine coefficients by the eigenvalues of the Poisson operator."""
+
+import numpy as np
+from amaranth import Cat, Const, Module, Mux, Signal, signed
+from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.stream.handshake import stall_free
+from fastac.models.integer.dst2d import EigenvalueDivision
+
+
+class EigenvalueDivider(wiring.Component):
+    """Divide frames of N × N sine coefficients, of either orientation, `lanes` coefficients a clock.
+
+    The reciprocal is a mantissa from a table and a shift, so one DSP48E2 a lane divides where
+    input_width <= 27. Rounding needs no half unit of the shift's own size:
+    floor(a / 2**s + 1/2) = (floor(a / 2**(s − 1)) + 1) >> 1. A floor lacks the 1, not the register.
+
+    Members
+    -------
+    i : stream of `lanes` coefficients, signed(division.input_width): N rows of ceil(N/lanes) beats
+    o : stream of `lanes` quotients, signed(division.output_width), in the same order
+
+    Lanes beyond N in the last beat of a row are void. `latency` = 5 + ceil(b/2) clocks pass from a beat
+    accepted to its quotients if nothing stalls, b bits telling the shifts apart.
+    """
+
+    def __init__(self, division: EigenvalueDivision, *, lanes: int):
+        if lanes not in (1, 2, 4):
+            raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
+        self.division, self.lanes = division, lanes
+        self.shift_low = int(division.shift.min())
+        self.distance = int(division.shift.max() - self.shift_low)
+        self.distance_bits = self.distance.bit_length()
+        super().__init__(
+            {
+                "i": In(stream.Signature(data.ArrayLayout(signed(division.input_width), lanes))),
+                "o": Out(stream.Signature(data.ArrayLayout(signed(division.output_width), lanes))),
+            }
+        )
+
+    @staticmethod
+    def latency_of(distance: int) -> int:
+        """The table's read, the operands, the product, its sign, two bits of the shift each, rounding.
+
+        distance : of the largest from the lowest shift
+        """
+        return 5 + -(-distance.bit_length() // 2)
+
+    @property
+    def latency(self) -> int:
+        return self.latency_of(self.distance)
+
+    @staticmethod
+    def multipliers_of(lanes: int) -> int:
+        return lanes
+
+    @property
+    def multipliers(self) -> int:
+        return self.multipliers_of(self.lanes)
+
+    def elaborate(self, platform):
+        m = Module()
+        advance = stall_free(m, self.i, self.o, self.latency)
+
+        # One word of the table for each lane's mantissa and distance of the shift from the lowest.
+        entries = self._table()
+        entry = data.StructLayout({"mantissa": 17, "distance": self.distance_bits})
+        m.submodules.table = table = memory.Memory(
+            shape=data.ArrayLayout(entry, self.lanes), depth=len(entries), init=entries
+        )
+        words = table.read_port()
+        beat = Signal(range(len(entries)))
+        m.d.comb += [words.addr.eq(beat), words.en.eq(advance)]
+        with m.If(advance & self.i.valid):
+            m.d.sync += beat.eq(Mux(beat == len(entries) - 1, 0, beat + 1))
+
+        for lane in range(self.lanes):
+
+            def register(value, name, lane=lane):
+                held = Signal(value.shape(), reset_less=True, name=f"{name}_{lane}")
+                with m.If(advance):
+                    m.d.sync += held.eq(value)
+                return held
+
+            word = words.data[lane]
+            coefficient = register(register(self.i.payload[lane], "coefficient"), "operand")
+            mantissa = register(word.mantissa, "mantissa")
+            product = register(coefficient * mantissa, "product")
+            negative = register((-product)[: len(product)].as_signed(), "negative")
+            distance = register(register(register(word.distance, "distance"), "distance_m"), "distance_p")
+
+            scaled = negative >> (self.shift_low - 1)
+            for bit in range(0, self.distance_bits, 2):
+                part = Cat(Const(0, bit), distance[bit : bit + 2])
+                scaled = register(scaled >> part, f"scaled_{bit}")
+                distance = register(distance, f"distance_{bit}")
+            with m.If(advance):
+                m.d.sync += self.o.payload[lane].eq((scaled + self.division.half_bit) >> 1)
+        return m
+
+    def _table(self) -> list:
+        """The table by beats and lanes, row by row."""
+        size = len(self.division.mantissa)
+        void = ((0, 0), (0, -size % self.lanes))
+        columns = (self.division.mantissa, self.division.shift - self.shift_low)
+        mantissa, distance = (np.pad(c, void).reshape(-1, self.lanes).tolist() for c in columns)
+        return [
+            [{"mantissa": a, "distance": d} for a, d in zip(*beat, strict=True)]
+            for beat in zip(mantissa, distance, strict=True)
+        ]

@@ -1,0 +1,129 @@
+# amaranth: UnusedElaboratable=no
+"""The Poisson solver without a transposer: sine transforms of the rows around Thomas's algorithm."""
+
+from amaranth import Module, Signal
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.gateware.poisson.frame_reversal import FrameReversal
+from fastac.gateware.poisson.recurrence import RowRecurrence
+from fastac.gateware.poisson.source import PoissonSourceStream
+from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_interval
+from fastac.gateware.stream.queues import Buffer
+from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.tridiagonal import Elimination, Substitution
+
+
+class TridiagonalPoissonSolver(wiring.Component):
+    """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2, last row first.
+
+    Source, DST-I of the rows, elimination down the rows, reversal of the rows' order, substitution up the
+    rows, DST-I of the rows back (models/integer/tridiagonal.py). Each stage sustains `lanes` values a clock, and
+    consecutive frames overlap: a frame every `interval` clocks.
+
+    Members
+    -------
+    i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), height × width in raster order
+    o : stream of `lanes` solutions, signed(row_inverse.output_width): N rows of `beats` = ceil(N/lanes)
+        beats, last row first, each row from its first column on
+    row : the inner row, 0 to N − 1, that the beat in `o` belongs to
+    offset : as PoissonSourceStream's. Only with `loadable`.
+
+    Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
+    adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
+    `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
+    No way of `ready` reaches past a transform, which takes from registers alone.
+    """
+
+    def __init__(
+        self,
+        source: PoissonSource,
+        row_forward: SineTransform,
+        elimination: Elimination,
+        substitution: Substitution,
+        row_inverse: SineTransform,
+        *,
+        height: int,
+        width: int,
+        lanes: int,
+        loadable: bool = False,
+    ):
+        stages = {
+            "row_forward": row_forward,
+            "elimination": elimination,
+            "substitution": substitution,
+            "row_inverse": row_inverse,
+        }
+        check_stages(stages, source.width, height, width)
+
+        self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
+        self.row_forward = Dst1Engine(row_forward, lanes=lanes)
+        self.elimination = RowRecurrence(elimination, lanes=lanes)
+        self.reversal = FrameReversal(width - 2, elimination.output_width, lanes=lanes)
+        self.substitution = RowRecurrence(substitution, lanes=lanes)
+        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
+        self.size, self.beats = width - 2, self.row_forward.interval
+        self.interval = frame_interval(height, width, lanes)
+        members = {
+            "i": In(self.source.i.signature.flip()),
+            "o": Out(self.row_inverse.o.signature),
+            "row": Out(range(self.size)),
+        }
+        if loadable:
+            members["offset"] = In(self.source.table.signature)
+        super().__init__(members)
+
+    @staticmethod
+    def stages_of(width: int, lanes: int, divergence: str) -> dict[str, int]:
+        """`stages` for images of `width` pixels."""
+        size = width - 2
+        beats = -(-size // lanes)
+        row = beats - 1
+        source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)
+        transform = Dst1Engine.latency_of(size) + row
+        return {
+            "source": source + Buffer.latency,
+            "row_forward": transform,
+            "elimination": RowRecurrence.latency,
+            "reversal": FrameReversal.latency + (size - 1) * beats,
+            "substitution": RowRecurrence.latency + Buffer.latency,
+            "row_inverse": transform,
+        }
+
+    @staticmethod
+    def multipliers_of(size: int, lanes: int) -> int:
+        return 2 * (Dst1Engine.multipliers_of(size, lanes) + RowRecurrence.multipliers_of(lanes))
+
+    @property
+    def stages(self) -> dict[str, int]:
+        """From last beat to last beat; the first entry from the frame's first slopes."""
+        return self.stages_of(self.source.width, self.source.lanes, self.source.source.divergence)
+
+    @property
+    def frame_latency(self) -> int:
+        return sum(self.stages.values())
+
+    @property
+    def latency(self) -> int:
+        return self.frame_latency - (self.size * self.beats - 1)
+
+    @property
+    def multipliers(self) -> int:
+        return self.multipliers_of(self.size, self.source.lanes)
+
+    def elaborate(self, platform):
+        m = Module()
+        # Transforms take, and the reversal takes and gives, at registers; elsewhere a buffer parts the way.
+        connect_stages(m, self, ("source", "substitution"))
+
+        beat, last_row = Signal(range(self.beats)), self.size - 1
+        row = Signal(range(self.size), init=last_row)
+        m.d.comb += self.row.eq(row)
+        with m.If(self.o.valid & self.o.ready):
+            m.d.sync += beat.eq(beat + 1)
+            with m.If(beat == self.beats - 1):
+                m.d.sync += [beat.eq(0), row.eq(row - 1)]
+                with m.If(row == 0):
+                    m.d.sync += row.eq(last_row)
+        return m

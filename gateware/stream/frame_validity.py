@@ -1,0 +1,169 @@
+# amaranth: UnusedElaboratable=no
+"""Which frames can be trusted: counted beside the stream, which neither waits for it nor is any longer."""
+
+import numpy as np
+from amaranth import Cat, Const, Module, Mux, Signal, signed, unsigned
+from amaranth.lib import data, fifo, stream, wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, raster_interval, tree_levels
+from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
+from fastac.models.integer import frame_validity as model
+from fastac.models.integer.features import WIDTH
+
+
+class FrameValidity(wiring.Component):
+    """Flags of every frame, bit for bit `models.validity.FrameValidity.flags`, REASONS[0] lowest.
+
+    Members
+    -------
+    pixels, pixels_taken : `lanes` pixels of C unsigned(8), and whether they move on in this clock
+    features, features_taken : the same for the features behind the background, ΔI first
+    slopes_over, slopes_taken : which of `lanes` × 2 slopes saturate. Only with `validity.slopes`.
+    displacements_over, displacements_taken : the same for `lanes` displacements, rows of ceil(N/lanes) beats.
+        Only with `validity.displacements`.
+    suspect_valid, suspect : pulse, and whether the frame whose slopes (or, without slopes, features) were the
+        last to be complete has a flag; displacements, which are not known yet, set none
+    verdict : stream of the flags, one a frame, in order
+    limits : `limits_image` of other limits, still while a frame is inside. Only with `loadable`.
+
+    What is taken is only looked at. `latency` clocks after the last displacements (slopes, features: whatever
+    is there last) of a frame were taken its verdict is offered; `suspect` comes one clock earlier.
+    """
+
+    def __init__(self, validity: model.FrameValidity, *, lanes: int, loadable: bool = False):
+        self.validity, self.lanes, self.loadable = validity, lanes, loadable
+        self.height, self.width, self.channels = validity.shape
+        pixel = data.ArrayLayout(unsigned(8), self.channels)
+        features = data.ArrayLayout(signed(WIDTH), self.channels + 2)
+        members = {
+            "pixels": In(data.ArrayLayout(pixel, lanes)),
+            "features": In(data.ArrayLayout(features, lanes)),
+            "suspect_valid": Out(1),
+            "suspect": Out(1),
+            "verdict": Out(stream.Signature(len(model.REASONS))),
+        }
+        self.watched = ["pixels", "features"]
+        if validity.slopes:
+            self.watched.append("slopes")
+            members["slopes_over"] = In(2 * lanes)
+        if validity.displacements:
+            self.watched.append("displacements")
+            members["displacements_over"] = In(lanes)
+        members |= {f"{name}_taken": In(1) for name in self.watched}
+        if loadable:
+            members["limits"] = In(self.limits_bits)
+        super().__init__(members)
+
+    @property
+    def limits_bits(self) -> int:
+        return sum(width * (1 + (name in model.TWO_SIDED)) for name, width in self._measures)
+
+    @property
+    def _measures(self):
+        return zip(self.validity.names, self.validity.widths, strict=True)
+
+    def limits_image(self, validity: model.FrameValidity) -> int:
+        """Limits for frames of this shape as one word: of each measure `low`, if it has one, then `high`."""
+        image, place = 0, 0
+        for k, (name, width) in enumerate(self._measures):
+            limits = (validity.low[k], validity.high[k]) if name in model.TWO_SIDED else (validity.high[k],)
+            for limit in limits:
+                image |= (int(limit) & ((1 << width) - 1)) << place
+                place += width
+        return image
+
+    def _words(self, measure: str) -> int:
+        """How many values of a measure a beat brings."""
+        if measure in ("change", "detail"):
+            return self.lanes * self.channels
+        return 2 * self.lanes if measure == "gradient" else self.lanes
+
+    @property
+    def latency(self) -> int:
+        """Registers of the values, their tree and sum, the comparison and the queue."""
+        last = {"features": "change", "slopes": "gradient", "displacements": "displacement"}
+        return 4 + tree_levels(self._words(last[self.watched[-1]]))
+
+    def elaborate(self, platform):
+        m = Module()
+        beats = raster_interval(self.height, self.width, self.lanes)
+        limits = self.limits if self.loadable else Const(self.limits_image(self.validity), self.limits_bits)
+        low, high, place = {}, {}, 0
+        for name, width in self._measures:
+            for table, wanted in ((low, name in model.TWO_SIDED), (high, True)):
+                if wanted:
+                    table[name] = limits[place : place + width].as_signed()
+                    place += width
+
+        def count(name: str, taken, values: list, largest: int, beats: int = beats):
+            """Sum `values` of the beats that are taken: (done, beyond its limits), both registers."""
+            bounds = np.full((beats, 1, len(values)), largest)
+            m.submodules[f"{name}_count"] = counter = FrameAccumulator(bounds, np.zeros(1, np.int64))
+            held = Signal(name=f"{name}_held")
+            m.d.sync += held.eq(taken)
+            m.d.comb += [counter.i.valid.eq(held), counter.o.ready.eq(1)]
+            for k, (word, value) in enumerate(zip(counter.i.payload[0], values, strict=True)):
+                register = Signal.like(word, reset_less=True, name=f"{name}_value_{k}")
+                m.d.sync += register.eq(value)
+                m.d.comb += word.eq(register)
+            measure, done, beyond = counter.o.payload[0], Signal(name=f"{name}_done"), Signal(name=name)
+            m.d.sync += done.eq(counter.o.valid)
+            with m.If(counter.o.valid):
+                below = measure < low[name] if name in low else 0
+                m.d.sync += beyond.eq(below | (measure > high[name]))
+            return done, beyond
+
+        flags = {}
+        for name, values, largest in self._of_pixels(m):
+            _, flags[name] = count(name, self.pixels_taken, values, largest)
+        difference = [list(pixel)[: self.channels] for pixel in self.features]
+        for c in range(self.channels):
+            name = model.REASONS[1 + c]
+            _, flags[name] = count(name, self.features_taken, [pixel[c] for pixel in difference], 255)
+        magnitudes = [Mux(value < 0, -value, value) for pixel in difference for value in pixel]
+        done, flags["change"] = count("change", self.features_taken, magnitudes, 255)
+        # The pixels' flags are older by the stages between, far less than a frame.
+        known = Cat(flags.get(name, 0) for name in model.REASONS)
+
+        def join(stage: str, taken, over, beats: int):
+            """Flags of the frames before this stage, each with the stage's own once that is known."""
+            m.submodules[f"{stage}_queue"] = queue = fifo.SyncFIFO(
+                width=len(model.REASONS), depth=FRAMES_IN_FLIGHT
+            )
+            m.d.comb += [queue.w_data.eq(known), queue.w_en.eq(done)]
+            stage_done, beyond = count(stage, taken, list(over), 1, beats)
+            m.d.comb += queue.r_en.eq(stage_done)
+            return stage_done, queue.r_data | beyond << model.REASONS.index(stage)
+
+        if self.validity.slopes:
+            done, known = join("gradient", self.slopes_taken, self.slopes_over, beats)
+        m.d.comb += [self.suspect_valid.eq(done), self.suspect.eq(known.any())]
+        if self.validity.displacements:
+            inner = raster_interval(self.height - 2, self.width - 2, self.lanes)
+            over = self.displacements_over
+            done, known = join("displacement", self.displacements_taken, over, inner)
+        m.submodules.verdicts = verdicts = fifo.SyncFIFO(width=len(model.REASONS), depth=FRAMES_IN_FLIGHT)
+        m.d.comb += [
+            verdicts.w_data.eq(known),
+            verdicts.w_en.eq(done),
+            self.verdict.valid.eq(verdicts.r_rdy),
+            self.verdict.payload.eq(verdicts.r_data),
+            verdicts.r_en.eq(self.verdict.ready),
+        ]
+        return m
+
+    def _of_pixels(self, m: Module):
+        """Name, values of a beat and their largest magnitude, of what needs no background."""
+        beats = self.width // self.lanes
+        beat, before = Signal(range(beats)), Signal.like(self.pixels[0], reset_less=True)
+        with m.If(self.pixels_taken):
+            m.d.sync += [beat.eq(Mux(beat == beats - 1, 0, beat + 1)), before.eq(self.pixels[-1])]
+        yield "clipped", [Cat((v == 0) | (v == 255) for v in pixel).any() for pixel in self.pixels], 1
+        steps = []
+        for k, pixel in enumerate(self.pixels):
+            for c, value in enumerate(pixel):
+                left = before[c] if k == 0 else self.pixels[k - 1][c]
+                step = Mux(value < left, left - value, value - left)
+                steps.append(Mux(beat == 0, 0, step) if k == 0 else step)
+        yield "detail", steps, 255

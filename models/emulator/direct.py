@@ -1,0 +1,110 @@
+"""The integer pipeline in int64 and nothing else, frame by frame: slow, and right for tables of any size.
+
+The emulator must equal it on every value, and gives way to it where float64 would not be exact.
+"""
+
+import numpy as np
+
+from fastac.models.integer.dst2d import Solver
+from fastac.models.integer.features import integer_features
+from fastac.models.integer.force import PatchForce
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.words import round_shift
+from fastac.models.loops.frames import Outputs
+
+
+def _transform(transform: SineTransform, rows: np.ndarray) -> np.ndarray:
+    return round_shift(rows @ transform.matrix, transform.shift, transform.rounding)
+
+
+def solve(solver, source: np.ndarray) -> np.ndarray:
+    """A source (N, N) to the solution (N, N), as `Solver` and `TridiagonalSolver` define it."""
+    rows = _transform(solver.row_forward, source)
+    if isinstance(solver, Solver):
+        spectrum = _transform(solver.column_forward, rows.T)
+        modes = _transform(solver.column_inverse, solver.division(spectrum)).T
+    else:
+        modes = solver.substitution(solver.elimination(rows))
+    return _transform(solver.row_inverse, modes)
+
+
+def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
+    """Everything that the scene wants of a frame (H, W, C) uint8, by name, as in `pipeline.Result`."""
+    x = integer_features(frame, pipeline.background).astype(np.int64)
+    for layer in pipeline.layers:
+        x = x @ layer.weight.T.astype(np.int64) + layer.bias
+        if layer.requantisation is not None:
+            x = layer.requantisation(x)
+    slopes, saturated = pipeline.ratio(x)
+    length = np.linalg.norm(x.astype(np.float64), axis=-1, keepdims=True)
+    found = {
+        "normals": x / np.maximum(length, 1),
+        "slopes": slopes * 2.0**-pipeline.ratio.fraction,
+        "normal_words": x,
+        "gradient_saturated": saturated.sum(),
+    }
+    measures = [*pipeline.validity.of_pixels(frame, pipeline.background)]
+    if pipeline.validity.slopes:
+        measures.append(saturated.sum())
+    force_input = slopes
+    if pipeline.solver is not None:
+        depth, displacement = pipeline.depth(solve(pipeline.solver, pipeline.source(slopes)))
+        depth_mm = pipeline.rest_depth_mm.copy()
+        depth_mm[1:-1, 1:-1] = depth * pipeline.depth_mm_per_unit
+        displacement_mm = displacement * pipeline.depth_mm_per_unit
+        found |= {"depth_words": depth, "depth_mm": depth_mm, "displacement_mm": displacement_mm}
+    if pipeline.quantiser is not None:
+        words, over = pipeline.quantiser(displacement)
+        found |= {"displacement_words": words, "displacement_saturated": over.sum()}
+        measures.append(over.sum())
+        force_input = words[..., None]
+    measures = np.array(measures)
+    found |= {"validity_measures": measures, "validity": pipeline.validity.flags(measures)}
+    if pipeline.force is not None:
+        if isinstance(pipeline.force, PatchForce):
+            raw = pipeline.force(words)
+        else:
+            raw = (pipeline.force.weight * force_input).sum(axis=(1, 2, 3)) + pipeline.force.constant
+        found |= {"force_raw": raw, "force_n": raw * pipeline.force_n_per_unit}
+        if pipeline.scene.wants_force_map:
+            raw = pipeline.force.force_map(words)
+            found |= {"force_map_raw": raw, "force_map_n": raw * pipeline.force_n_per_unit[:, None, None]}
+    return found
+
+
+def outputs(pipeline: IntegerPipeline) -> Outputs:
+    """Shapes for one frame and element types of everything that the scene wants; see `pipeline.Result`."""
+    height, width, _ = pipeline.background.shape
+    inner = (height - 2, width - 2)
+    found: Outputs = {
+        "normals": ((height, width, 3), np.float32),
+        "slopes": ((height, width, 2), np.float32),
+        "normal_words": ((height, width, 3), np.int32),
+        "gradient_saturated": ((), np.int64),
+        "validity_measures": ((len(pipeline.validity.names),), np.int64),
+        "validity": ((), np.int64),
+    }
+    if pipeline.solver is not None:
+        found |= {
+            "depth_words": (inner, np.int64),
+            "depth_mm": ((height, width), np.float32),
+            "displacement_mm": (inner, np.float32),
+        }
+    if pipeline.quantiser is not None:
+        found |= {"displacement_words": (inner, np.int64), "displacement_saturated": ((), np.int64)}
+    if pipeline.force is not None:
+        axes = len(pipeline.force_n_per_unit)
+        found |= {"force_raw": ((axes,), np.int64), "force_n": ((axes,), np.float64)}
+        if pipeline.scene.wants_force_map:
+            maps = (axes, *inner)
+            found |= {"force_map_raw": (maps, np.int64), "force_map_n": (maps, np.float32)}
+    return found
+
+
+def loop(pipeline: IntegerPipeline, frames: np.ndarray, out: dict[str, np.ndarray]) -> None:
+    """Fill the places `out` (frames, …) of the outputs of frames (frames, H, W, C) uint8."""
+    for k, frame in enumerate(frames):
+        found = find(pipeline, frame)
+        for name, place in out.items():
+            place[k] = found[name]

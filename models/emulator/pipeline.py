@@ -1,0 +1,58 @@
+"""The integer pipeline on frames, exact and fast: `Emulator(tables).run(frames)`."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+
+from fastac.models.emulator import direct
+from fastac.models.emulator.exact import ExactTables
+from fastac.models.emulator.exact_solver import NotExactError
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.loops.frames import choose, over_frames, require_frames
+from fastac.models.result import Result
+from fastac.scenes.schema import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Emulator:
+    """What the hardware of these tables finds in frames, bit for bit. Keep it: its own tables take time."""
+
+    pipeline: IntegerPipeline
+
+    @property
+    def scene(self) -> Scene:
+        return self.pipeline.scene
+
+    @cached_property
+    def _worker(self) -> Callable[[frozenset[str]], Callable]:
+        """Makes what computes the given outputs in one thread: float64 tables where they are exact."""
+        try:
+            return ExactTables(self.pipeline).worker
+        except NotExactError:
+            return lambda _: partial(direct.loop, self.pipeline)
+
+    def run(
+        self, frames: np.ndarray, *, wanted: Iterable[str] | None = None, progress: bool = False
+    ) -> Result:
+        """Frames (frames, H, W, C) uint8 to all that the scene wants, or to the fields `wanted`.
+
+        Equal to `direct.loop` on every value.
+        """
+        outputs = choose(direct.outputs(self.pipeline), wanted)
+        require_frames(frames, self.pipeline.background)
+        found = over_frames(
+            partial(self._worker, frozenset(outputs)),
+            frames,
+            outputs,
+            progress=progress,
+            label="integer pipeline",
+        )
+        return Result(**found)
+
+
+def with_limits(pipeline: IntegerPipeline, frames: np.ndarray, *, progress: bool = False) -> IntegerPipeline:
+    """The tables with limits around what good frames (frames, H, W, C) measure; see `FrameValidity`."""
+    found = Emulator(pipeline).run(frames, wanted=["validity_measures"], progress=progress)
+    return pipeline.replace(validity=pipeline.validity.limited(found.validity_measures))

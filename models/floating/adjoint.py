@@ -1,0 +1,36 @@
+"""The force without depth: weights of the slopes through the adjoint of the discrete Poisson solver.
+
+Without the clamp everything from the slopes to the resultant is linear. With g the slopes, D the divergence,
+L the 5-point Laplacian on the inner region with a zero boundary, and w a weight per inner pixel,
+
+    F = −pitch · wᵀ L⁻¹ D (g − g_rest) = Σ (a·p + b·q) + constant,   (a, b) = −pitch · Dᵀ L⁻¹ w,
+
+as L is symmetric. Prior and background meet only the constant −Σ (a·p_rest + b·q_rest), in both modes.
+"""
+
+import numpy as np
+
+from fastac.models.floating.poisson import solve, source_of
+
+
+def transposed_divergence(g: np.ndarray, divergence: str) -> np.ndarray:
+    """Dᵀ of `poisson.source_of`: fields (..., N, N) to weights of the slopes (..., N + 2, N + 2, 2)."""
+    n = g.shape[-1]
+    weights = np.zeros((*g.shape[:-2], n + 2, n + 2, 2))
+    inner, ahead, behind = slice(1, n + 1), slice(2, n + 2), slice(0, n)
+    plus, minus, unit = (ahead, behind, 0.5) if divergence == "central" else (inner, behind, 1.0)
+    weights[..., inner, plus, 0] += unit * g
+    weights[..., inner, minus, 0] -= unit * g
+    weights[..., plus, inner, 1] += unit * g
+    weights[..., minus, inner, 1] -= unit * g
+    return weights
+
+
+def slope_weights(weight: np.ndarray, divergence: str, pitch_mm: float) -> np.ndarray:
+    """Weights of the displacement (axes, N, N), N per mm, to weights of the slopes (axes, H, W, 2), in N."""
+    return -pitch_mm * transposed_divergence(solve(weight), divergence)
+
+
+def displacement_mm(change: np.ndarray, divergence: str, pitch_mm: float) -> np.ndarray:
+    """Slopes less those at rest (..., H, W, 2) to the displacement −pitch · L⁻¹ D change, (..., N, N), mm."""
+    return -pitch_mm * solve(source_of(change, divergence))

@@ -1,0 +1,89 @@
+"""The 3-D displacement field of frames: d_x and d_y from the markers, d_z from the depth.
+
+Source: Lu et al., "FasTac", section "3D Displacement Field Extraction via Depth Reconstruction and Marker
+Tracking". Only the inner pixels, the image less its one-pixel boundary, as the solver finds depth there.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.floating.tangential_field import TangentialField
+from fastac.models.loops.frames import over_frames, require_frames
+from fastac.models.vision.markers import Detector, MarkerError, associate
+
+MAX_LOST = 0.05
+"""Share of the markers that a frame may lack: its field then is that of the others."""
+
+
+@dataclass(frozen=True, eq=False)
+class Displacements:
+    """What was found in a number of frames, of which those that lack too many markers are left out."""
+
+    field_mm: np.ndarray
+    """(kept, 3, N, N) float32: d_x, d_y, and d_z, which is positive where the skin is pressed."""
+    kept: np.ndarray
+    """(frames,) bool: whose fields these are."""
+    lost: np.ndarray
+    """(frames,) int64: markers that were not found."""
+
+
+@dataclass(frozen=True, eq=False)
+class MarkerField:
+    """The dots of one gel at rest, and the tangential field from where a frame has them."""
+
+    detector: Detector
+    field: TangentialField
+    max_step_px: float
+
+    @classmethod
+    def of_background(cls, pipeline: FloatPipeline) -> "MarkerField":
+        """From the frame at rest and the scene's dots; MarkerError where there are none to be found."""
+        sensor = pipeline.scene.sensor
+        if sensor.markers is None:
+            raise MarkerError(
+                f"scene {pipeline.scene.name}: sensor.markers: missing, so nothing shows d_x, d_y"
+            )
+        detector = Detector(2 * sensor.markers.radius_mm / sensor.pitch_mm)
+        height, width, _ = pipeline.background.shape
+        field = TangentialField(detector.detect(pipeline.background), height, width)
+        return cls(detector, field, sensor.markers.spacing_mm / sensor.pitch_mm)
+
+    def find_px(self, frame: np.ndarray) -> tuple[np.ndarray | None, int]:
+        """The field (H, W, 2) of one frame (H, W, C) uint8, and how many markers are lost.
+
+        Each frame is a press of its own, so the dots are looked for from where they rest. None where more
+        than MAX_LOST of them are lost.
+        """
+        rest = self.field.centre_px
+        found = self.detector.detect(frame)
+        matched = associate(rest, found, self.max_step_px)
+        seen = np.flatnonzero(matched >= 0)
+        lost = len(rest) - len(seen)
+        if lost > MAX_LOST * len(rest):
+            return None, lost
+        return self.field.of_seen(seen).dense_px(found[matched[seen]] - rest[seen]), lost
+
+
+def find(pipeline: FloatPipeline, frames: np.ndarray, *, progress: bool = False) -> Displacements:
+    """Displacements in frames (frames, H, W, C) uint8; the scene has markers and finds depth."""
+    require_frames(frames, pipeline.background)
+    markers = MarkerField.of_background(pipeline)
+    pitch_mm = pipeline.scene.sensor.pitch_mm
+    inner = tuple(side - 2 for side in frames.shape[1:3])
+
+    def work(part: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        for k, frame in enumerate(part):
+            dense_px, out["lost"][k] = markers.find_px(frame)
+            if dense_px is not None:
+                out["tangential_mm"][k] = pitch_mm * dense_px[1:-1, 1:-1].transpose(2, 0, 1)
+
+    outputs = {"tangential_mm": ((2, *inner), np.float32), "lost": ((), np.int64)}
+    tangential = over_frames(lambda: work, frames, outputs, progress=progress, label="markers")
+    kept = tangential["lost"] <= MAX_LOST * len(markers.field.centre_px)
+    if not kept.any():
+        raise MarkerError(f"markers: too many lost in each of {len(frames)} frames: at most {MAX_LOST:.0%}")
+    normal = pipeline.run(frames[kept], wanted=["displacement_mm"], progress=progress).displacement_mm
+    field = np.concatenate([tangential["tangential_mm"][kept], normal[:, None]], axis=1)
+    return Displacements(field, kept, tangential["lost"])

@@ -1,0 +1,59 @@
+"""The position-aware pixel network: (ΔB, ΔG, ΔR, ΔNIR, x, y) → surface normal, 16-16-16-3.
+
+Source: Lu et al., "FasTac", section "Position-Aware MLP for Surface Normal Estimation".
+"""
+
+from itertools import pairwise
+
+import numpy as np
+import torch
+from torch import nn
+
+from fastac.models.integer.features import HIDDEN, scales
+
+
+class Unit(torch.nn.Module):
+    """Vectors to unit length."""
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return torch.nn.functional.normalize(x, dim=-1)
+
+
+class PixelNetwork(nn.Module):
+    """Features (pixels, channels + 2), scaled as `features.scales`, to normals (pixels, 3) of any length."""
+
+    def __init__(self, inputs: int, hidden: tuple[int, ...] = HIDDEN):
+        super().__init__()
+        sizes = (inputs, *hidden)
+        layers = []
+        for a, b in pairwise(sizes):
+            layers += [nn.Linear(a, b), nn.ReLU()]
+        self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 3))
+        # Start from a surface that faces the camera: n_z > 0 everywhere keeps the slopes finite.
+        with torch.no_grad():
+            self.layers[-1].bias.copy_(torch.tensor([0.0, 0.0, 1.0]))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.layers(x)
+
+    @property
+    def linears(self) -> list[nn.Linear]:
+        return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
+
+
+def slopes_of(normal: np.ndarray, limit: float) -> np.ndarray:
+    """Normals (..., 3) of any length to slopes (p, q), (..., 2), clipped to ±limit; safe for n_z <= 0."""
+    n_z = normal[..., 2:]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        slopes = -normal[..., :2] / n_z
+    slopes = np.where(n_z > 0, slopes, -np.sign(normal[..., :2]) * limit)
+    return np.clip(np.nan_to_num(slopes, nan=0.0, posinf=limit, neginf=-limit), -limit, limit)
+
+
+def predict(network: PixelNetwork, features: np.ndarray) -> np.ndarray:
+    """Integer features (..., channels + 2) to float normals (..., 3) of any length."""
+    x = features.reshape(-1, features.shape[-1]).astype(np.float32)
+    x *= scales(features.shape[-1] - 2).astype(np.float32)
+    with torch.inference_mode():
+        y = network(torch.from_numpy(x)).numpy()
+    return y.reshape(*features.shape[:-1], 3).astype(np.float64)

@@ -1,0 +1,241 @@
+"""The float models from frames to force: what quantisation is measured against."""
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+import numpy as np
+import torch
+
+from fastac.models.floating import network as pixel_normals
+from fastac.models.floating.hyperforce import collapse, force_map
+from fastac.models.floating.poisson import divergence_scale, solve, source_of
+from fastac.models.floating.threads import single_thread
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.features import scales
+from fastac.models.integer.laplacian import boundary_term, eigenvalues, sine_matrix
+from fastac.models.loops.frames import Outputs, choose, over_frames, require_frames
+from fastac.models.loops.network import PixelTiles
+from fastac.models.loops.pixels import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
+from fastac.models.loops.sines import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
+from fastac.models.result import Result
+from fastac.scenes.schema import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class FloatPipeline:
+    """network; the force's kernels (axes, N, N, K, K) in N per mm or, for the adjoint, weights of the slopes
+    (axes, H, W, 2) in N, or None; see IntegerPipeline for the rest."""
+
+    scene: Scene
+    network: pixel_normals.PixelNetwork
+    background: np.ndarray
+    rest_depth_mm: np.ndarray
+    force_weights: np.ndarray | None = None
+
+    @classmethod
+    def from_arrays(
+        cls, arrays: dict[str, np.ndarray], scene: Scene, background: np.ndarray, rest_depth_mm: np.ndarray
+    ) -> "FloatPipeline":
+        """From a bundle's floats: `network.k.weight`, `network.k.bias`, maybe `force.float_weights`."""
+        count = sum(k.startswith("network.") and k.endswith(".weight") for k in arrays)
+        weights = [torch.from_numpy(arrays[f"network.{k}.weight"]) for k in range(count)]
+        network = pixel_normals.PixelNetwork(
+            weights[0].shape[1], tuple(len(weight) for weight in weights[:-1])
+        )
+        with torch.no_grad():
+            for k, (layer, weight) in enumerate(zip(network.linears, weights, strict=True)):
+                layer.weight.copy_(weight)
+                layer.bias.copy_(torch.from_numpy(arrays[f"network.{k}.bias"]))
+        return cls(scene, network, background, rest_depth_mm, arrays.get("force.float_weights"))
+
+    @classmethod
+    def from_bundle(cls, bundle: Bundle) -> "FloatPipeline":
+        pipeline = bundle.pipeline
+        return cls.from_arrays(bundle.floats, bundle.scene, pipeline.background, pipeline.rest_depth_mm)
+
+    @cached_property
+    def _tables(self) -> list[np.ndarray]:
+        """The network's layers (neurons, inputs + 1), the features' scales and the bias in them."""
+        scale, tables = scales(self.background.shape[-1]), []
+        for layer in self.network.linears:
+            weight = layer.weight.detach().numpy() * scale
+            bias = layer.bias.detach().numpy()
+            tables.append(np.column_stack([weight, bias]).astype(np.float32))
+            scale = 1
+        return tables
+
+    @cached_property
+    def _after(self) -> "_AfterSlopes":
+        return _AfterSlopes(self)
+
+    def rest_slopes(self) -> np.ndarray:
+        """The slopes that are found at rest, (H, W, 2)."""
+        slopes = np.empty((1, *self.background.shape[:2], 2), np.float32)
+        _Worker(self)(self.background[None], {"slopes": slopes})
+        return slopes[0]
+
+    def _solve(self, slopes: np.ndarray) -> np.ndarray:
+        """Slopes (frames, H, W, 2) to depth in px, in the scene's mode."""
+        divergence, pitch = self.scene.poisson.divergence, self.scene.sensor.pitch_mm
+        source = source_of(slopes, divergence)
+        if self.scene.poisson.mode == "absolute":
+            return solve(source - boundary_term(self.rest_depth_mm / pitch))
+        rest = source_of(self.rest_slopes(), divergence)
+        return solve(source - rest) + self.rest_depth_mm[1:-1, 1:-1] / pitch
+
+    def rest_px(self) -> np.ndarray:
+        """What the pipeline finds at rest, (N, N) in px: the zero of the displacement."""
+        return self._solve(self.rest_slopes()[None].astype(np.float64))[0]
+
+    @property
+    def outputs(self) -> Outputs:
+        """Shapes for one frame and element types of everything that the scene wants; see `Result`."""
+        height, width, _ = self.background.shape
+        found: Outputs = {
+            "normals": ((height, width, 3), np.float32),
+            "slopes": ((height, width, 2), np.float32),
+        }
+        if self.scene.wants_solver:
+            found["depth_mm"] = ((height, width), np.float32)
+            found["displacement_mm"] = ((height - 2, width - 2), np.float32)
+        if self.scene.wants_force and self.force_weights is not None:
+            axes = len(self.force_weights)
+            found["force_n"] = ((axes,), np.float64)
+            if self.scene.wants_force_map:
+                found["force_map_n"] = ((axes, height - 2, width - 2), np.float32)
+        return found
+
+    def stages(self) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
+        """What `run` does to a frame, stage by stage, for those who measure their times.
+
+        normals : frame (H, W, C) uint8 to slopes (H, W, 2)
+        depth : these to the displacement (N, N) in mm, which is overwritten by the next
+        force : that to force_n (axes,)
+        The scene finds depth and, for the last one, force.
+        """
+        worker, after = _Worker(self), self._after
+        slopes = np.empty((1, *self.background.shape[:2], 2), np.float32)
+
+        def normals(frame: np.ndarray) -> np.ndarray:
+            worker(frame[None], {"slopes": slopes})
+            return slopes[0]
+
+        found = {"normals": normals, "depth": after.solved}
+        if after.weights is not None:
+            found["force"] = lambda displacement_mm: after.force_n(after.clamped(displacement_mm))
+        return found
+
+    def run(
+        self, frames: np.ndarray, *, wanted: Iterable[str] | None = None, progress: bool = False
+    ) -> Result:
+        """Frames (frames, H, W, C) uint8 to all that the scene wants, or to the fields `wanted`."""
+        outputs = choose(self.outputs, wanted)
+        require_frames(frames, self.background)
+        after = None if outputs.keys() <= {"normals", "slopes"} else self._after
+        with single_thread():
+            found = over_frames(
+                partial(_Worker, self, after), frames, outputs, progress=progress, label="float pipeline"
+            )
+        return Result(**found)
+
+
+class _AfterSlopes:
+    """From slopes to displacement and force, all by their change from rest: linear, and exactly 0 at rest."""
+
+    def __init__(self, pipeline: FloatPipeline):
+        scene, self.weights = pipeline.scene, pipeline.force_weights
+        self.divergence, self.force, self.wants_map = (
+            scene.poisson.divergence,
+            scene.force,
+            scene.wants_force_map,
+        )
+        self.rest_slopes = _by_planes(pipeline.rest_slopes())
+        self.has_solver = scene.wants_solver
+        if self.has_solver:
+            pitch_mm = scene.sensor.pitch_mm
+            self.rest_mm = pipeline.rest_depth_mm.astype(np.float32)
+            self.rest_mm[1:-1, 1:-1] = pipeline.rest_px() * pitch_mm
+            size = len(self.rest_mm) - 2
+            self.rest_source = np.zeros((size, size), np.float32)
+            self.rest_source = self._source(self.rest_slopes)
+            self.sine = FoldedSine(sine_matrix(size).astype(np.float32))
+            order = self.sine.order
+            self.reciprocal = (-pitch_mm / eigenvalues(size)[order][:, order]).astype(np.float32)
+        if self.weights is not None:
+            weight = collapse(self.weights) if self.has_solver else self.weights
+            self.weight = weight.reshape(len(weight), -1).astype(np.float64)
+
+    def _source(self, slopes: np.ndarray) -> np.ndarray:
+        """`poisson.source_of` of slopes (H, W, 2), less that at rest, (N, N)."""
+        found, scale = np.empty_like(self.rest_source), np.float32(divergence_scale(self.divergence))
+        planes = np.ascontiguousarray(np.moveaxis(slopes, -1, 0))
+        source(planes, AHEAD[self.divergence], scale, self.rest_source, found)
+        return found
+
+    def solved(self, slopes: np.ndarray) -> np.ndarray:
+        """Slopes (H, W, 2) of one frame to the displacement (N, N) in mm."""
+        x, sine = self._source(slopes), self.sine
+        a, b = np.empty((2, *x.shape), np.float32)
+        fold_rows(x, a)
+        fold_columns(a, None, b)
+        sine.rows(b, a)
+        sine.columns(a, b)
+        np.multiply(b, self.reciprocal, out=b)
+        sine.columns_back(b, a)
+        sine.rows_back(a, b)
+        unfold_columns(b, None, a)
+        unfold_rows(a, None, x)
+        return x
+
+    def force_n(self, x: np.ndarray) -> np.ndarray:
+        """What the force is linear in to its components (axes,)."""
+        return self.weight @ x.reshape(-1).astype(np.float64)
+
+    def clamped(self, displacement_mm: np.ndarray) -> np.ndarray:
+        """In place, if the scene says so."""
+        return np.maximum(displacement_mm, 0, out=displacement_mm) if self.force.clamp else displacement_mm
+
+    def __call__(self, slopes: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        """Slopes (H, W, 2) of one frame into the places of its outputs."""
+        if self.has_solver:
+            x = self.solved(slopes)
+            if "displacement_mm" in out:
+                out["displacement_mm"][...] = x
+            if "depth_mm" in out:
+                out["depth_mm"][...] = self.rest_mm
+                out["depth_mm"][1:-1, 1:-1] -= x
+            x = self.clamped(x)
+        else:
+            x = slopes - self.rest_slopes
+        if "force_n" in out:
+            out["force_n"][...] = self.force_n(x)
+        if "force_map_n" in out:
+            out["force_map_n"][...] = force_map(x, self.weights)
+
+
+def _by_planes(slopes: np.ndarray) -> np.ndarray:
+    """The same (H, W, 2), but p and q each on their own in memory."""
+    return np.moveaxis(np.ascontiguousarray(np.moveaxis(slopes, -1, 0)), 0, -1)
+
+
+class _Worker:
+    """One thread's scratch memory; called with a chunk of frames and the places of its outputs."""
+
+    def __init__(self, pipeline: FloatPipeline, after: _AfterSlopes | None = None):
+        self.network = PixelTiles(pipeline._tables, pipeline.background)
+        self.limit, self.after = pipeline.scene.numbers.slope_limit, after
+        self.planes = np.empty((2, *pipeline.background.shape[:2]), np.float32)
+        self.slopes = np.moveaxis(self.planes, 0, -1)
+
+    def __call__(self, frames: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        for k, frame in enumerate(frames):
+            normal = self.network(frame)
+            if "normals" in out:
+                unit_normals(normal, np.float32(1e-12), out["normals"][k].reshape(-1))
+            if "slopes" in out or self.after is not None:
+                limited_slopes(normal, np.float32(self.limit), self.planes.reshape(2, -1))
+            if "slopes" in out:
+                interleave_slopes(self.planes.reshape(2, -1), np.float32(1), out["slopes"][k].reshape(-1))
+            if self.after is not None:
+                self.after(self.slopes, {name: array[k] for name, array in out.items()})

@@ -1,0 +1,91 @@
+"""The float pipeline on a torch device, such as a GPU: the same stages, one frame at a time.
+
+The network is the pipeline's own; the sine transforms are products with its matrix, as in the float pipeline.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from fastac.models.floating.hyperforce import collapse
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer.features import integer_features, scales
+from fastac.models.integer.laplacian import eigenvalues, sine_matrix
+
+
+class TorchPipeline:
+    """All tables of a float pipeline on `device`; the scene finds depth, and force if there are weights."""
+
+    def __init__(self, pipeline: FloatPipeline, device: str):
+        scene, background = pipeline.scene, pipeline.background
+        self.device = torch.device(device)
+        self.pitch_mm, self.divergence = scene.sensor.pitch_mm, scene.poisson.divergence
+        self.limit, self.clamp = scene.numbers.slope_limit, scene.force.clamp
+        self.shape = background.shape[:2]
+        size = self.shape[0] - 2
+
+        def here(array: np.ndarray) -> torch.Tensor:
+            return torch.from_numpy(np.ascontiguousarray(array, dtype=np.float32)).to(self.device)
+
+        channels = background.shape[-1]
+        unit = scales(channels)
+        at_rest = integer_features(background, background)
+        self.places = here(at_rest[..., channels:] * unit[channels:]).reshape(-1, 2)
+        self.background = here(background)
+        self.unit = here(unit[:channels])
+        self.layers = [
+            (layer.weight.detach().to(self.device), layer.bias.detach().to(self.device))
+            for layer in pipeline.network.linears
+        ]
+        self.sine = here(sine_matrix(size))
+        self.reciprocal = here(-self.pitch_mm / eigenvalues(size))
+        self.rest_slopes = here(pipeline.rest_slopes())
+        self.weight = None
+        if pipeline.force_weights is not None:
+            weight = collapse(pipeline.force_weights)
+            self.weight = here(weight.reshape(len(weight), -1))
+
+    @torch.inference_mode()
+    def normals(self, frame: torch.Tensor) -> torch.Tensor:
+        """Frame (H, W, C) uint8 on the device to slopes (H, W, 2)."""
+        x = (frame.to(torch.float32) - self.background) * self.unit
+        x = torch.cat([x.reshape(-1, x.shape[-1]), self.places], dim=1)
+        for weight, bias in self.layers[:-1]:
+            x = torch.relu(torch.addmm(bias, x, weight.T))
+        weight, bias = self.layers[-1]
+        normal = torch.addmm(bias, x, weight.T)
+        # A surface that faces away is as steep as slopes can be; its division would change their sign.
+        slopes = torch.where(
+            normal[:, 2:] > 0, -normal[:, :2] / normal[:, 2:], -torch.sign(normal[:, :2]) * self.limit
+        )
+        return torch.nan_to_num(slopes).clamp(-self.limit, self.limit).reshape(*self.shape, 2)
+
+    @torch.inference_mode()
+    def depth(self, slopes: torch.Tensor) -> torch.Tensor:
+        """Slopes (H, W, 2) to the displacement (N, N) in mm."""
+        p, q = (slopes - self.rest_slopes).unbind(dim=-1)
+        if self.divergence == "central":
+            source = (p[1:-1, 2:] - p[1:-1, :-2] + q[2:, 1:-1] - q[:-2, 1:-1]) / 2
+        else:
+            source = p[1:-1, 1:-1] - p[1:-1, :-2] + q[1:-1, 1:-1] - q[:-2, 1:-1]
+        return self.sine @ (self.sine @ source @ self.sine * self.reciprocal) @ self.sine
+
+    @torch.inference_mode()
+    def force(self, displacement_mm: torch.Tensor) -> torch.Tensor:
+        """The displacement (N, N) in mm to force_n (axes,)."""
+        x = displacement_mm.clamp(min=0) if self.clamp else displacement_mm
+        return self.weight @ x.reshape(-1)
+
+    def stages(self) -> dict[str, Callable[[torch.Tensor], torch.Tensor]]:
+        """As `FloatPipeline.stages`, on tensors of the device."""
+        found = {"normals": self.normals, "depth": self.depth}
+        return found if self.weight is None else found | {"force": self.force}
+
+    def put(self, frame: np.ndarray) -> torch.Tensor:
+        return torch.from_numpy(frame).to(self.device)
+
+    def wait(self) -> None:
+        """Until the device has done what it was given."""
+        if self.device.type == "cuda":
+            torch.cuda.synchronize(self.device)

@@ -1,0 +1,136 @@
+"""From a scene and quantised layers to every integer table of the pipeline."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fastac.models.integer.dst2d import solver
+from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.frame_validity import FrameValidity
+from fastac.models.integer.laplacian import boundary_term, divergence_of
+from fastac.models.integer.network import GradientRatio, Layer
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.solver import Depth, DisplacementQuantiser, PoissonSource
+from fastac.models.integer.tridiagonal import tridiagonal_solver
+from fastac.models.integer.words import Fixed, to_words
+from fastac.scenes.schema import Scene
+
+CHOOSERS = {"dst2d": solver, "tridiagonal": tridiagonal_solver}
+
+
+def quantise_weights(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
+    """Weights (axes, …) as integers of `bits`, and integer units per unit of the weights, (axes,)."""
+    largest = np.abs(weights).reshape(len(weights), -1).max(axis=1)
+    scale = ((1 << (bits - 1)) - 1) / np.maximum(largest, 1e-12)
+    shape = (-1,) + (1,) * (weights.ndim - 1)
+    return np.rint(weights * scale.reshape(shape)).astype(np.int64), scale
+
+
+def assemble(
+    scene: Scene,
+    *,
+    layers: tuple[Layer, ...],
+    background: np.ndarray,
+    rest_depth_mm: np.ndarray,
+) -> IntegerPipeline:
+    """The integer pipeline up to the depth and the displacement; `with_force` adds the force's weights,
+    `with_limits` what makes a frame suspect.
+
+    Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
+    (models/integer/bounds.py), of any weights where the scene's are loadable. Raises ValueError where a bound does
+    not fit the scene's data bits.
+    """
+    numbers, pitch = scene.numbers, scene.sensor.pitch_mm
+    loadable = scene.hardware.weights == "loadable"
+    layers = tuple(replace(layer, loadable=loadable) for layer in layers)
+    ratio = GradientRatio(
+        normal_width=layers[-1].accumulator_width,
+        width=numbers.slope_bits,
+        fraction=numbers.gradient_fraction_bits,
+    )
+    pipeline = IntegerPipeline(
+        scene=scene,
+        layers=layers,
+        ratio=ratio,
+        background=background,
+        rest_depth_mm=rest_depth_mm,
+        validity=FrameValidity.unlimited(
+            background.shape,
+            slopes=scene.wants_slopes,
+            displacements=scene.wants_force and scene.wants_solver,
+        ),
+    )
+    if not scene.wants_solver:
+        return pipeline
+
+    divergence = scene.poisson.divergence
+    unit = Fixed(62, ratio.fraction + (divergence == "central"))
+    rest_slopes = pipeline.slopes(pipeline.normals(background[None]))[0]
+    if scene.poisson.mode == "difference":
+        offset = divergence_of(rest_slopes, divergence)[0]
+    else:
+        offset = to_words(boundary_term(rest_depth_mm / pitch), unit)
+    # The slopes at rest follow from the network: where it is loadable, they may be any.
+    any_rest = loadable and scene.poisson.mode == "difference"
+    source = PoissonSource(divergence, ratio.width, offset, 4 * ratio.limit if any_rest else None)
+    slope_limit = ratio.limit * 2.0**-ratio.fraction
+    chosen = CHOOSERS[scene.poisson.solver](
+        offset=np.zeros_like(offset) if any_rest else offset,
+        source=Fixed(source.width, unit.fraction),
+        slope_limit=2 * slope_limit if any_rest else slope_limit,
+        divergence=divergence,
+        coefficient_fraction=numbers.coefficient_fraction_bits,
+        data_bits=numbers.data_bits,
+        rounding=numbers.rounding,
+    )
+    if scene.poisson.mode == "difference":
+        rest = to_words(rest_depth_mm[1:-1, 1:-1] / pitch, Fixed(62, chosen.depth_format.fraction))
+    else:
+        rest = chosen(source(rest_slopes))[0]
+    other_rest = loadable and scene.poisson.mode == "absolute"
+    depth = Depth(scene.poisson.mode, chosen.depth_format.width, rest, other_rest)
+    quantiser = None
+    if scene.wants_force:
+        largest = scene.force.max_displacement_mm / pitch * 2.0**chosen.depth_format.fraction
+        magnitude_bits = numbers.displacement_bits - (not scene.force.clamp)
+        shift = max(int(largest).bit_length() - magnitude_bits, 0)
+        quantiser = DisplacementQuantiser(depth.width, shift, numbers.displacement_bits, scene.force.clamp)
+    return pipeline.replace(source=source, solver=chosen, depth=depth, quantiser=quantiser)
+
+
+def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipeline:
+    """The pipeline with the force model's weights.
+
+    weights : HyperForce's kernels (axes, N, N, K, K), in N per mm of displacement; for the adjoint the
+        weights of the slopes (axes, H, W, 2), in N. Every axis has a scale of its own.
+    """
+    scene, numbers = pipeline.scene, pipeline.scene.numbers
+    if scene.wants_adjoint:
+        words, scale = quantise_weights(weights, numbers.slope_weight_bits)
+        force = WeightedSum(
+            words,
+            _constant(pipeline, words),
+            pipeline.ratio.width,
+            input_signed=True,
+            loadable=scene.hardware.weights == "loadable",
+        )
+        return pipeline.replace(force=force, force_n_per_unit=2.0**-pipeline.ratio.fraction / scale)
+    words, scale = quantise_weights(weights, numbers.kernel_bits)
+    force = PatchForce(words, numbers.kernel_bits, numbers.displacement_bits, not scene.force.clamp)
+    if scene.force.kernel == "collapsed":
+        force = force.collapsed()
+    return pipeline.replace(force=force, force_n_per_unit=pipeline.displacement_mm_per_unit / scale)
+
+
+def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerPipeline:
+    """The pipeline with the integers of another one's force, as the hardware of that one has them."""
+    force = known.force
+    if pipeline.scene.wants_adjoint:
+        force = replace(force, constant=_constant(pipeline, force.weight))
+    return pipeline.replace(force=force, force_n_per_unit=known.force_n_per_unit)
+
+
+def _constant(pipeline: IntegerPipeline, weight: np.ndarray) -> np.ndarray:
+    """Per axis, what the adjoint's weights of the slopes (axes, H, W, 2) must add for no force at rest."""
+    rest, _ = pipeline.slopes(pipeline.normals(pipeline.background[None]))
+    return -(weight * rest).sum(axis=(1, 2, 3))

@@ -1,0 +1,194 @@
+"""The bundle: one sensor's trained, quantised model in a folder of JSON and NumPy archives.
+
+    bundle.json    scene, formats, scalars, the content hash
+    integers.npz   every integer table, by stage
+    floats.npz     the float weights and the learning curves' source of truth
+
+Nothing is pickled. The hash covers scene, scalars and all arrays, so a table that was changed by one bit is
+refused; its first 64 bits are readable from a hardware register.
+"""
+
+import dataclasses
+import hashlib
+import io
+import json
+import os
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from fastac.models.integer import bounds, dst2d, force, frame_validity, network, solver, tridiagonal, words
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.scenes.schema import Scene, describe
+
+FORMAT_VERSION = 3
+CLASSES = {
+    cls.__name__: cls
+    for cls in (
+        network.Requantisation,
+        network.Layer,
+        network.GradientRatio,
+        solver.PoissonSource,
+        solver.SineTransform,
+        dst2d.EigenvalueDivision,
+        solver.Depth,
+        solver.DisplacementQuantiser,
+        force.PatchForce,
+        force.WeightedSum,
+        dst2d.Solver,
+        tridiagonal.Elimination,
+        tridiagonal.Substitution,
+        tridiagonal.TridiagonalSolver,
+        bounds.Stage,
+        words.Fixed,
+        frame_validity.FrameValidity,
+        IntegerPipeline,
+    )
+}
+
+
+class BundleError(ValueError):
+    """A bundle that cannot be used; the message is one line that names file, key and value."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Bundle:
+    """pipeline: every integer; floats: the float models' arrays by name; digest: hex SHA-256 of it all."""
+
+    pipeline: IntegerPipeline
+    floats: dict[str, np.ndarray]
+    digest: str
+
+    @property
+    def scene(self) -> Scene:
+        return self.pipeline.scene
+
+    @property
+    def hash_word(self) -> int:
+        """The first 64 bits of the hash, as the hardware's register shows them."""
+        return int(self.digest[:16], 16)
+
+
+def _flatten(value, name: str, arrays: dict[str, np.ndarray]):
+    """A stage as JSON, its arrays moved to `arrays` under dotted names."""
+    if isinstance(value, np.ndarray):
+        arrays[name] = value
+        return {"array": name}
+    if isinstance(value, Scene):
+        return {"scene": value.model_dump(mode="json")}
+    if dataclasses.is_dataclass(value):
+        fields = {
+            f.name: _flatten(getattr(value, f.name), f"{name}.{f.name}".removeprefix("."), arrays)
+            for f in dataclasses.fields(value)
+        }
+        return {"class": type(value).__name__, "fields": fields}
+    if isinstance(value, tuple):
+        return {"tuple": [_flatten(v, f"{name}.{k}", arrays) for k, v in enumerate(value)]}
+    if isinstance(value, np.generic):
+        return value.item()
+    return value
+
+
+def _restore(value, arrays: dict[str, np.ndarray]):
+    if not isinstance(value, dict):
+        return value
+    if "array" in value:
+        return arrays[value["array"]]
+    if "scene" in value:
+        return Scene.model_validate(value["scene"])
+    if "tuple" in value:
+        return tuple(_restore(v, arrays) for v in value["tuple"])
+    if "class" in value:
+        return CLASSES[value["class"]](**{k: _restore(v, arrays) for k, v in value["fields"].items()})
+    return value
+
+
+def _digest(content: dict, arrays: dict[str, np.ndarray]) -> str:
+    digest = hashlib.sha256(json.dumps(content, sort_keys=True, separators=(",", ":")).encode())
+    for name in sorted(arrays):
+        array = np.ascontiguousarray(arrays[name])
+        digest.update(f"{name} {array.dtype.str} {array.shape}".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def _narrow(array: np.ndarray) -> np.ndarray:
+    """The smallest signed type that holds an int64 table; stages widen it again on loading."""
+    if array.dtype != np.int64 or not array.size:
+        return array
+    for kind in (np.int8, np.int16, np.int32):
+        info = np.iinfo(kind)
+        if array.min() >= info.min and array.max() <= info.max:
+            return array.astype(kind)
+    return array
+
+
+def save(path: Path | str, pipeline: IntegerPipeline, floats: dict[str, np.ndarray]) -> Bundle:
+    """Write a bundle folder, replacing an older one only when the new one is complete; returns it."""
+    path = Path(path)
+    integers: dict[str, np.ndarray] = {}
+    content = {"format_version": FORMAT_VERSION, "pipeline": _flatten(pipeline, "", integers)}
+    everything = integers | {f"float.{k}": v for k, v in floats.items()}
+    digest = _digest(content, everything)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
+    try:
+        np.savez_compressed(temporary / "integers.npz", **{k: _narrow(v) for k, v in integers.items()})
+        np.savez_compressed(temporary / "floats.npz", **floats)
+        text = json.dumps({"sha256": digest, **content}, indent=1, sort_keys=True)
+        (temporary / "bundle.json").write_text(text + "\n")
+        os.chmod(temporary, 0o755)
+        if path.exists():
+            shutil.rmtree(path)
+        os.replace(temporary, path)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+    return Bundle(pipeline, floats, digest)
+
+
+def _arrays(path: Path) -> dict[str, np.ndarray]:
+    try:
+        content = io.BytesIO(path.read_bytes())  # NumPy leaves a damaged file open
+    except FileNotFoundError:
+        raise BundleError(f"{path}: no such file") from None
+    except OSError as error:
+        raise BundleError(f"{path}: {error.strerror}") from None
+    try:
+        with np.load(content, allow_pickle=False) as archive:
+            return {k: archive[k] for k in archive.files}
+    except Exception as error:  # zipfile, zlib and NumPy share no class for what is damaged
+        raise BundleError(f"{path}: not a readable archive: {error}".splitlines()[0]) from None
+
+
+def load(path: Path | str) -> Bundle:
+    """The bundle in a folder. Raises BundleError where it is incomplete, malformed, or its hash differs."""
+    path = Path(path)
+    file = path / "bundle.json"
+    try:
+        content = json.loads(file.read_text())
+    except FileNotFoundError:
+        raise BundleError(f"{file}: no such file; is {path} a bundle folder?") from None
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise BundleError(f"{file}: not readable JSON: {error}") from None
+    if not isinstance(content, dict) or content.get("format_version") != FORMAT_VERSION:
+        version = content.get("format_version") if isinstance(content, dict) else None
+        raise BundleError(f"{file}: format_version = {version!r}: expected {FORMAT_VERSION}")
+    stated = content.pop("sha256", None)
+    integers = {
+        k: v.astype(np.int64) if v.dtype.kind == "i" else v for k, v in _arrays(path / "integers.npz").items()
+    }
+    floats = _arrays(path / "floats.npz")
+    digest = _digest(content, integers | {f"float.{k}": v for k, v in floats.items()})
+    if stated != digest:
+        raise BundleError(f"{path}: sha256 = {stated}: the content's is {digest}; it was changed or damaged")
+    try:
+        pipeline = _restore(content["pipeline"], integers)
+    except ValidationError as error:
+        raise BundleError(f"{file}: scene: {describe(error)}") from None
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise BundleError(f"{file}: pipeline: {error!r}") from None
+    return Bundle(pipeline, floats, digest)

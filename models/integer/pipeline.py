@@ -1,0 +1,62 @@
+"""All integer tables of one sensor's model: what a bundle holds and the hardware is elaborated from."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fastac.models.integer.dst2d import Solver
+from fastac.models.integer.features import integer_features
+from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.frame_validity import FrameValidity
+from fastac.models.integer.network import GradientRatio, Layer
+from fastac.models.integer.solver import Depth, DisplacementQuantiser, PoissonSource
+from fastac.models.integer.tridiagonal import TridiagonalSolver
+from fastac.scenes.schema import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class IntegerPipeline:
+    """Every integer table of one sensor's model; `models/emulator` runs frames through them.
+
+    Absent stages (None) are those that the scene does not want.
+    """
+
+    scene: Scene
+    layers: tuple[Layer, ...]
+    ratio: GradientRatio
+    background: np.ndarray  # (H, W, C) uint8
+    rest_depth_mm: np.ndarray  # (H, W), the skin at rest; its rim is the boundary prior
+    validity: FrameValidity
+    source: PoissonSource | None = None
+    solver: Solver | TridiagonalSolver | None = None
+    depth: Depth | None = None
+    quantiser: DisplacementQuantiser | None = None
+    force: PatchForce | WeightedSum | None = None  # on the displacement or, for the adjoint, on the slopes
+    force_n_per_unit: np.ndarray | None = None  # s_F, (axes,)
+    provenance: dict = field(default_factory=dict)
+
+    def replace(self, **changes) -> "IntegerPipeline":
+        return replace(self, **changes)
+
+    @property
+    def depth_mm_per_unit(self) -> float:
+        """mm of one unit of depth and of unquantised displacement."""
+        return self.scene.sensor.pitch_mm * 2.0**-self.solver.depth_format.fraction
+
+    @property
+    def displacement_mm_per_unit(self) -> float:
+        """mm of one unit of the quantised displacement, 1/s_d."""
+        return self.depth_mm_per_unit * 2.0**self.quantiser.shift
+
+    def normals(self, frames: np.ndarray) -> np.ndarray:
+        """Frames (..., H, W, C) uint8 to the network's three outputs, (..., H, W, 3) int64."""
+        x = integer_features(frames, self.background)
+        shape = x.shape[:-1]
+        x = x.reshape(-1, x.shape[-1])
+        for layer in self.layers:
+            x = layer(x)
+        return x.reshape(*shape, 3)
+
+    def slopes(self, normal_words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The network's outputs to slopes (..., H, W, 2) in words, and which of them saturated."""
+        return self.ratio(normal_words)

@@ -1,0 +1,137 @@
+"""Specimens for benches: bundles of random integers, the smallest hardware of a scene; nothing is trained."""
+
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from fastac.models.emulator.pipeline import with_limits
+from fastac.models.integer import bundle
+from fastac.models.integer.assemble import assemble, with_force, with_force_of
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.features import integer_features, scales
+from fastac.models.integer.network import Layer
+from fastac.models.integer.quantise import quantise_layers
+from fastac.scenes.schema import Scene
+
+QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
+"""Arguments of Verilator for short simulations: half the time to build."""
+GOOD = (5, 10, 20, 30, 40)
+"""How far the frames that make a specimen's limits differ from the background; larger changes are suspect."""
+NUMBERS = {
+    "weight_bits": 6,
+    "last_weight_bits": 8,
+    "activation_bits": 6,
+    "gradient_fraction_bits": 8,
+    "slope_limit": 1,
+    "coefficient_fraction_bits": 10,
+    "displacement_bits": 8,
+    "kernel_bits": 6,
+}
+
+
+def scene(
+    outputs: tuple[str, ...],
+    *,
+    size: int = 16,
+    mode: str = "absolute",
+    divergence: str = "central",
+    lanes: int = 1,
+    channels: str = "bgr",
+    kernel_size: int = 3,
+    kernel: str = "patch",
+    clamp: bool | None = None,
+    solver: str = "dst2d",
+    weights: str = "loadable",
+    numbers: dict | None = None,
+    rounding: str = "nearest",
+) -> Scene:
+    """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
+    if clamp is None:
+        clamp = solver != "adjoint"
+    return Scene.model_validate(
+        {
+            "name": "specimen",
+            "outputs": outputs,
+            "sensor": {
+                "geometry": "fingertip",
+                "height_px": size,
+                "width_px": size,
+                "channels": channels,
+            },
+            "numbers": (NUMBERS if numbers is None else numbers) | {"rounding": rounding},
+            "poisson": {"mode": mode, "divergence": divergence, "solver": solver},
+            "force": {
+                "kernel": kernel,
+                "kernel_size": kernel_size,
+                "clamp": clamp,
+                "max_displacement_mm": 0.01,
+            },
+            "hardware": {"pixels_per_clock": lanes, "weights": weights},
+        }
+    )
+
+
+def frames(background: np.ndarray, spans: tuple[int, ...], seed: int = 1) -> np.ndarray:
+    """For each span a frame that differs from `background` by up to so much: the more, the steeper."""
+    rng = np.random.default_rng(seed)
+    changed = [background + rng.integers(-span, span + 1, background.shape) for span in spans]
+    return np.clip(changed, 0, 255).astype(np.uint8)
+
+
+def layers(
+    scene: Scene, background: np.ndarray, rng: np.random.Generator, hidden: tuple[int, ...]
+) -> tuple[Layer, ...]:
+    """A network of random weights whose n_z is positive: on small changes its slopes do not saturate."""
+    channels, numbers = background.shape[-1], scene.numbers
+    sizes = (channels + 2, *hidden, 3)
+    weights = [rng.normal(size=(neurons, inputs)) / np.sqrt(inputs) for inputs, neurons in pairwise(sizes)]
+    biases = [0.1 * rng.normal(size=neurons) for neurons in sizes[1:]]
+    weights[-1][2] *= 0.2
+    biases[-1][2] = 1.5
+    pixels = integer_features(frames(background, (60, 60, 255)), background)
+    return quantise_layers(
+        weights,
+        biases,
+        scales(channels),
+        pixels.reshape(-1, channels + 2).astype(np.int64),
+        weight_bits=numbers.weight_bits,
+        activation_bits=numbers.activation_bits,
+        last_weight_bits=numbers.last_weight_bits,
+    )
+
+
+def specimen(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
+    """A bundle in `folder` with random tables for everything that `scene` wants."""
+    rng = np.random.default_rng(seed)
+    sensor, axes = scene.sensor, len(scene.force_axes)
+    size = sensor.width_px
+    background = rng.integers(80, 170, (size, size, len(sensor.channel_names))).astype(np.uint8)
+    x = np.linspace(-1, 1, size)
+    pipeline = assemble(
+        scene,
+        layers=layers(scene, background, rng, hidden),
+        background=background,
+        rest_depth_mm=size / 40 * (2 - x**2 - x[:, None] ** 2),
+    )
+    if scene.wants_force:
+        inner = scene.inner_px
+        kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
+        shape = (axes, size, size, 2) if scene.wants_adjoint else kernels
+        pipeline = with_force(pipeline, rng.normal(size=shape))
+    return bundle.save(folder, with_limits(pipeline, frames(background, GOOD)), {})
+
+
+def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
+    """A bundle with another random network than `known`, what follows from it, and tighter limits of a good
+    frame; all else is the same."""
+    old = known.pipeline
+    hidden = tuple(len(layer.weight) for layer in old.layers[:-1])
+    pipeline = assemble(
+        old.scene,
+        layers=layers(old.scene, old.background, np.random.default_rng(seed), hidden),
+        background=old.background,
+        rest_depth_mm=old.rest_depth_mm,
+    )
+    pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD[:2]))
+    return bundle.save(folder, pipeline, {})

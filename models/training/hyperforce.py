@@ -1,0 +1,123 @@
+"""Training HyperForce on the displacements that the pipeline finds.
+
+Source: Lu et al., "FasTac": L1 on the resultant, AdamW; every step needs each pixel's collapsed weight only
+once, whatever the batch.
+"""
+
+import copy
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from fastac.models.floating.hyperforce import HyperForce, coordinates
+from fastac.models.floating.threads import single_thread
+from fastac.models.training import ridge
+from fastac.scenes.schema import Scene
+
+
+def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:
+    return HyperForce(
+        coordinates(rest_depth_mm[1:-1, 1:-1]),
+        kernel_size=scene.force.kernel_size,
+        hidden=scene.force.hidden,
+        axes=axes,
+    )
+
+
+@single_thread()
+def train(
+    scene: Scene,
+    rest_depth_mm: np.ndarray,
+    displacement_mm: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    *,
+    progress: bool = False,
+) -> tuple[HyperForce, list[dict]]:
+    """Fit the kernels; `displacement_mm` (frames, N, N) and `force_n` (frames, axes) by split name.
+
+    Displacements are clamped at zero if the scene says so, as in the paper. What is best on the validation
+    split is kept.
+    """
+    settings = scene.training
+    pressed = {k: torch.from_numpy(v.astype(np.float32)) for k, v in _pressed(scene, displacement_mm).items()}
+    force = {k: torch.from_numpy(v.astype(np.float32)) for k, v in force_n.items()}
+    torch.manual_seed(settings.seed)
+    model = build(scene, rest_depth_mm, axes=force["train"].shape[1])
+    model.start_from(pressed["train"], force["train"])
+    epochs, rate = settings.force_epochs, settings.force_learning_rate
+    optimiser = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=settings.force_weight_decay)
+    count = len(pressed["train"])
+    steps = epochs * -(-count // settings.force_batch)
+    # OneCycleLR divides by the length of the warm-up less one step: in short trainings leave it out.
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, rate, total_steps=steps, pct_start=0.1 if steps > 10 else 0.05
+    )
+    generator = torch.Generator().manual_seed(settings.seed)
+    best, best_state, history = np.inf, None, []
+    bar = tqdm(total=steps, desc="force", unit="step", disable=not progress, leave=False)
+    for epoch in range(epochs):
+        total = 0.0
+        for index in torch.randperm(count, generator=generator).split(settings.force_batch):
+            loss = (model(pressed["train"][index]) - force["train"][index]).abs().sum(dim=1).mean()
+            optimiser.zero_grad(set_to_none=True)
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+            total += loss.item() * len(index)
+            bar.update()
+        entry = {"epoch": epoch + 1, "train_mae_n": total / count}
+        if "validation" in pressed:
+            entry["validation_mae_n"] = _error(model, pressed, force, "validation")
+            if entry["validation_mae_n"] < best:
+                best, best_state = entry["validation_mae_n"], copy.deepcopy(model.state_dict())
+        history.append(entry)
+        bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
+    bar.close()
+    if best_state is not None:
+        model.load_state_dict(best_state)
+    return model, history
+
+
+def refit(
+    scene: Scene, model: HyperForce, displacement_mm: dict[str, np.ndarray], force_n: dict[str, np.ndarray]
+) -> tuple[HyperForce, list[dict]]:
+    """The hypernetwork's last layer anew, by ridge regression, and the errors of all that was tried.
+
+    With the other layers fixed the force is linear in the last one's weights, so that they have a best
+    solution, for any pipeline's displacements: the clamp turns noise into force, so kernels must know the
+    noise of the arithmetic they run on. Parameters as of `train`; `model` stays as it is.
+    """
+    last, k = model.layers[-1], model.kernel_size
+    with torch.inference_mode():
+        hidden = model.layers[:-1](model.coordinate).double().numpy()
+    hidden = np.concatenate([hidden, np.ones((len(hidden), 1))], axis=1)  # one more for the bias
+
+    def features(frame: np.ndarray) -> np.ndarray:
+        patches = np.lib.stride_tricks.sliding_window_view(np.pad(frame, k // 2), (k, k))
+        return (hidden.T @ patches.reshape(len(hidden), k * k)).ravel()
+
+    pressed = _pressed(scene, displacement_mm)
+    x = {split: np.array([features(frame) for frame in frames]) for split, frames in pressed.items()}
+    history = ridge.attempts(x, force_n)
+    found = ridge.fit(x["train"], force_n["train"], ridge.best(history)) / model.unit.item()
+    weights = (
+        found.reshape(hidden.shape[1], k * k, model.axes).transpose(2, 1, 0).reshape(-1, hidden.shape[1])
+    )
+    fitted = copy.deepcopy(model)
+    with torch.no_grad():
+        fitted.layers[-1].weight.copy_(torch.from_numpy(weights[:, :-1]).to(last.weight.dtype))
+        fitted.layers[-1].bias.copy_(torch.from_numpy(weights[:, -1]).to(last.bias.dtype))
+    return fitted, history
+
+
+def _pressed(scene: Scene, displacement_mm: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Clamped at zero if the scene says so."""
+    if not scene.force.clamp:
+        return displacement_mm
+    return {split: np.maximum(frames, 0) for split, frames in displacement_mm.items()}
+
+
+def _error(model: HyperForce, pressed: dict, force: dict, split: str) -> float:
+    with torch.inference_mode():
+        return (model(pressed[split]) - force[split]).abs().sum(dim=1).mean().item()

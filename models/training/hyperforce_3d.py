@@ -1,0 +1,218 @@
+"""Training HyperForce on 3-D displacements: AdamW on the resultant, and the last layer in closed form.
+
+The force is linear in the last layer, so that the hidden ones' outputs are features of a ridge regression. It
+is solved twice, for the hidden layers as they start and as AdamW leaves them; the first alone converges in
+seconds, and costs nothing to keep where it is better.
+Batch, epochs, rate, weight decay and seed are the scene's. Training stops early when the validation error no
+longer falls, can be interrupted after any epoch, and then goes on to the same bits.
+Source: Lu et al., "FasTac": L1 on the three resultants, AdamW.
+"""
+
+import copy
+import os
+from pathlib import Path
+from zipfile import BadZipFile
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from fastac.models.floating.hyperforce import coordinates
+from fastac.models.floating.hyperforce_3d import INPUTS, HyperForce3D
+from fastac.models.floating.threads import single_thread
+from fastac.models.training import ridge
+from fastac.scenes.schema import Scene
+
+PATIENCE = 15
+"""Epochs without a smaller validation error after which training stops."""
+WARM_UP = 0.1
+"""Share of all steps in which the learning rate rises; it then falls as a cosine."""
+MOMENTS = ("exp_avg", "exp_avg_sq", "step")
+
+
+def select(scene: Scene, field_mm: np.ndarray, inputs: str) -> torch.Tensor:
+    """The components of displacements (frames, 3, N, N) that a model sees, float32.
+
+    d_z is clamped at zero if the scene says so; d_x and d_y have both signs.
+    """
+    chosen = field_mm[:, INPUTS[inputs]].astype(np.float32)
+    if scene.force.clamp and "z" in inputs:
+        np.maximum(chosen[:, -1], 0, out=chosen[:, -1])
+    return torch.from_numpy(chosen)
+
+
+@single_thread()
+def train(
+    scene: Scene,
+    rest_depth_mm: np.ndarray,
+    field_mm: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    *,
+    inputs: str = "xyz",
+    dynamic: bool = True,
+    checkpoint: Path | None = None,
+    progress: bool = False,
+) -> tuple[HyperForce3D, list[dict]]:
+    """The model and its learning curve, from `train` and `validation` of field and force.
+
+    field_mm : (frames, 3, N, N) displacements by split name; force_n : (frames, axes)
+    checkpoint : written after each epoch; where there is one, of the same training, it goes on from there
+    The first and the last entry of the curve are the closed forms, before and after AdamW; what is best on
+    the validation split is kept.
+    """
+    for split in ("train", "validation"):
+        if not len(field_mm.get(split, ())):
+            raise ValueError(f"split: no frame is in {split!r}: training stops early by the validation split")
+    x = {split: select(scene, field_mm[split], inputs) for split in ("train", "validation")}
+    force = {split: torch.from_numpy(force_n[split].astype(np.float32)) for split in x}
+    run = _Run(scene, rest_depth_mm, x["train"], force["train"], inputs, dynamic)
+    start = refit(run.model, x, force_n)
+    first = {"epoch": 0} | _errors(start, x, force)
+    if checkpoint is not None and checkpoint.exists():
+        run.load(checkpoint)
+    epochs = scene.training.force_epochs
+    label = f"force, {'dynamic' if dynamic else 'fixed'} {inputs}"
+    bar = tqdm(
+        total=epochs, initial=len(run.history), desc=label, unit="epoch", disable=not progress, leave=False
+    )
+    while len(run.history) < epochs and not run.stalled:
+        train_mae_n = run.epoch(x["train"], force["train"])
+        run.judge(train_mae_n, error_n(run.model, x["validation"], force["validation"]))
+        if checkpoint is not None:
+            run.save(checkpoint)
+        bar.update()
+        bar.set_postfix(mae=f"{run.best_n:.4f} N")
+    bar.close()
+    run.model.load_state_dict(run.best_state)
+    end = refit(run.model, x, force_n)
+    last = {"epoch": len(run.history) + 1} | _errors(end, x, force)
+    tried = [
+        (first["validation_mae_n"], start),
+        (run.best_n, run.model),
+        (last["validation_mae_n"], end),
+    ]
+    return min(tried, key=lambda pair: pair[0])[1], [first, *run.history, last]
+
+
+def refit(model: HyperForce3D, x: dict[str, torch.Tensor], force_n: dict[str, np.ndarray]) -> HyperForce3D:
+    """The last layer anew, by ridge regression, strength by the validation split; `model` stays as it is."""
+    features = {split: model.features(frames) for split, frames in x.items()}
+    fitted = copy.deepcopy(model)
+    fitted.set_last(ridge.choose(features, force_n)[0])
+    return fitted
+
+
+@torch.inference_mode()
+def error_n(model: HyperForce3D, x: torch.Tensor, force_n: torch.Tensor) -> float:
+    """Absolute error of the force, summed over its axes, mean over the frames."""
+    return (model(x) - force_n).abs().sum(dim=1).mean().item()
+
+
+def _errors(model: HyperForce3D, x: dict, force: dict) -> dict[str, float]:
+    return {f"{split}_mae_n": error_n(model, x[split], force[split]) for split in x}
+
+
+class _Run:
+    """A training under way: model, optimiser, learning curve, and the best so far."""
+
+    def __init__(self, scene: Scene, rest_depth_mm, x, force_n, inputs: str, dynamic: bool):
+        self.settings = settings = scene.training
+        torch.manual_seed(settings.seed)
+        self.model = HyperForce3D(
+            coordinates(rest_depth_mm[1:-1, 1:-1]),
+            kernel_size=scene.force.kernel_size,
+            hidden=scene.force.hidden,
+            inputs=inputs,
+            dynamic=dynamic,
+            axes=force_n.shape[1],
+        )
+        self.model.start_from(x, force_n)
+        self.optimiser = torch.optim.AdamW(
+            self.model.parameters(),
+            lr=settings.force_learning_rate,
+            weight_decay=settings.force_weight_decay,
+        )
+        self.history: list[dict] = []
+        self.best_n, self.best_state = np.inf, copy.deepcopy(self.model.state_dict())
+
+    @property
+    def stalled(self) -> bool:
+        errors = [entry["validation_mae_n"] for entry in self.history]
+        return len(errors) > PATIENCE and min(errors[-PATIENCE:]) > self.best_n
+
+    def _rate(self, step: int, steps: int) -> float:
+        warm = max(1, round(WARM_UP * steps))
+        if step < warm:
+            return self.settings.force_learning_rate * (step + 1) / warm
+        return self.settings.force_learning_rate * (1 + np.cos(np.pi * (step - warm) / (steps - warm))) / 2
+
+    def epoch(self, x: torch.Tensor, force_n: torch.Tensor) -> float:
+        """One pass over the training frames; their mean error while it lasts, N."""
+        number, count, total = len(self.history), len(x), 0.0
+        # A generator of its own for each epoch: training goes on alike wherever it was interrupted.
+        order = np.random.default_rng((self.settings.seed, number)).permutation(count)
+        batches = torch.from_numpy(order).split(self.settings.force_batch)
+        for k, index in enumerate(batches, start=number * len(batches)):
+            for group in self.optimiser.param_groups:
+                group["lr"] = self._rate(k, self.settings.force_epochs * len(batches))
+            loss = (self.model(x[index]) - force_n[index]).abs().sum(dim=1).mean()
+            self.optimiser.zero_grad(set_to_none=True)
+            loss.backward()
+            self.optimiser.step()
+            total += loss.item() * len(index)
+        return total / count
+
+    def judge(self, train_mae_n: float, validation_mae_n: float) -> None:
+        self.history.append(
+            {
+                "epoch": len(self.history) + 1,
+                "train_mae_n": train_mae_n,
+                "validation_mae_n": validation_mae_n,
+            }
+        )
+        if validation_mae_n < self.best_n:
+            self.best_n, self.best_state = validation_mae_n, copy.deepcopy(self.model.state_dict())
+
+    def save(self, path: Path) -> None:
+        """Everything that the training goes on from; the file is never half there."""
+        arrays = {f"model.{k}": v.numpy() for k, v in self.model.state_dict().items()}
+        arrays |= {f"best.{k}": v.numpy() for k, v in self.best_state.items()}
+        for k, parameter in enumerate(self.model.parameters()):
+            for moment in MOMENTS:
+                arrays[f"optimiser.{k}.{moment}"] = self.optimiser.state[parameter][moment].numpy()
+        for key in self.history[0]:
+            arrays[f"history.{key}"] = np.array([entry[key] for entry in self.history])
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f".{path.stem}.part.npz")
+        np.savez(temporary, best_n=self.best_n, **arrays)
+        os.replace(temporary, path)
+
+    def load(self, path: Path) -> None:
+        """Raises ValueError where the file is damaged or of another model."""
+        try:
+            with np.load(path, allow_pickle=False) as stored:
+                arrays = {key: stored[key] for key in stored.files}
+            self._restore(arrays)
+        except (OSError, EOFError, KeyError, ValueError, RuntimeError, BadZipFile) as error:
+            reason = str(error).partition("\n")[0]
+            raise ValueError(f"{path}: not a checkpoint of this training ({reason}): delete it") from None
+
+    def _restore(self, arrays: dict[str, np.ndarray]) -> None:
+        def state(name: str) -> dict[str, torch.Tensor]:
+            return {key: torch.from_numpy(arrays[f"{name}.{key}"]) for key in self.model.state_dict()}
+
+        self.best_state = state("best")
+        self.model.load_state_dict(self.best_state)  # of the right shapes, or it is not this model's
+        self.model.load_state_dict(state("model"))
+        parameters = list(self.model.parameters())
+        moments = {
+            k: {moment: torch.from_numpy(arrays[f"optimiser.{k}.{moment}"]) for moment in MOMENTS}
+            for k in range(len(parameters))
+        }
+        self.optimiser.load_state_dict(
+            {"state": moments, "param_groups": self.optimiser.state_dict()["param_groups"]}
+        )
+        self.best_n = float(arrays["best_n"])
+        keys = [key.removeprefix("history.") for key in arrays if key.startswith("history.")]
+        columns = [arrays[f"history.{key}"].tolist() for key in keys]
+        self.history = [dict(zip(keys, row, strict=True)) for row in zip(*columns, strict=True)]

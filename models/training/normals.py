@@ -1,0 +1,216 @@
+"""Training the pixel network: in floating point, then bit-true.
+
+Bit-true fine-tuning runs the integer arithmetic of models/integer/solver.py forward, and passes gradients straight
+through its roundings; what it optimises is exactly what the hardware computes.
+"""
+
+import copy
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from fastac.models.floating.network import PixelNetwork
+from fastac.models.floating.threads import single_thread
+from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, integer_features, scales
+from fastac.models.training.teachers import Ensemble
+from fastac.scenes.schema import Training
+from fastac.sensor.dataset import Dataset
+
+
+def normal_loss(predicted: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+    """The paper's L_n: mean over pixels of the L1 distance of unit normals; both (pixels, 3)."""
+    # As nn.functional.normalize, in operations that do not mind a row for each component.
+    unit = predicted * predicted.square().sum(dim=-1, keepdim=True).clamp_min(1e-24).rsqrt()
+    return (unit - truth).abs().sum(dim=-1).mean()
+
+
+VALIDATION_PX = 1 << 18
+TEACHER_WEIGHT_DECAY = 0.05
+
+
+def labelled_pixels(
+    data: Dataset, split: str, *, flat_fraction: float = 0.0, seed: int = 0
+) -> tuple[np.ndarray, np.ndarray]:
+    """All pixels of a split whose normal is known: features (pixels, inputs), normals (pixels, 3).
+
+    flat_fraction : where the background itself is among the frames, keep as many of its pixels that they are
+    this share of the result (all of them if 0). Raises ValueError where there is nothing to learn from.
+    """
+    if data.normals is None:
+        raise ValueError("normals: missing, so there is nothing to train the pixel network on")
+    contact, flat = [], []
+    for index in data.indices(split):
+        known = np.ones(data.frames.shape[1:3], bool) if data.valid is None else data.valid[index]
+        features = integer_features(data.frames[index], data.background)[known]
+        at_rest = np.array_equal(data.frames[index], data.background)
+        (flat if at_rest else contact).append((features, data.normals[index][known].astype(np.float32)))
+    if not contact:
+        raise ValueError(f"split: no frame in contact is in {split!r}")
+    x, y = (np.concatenate(parts) for parts in zip(*contact, strict=True))
+    if not len(x):
+        raise ValueError(f"valid: no pixel of a frame in contact is labelled in {split!r}")
+    if flat:
+        flat_x, flat_y = (np.concatenate(parts) for parts in zip(*flat, strict=True))
+        if flat_fraction:
+            count = min(len(flat_x), int(len(x) * flat_fraction / (1 - flat_fraction)))
+            chosen = np.random.default_rng(seed).choice(len(flat_x), count, replace=False)
+            flat_x, flat_y = flat_x[chosen], flat_y[chosen]
+        x, y = np.concatenate([x, flat_x]), np.concatenate([y, flat_y])
+    return x, y
+
+
+@dataclass(frozen=True)
+class Fit:
+    """How a network is fitted: Adam with a cosine schedule on the paper's loss.
+
+    input_noise : of ΔI, as a fraction of its spread; position_noise : as a fraction of half the image
+    """
+
+    epochs: int
+    batch: int
+    rate: float
+    seed: int
+    label: str
+    weight_decay: float = 0.0
+    input_noise: float = 0.0
+    position_noise: float = 0.0
+
+    @single_thread()
+    def __call__(self, model, x, y, *, validation=None, teacher=None, copies=0, progress=False) -> list[dict]:
+        """Fit `model` to features x (pixels, inputs) and normals y (pixels, 3); returns the learning curve.
+
+        teacher : module from noisy features to normals that replace y
+        copies : give the model as many copies of each batch, each with noise of its own
+        The best weights on `validation`, a pair like (x, y), are left in the model, the first ones included;
+        without it, the last.
+        """
+        torch.manual_seed(self.seed)
+        generator = torch.Generator().manual_seed(self.seed)
+        x, y = torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y)
+        optimiser = torch.optim.AdamW(
+            model.parameters(), lr=self.rate, weight_decay=self.weight_decay, fused=True
+        )
+        steps = self.epochs * -(-len(x) // self.batch)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+        spread = x.std(dim=0) * self.input_noise
+        spread[-2:] = self.position_noise / COORDINATE_SCALE
+        noisy = bool(spread.any())
+        if teacher is not None and not noisy:  # it says the same every time
+            with torch.no_grad():
+                y, teacher = torch.cat([teacher(part) for part in x.split(self.batch)]), None
+        best, best_state, history = np.inf, None, []
+        if validation is not None:  # what it starts from counts too: fine-tuning must not lose it
+            best, best_state = _loss(model, *validation), copy.deepcopy(model.state_dict())
+        bar = tqdm(total=steps, desc=self.label, unit="step", disable=not progress, leave=False)
+        for epoch in range(self.epochs):
+            total = 0.0
+            for index in torch.randperm(len(x), generator=generator).split(self.batch):
+                inputs, truth = x.index_select(0, index), y.index_select(0, index)
+                if noisy:
+                    shape = (copies, *inputs.shape) if copies else inputs.shape
+                    inputs = inputs + spread * torch.randn(shape, generator=generator)
+                if teacher is not None:
+                    with torch.no_grad():
+                        truth = teacher(inputs)
+                loss = normal_loss(model(inputs), truth)
+                optimiser.zero_grad(set_to_none=True)
+                loss.backward()
+                optimiser.step()
+                schedule.step()
+                total += loss.item() * len(index)
+                bar.update()
+            entry = {"epoch": epoch + 1, "train_loss": total / len(x)}
+            if validation is not None:
+                entry["validation_loss"] = _loss(model, *validation)
+                if entry["validation_loss"] < best:
+                    best, best_state = entry["validation_loss"], copy.deepcopy(model.state_dict())
+            history.append(entry)
+            bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
+        bar.close()
+        if best_state is not None:
+            model.load_state_dict(best_state)
+        return history
+
+
+def _loss(model, x: torch.Tensor, y: torch.Tensor) -> float:
+    with torch.inference_mode():
+        chunks = zip(x.split(1 << 16), y.split(1 << 16), strict=True)
+        return sum(normal_loss(model(a), b).item() * len(a) for a, b in chunks) / len(x)
+
+
+class ScaledNetwork(torch.nn.Module):
+    """A float network on integer features."""
+
+    def __init__(self, network: torch.nn.Module, feature_scales: np.ndarray):
+        super().__init__()
+        self.network = network
+        self.register_buffer("scales", torch.tensor(feature_scales, dtype=torch.float32))
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        return self.network(x * self.scales)
+
+
+def labelled(data: Dataset, settings: Training) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The labelled pixels, features and normals, that the network is trained on, by split name.
+
+    The validation split is a fixed sample, or absent where there is none.
+    """
+    seed = settings.seed
+    found = {"train": labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=seed)}
+    if len(data.indices("validation")):
+        x, y = labelled_pixels(data, "validation")
+        chosen = np.random.default_rng(seed).permutation(len(x))[:VALIDATION_PX]
+        found["validation"] = x[chosen], y[chosen]
+    return found
+
+
+def _tensors(pixels: dict[str, tuple[np.ndarray, np.ndarray]]) -> tuple[torch.Tensor, torch.Tensor] | None:
+    """The validation split's pixels, or None where there are none."""
+    if "validation" not in pixels:
+        return None
+    x, y = pixels["validation"]
+    return torch.from_numpy(x.astype(np.float32)), torch.from_numpy(y)
+
+
+def train(
+    data: Dataset, settings: Training, hidden: tuple[int, ...] = HIDDEN, *, progress: bool = False
+) -> tuple[PixelNetwork, list[dict]]:
+    """Fit the float network to a dataset's train split; returns it and its learning curve.
+
+    hidden : neurons of its hidden layers
+    """
+    pixels = labelled(data, settings)
+    x, y = pixels["train"]
+    unit = scales(x.shape[1] - 2)
+    validation = _tensors(pixels)
+    torch.manual_seed(settings.seed)
+    teacher = None
+    if settings.teachers:
+        ensemble = Ensemble(x.shape[1], teachers=settings.teachers, width=settings.teacher_width)
+        teacher = ScaledNetwork(ensemble, unit)
+        Fit(
+            settings.teacher_epochs,
+            settings.normals_batch_px,
+            settings.normals_learning_rate,
+            settings.seed,
+            "normals, teachers",
+            TEACHER_WEIGHT_DECAY,
+            settings.input_noise,
+            settings.position_noise,
+        )(teacher, x, y, copies=settings.teachers, progress=progress)
+        teacher.eval()
+    network = PixelNetwork(x.shape[1], hidden)
+    fit = Fit(
+        settings.normals_epochs,
+        settings.normals_batch_px,
+        settings.normals_learning_rate,
+        settings.seed,
+        "normals, float",
+        0.0,
+        settings.input_noise,
+        settings.position_noise,
+    )
+    model = ScaledNetwork(network, unit)
+    return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)

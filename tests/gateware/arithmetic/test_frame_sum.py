@@ -1,0 +1,63 @@
+# amaranth: UnusedElaboratable=no
+import numpy as np
+import pytest
+
+from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, dsp_slices, tree_levels
+from fastac.sim.amaranth_bench import transfer
+from fastac.sim.stream import check, pack
+
+
+@pytest.mark.parametrize(("beats", "axes", "words"), [(6, 2, 3), (5, 1, 1), (7, 3, 8)])
+@pytest.mark.parametrize("stall", [0, 0.4])
+def test_sums_of_frames_reach_their_bounds(beats, axes, words, stall):
+    """Frame 0 and 1 are the bounds with the constant's sign and against it, then anything within them."""
+    rng = np.random.default_rng(beats)
+    bounds = rng.integers(0, 100, (beats, axes, words))
+    bounds[:, -1] = 0  # an axis, or all, without words
+    constant = rng.integers(-3000, 3000, axes)
+    x = rng.integers(-bounds, bounds + 1, (6, *bounds.shape))
+    sign = np.sign(constant)[:, None]
+    x[0], x[1] = bounds * sign, -bounds * sign
+    expected = constant + x.sum(axis=(1, 3))
+    dut = FrameAccumulator(bounds, constant)
+    largest = int(np.abs(expected[0]).max())
+    assert largest < 1 << (dut.width - 1) <= 2 * largest, "the bound is reached, and no bit is idle"
+    inputs = pack(x.reshape(-1, axes * words), dut.word_width)
+    payloads, taken = transfer(dut, inputs, {"o": 6}, stall=stall)
+    assert payloads["o"] == pack(expected, dut.width)
+    if not stall:
+        assert dut.latency == tree_levels(words) + 1
+        last = taken["i"][beats - 1 :: beats]
+        assert [t - s for s, t in zip(last, taken["o"], strict=True)] == [dut.latency] * 6
+        assert np.diff(taken["o"]).tolist() == [dut.interval] * 5, "frames follow without a gap"
+
+
+def test_sums_under_verilator(tmp_path):
+    rng = np.random.default_rng(1)
+    bounds = rng.integers(0, 1 << 20, (9, 2, 5))
+    constant = np.array([-(1 << 22), 12345])
+    x = rng.integers(-bounds, bounds + 1, (5, *bounds.shape))
+    x[0], x[1] = bounds, -bounds
+    dut = FrameAccumulator(bounds, constant)
+    check(
+        dut,
+        "frame_accumulator",
+        tmp_path,
+        inputs=pack(x.reshape(-1, 10), dut.word_width),
+        expected=pack(constant + x.sum(axis=(1, 3)), dut.width),
+        mask=(1 << 2 * dut.width) - 1,
+        latencies=[(9 * f + 8, f, dut.latency) for f in range(5)],
+    )
+
+
+def test_levels_of_a_tree():
+    assert [tree_levels(n) for n in (1, 2, 3, 4, 5, 8, 9)] == [0, 1, 2, 2, 3, 3, 4]
+
+
+def test_slices_of_a_product():
+    """One DSP48E2 takes signed 27×18 bits, either operand on either port."""
+    one = [(1, 1), (17, 13), (27, 18), (18, 27), (18, 18)]
+    two = [(28, 18), (18, 28), (19, 19), (27, 19), (19, 27), (27, 35), (53, 18)]
+    assert [dsp_slices(*widths) for widths in one] == [1] * len(one)
+    assert [dsp_slices(*widths) for widths in two] == [2] * len(two)
+    assert dsp_slices(28, 28) == dsp_slices(53, 35) == 4

@@ -1,0 +1,91 @@
+# amaranth: UnusedElaboratable=no
+import numpy as np
+import pytest
+from amaranth import Module, Shape, Signal
+from amaranth.hdl import Fragment
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.sim import Simulator
+
+from fastac.gateware.arithmetic.product import LATENCY, product
+from fastac.gateware.target.ecp5 import OPERAND_BITS, Ecp5
+
+
+class Multiplier(wiring.Component):
+    """A product with ports around it."""
+
+    def __init__(self, a: Shape, b: Shape):
+        super().__init__(
+            {"advance": In(1), "a": In(a), "b": In(b), "o": Out((Signal(a) * Signal(b)).shape())}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.d.comb += self.o.eq(product(m, platform, self.advance, self.a, self.b, name="product"))
+        return m
+
+
+class Modelled(Ecp5):
+    """The ECP5's multiplier by what its data sheet says of it, instead of the primitive."""
+
+    def multiplier(self, m, advance, a, b, *, name):
+        for operand in (a, b):
+            assert len(operand) + (not operand.shape().signed) <= OPERAND_BITS
+        left, right = Signal(a.shape(), name=f"{name}_a"), Signal(b.shape(), name=f"{name}_b")
+        output = Signal((a * b).shape(), name=f"{name}_m")
+        with m.If(advance):
+            m.d.sync += [left.eq(a), right.eq(b), output.eq(left * right)]
+        return output
+
+
+def limits(shape: Shape) -> list[int]:
+    low = -(1 << shape.width - 1) if shape.signed else 0
+    return [low, low + 1, low + (1 << shape.width) - 2, low + (1 << shape.width) - 1]
+
+
+@pytest.mark.parametrize("platform", [None, Modelled()], ids=["DSP48E2", "ECP5"])
+@pytest.mark.parametrize(
+    ("a", "b"),
+    [
+        (Shape(27, True), Shape(18, True)),
+        (Shape(17, True), Shape(27, True)),
+        (Shape(26, False), Shape(17, False)),
+        (Shape(18, True), Shape(17, False)),
+        (Shape(18, False), Shape(3, True)),
+    ],
+    ids=repr,
+)
+def test_every_product_after_three_advances(platform, a, b):
+    rng = np.random.default_rng(1)
+    pairs = [(x, y) for x in limits(a) for y in limits(b)]
+    pairs += [
+        (int(rng.integers(limits(a)[0], limits(a)[3])), int(rng.integers(limits(b)[0], limits(b)[3])))
+        for _ in range(50)
+    ]
+    pauses = rng.random(500) < 0.4
+    dut = Multiplier(a, b)
+    found = []
+
+    async def bench(ctx):
+        taken, cycle = 0, 0
+        while taken < len(pairs) + LATENCY:
+            x, y = pairs[min(taken, len(pairs) - 1)]
+            ctx.set(dut.a, x)
+            ctx.set(dut.b, y)
+            advance = not pauses[cycle]
+            ctx.set(dut.advance, advance)
+            if advance and taken >= LATENCY:
+                found.append(ctx.get(dut.o))
+            await ctx.tick()
+            taken, cycle = taken + advance, cycle + 1
+
+    simulator = Simulator(Fragment.get(dut, platform))
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
+    assert found == [x * y for x, y in pairs]
+
+
+def test_too_wide_for_the_ecp5():
+    with pytest.raises(ValueError, match="product: 36 × 18 bits: expected at most 35 × 18 signed"):
+        Fragment.get(Multiplier(Shape(36, False), Shape(18, True)), Ecp5())

@@ -1,0 +1,87 @@
+# amaranth: UnusedElaboratable=no
+import json
+from dataclasses import asdict
+
+import pytest
+
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, REGISTERS, Identity
+from fastac.gateware.bus.registers import RegisterBlock
+from fastac.gateware.stream import frame_guard
+from fastac.sim.runner import simulate
+
+SHAPE = {
+    "bundle_hash": 0xFEDCBA9876543210,
+    "version": 3,
+    "height": 120,
+    "width": 300,
+    "channels": 4,
+    "lanes": 2,
+}
+
+
+@pytest.mark.parametrize(
+    "outputs",
+    [
+        {"axes": "xyz", "depth": True, "background_capture": True, "force_width": 40},
+        {"axes": "z", "depth": False, "background_capture": False, "force_width": 64},
+        {"axes": "", "depth": True, "background_capture": False},
+        {"axes": "yz", "calibration_words": 70_000, "calibration_layout": 0xFEDCBA98},
+    ],
+    ids=["force xyz, depth, background", "force z", "depth", "force yz, depth, calibration"],
+)
+def test_registers(tmp_path, outputs):
+    identity = Identity(**SHAPE, **outputs)
+    simulate(
+        RegisterBlock(identity),
+        "registers",
+        "fastac.sim.bench_registers",
+        tmp_path,
+        IDENTITY=json.dumps(asdict(identity)),
+    )
+
+
+def test_map():
+    offsets = [register.offset for register in REGISTERS]
+    assert len({register.name for register in REGISTERS}) == len(set(offsets)) == len(REGISTERS)
+    assert all(offset % 4 == 0 and offset < 1 << ADDRESS_WIDTH for offset in offsets)
+    assert all(register.access in ("ro", "rw", "w1c", "wo") and register.meaning for register in REGISTERS)
+    for register in REGISTERS:
+        mask = 0
+        for field in register.fields:
+            bits = ((1 << field.width) - 1) << field.low
+            assert not mask & bits, f"{register.name}.{field.name}"
+            mask |= bits
+        assert mask < 1 << 32, register.name
+    assert ERRORS[:5] == frame_guard.FRAME_FAULTS
+
+
+def test_what_is_not_wanted_is_absent():
+    names = {register.name for register in Identity(**SHAPE, axes="").registers}
+    assert not [name for name in names if "FORCE" in name]
+    names = {register.name for register in Identity(**SHAPE, axes="z", depth=False).registers}
+    assert not [name for name in names if name.endswith("DEPTH") or name.startswith("FORCE_X")]
+    assert "FORCE_Z_HIGH" in names
+    block = RegisterBlock(Identity(**SHAPE, axes="z", depth=False)).signature.members
+    assert "depth_done" not in block
+    assert "capture_background" not in block
+    assert "calibration" not in block
+    assert not [name for name in names if "CALIBRATION" in name]
+    loadable = Identity(**SHAPE, axes="z", calibration_words=9)
+    assert len([register for register in loadable.registers if "CALIBRATION" in register.name]) == 4
+    assert "calibration" in RegisterBlock(loadable).signature.members
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"axes": "zx"}, r"axes 'zx': expected some of 'xyz', in this order"),
+        ({"axes": "", "depth": False}, "axes '', depth False: expected a force or a depth"),
+        ({"bundle_hash": 1 << 64}, "bundle_hash 18446744073709551616: expected 0 to"),
+        ({"height": 1 << 16}, "height 65536: expected 1 to 65535"),
+        ({"force_width": 65}, "force_width 65: expected 1 to 64"),
+        ({"calibration_layout": -1}, "calibration_layout -1: expected 0 to 4294967295"),
+    ],
+)
+def test_refuses(changed, message):
+    with pytest.raises(ValueError, match=message):
+        Identity(**{**SHAPE, "axes": "xyz", **changed})

@@ -1,0 +1,208 @@
+# amaranth: UnusedElaboratable=no
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from amaranth import Const, Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.force.weighted_sum import WeightedSumStream
+from fastac.gateware.fz_stream import PatchForceStream
+from fastac.gateware.network.gradient_ratio import GradientDivider
+from fastac.gateware.poisson.depth import Displacement
+from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.network import GradientRatio
+from fastac.models.integer.solver import Depth, DisplacementQuantiser
+from fastac.sim.amaranth_bench import transfer
+from fastac.sim.stream import check, pack
+
+
+def beats(x, lanes, bits, rng):
+    """Frames (F, rows, columns, terms) to payloads; void lanes hold any bits."""
+    fill = rng.integers(0, 1 << bits, (*x.shape[:2], -x.shape[2] % lanes, x.shape[3]))
+    return pack(np.concatenate([x, fill], axis=2).reshape(-1, lanes * x.shape[3]), bits)
+
+
+def weighted_sum(axes, rows, columns, terms, bits, signed, weight_bits, rng):
+    """Axis 0: any weights; axis 1: none. One axis reaches the bound: unsigned, by weights of one sign."""
+    limit = (1 << (weight_bits - 1)) - 1
+    weight = rng.integers(-limit, limit + 1, (axes, rows, columns, terms))
+    constant = rng.integers(-limit, 0, axes) << bits
+    if axes > 1:
+        weight[1] = 0
+    if not signed:
+        weight[0] //= axes
+        weight[-1] = -np.abs(weight[-1])
+    return WeightedSum(weight, constant, bits, signed)
+
+
+def frames_of(weighted, rng):
+    """For each axis the largest and the lowest sum; zero; a random frame after each."""
+    limit = weighted.input_limit
+    low = -limit if weighted.input_signed else 0
+    frames = []
+    for weight in weighted.weight:
+        most = np.where(weight > 0, limit, low)
+        for extreme in (most, limit + low - most):
+            frames += [extreme, rng.integers(low, limit + 1, weight.shape)]
+    return np.stack([*frames, 0 * weight])
+
+
+@pytest.mark.parametrize(
+    ("axes", "rows", "columns", "terms", "lanes", "bits", "signed", "weight_bits"),
+    [
+        (1, 5, 9, 1, 4, 16, False, 13),
+        (3, 6, 8, 2, 4, 17, True, 18),
+        (2, 4, 7, 2, 2, 8, True, 6),
+        (1, 3, 5, 1, 1, 9, True, 20),
+    ],
+)
+def test_force_of_every_frame(tmp_path, axes, rows, columns, terms, lanes, bits, signed, weight_bits):
+    rng = np.random.default_rng(1)
+    weighted = weighted_sum(axes, rows, columns, terms, bits, signed, weight_bits, rng)
+    x = frames_of(weighted, rng)
+    expected = weighted(x)
+    assert np.abs(expected).max() == weighted.bound, "the bound is reached exactly"
+    dut = WeightedSumStream(weighted, lanes=lanes)
+    assert dut.latency == 6 + (lanes * terms - 1).bit_length()
+    assert dut.interval == rows * -(-columns // lanes)
+    last = [(f + 1) * dut.interval - 1 for f in range(len(x))]
+    check(
+        dut,
+        "weighted_sum",
+        tmp_path,
+        inputs=beats(x, lanes, bits, rng),
+        expected=pack(expected, weighted.width),
+        mask=(1 << axes * weighted.width) - 1,
+        latencies=[(b, f, dut.latency) for f, b in enumerate(last)]
+        + [(0, f, dut.latency + b) for f, b in enumerate(last)],
+    )
+
+
+@pytest.mark.parametrize("columns", [6, 7])
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.parametrize("terms", [1, 2])
+@pytest.mark.parametrize(("axes", "signed"), [(1, False), (1, True), (2, True), (3, False), (3, True)])
+def test_every_shape_with_stalls(columns, lanes, terms, axes, signed):
+    rng = np.random.default_rng(columns)
+    weighted = weighted_sum(axes, 3, columns, terms, 6, signed, 5, rng)
+    x = frames_of(weighted, rng)
+    expected = weighted(x)
+    assert np.abs(expected).max() == weighted.bound
+    inputs = beats(x, lanes, 6, rng)
+    for stall in (0, 0.4):
+        dut = WeightedSumStream(weighted, lanes=lanes)
+        payloads, taken = transfer(dut, inputs, {"o": len(x)}, stall=stall)
+        assert payloads["o"] == pack(expected, weighted.width)
+        if not stall:
+            last = taken["i"][dut.interval - 1 :: dut.interval]
+            assert [t - s for s, t in zip(last, taken["o"], strict=True)] == [dut.latency] * len(x)
+            assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(x) - 1)
+
+
+def test_an_untaken_force_stops_everything_and_loses_nothing():
+    rng = np.random.default_rng(3)
+    weighted = weighted_sum(1, 2, 4, 2, 6, True, 5, rng)
+    x = rng.integers(-31, 32, (12, 2, 4, 2))
+    dut = WeightedSumStream(weighted, lanes=2)
+    payloads, taken = transfer(dut, beats(x, 2, 6, rng), {"o": len(x)}, stall={"i": 0, "o": 0.98})
+    assert payloads["o"] == pack(weighted(x), weighted.width)
+    for k, clock in enumerate(taken["o"]):
+        waiting = sum(t < clock for t in taken["i"]) - k * dut.interval
+        assert waiting <= dut.interval + dut.latency
+
+
+class WithConstant(wiring.Component):
+    """`component` between its streams, `constant` (axes,) standing at its port."""
+
+    def __init__(self, component, constant):
+        self.component, self.constant = component, constant
+        super().__init__({"i": In(component.i.signature.flip()), "o": Out(component.o.signature)})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.component = component = self.component
+        wiring.connect(m, wiring.flipped(self.i), component.i)
+        wiring.connect(m, component.o, wiring.flipped(self.o))
+        [image] = pack([self.constant], component.weighted.width)
+        m.d.comb += component.constant.as_value().eq(Const(image, len(component.constant.as_value())))
+        return m
+
+
+@pytest.mark.parametrize("lanes", [1, 2])
+def test_a_loadable_constant_takes_the_place_of_its_own(lanes):
+    rng = np.random.default_rng(6)
+    start = weighted_sum(3, 3, 4, 2, 6, True, 5, rng)
+    weighted = replace(start, constant=start.constant[::-1] // 2 + np.array([1, -1, 0]))
+    assert weighted.width == start.width
+    x = rng.integers(-31, 32, (4, 3, 4, 2))
+    dut = WeightedSumStream(start, lanes=lanes, loadable=True)
+    assert "constant" not in WeightedSumStream(start, lanes=lanes).signature.members
+    inputs = beats(x, lanes, 6, rng)
+    payloads, _ = transfer(WithConstant(dut, weighted.constant), inputs, {"o": len(x)}, stall=0.3)
+    assert payloads["o"] == pack(weighted(x), weighted.width) != pack(start(x), start.width)
+
+
+def test_no_weights_leave_the_constant():
+    weighted = WeightedSum(np.zeros((2, 4, 5, 1), int), np.array([-77, 12]), 8, False)
+    assert weighted.bound == 77
+    dut = WeightedSumStream(weighted, lanes=2)
+    payloads, _ = transfer(dut, [0xFFFF] * 24, {"o": 2})
+    assert payloads["o"] == pack([[-77, 12]] * 2, weighted.width)
+
+
+@pytest.mark.parametrize(("k", "lanes", "signed"), [(1, 4, False), (3, 1, True), (5, 2, False), (7, 4, True)])
+def test_collapsed_kernels_give_the_patches_force(k, lanes, signed):
+    """Both as hardware: saturated frames, one bright pixel in every corner, random frames."""
+    rng = np.random.default_rng(k)
+    n, bits = 8, 6
+    force = PatchForce(rng.integers(-8, 8, (2, n, n, k, k)), 4, bits, signed)
+    top = force.displacement_limit
+    q = rng.integers(-top if signed else 0, top + 1, (8, n, n))
+    q[0], q[1:5] = top, 0
+    for frame, corner in enumerate([(0, 0), (0, -1), (-1, 0), (-1, -1)], start=1):
+        q[(frame, *corner)] = top
+    q[5] *= -1 if signed else 1
+    weighted = force.collapsed()
+    patches, sums = PatchForceStream(force, lanes=lanes), WeightedSumStream(weighted, lanes=lanes)
+    assert patches.i.payload.shape() == sums.i.payload.shape()
+    assert sums.latency < patches.latency
+    assert sums.multipliers * k * k == patches.multipliers
+    inputs = beats(q[..., None], lanes, bits, rng)
+    expected = force(q)
+    by_patches, _ = transfer(patches, inputs, {"o": len(q)})
+    by_weights, _ = transfer(sums, inputs, {"o": len(q)})
+    assert by_patches["o"] == pack(expected, force.width)
+    assert by_weights["o"] == pack(expected, weighted.width)
+
+
+@pytest.mark.parametrize("clamp", [True, False])
+def test_connects_to_displacements_and_slopes(clamp):
+    depth = Depth("difference", 12, np.zeros((6, 6), int))
+    quantiser = DisplacementQuantiser(depth.width, 2, 8, clamp)
+    displaced = WeightedSum(np.ones((1, 6, 6, 1), int), np.zeros(1, int), 8, not clamp)
+    dut = WeightedSumStream(displaced, lanes=2)
+    assert Displacement(depth, quantiser, lanes=2).o.payload.shape() == dut.i.payload.shape()
+    sloped = WeightedSum(np.ones((1, 6, 8, 2), int), np.zeros(1, int), 10, True)
+    divider = GradientDivider(GradientRatio(12, 10, 6), lanes=4)
+    assert divider.o.payload.shape() == WeightedSumStream(sloped, lanes=4).i.payload.shape()
+
+
+def test_scale_of_a_real_sensor():
+    """128×128 slopes at 4 a clock, three axes: 9 clocks from the last pixel to the force, 24 products."""
+    weight = np.full((3, 128, 128, 2), 1 << 16)
+    dut = WeightedSumStream(WeightedSum(weight, np.zeros(3, int), 17, True), lanes=4)
+    assert (dut.latency, dut.interval, dut.multipliers) == (9, 4096, 24)
+    wide = WeightedSum(weight * 4, np.zeros(3, int), 17, True)  # 20-bit weights go to the 27-bit port
+    assert WeightedSumStream(wide, lanes=4).multipliers == 24
+    assert WeightedSumStream(WeightedSum(weight * 4, np.zeros(3, int), 19, True), lanes=4).multipliers == 48
+
+
+def test_refusals():
+    weighted = WeightedSum(np.ones((1, 4, 4, 1), int), np.zeros(1, int), 8, False)
+    with pytest.raises(ValueError, match="lanes 3: expected one of"):
+        WeightedSumStream(weighted, lanes=3)
+    pixel = WeightedSum(np.ones((1, 1, 4, 1), int), np.zeros(1, int), 8, False)
+    with pytest.raises(ValueError, match="frame of 1×4: expected at least 2 beats"):
+        WeightedSumStream(pixel, lanes=4)

@@ -1,0 +1,68 @@
+# amaranth: UnusedElaboratable=no
+import itertools
+
+import numpy as np
+import pytest
+
+from fastac.gateware.network.gradient_ratio import GradientDivider
+from fastac.models.integer.network import GradientRatio
+from fastac.sim.stream import check, pack
+
+
+def normals(ratio, rng, count):
+    """Every combination of extreme words, quotients around the limit and around halves, then anything."""
+    top = (1 << (ratio.normal_width - 1)) - 1
+    corners = [-top - 1, -top, -1, 0, 1, 2, top - 1, top]
+    extremes = np.array(list(itertools.product(corners, repeat=3)))
+
+    n_z = rng.integers(1, top + 1, count)
+    # Slopes of half-integers of their last bit, one n beside them: where rounding and saturation turn.
+    q = np.where(np.arange(count) % 2, ratio.limit, rng.integers(0, ratio.limit + 1, count))
+    near = ((2 * q + 1) * n_z >> (ratio.fraction + 1))[:, None] + rng.integers(-1, 2, (count, 2))
+    near = np.minimum(near, top) * rng.choice([-1, 1], (count, 2))
+    around = np.concatenate([near, n_z[:, None]], axis=1)
+
+    anything = rng.integers(-top - 1, top + 1, (count, 3))
+    anything[: count // 2, 2] >>= rng.integers(0, ratio.normal_width, count // 2)
+    return np.concatenate([extremes, around, anything])
+
+
+@pytest.mark.parametrize(
+    ("normal_width", "width", "fraction", "lanes"),
+    [(21, 17, 14, 2), (10, 9, 8, 4), (7, 12, 5, 1), (8, 6, 0, 1)],
+)
+def test_rtl_equals_reference(tmp_path, normal_width, width, fraction, lanes):
+    rng = np.random.default_rng(1)
+    ratio = GradientRatio(normal_width, width, fraction)
+    dut = GradientDivider(ratio, lanes=lanes)
+    n = normals(ratio, rng, 400)
+    n = n.reshape(-1, lanes, 3)
+    slopes, saturated = ratio(n)
+    assert saturated.any()
+    assert not saturated.all(axis=(1, 2)).all()
+    assert (slopes == ratio.limit).any()
+    assert (slopes == -ratio.limit).any()
+    check(
+        dut,
+        "gradient_divider",
+        tmp_path,
+        inputs=pack(n, normal_width),
+        expected=pack(slopes, width),
+        latencies=[(k, k, width + 2) for k in range(len(n))],
+        flags={"saturated": int(saturated.any(axis=(1, 2)).sum())},
+    )
+
+
+@pytest.mark.parametrize(
+    ("ratio", "lanes", "message"),
+    [
+        (GradientRatio(12, 9, 6), 3, r"lanes 3: expected one of \(1, 2, 4\)"),
+        (GradientRatio(1, 1, 0), 1, "normal_width 1: expected at least 2"),
+        (GradientRatio(12, 9, 9), 1, "fraction 9: expected 0 to 8"),
+        (GradientRatio(12, 9, -1), 1, "fraction -1: expected 0 to 8"),
+        (GradientRatio(6, 12, 5), 1, "width 12: expected at most 11"),
+    ],
+)
+def test_refusals(ratio, lanes, message):
+    with pytest.raises(ValueError, match=message):
+        GradientDivider(ratio, lanes=lanes)

@@ -1,0 +1,64 @@
+# amaranth: UnusedElaboratable=no
+import numpy as np
+import pytest
+
+from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
+from fastac.models.integer.dst2d import EigenvalueDivision
+from fastac.models.integer.words import signed_width
+from fastac.sim.stream import check, pack
+
+
+def eigenvalue_division(size: int, *, input_width: int, rounding: str = "nearest") -> EigenvalueDivision:
+    cosine = 2 * np.cos(np.pi * np.arange(1, size + 1) / (size + 1))
+    reciprocal = 1 / (4 - (cosine[:, None] + cosine))
+    shift = 16 - np.floor(np.log2(reciprocal)).astype(np.int64)
+    mantissa = np.minimum(np.round(reciprocal * 2.0**shift), (1 << 17) - 1).astype(np.int64)
+    bound = int(((mantissa << (input_width - 1)) >> shift).max()) + 1
+    return EigenvalueDivision(mantissa, shift, input_width, signed_width(bound), rounding)
+
+
+def by_beats(rows, lanes: int, void: int) -> np.ndarray:
+    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    short = -rows.shape[1] % lanes
+    return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
+
+
+def compare(folder, division, lanes: int):
+    size, width = len(division.mantissa), division.input_width
+    dut = EigenvalueDivider(division, lanes=lanes)
+    limit = 1 << (width - 1)
+    x = np.random.default_rng(1).integers(-limit, limit, (6, size, size))
+    x[0], x[1], x[2] = 0, -limit, limit - 1
+    # Small ones, whose quotients lie near the halves.
+    x[3] = np.random.default_rng(2).integers(-9, 10, (size, size))
+    quotients = division(x).reshape(-1, size)
+    check(
+        dut,
+        "eigenvalue_division",
+        folder,
+        inputs=pack(by_beats(x.reshape(-1, size), lanes, -1), width),
+        expected=pack(by_beats(quotients, lanes, 0), division.output_width),
+        mask=pack(by_beats(np.full_like(quotients, -1), lanes, 0), division.output_width),
+        latencies=[(k, k, dut.latency) for k in range(0, quotients.size // lanes, 7)],
+    )
+
+
+@pytest.mark.parametrize(
+    ("size", "lanes", "input_width", "rounding"),
+    [(14, 1, 27, "nearest"), (15, 2, 18, "nearest"), (15, 2, 18, "floor")],
+)
+def test_rtl_equals_reference(tmp_path, size, lanes, input_width, rounding):
+    division = eigenvalue_division(size, input_width=input_width, rounding=rounding)
+    assert division.shift.min() < division.shift.max()
+    compare(tmp_path, division, lanes)
+
+
+def test_one_shift_needs_no_barrel(tmp_path):
+    division = EigenvalueDivision(np.full((6, 6), (1 << 16) + 1), np.full((6, 6), 1), 8, 24)
+    assert EigenvalueDivider(division, lanes=4).latency == 5
+    compare(tmp_path, division, 4)
+
+
+def test_refusals():
+    with pytest.raises(ValueError, match="lanes 8: expected 1, 2 or 4"):
+        EigenvalueDivider(eigenvalue_division(5, input_width=9), lanes=8)

@@ -1,0 +1,103 @@
+# amaranth: UnusedElaboratable=no
+import numpy as np
+import pytest
+
+from fastac.gateware.poisson.frame_reversal import FrameReversal
+from fastac.gateware.poisson.recurrence import RowRecurrence
+from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.tridiagonal import Elimination, Substitution, thomas_coefficients
+from fastac.sim.stream import check, pack
+
+FRAMES = 4
+
+
+def by_beats(frames, lanes: int, void: int) -> np.ndarray:
+    """Frames (..., N, N) to (beats, lanes), with `void` behind the last value of each row."""
+    rows = frames.reshape(-1, frames.shape[-1])
+    short = -rows.shape[1] % lanes
+    return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
+
+
+def table(size: int) -> np.ndarray:
+    """Coefficients that are all different, and constant from a row on that each mode has for itself."""
+    rng = np.random.default_rng(size)
+    c = thomas_coefficients(size, 17) - rng.integers(0, 20000, (size, size))
+    last = rng.permutation(size)
+    return np.take_along_axis(c, np.minimum(np.arange(size)[:, None], last), axis=0)
+
+
+@pytest.mark.parametrize(
+    ("kind", "size", "lanes", "rounding"),
+    [
+        ("elimination", 5, 1, "nearest"),
+        ("elimination", 18, 4, "nearest"),
+        ("substitution", 14, 2, "nearest"),
+        ("substitution", 18, 4, "nearest"),
+        ("elimination", 11, 2, "floor"),
+        ("substitution", 14, 2, "floor"),
+    ],
+)
+def test_recurrence_equals_reference(tmp_path, kind, size, lanes, rounding):
+    inputs = np.random.default_rng(1).integers(-(2**13), 2**13, (FRAMES, size, size))
+    inputs[0], inputs[1] = -(2**13), 2**13 - 1
+    if kind == "elimination":
+        recurrence = Elimination(table(size), 17, 14, 20, rounding=rounding)
+        fed, expected = inputs, recurrence(inputs)
+    else:
+        recurrence = Substitution(table(size), 17, 14, 20, drop=size % 4, rounding=rounding)
+        fed, expected = inputs[:, ::-1], recurrence(inputs)[:, ::-1]
+    dut = RowRecurrence(recurrence, lanes=lanes)
+    beats = FRAMES * size * dut.beats
+    check(
+        dut,
+        "recurrence",
+        tmp_path,
+        inputs=pack(by_beats(fed, lanes, 0x155), 14),
+        expected=pack(by_beats(expected, lanes, 0), 20),
+        mask=pack(by_beats(np.full_like(expected, -1), lanes, 0), 20),
+        latencies=[(k, k, dut.latency) for k in range(beats)],
+    )
+
+
+@pytest.mark.parametrize("kind", ["elimination", "substitution"])
+def test_tables_hold_each_coefficient_once_where_it_stays_the_same(kind):
+    c = thomas_coefficients(126, 17)
+    recurrence = Elimination(c, 17, 26, 26) if kind == "elimination" else Substitution(c, 17, 26, 26, 5)
+    places, words = RowRecurrence(recurrence, lanes=4).tables()
+    assert sum(map(len, words)) < 126 * 126 / 12
+    for mode in range(126):
+        place = places[mode % 4][mode // 4]
+        found = [words[mode % 4][place["start"] + min(row, place["last"])] for row in range(126)]
+        np.testing.assert_array_equal(found, c[:, mode])
+
+
+@pytest.mark.parametrize(("size", "lanes"), [(5, 1), (14, 4)])
+def test_reversal(tmp_path, size, lanes):
+    frames = np.random.default_rng(1).integers(-(2**10), 2**10, (FRAMES, size, size))
+    dut = FrameReversal(size, 11, lanes=lanes)
+    row, frame = dut.beats, size * dut.beats
+    check(
+        dut,
+        "reversal",
+        tmp_path,
+        inputs=pack(by_beats(frames, lanes, 0x155), 11),
+        expected=pack(by_beats(frames[:, ::-1], lanes, 0), 11),
+        mask=pack(by_beats(np.full_like(frames, -1), lanes, 0), 11),
+        # The page never holds up a writer that comes at full rate.
+        latencies=[(f * frame + frame - row, f * frame, dut.latency) for f in range(FRAMES)]
+        + [(0, FRAMES * frame - 1, (FRAMES + 1) * frame - row - 1 + dut.latency)],
+    )
+
+
+def test_refusals():
+    c = thomas_coefficients(8, 17)
+    with pytest.raises(ValueError, match="lanes 3: expected 1, 2 or 4"):
+        RowRecurrence(Elimination(c, 17, 10, 10), lanes=3)
+    with pytest.raises(ValueError, match="rows of 8 values, 4 beats: expected at least 5 beats"):
+        RowRecurrence(Elimination(c, 17, 10, 10), lanes=2)
+    with pytest.raises(ValueError, match="recurrence SineTransform: expected Elimination or Substitution"):
+        RowRecurrence(SineTransform(np.eye(8, dtype=int), 1, 10, 10), lanes=1)
+    with pytest.raises(ValueError, match="lanes 8: expected 1, 2 or 4"):
+        FrameReversal(14, 10, lanes=8)
+    with pytest.raises(ValueError, match="size 4: expected more than lanes = 4"):
+        FrameReversal(4, 10, lanes=4)

@@ -1,0 +1,164 @@
+# amaranth: UnusedElaboratable=no
+import numpy as np
+import pytest
+from amaranth.hdl import ResetInserter, Signal
+from amaranth.sim import Simulator
+
+from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
+from fastac.models.integer.bounds import coefficients
+from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.tridiagonal import (
+    Elimination,
+    Substitution,
+    TridiagonalSolver,
+    thomas_coefficients,
+    tridiagonal_solver,
+)
+from fastac.models.integer.words import Fixed
+from fastac.sim.stream import check, pack
+
+GRADIENT_WIDTH = 10
+LIMIT = 2 ** (GRADIENT_WIDTH - 1) - 1
+
+
+def make(size: int, divergence: str = "central", **numbers) -> tuple[PoissonSource, TridiagonalSolver]:
+    """The solver for `size` inner pixels a side, slopes of 7 fractional bits, each word from its bound."""
+    offset = np.random.default_rng(3).integers(-700, 700, (size, size))
+    source = PoissonSource(divergence, GRADIENT_WIDTH, offset)
+    chosen = tridiagonal_solver(
+        offset=offset,
+        source=Fixed(source.width, 7 + (divergence == "central")),
+        slope_limit=LIMIT / 128,
+        divergence=divergence,
+        **{"coefficient_fraction": 17, "data_bits": 26} | numbers,
+    )
+    return source, chosen
+
+
+def component(source: PoissonSource, chosen: TridiagonalSolver, lanes: int) -> TridiagonalPoissonSolver:
+    side = len(source.offset) + 2
+    return TridiagonalPoissonSolver(
+        source,
+        chosen.row_forward,
+        chosen.elimination,
+        chosen.substitution,
+        chosen.row_inverse,
+        height=side,
+        width=side,
+        lanes=lanes,
+    )
+
+
+def by_beats(rows, lanes: int, void: int) -> np.ndarray:
+    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    short = -rows.shape[1] % lanes
+    return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
+
+
+@pytest.mark.parametrize(
+    ("size", "lanes", "divergence", "numbers"),
+    [
+        (13, 1, "central", {}),
+        (14, 2, "backward", {"data_bits": 16, "coefficient_fraction": 12}),
+        (18, 4, "central", {}),
+        (13, 1, "central", {"rounding": "floor", "data_bits": 18}),
+    ],
+)
+def test_rtl_equals_reference(tmp_path, size, lanes, divergence, numbers):
+    source, chosen = make(size, divergence, **numbers)
+    dut, frames = component(source, chosen, lanes), 5
+    # The extremes first: nothing, both limits, then the signs that make the deepest solution.
+    slopes = np.random.default_rng(1).integers(-LIMIT, LIMIT + 1, (frames, size + 2, size + 2, 2))
+    slopes[0], slopes[1], slopes[2] = 0, LIMIT, LIMIT * np.sign(np.arange(size + 2) - size / 2)[:, None, None]
+    solution = chosen(source(slopes))[:, ::-1].reshape(-1, size)
+    width = chosen.depth_format.width
+    frame_in, frame_out = (size + 2) ** 2 // lanes, size * dut.beats
+    check(
+        dut,
+        "tridiagonal_solver",
+        tmp_path,
+        inputs=pack(slopes.reshape(-1, lanes * 2), GRADIENT_WIDTH),
+        expected=pack(by_beats(solution, lanes, 0), width),
+        mask=pack(by_beats(np.full_like(solution, -1), lanes, 0), width),
+        latencies=[
+            (0, 0, dut.latency),
+            (0, frame_out - 1, dut.frame_latency),
+            # Frames overlap: slopes are never held up, and a solution leaves every `interval` clocks.
+            (0, frames * frame_out - 1, dut.frame_latency + (frames - 1) * dut.interval),
+            ((frames - 1) * frame_in, frames * frame_out - 1, dut.frame_latency),
+        ],
+    )
+
+
+def test_reset_within_a_frame_starts_afresh_and_rows_carry_their_address():
+    size = 5
+    source, chosen = make(size)
+    dut = component(source, chosen, lanes=1)
+    reset = Signal()
+    slopes = np.random.default_rng(2).integers(-LIMIT, LIMIT + 1, (size + 2, size + 2, 2))
+    words = pack(slopes.reshape(-1, 2), GRADIENT_WIDTH)
+    expected = [
+        (row, z) for row, line in reversed([*enumerate(chosen(source(slopes)).tolist())]) for z in line
+    ]
+
+    async def bench(ctx):
+        ctx.set(dut.o.ready, 1)
+        for length in range(1, 3 * len(words), 6):
+            await feed(ctx, length)
+            ctx.set(reset, 1)
+            await ctx.tick()
+            ctx.set(reset, 0)
+            assert await feed(ctx, len(words), dut.frame_latency) == expected
+
+    async def feed(ctx, beats: int, clocks: int = 0) -> list[tuple[int, int]]:
+        received = []
+        for n in range(beats + clocks):
+            ctx.set(dut.i.valid, n < beats)
+            ctx.set(dut.i.payload.as_value(), words[n % len(words)])
+            *_, valid, row, value = await ctx.tick().sample(dut.o.valid, dut.row, dut.o.payload[0])
+            if valid:
+                received.append((row, value))
+        return received
+
+    simulator = Simulator(ResetInserter(reset)(dut))
+    simulator.add_clock(1e-8)
+    simulator.add_testbench(bench)
+    simulator.run()
+
+
+@pytest.mark.parametrize(
+    ("lanes", "frame_latency", "interval", "multipliers"),
+    [(1, 32_427, 16_384, 128), (2, 16_234, 8_192, 256), (4, 8_202, 4_096, 512)],
+)
+def test_cost_of_the_paper_s_frame(lanes, frame_latency, interval, multipliers):
+    source, matrix = PoissonSource("central", 17, np.zeros((126, 126), int)), coefficients(126, 17)
+    c = thomas_coefficients(126, 17)
+    parts = (
+        SineTransform(matrix, 14, source.width, 26),
+        Elimination(c, 17, 26, 26),
+        Substitution(c, 17, 26, 26, 5),
+        SineTransform(matrix, 14, 26, 26),
+    )
+    dut = TridiagonalPoissonSolver(source, *parts, height=128, width=128, lanes=lanes)
+    assert (dut.frame_latency, dut.interval, dut.multipliers) == (frame_latency, interval, multipliers)
+    # By hand: the source's last beat and its buffer; rows in and out (5 clocks and 6 levels of 63 products
+    # and a half unit); both recurrences; the reversal, from the last row back to the first; one more buffer.
+    row = dut.beats - 1
+    source = 127 * (128 // lanes) + row + (2 if lanes == 1 else 1) + 5 + 1
+    assert dut.frame_latency == source + (11 + row) + 6 + (3 + 125 * dut.beats) + (6 + 1) + (11 + row)
+
+
+def test_refusals():
+    source, chosen = make(14)
+    parts = (source, chosen.row_forward, chosen.elimination, chosen.substitution, chosen.row_inverse)
+    with pytest.raises(ValueError, match="height 20: expected width = 16"):
+        TridiagonalPoissonSolver(*parts, height=20, width=16, lanes=1)
+    with pytest.raises(ValueError, match="row_forward of size 14: expected width - 2 = 16"):
+        TridiagonalPoissonSolver(*parts, height=18, width=18, lanes=1)
+    with pytest.raises(ValueError, match="rows of 14 values, 4 beats: expected at least 5 beats"):
+        TridiagonalPoissonSolver(*parts, height=16, width=16, lanes=4)
+    narrow = make(14, data_bits=14)[1]
+    with pytest.raises(ValueError, match=r"substitution\.input_width 14: expected 1[5-9]"):
+        TridiagonalPoissonSolver(
+            *parts[:3], narrow.substitution, narrow.row_inverse, height=16, width=16, lanes=1
+        )

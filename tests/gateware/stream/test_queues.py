@@ -1,0 +1,106 @@
+# amaranth: UnusedElaboratable=no
+"""Behind a pipeline of a test's own: Amaranth's own simulator, which can look at `room`."""
+
+import random
+from itertools import pairwise
+
+import pytest
+from amaranth import Cat, Module, Signal, unsigned
+from amaranth.lib import stream, wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.sim import Simulator
+
+from fastac.gateware.stream.queues import CreditQueue
+
+BEATS = 300
+
+
+class Pipeline(wiring.Component):
+    """Counts up in beats that pass `registers` registers, a beat a clock while there is room."""
+
+    def __init__(self, registers: int, depth: int):
+        self.registers = registers
+        self.queue = CreditQueue(unsigned(16), depth=depth)
+        super().__init__({"wanted": In(1), "launch": Out(1), "o": Out(stream.Signature(unsigned(16)))})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.queue = queue = self.queue
+        count = Signal(16)
+        valid = Signal(self.registers)
+        words = [count] + [Signal(16, name=f"word_{k}") for k in range(self.registers)]
+        m.d.comb += [
+            self.launch.eq(self.wanted & queue.room),
+            queue.launch.eq(self.launch),
+            queue.i_valid.eq(valid[-1]),
+            queue.i.eq(words[-1]),
+        ]
+        m.d.sync += [count.eq(count + self.launch), valid.eq(Cat(self.launch, valid))]
+        m.d.sync += [after.eq(before) for before, after in pairwise(words)]
+        wiring.connect(m, queue.o, wiring.flipped(self.o))
+        return m
+
+
+def run(registers, depth, rest, stall):
+    """What was taken in each clock (None if nothing), and the clocks in which beats set off."""
+    dut = Pipeline(registers, depth)
+    taken, launches = [], []
+
+    async def bench(ctx):
+        rng = random.Random(1)
+        offered, under_way = None, 0
+        for clock in range(100 * BEATS):
+            ctx.set(dut.wanted, rng.random() >= rest(clock))
+            ctx.set(dut.o.ready, rng.random() >= stall(clock))
+            launch, valid, ready, payload = (
+                ctx.get(s) for s in (dut.launch, dut.o.valid, dut.o.ready, dut.o.payload)
+            )
+            assert offered is None or (valid and payload == offered), f"clock {clock}: withdrew a beat"
+            offered = payload if valid and not ready else None
+            taken.append(payload if valid and ready else None)
+            if launch:
+                launches.append(clock)
+            under_way += launch - (valid and ready)
+            assert 0 <= under_way <= depth
+            if len(taken) - taken.count(None) == BEATS:
+                return
+            await ctx.tick()
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
+    return taken, launches
+
+
+@pytest.mark.parametrize(("registers", "depth"), [(1, 2), (10, 16), (7, 8), (10, 4), (3, 1)])
+@pytest.mark.parametrize("rest", [0, 0.5])
+@pytest.mark.parametrize("stall", [0, 0.3, 0.9])
+def test_every_beat_leaves_once_and_in_order(registers, depth, rest, stall):
+    taken, launches = run(registers, depth, lambda _: rest, lambda _: stall)
+    assert [beat for beat in taken if beat is not None] == list(range(BEATS))
+    if not stall:
+        left = [clock for clock, beat in enumerate(taken) if beat is not None]
+        assert [b - a for a, b in zip(launches, left, strict=False)] == [registers] * BEATS
+
+
+@pytest.mark.parametrize("registers", [1, 7, 10, 11])
+def test_the_stated_depth_keeps_a_beat_a_clock_also_after_a_stall(registers):
+    depth = CreditQueue.depth_of(registers)
+    stalled = range(20, 90)
+    taken, launches = run(registers, depth, lambda _: 0, lambda clock: clock in stalled)
+    # Those under way and the queue fill; from the stall's end on a beat leaves in every clock.
+    assert launches[:20] == list(range(20))
+    assert len([clock for clock in launches if clock in stalled]) == depth - registers
+    assert None not in taken[stalled.stop :]
+    assert len(taken) == stalled.stop + BEATS - (stalled.start - registers)
+
+
+@pytest.mark.parametrize(("registers", "depth"), [(1, 2), (7, 8), (8, 16), (10, 16), (11, 16)])
+def test_depth_of_a_pipeline(registers, depth):
+    assert CreditQueue.depth_of(registers) == depth
+
+
+def test_refusal():
+    with pytest.raises(ValueError, match="depth 0: expected at least 1"):
+        CreditQueue(unsigned(4), depth=0)

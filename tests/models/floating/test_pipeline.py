@@ -1,0 +1,225 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.sparse import diags_array, eye_array, kron
+from scipy.sparse.linalg import spsolve
+
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating import pipeline as float_pipeline
+from fastac.models.floating.network import predict, slopes_of
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer import assemble
+from fastac.models.integer.features import integer_features
+from fastac.models.loops.frames import CHUNK
+
+PITCH_MM = 0.25
+
+
+@pytest.fixture(scope="module")
+def pair(tiny_bundle, make_scene):
+    """The float and the integer pipeline of the trained model under other settings of the scene."""
+
+    def pipelines(**changes):
+        scene = make_scene(**changes)
+        trained = tiny_bundle.pipeline
+        rest, background = trained.rest_depth_mm, trained.background
+        whole = FloatPipeline.from_arrays(tiny_bundle.floats, scene, background, rest)
+        integer = assemble.assemble(scene, layers=trained.layers, background=background, rest_depth_mm=rest)
+        if scene.wants_force:
+            integer = assemble.with_force(integer, tiny_bundle.floats["force.float_weights"].astype(float))
+        return whole, integer
+
+    return pipelines
+
+
+MODES = pytest.mark.parametrize("mode", ["absolute", "difference"])
+DIVERGENCES = pytest.mark.parametrize("divergence", ["central", "backward"])
+
+
+def source_px(slopes: np.ndarray, divergence: str) -> np.ndarray:
+    p, q = slopes[..., 0].astype(float), slopes[..., 1].astype(float)
+    if divergence == "central":
+        return (p[1:-1, 2:] - p[1:-1, :-2] + q[2:, 1:-1] - q[:-2, 1:-1]) / 2
+    return p[1:-1, 1:-1] - p[1:-1, :-2] + q[1:-1, 1:-1] - q[:-2, 1:-1]
+
+
+def directly(source: np.ndarray, boundary: np.ndarray) -> np.ndarray:
+    """Poisson's equation with Dirichlet values `boundary` (H, W) by a sparse solver, in px."""
+    n = len(source)
+    one = diags_array([np.ones(n - 1), np.full(n, -2.0), np.ones(n - 1)], offsets=[-1, 0, 1])
+    right = source.copy()
+    right[0] -= boundary[0, 1:-1]
+    right[-1] -= boundary[-1, 1:-1]
+    right[:, 0] -= boundary[1:-1, 0]
+    right[:, -1] -= boundary[1:-1, -1]
+    matrix = (kron(one, eye_array(n)) + kron(eye_array(n), one)).tocsc()
+    return spsolve(matrix, right.ravel()).reshape(n, n)
+
+
+@MODES
+@DIVERGENCES
+def test_depth_and_force_are_those_of_a_direct_solver(pair, tiny_bundle, tiny_data, mode, divergence):
+    pipeline, _ = pair(poisson={"mode": mode, "divergence": divergence})
+    rest = pipeline.rest_depth_mm / PITCH_MM
+    at_rest = pipeline.run(pipeline.background[None])
+    found = pipeline.run(tiny_data.frames[:4])
+    source_at_rest = source_px(at_rest.slopes[0], divergence)
+    kernels = tiny_bundle.floats["force.float_weights"].astype(float)
+    for k in range(4):
+        source = source_px(found.slopes[k], divergence)
+        if mode == "absolute":
+            z = directly(source, rest)
+            zero = directly(source_at_rest, rest)
+        else:
+            z = directly(source - source_at_rest, np.zeros_like(rest)) + rest[1:-1, 1:-1]
+            zero = rest[1:-1, 1:-1]
+        np.testing.assert_allclose(found.depth_mm[k, 1:-1, 1:-1], z * PITCH_MM, atol=1e-5)
+        displacement = (zero - z) * PITCH_MM
+        np.testing.assert_allclose(found.displacement_mm[k], displacement, atol=1e-5)
+        padded = np.pad(np.maximum(displacement, 0), 2)
+        force = sum((kernels[0, i, j] * padded[i : i + 5, j : j + 5]).sum() for i, j in np.ndindex(14, 14))
+        assert found.force_n[k, 0] == pytest.approx(force, abs=1e-6)
+
+
+def test_normals_and_slopes_are_the_network_s(pair, tiny_data):
+    pipeline, _ = pair()
+    found = pipeline.run(tiny_data.frames[:2])
+    change = tiny_data.frames[:2].astype(int) - tiny_data.background
+    place = np.rint(np.linspace(-127, 127, 16)).astype(int)
+    u, v = np.meshgrid(place, place)
+    coordinates = np.broadcast_to(np.stack([u, v], axis=-1), (2, 16, 16, 2))
+    normal = predict(pipeline.network, np.concatenate([change, coordinates], axis=-1))
+    np.testing.assert_allclose(np.linalg.norm(found.normals, axis=-1), 1, atol=1e-6)
+    np.testing.assert_allclose(
+        found.normals, normal / np.linalg.norm(normal, axis=-1, keepdims=True), atol=1e-6
+    )
+    np.testing.assert_allclose(found.slopes, -normal[..., :2] / normal[..., 2:], atol=1e-6)
+
+
+@MODES
+@DIVERGENCES
+def test_float_and_integer_agree(pair, tiny_data, mode, divergence):
+    """After three epochs of fine-tuning, on presses of 0.1 to 0.2 mm, with pixels of 250 µm."""
+    floating, tables = pair(poisson={"mode": mode, "divergence": divergence})
+    whole, integer = floating.run(tiny_data.frames), Emulator(tables).run(tiny_data.frames)
+    cosine = (whole.normals * integer.normals).sum(axis=-1)
+    assert np.degrees(np.arccos(np.clip(cosine, -1, 1))).mean() < 0.6
+    assert np.abs(whole.slopes - integer.slopes).mean() < 0.01
+    assert np.abs(whole.depth_mm - integer.depth_mm).mean() < 0.003
+    assert np.abs(whole.displacement_mm - integer.displacement_mm).mean() < 0.003
+    assert np.abs(whole.force_n - integer.force_n).max() < 0.1 * np.abs(whole.force_n).max()
+
+
+def test_only_quantisation_separates_them(pair, tiny_data):
+    """The same slopes into both: what is left are the roundings of solver and displacement."""
+    whole, integer = pair()
+    slopes = Emulator(integer).run(tiny_data.frames).slopes.astype(float)
+    z = whole._solve(slopes)
+    found = Emulator(integer).run(tiny_data.frames).depth_mm[:, 1:-1, 1:-1]
+    assert np.abs(z * PITCH_MM - found).max() < 2e-4
+
+
+@MODES
+def test_the_background_is_at_rest(pair, mode):
+    pipeline, _ = pair(poisson={"mode": mode})
+    found = pipeline.run(pipeline.background[None])
+    assert np.abs(found.displacement_mm).max() < 1e-12
+    assert np.abs(found.force_n).max() < 1e-12
+
+
+def test_the_modes_differ_by_what_the_network_gets_wrong_at_rest(pair, tiny_data):
+    """Absolute depth integrates the network's error at rest, the difference leaves it out."""
+    absolute, _ = pair(poisson={"mode": "absolute"})
+    difference, _ = pair(poisson={"mode": "difference"})
+    a, d = (p.run(tiny_data.frames[:3]) for p in (absolute, difference))
+    np.testing.assert_allclose(a.displacement_mm, d.displacement_mm, atol=1e-6)
+    error = absolute.rest_px() * PITCH_MM - absolute.rest_depth_mm[1:-1, 1:-1]
+    assert np.abs(error).max() > 1e-4
+    np.testing.assert_allclose(
+        (a.depth_mm - d.depth_mm)[:, 1:-1, 1:-1], np.broadcast_to(error, (3, 14, 14)), atol=1e-6
+    )
+
+
+def test_from_bundle_has_the_bundle_s_parts(tiny_bundle, tiny_data):
+    pipeline = FloatPipeline.from_bundle(tiny_bundle)
+    for k, layer in enumerate(pipeline.network.linears):
+        np.testing.assert_array_equal(layer.weight.detach(), tiny_bundle.floats[f"network.{k}.weight"])
+        np.testing.assert_array_equal(layer.bias.detach(), tiny_bundle.floats[f"network.{k}.bias"])
+    assert pipeline.force_weights.shape == (1, 14, 14, 5, 5)
+    np.testing.assert_array_equal(pipeline.background, tiny_data.background)
+
+
+def test_no_depth_wanted_no_solver_run(pair, tiny_data, monkeypatch):
+    pipeline, _ = pair(outputs=["normals"])
+
+    def refuse(*_):
+        raise AssertionError("the scene wants no depth")
+
+    monkeypatch.setattr(float_pipeline, "solve", refuse)
+    found = pipeline.run(tiny_data.frames[:2])
+    present = {name for name, value in vars(found).items() if value is not None}
+    assert present == {"normals", "slopes"}
+    with pytest.raises(AssertionError, match="wants no depth"):
+        replace(pipeline, scene=pipeline.scene.model_copy(update={"outputs": ("depth",)})).run(
+            tiny_data.frames[:2]
+        )
+
+
+def test_no_kernels_no_force(tiny_bundle, make_scene, tiny_data):
+    floats = {k: v for k, v in tiny_bundle.floats.items() if not k.startswith("force.")}
+    trained = tiny_bundle.pipeline
+    pipeline = FloatPipeline.from_arrays(
+        floats, make_scene(outputs=["depth"]), trained.background, trained.rest_depth_mm
+    )
+    found = pipeline.run(tiny_data.frames[:2])
+    assert found.force_n is None
+    assert found.depth_mm is not None
+
+
+@pytest.mark.parametrize("towards", [-3.0, -0.5, 0.0])
+def test_a_surface_that_turns_away(tiny_bundle, tiny_data, towards):
+    """Where n_z <= 0 the slope is the limit in the direction of n."""
+    floats = dict(tiny_bundle.floats)
+    last = max(name for name in floats if name.startswith("network.") and name.endswith(".bias"))
+    floats[last] = np.array([0, 0, towards], np.float32)
+    trained = tiny_bundle.pipeline
+    pipeline = FloatPipeline.from_arrays(floats, trained.scene, trained.background, trained.rest_depth_mm)
+    frames = tiny_data.frames[:3]
+    normal = predict(pipeline.network, integer_features(frames, pipeline.background))
+    assert (normal[..., 2] <= 0).any()
+    limit = pipeline.scene.numbers.slope_limit
+    found = pipeline.run(frames, wanted=["slopes"]).slopes
+    sure = np.abs(normal[..., 2]) > 0.01  # elsewhere the last bits decide
+    np.testing.assert_allclose(found[sure], slopes_of(normal, limit)[sure], atol=1e-4)
+    assert np.abs(found).max() <= limit
+
+
+def test_chunks_and_choices_change_nothing(tiny_bundle, tiny_data):
+    pipeline = FloatPipeline.from_bundle(tiny_bundle)
+    frames = np.concatenate([tiny_data.frames, tiny_data.frames])[: 2 * CHUNK + 3]
+    whole = {name: value for name, value in vars(pipeline.run(frames)).items() if value is not None}
+    for name, values in whole.items():
+        found = pipeline.run(frames, wanted=[name])
+        assert [key for key, value in vars(found).items() if value is not None] == [name]
+        np.testing.assert_array_equal(getattr(found, name), values)
+        alone = pipeline.run(frames[CHUNK : CHUNK + 1], wanted=[name])
+        np.testing.assert_allclose(getattr(alone, name)[0], values[CHUNK], atol=1e-6)
+    with pytest.raises(ValueError, match="wanted 'force_raw': expected some of normals, slopes, depth_mm"):
+        pipeline.run(frames, wanted=["force_raw"])
+    with pytest.raises(ValueError, match=r"expected \(16, 16, 4\) uint8 each"):
+        pipeline.run(frames[:, 1:])
+
+
+def test_the_stages_are_those_of_run(tiny_bundle, tiny_data):
+    pipeline = FloatPipeline.from_bundle(tiny_bundle)
+    stages, result = pipeline.stages(), pipeline.run(tiny_data.frames[:3])
+    assert list(stages) == ["normals", "depth", "force"]
+    for k, frame in enumerate(tiny_data.frames[:3]):
+        slopes = stages["normals"](frame)
+        np.testing.assert_array_equal(slopes, result.slopes[k])
+        displacement = stages["depth"](slopes)
+        np.testing.assert_allclose(displacement, result.displacement_mm[k], atol=1e-6)
+        np.testing.assert_allclose(stages["force"](displacement), result.force_n[k], rtol=1e-5)
+    without = replace(pipeline, force_weights=None)
+    assert list(without.stages()) == ["normals", "depth"]

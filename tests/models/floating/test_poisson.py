@@ -1,0 +1,111 @@
+"""The float solver against the sparse linear system that it claims to solve."""
+
+from math import cos, pi
+
+import numpy as np
+import pytest
+from scipy.fft import dst
+from scipy.sparse import diags_array, eye_array, kron
+from scipy.sparse.linalg import spsolve
+
+from fastac.models.floating.poisson import solve, source_of
+from fastac.models.integer.laplacian import boundary_term, eigenvalues, sine_matrix
+
+
+def laplacian(n: int):
+    """The 5-point Laplacian on n×n inner pixels with a zero boundary, sparse."""
+    one = diags_array([np.ones(n - 1), np.full(n, -2.0), np.ones(n - 1)], offsets=[-1, 0, 1])
+    return (kron(one, eye_array(n)) + kron(eye_array(n), one)).tocsc()
+
+
+def five_point(z: np.ndarray) -> np.ndarray:
+    """The 5-point Laplacian of a surface (H, W) at its inner pixels."""
+    return z[:-2, 1:-1] + z[2:, 1:-1] + z[1:-1, :-2] + z[1:-1, 2:] - 4 * z[1:-1, 1:-1]
+
+
+@pytest.mark.parametrize("n", [1, 5, 14, 126])
+def test_sine_matrix_is_orthonormal_and_its_own_inverse(n):
+    s = sine_matrix(n)
+    np.testing.assert_array_equal(s, s.T)
+    np.testing.assert_allclose(s @ s, np.eye(n), atol=1e-12)
+    np.testing.assert_allclose(s, dst(np.eye(n), type=1, norm="ortho"), atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 4, 14])
+def test_eigenvalues_are_the_laplacian_s(n):
+    found = eigenvalues(n)
+    assert found[0, 0] == pytest.approx(4 * cos(pi / (n + 1)) - 4)
+    assert (found > -8).all()
+    assert (found < 0).all()
+    np.testing.assert_allclose(
+        np.sort(found, axis=None), np.linalg.eigvalsh(laplacian(n).toarray()), atol=1e-12
+    )
+    # Each belongs to its own sine mode.
+    s = sine_matrix(n)
+    for m, k in np.ndindex(n, n):
+        mode = np.outer(s[m], s[k]).ravel()
+        np.testing.assert_allclose(laplacian(n) @ mode, found[m, k] * mode, atol=1e-12)
+
+
+@pytest.mark.parametrize("n", [1, 5, 14, 30])
+def test_solve_equals_a_direct_solver(n):
+    source = np.random.default_rng(n).normal(size=(3, n, n))
+    found = solve(source)
+    assert found.shape == source.shape
+    for f, z in zip(source, found, strict=True):
+        direct = spsolve(laplacian(n), f.ravel())
+        np.testing.assert_allclose(z.ravel(), direct, rtol=1e-10, atol=1e-10 * np.abs(direct).max())
+
+
+def test_boundary_term_sums_the_neighbours_on_the_boundary():
+    rest = np.random.default_rng(1).normal(size=(6, 7))
+    expected = np.zeros((4, 5))
+    for i in range(1, 5):
+        for j in range(1, 6):
+            for v, u in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
+                if v in (0, 5) or u in (0, 6):
+                    expected[i - 1, j - 1] += rest[v, u]
+    np.testing.assert_allclose(boundary_term(rest), expected, atol=1e-15)
+
+
+SURFACES = {
+    "plane": (lambda x, y: 3 + 0.5 * x - 0.2 * y, lambda x, y: (0.5 + 0 * x, -0.2 + 0 * y)),
+    "harmonic": (lambda x, y: x * x - y * y + x * y, lambda x, y: (2 * x + y, x - 2 * y)),
+    "quadratic": (lambda x, y: 7 - x * x - 2 * y * y + x * y, lambda x, y: (y - 2 * x, x - 4 * y)),
+}
+
+
+@pytest.mark.parametrize("divergence", ["central", "backward"])
+@pytest.mark.parametrize("surface", SURFACES)
+def test_quadratic_surfaces_come_back_exactly(surface, divergence):
+    """Their slopes are linear, so both differences are exact; the boundary prior brings in the rest."""
+    height, slopes = SURFACES[surface]
+    y, x = np.indices((16, 16)) / 10 - 0.7
+    z = height(x, y) * 10  # in px: one px is 0.1 of the unit of x and y
+    source = source_of(np.stack(slopes(x, y), axis=-1), divergence)
+    found = solve(source - boundary_term(z))
+    np.testing.assert_allclose(found, z[1:-1, 1:-1], atol=1e-11)
+    # Without the prior the boundary is at zero, which these surfaces are not.
+    assert np.abs(solve(source) - z[1:-1, 1:-1]).max() > 1
+
+
+def test_any_surface_comes_back_from_its_five_point_laplacian():
+    z = np.random.default_rng(2).normal(size=(17, 17))
+    np.testing.assert_allclose(solve(five_point(z) - boundary_term(z)), z[1:-1, 1:-1], atol=1e-12)
+
+
+@pytest.mark.parametrize(("divergence", "order"), [("central", 2), ("backward", 1)])
+def test_order_of_convergence(divergence, order):
+    """Halving the pixel divides the error by 4 (central) or 2 (backward, the paper's)."""
+    errors = []
+    for size in (33, 65, 129):
+        h = 1 / (size - 1)
+        y, x = np.mgrid[0 : 1 : size * 1j, 0 : 1 : size * 1j]
+        z = np.sin(2 * x + 0.3) * np.cos(3 * y) + 0.2 * np.exp(x * y)
+        p = 2 * np.cos(2 * x + 0.3) * np.cos(3 * y) + 0.2 * y * np.exp(x * y)
+        q = -3 * np.sin(2 * x + 0.3) * np.sin(3 * y) + 0.2 * x * np.exp(x * y)
+        source = source_of(np.stack([p, q], axis=-1), divergence)
+        found = solve(source - boundary_term(z / h)) * h
+        errors.append(np.abs(found - z[1:-1, 1:-1]).max())
+    rates = np.log2(np.divide(errors[:-1], errors[1:]))
+    np.testing.assert_allclose(rates, order, atol=0.15)

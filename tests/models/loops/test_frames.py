@@ -1,0 +1,97 @@
+import threading
+
+import numpy as np
+import pytest
+
+from fastac.models.loops import frames as module
+from fastac.models.loops.frames import CHUNK, choose, over_frames, require_frames
+
+OUTPUTS = {"double": ((2,), np.int64), "index": ((), np.int32)}
+
+
+@pytest.fixture(autouse=True)
+def no_limit(monkeypatch):
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
+
+
+class Worker:
+    """Doubles frames of two numbers; notes where and on how many at once."""
+
+    def __init__(self, made: list):
+        self.thread, self.sizes = threading.get_ident(), []
+        made.append(self)
+
+    def __call__(self, frames, out):
+        assert threading.get_ident() == self.thread
+        self.sizes.append(len(frames))
+        out["double"][...] = 2 * frames
+        out["index"][...] = frames[:, 0]
+
+
+def run(count: int, worker):
+    frames = np.stack([np.arange(count), -np.arange(count)], axis=1)
+    return frames, over_frames(worker, frames, OUTPUTS, progress=False, label="test")
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+@pytest.mark.parametrize("count", [1, 2, CHUNK, 5 * CHUNK + 3])
+def test_every_frame_has_its_place(monkeypatch, threads, count):
+    monkeypatch.setattr(module.os, "cpu_count", lambda: threads)
+    made: list[Worker] = []
+    frames, found = run(count, lambda: Worker(made))
+    np.testing.assert_array_equal(found["double"], 2 * frames)
+    np.testing.assert_array_equal(found["index"], np.arange(count))
+    assert found["index"].dtype == np.int32
+    sizes = [size for worker in made for size in worker.sizes]
+    assert sum(sizes) == count
+    assert max(sizes) <= CHUNK
+    assert 1 <= len(made) <= min(threads, count)
+
+
+def test_few_frames_are_shared_out(monkeypatch):
+    monkeypatch.setattr(module.os, "cpu_count", lambda: 3)
+    made: list[Worker] = []
+    run(7, lambda: Worker(made))
+    assert sorted(size for worker in made for size in worker.sizes) == [1, 3, 3]
+
+
+@pytest.mark.parametrize(("stated", "workers"), [("1", 1), ("2", 2), ("0", 3), ("many", 3), ("", 3)])
+def test_the_environment_limits_the_threads(monkeypatch, stated, workers):
+    monkeypatch.setattr(module.os, "cpu_count", lambda: 3)
+    monkeypatch.setenv("OMP_NUM_THREADS", stated)
+    assert module.threads() == workers
+    made: list[Worker] = []
+    run(workers, lambda: Worker(made))
+    assert [size for worker in made for size in worker.sizes] == [1] * workers
+
+
+def test_what_goes_wrong_in_a_thread_is_raised():
+    def worker():
+        def refuse(frames, out):
+            raise ZeroDivisionError(f"{len(frames)}")
+
+        return refuse
+
+    with pytest.raises(ZeroDivisionError):
+        run(40, worker)
+
+
+def test_no_frames():
+    with pytest.raises(ValueError, match="frames: none to process"):
+        run(0, lambda: Worker([]))
+
+
+def test_choose():
+    assert choose(OUTPUTS, None) == OUTPUTS
+    assert choose(OUTPUTS, ("index",)) == {"index": ((), np.int32)}
+    with pytest.raises(ValueError, match="wanted 'depth_mm': expected some of double, index"):
+        choose(OUTPUTS, iter(["index", "depth_mm"]))
+
+
+def test_require_frames():
+    background = np.zeros((4, 5, 3), np.uint8)
+    require_frames(np.zeros((7, 4, 5, 3), np.uint8), background)
+    with pytest.raises(ValueError, match=r"frames \(7, 5, 4, 3\) uint8: expected \(4, 5, 3\) uint8 each"):
+        require_frames(np.zeros((7, 5, 4, 3), np.uint8), background)
+    with pytest.raises(ValueError, match=r"float32: expected \(4, 5, 3\)"):
+        require_frames(np.zeros((7, 4, 5, 3), np.float32), background)

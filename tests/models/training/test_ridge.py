@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+
+from fastac.models.training import ridge
+
+
+def problem(frames: int, features: int, *, axes: int = 2, noise: float = 0.0, seed: int = 1):
+    """Features of very different spread, weights, and forces (frames, axes)."""
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(frames, features)) * 10.0 ** rng.uniform(-3, 3, features)
+    weights = rng.normal(size=(features, axes)) / np.abs(x).max(axis=0)[:, None]
+    return x, x @ weights + noise * rng.normal(size=(frames, axes)), weights
+
+
+def test_without_regularisation_it_is_least_squares():
+    x, force, _ = problem(40, 6, noise=0.1)
+    expected = np.linalg.lstsq(x, force, rcond=None)[0]
+    for weights in ridge.solve(x, force, np.array([0.0, 1e-14])):
+        np.testing.assert_allclose(weights, expected, rtol=1e-8)
+
+
+def test_without_regularisation_it_is_the_shortest_of_many_solutions():
+    """More features than frames: of equal spread, so that scaling them changes nothing."""
+    rng = np.random.default_rng(3)
+    x = np.sign(rng.normal(size=(8, 20)))
+    force = rng.normal(size=(8, 1))
+    (weights,) = ridge.solve(x, force, np.array([1e-13]))
+    np.testing.assert_allclose(weights, np.linalg.pinv(x) @ force, atol=1e-9)
+
+
+@pytest.mark.parametrize(("frames", "features"), [(40, 6), (12, 30), (9, 9)])
+def test_solutions_are_those_of_the_normal_equations(frames, features):
+    x, force, _ = problem(frames, features, noise=0.1)
+    strengths = np.array([1e-6, 1e-2, 1.0])
+    found = ridge.solve(x, force, strengths)
+    assert found.shape == (3, features, 2)
+    spread = np.sqrt((x**2).mean(axis=0))
+    scaled = x / spread
+    unit = np.linalg.eigvalsh(scaled @ scaled.T).mean()
+    for strength, weights in zip(strengths, found, strict=True):
+        normal = scaled.T @ scaled + strength * unit * np.eye(features)
+        expected = np.linalg.solve(normal, scaled.T @ force) / spread[:, None]
+        np.testing.assert_allclose(weights * spread[:, None], expected * spread[:, None], atol=1e-8)
+
+
+def test_a_feature_that_is_never_there_gets_no_weight():
+    x, force, _ = problem(20, 4)
+    x[:, 2] = 0
+    found = ridge.solve(x, force, ridge.REGULARISATION)
+    assert np.isfinite(found).all()
+    np.testing.assert_allclose(found[:, 2], 0, atol=1e-15)
+
+
+def test_units_of_features_do_not_matter():
+    x, force, _ = problem(20, 5, noise=0.1)
+    units = np.array([1, 1e4, 1e-5, 3, 7])
+    one, other = (ridge.solve(values, force, np.array([1e-3]))[0] for values in (x, x * units))
+    np.testing.assert_allclose(other * units[:, None], one, rtol=1e-8)
+
+
+def test_axes_do_not_mix():
+    x, force, _ = problem(20, 5, noise=0.1)
+    together = ridge.solve(x, force, ridge.REGULARISATION)
+    for axis in range(2):
+        alone = ridge.solve(x, force[:, [axis]], ridge.REGULARISATION)
+        np.testing.assert_allclose(together[..., [axis]], alone, rtol=1e-9)
+
+
+def splits(noise: float):
+    """Training forces as noisy as asked, validation forces without noise."""
+    x, force, weights = problem(90, 20, noise=noise)
+    held = x[60:]
+    return {"train": x[:60], "validation": held}, {"train": force[:60], "validation": held @ weights}
+
+
+def test_errors_are_those_of_the_weights_on_the_validation_split():
+    x, force = splits(noise=0.5)
+    history = ridge.attempts(x, force)
+    assert [entry["regularisation"] for entry in history] == ridge.REGULARISATION.tolist()
+    for entry in history:
+        weights = ridge.fit(x["train"], force["train"], entry)
+        error = np.abs(x["validation"] @ weights - force["validation"]).sum(axis=1).mean()
+        assert entry["validation_mae_n"] == pytest.approx(error, rel=1e-9)
+
+
+def test_noise_asks_for_more_regularisation():
+    weak, strong = (ridge.best(ridge.attempts(*splits(noise)))["regularisation"] for noise in (0.0, 5.0))
+    assert weak == ridge.REGULARISATION[0]
+    assert strong > 1e3 * weak
+
+
+@pytest.mark.parametrize("validation", [True, False])
+def test_what_is_chosen_is_the_best_attempt_fitted_to_all_training_frames(validation):
+    x, force = splits(noise=0.5)
+    if not validation:
+        x, force = {"train": x["train"]}, {"train": force["train"]}
+    weights, history = ridge.choose(x, force)
+    assert history == ridge.attempts(x, force)
+    expected = ridge.fit(x["train"], force["train"], ridge.best(history))
+    np.testing.assert_allclose(weights, expected, rtol=1e-9)
+
+
+def test_best_is_the_smallest_error():
+    history = [{"validation_mae_n": error, "regularisation": k} for k, error in enumerate((3.0, 1.0, 2.0))]
+    assert ridge.best(history)["regularisation"] == 1
+
+
+def test_without_a_validation_split_every_fifth_frame_is_held_out():
+    x, force, _ = problem(23, 6, noise=0.3)
+    held = np.zeros(23, bool)
+    held[[4, 9, 14, 19]] = True
+    expected = ridge.attempts(
+        {"train": x[~held], "validation": x[held]}, {"train": force[~held], "validation": force[held]}
+    )
+    assert ridge.attempts({"train": x}, {"train": force}) == expected
+
+
+def test_what_cannot_be_fitted_is_refused():
+    x, force = np.ones((4, 2)), np.ones((4, 1))
+    with pytest.raises(ValueError, match="split: 4 training frames without validation: expected 5"):
+        ridge.attempts({"train": x}, {"train": force})
+    both = {"train": x, "validation": x}
+    with pytest.raises(ValueError, match="force_n: zero in every training frame"):
+        ridge.attempts(both, {"train": 0 * force, "validation": force})

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+
+from fastac.models.training import ridge, slope_force
+
+H, W = 12, 14
+
+
+def fields(size: int, *, axes: int = 3, terms: int = 2, seed: int = 1) -> np.ndarray:
+    """Weights (axes, H, W, terms) of the lowest size × size cosines."""
+    spectrum = np.random.default_rng(seed).normal(size=(axes, size, size, terms))
+    v, u = (slope_force.waves(length, size) for length in (H, W))
+    return np.einsum("im,jn,amnt->aijt", v, u, spectrum)
+
+
+def frames(count: int, *, terms: int = 2, seed: int = 2) -> np.ndarray:
+    return np.random.default_rng(seed).normal(size=(count, H, W, terms))
+
+
+def force(change: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    return np.einsum("nijt,aijt->na", change, weights)
+
+
+def problem(weights: np.ndarray, *, noise: float = 0.0, validation: bool = True):
+    """Differences of slopes and forces by split, the forces with noise."""
+    change = {"train": frames(80, terms=weights.shape[-1])}
+    if validation:
+        change["validation"] = frames(20, terms=weights.shape[-1], seed=3)
+    rng = np.random.default_rng(4)
+    truth = {s: force(x, weights) for s, x in change.items()}
+    return change, {s: f + noise * rng.normal(size=f.shape) for s, f in truth.items()}
+
+
+@pytest.mark.parametrize(("length", "size"), [(12, 12), (16, 4), (5, 1)])
+def test_waves_are_orthonormal_cosines(length, size):
+    found = slope_force.waves(length, size)
+    np.testing.assert_allclose(found.T @ found, np.eye(size), atol=1e-12)
+    middles = (np.arange(length) + 0.5) / length
+    cosines = np.cos(np.pi * np.outer(middles, np.arange(size)))
+    np.testing.assert_allclose(found, cosines / np.linalg.norm(cosines, axis=0), atol=1e-12)
+
+
+def test_spectra_are_the_products_with_the_waves():
+    change = frames(3)
+    v, u = slope_force.waves(H, 4), slope_force.waves(W, 4)
+    expected = np.einsum("im,jn,fijt->fmnt", v, u, change)
+    np.testing.assert_allclose(slope_force.spectra(change, 4), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("validation", [True, False])
+@pytest.mark.parametrize(("size", "terms"), [(2, 2), (4, 2), (4, 3)])
+def test_smooth_fields_come_back(size, terms, validation):
+    weights = fields(size, terms=terms)
+    found, history = slope_force.fit(*problem(weights, validation=validation))
+    assert ridge.best(history)["cosines"] == size
+    assert found.shape == weights.shape
+    np.testing.assert_allclose(found, weights, atol=1e-5 * np.abs(weights).max())
+
+
+def test_the_choice_s_error_is_what_its_weights_give():
+    weights = fields(4)
+    change, truth = problem(weights, noise=0.5)
+    found, history = slope_force.fit(change, truth)
+    error = np.abs(force(change["validation"], found) - truth["validation"]).sum(axis=1).mean()
+    assert ridge.best(history)["validation_mae_n"] == pytest.approx(error, rel=1e-9)
+    assert error > 0.1
+    # All sizes that the image has, with every strength.
+    sizes = [entry["cosines"] for entry in history]
+    assert sorted(set(sizes)) == [2, 4, 6, 8, 10, 12]
+    assert len(history) == 6 * len(ridge.REGULARISATION)
+
+
+def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
+    weights = fields(2)
+    change, truth = problem(weights, noise=0.5, validation=False)
+    found, history = slope_force.fit(change, truth)
+    chosen = ridge.best(history)
+    size = chosen["cosines"]
+    x = slope_force.spectra(change["train"], size).reshape(80, -1)
+    spectrum = ridge.fit(x, truth["train"], chosen)
+    np.testing.assert_allclose(force(change["train"], found), x @ spectrum, atol=1e-9)
