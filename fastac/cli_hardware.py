@@ -89,7 +89,7 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     """
     from fastac import accuracy, hardware
     from fastac.frames import read
-    from fastac.sim.top import trace_file
+    from fastac.sim.check_top import trace_file
 
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)

@@ -18,7 +18,7 @@ from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.sensor.dataset import Dataset
-from fastac.sim import top as simulation
+from fastac.sim import check_top as simulation
 from fastac.sim.progress import watched
 from fastac.sim.runner import EXECUTABLE, use_verilator
 from fastac.synth import source_digest

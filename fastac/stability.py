@@ -19,7 +19,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.sensor.dataset import Dataset, read
 from fastac.sensor.optics import faults
-from fastac.sim import top as simulation
+from fastac.sim import check_top as simulation
 from fastac.workspace import write_json
 
 FILE = "stability.json"

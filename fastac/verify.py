@@ -20,8 +20,8 @@ from fastac.models.integer import bundle as bundles
 from fastac.models.integer.bundle import Bundle
 from fastac.scenes.schema import Scene, SceneError, describe
 from fastac.sensor.dataset import Dataset
+from fastac.sim.check_top import simulate
 from fastac.sim.progress import watched
-from fastac.sim.top import simulate
 from fastac.workspace import digest_sources, write_json
 
 FILE = "verify.json"

@@ -14,8 +14,6 @@ from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
 from fastac.scenes.schema import Scene
 
-QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
-"""Arguments of Verilator for short simulations: half the time to build."""
 GOOD = (5, 10, 20, 30, 40)
 """How far the frames that make a specimen's limits differ from the background; larger changes are suspect."""
 NUMBERS = {

@@ -7,7 +7,7 @@ from amaranth.lib import wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out, connect
 
-from fastac.sim.stream import pack
+from fastac.sim.check_stream import pack
 
 
 class Preloaded(wiring.Component):

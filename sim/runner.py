@@ -10,6 +10,10 @@ from cocotb_tools.runner import Verilator
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.sim.runtime_objects import RuntimeObjects
 
+QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
+"""Arguments of Verilator for short simulations: half the time to build."""
+
+
 PACKAGE = Path(verilator_package.__file__).parent
 EXECUTABLE = PACKAGE / "bin" / "verilator"
 ENVIRONMENT = {

@@ -21,10 +21,10 @@ from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio, Layer
 from fastac.models.integer.solver import Depth, PoissonSource, SineTransform
 from fastac.models.integer.tridiagonal import Recurrence, Substitution
-from fastac.models.specimen import QUICK
 from fastac.models.worst_case import WorstCase
+from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import WithParameters
-from fastac.sim.stream import check, pack
+from fastac.sim.runner import QUICK
 
 
 def _rows(frames: np.ndarray, lanes: int) -> np.ndarray:

@@ -20,7 +20,7 @@ from fastac.models.integer import assemble
 from fastac.models.integer import bundle as bundles
 from fastac.scenes import schema as scenes
 from fastac.sensor import dataset
-from fastac.sim.top import Report as Simulated
+from fastac.sim.check_top import Report as Simulated
 
 QUICK = """
 normals_epochs = 1

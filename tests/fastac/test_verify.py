@@ -8,9 +8,10 @@ import pytest
 from fastac import verify
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle as bundles
-from fastac.models.specimen import QUICK, frames, scene, specimen
+from fastac.models.specimen import frames, scene, specimen
 from fastac.scenes.schema import SceneError
-from fastac.sim.top import Report
+from fastac.sim.check_top import Report
+from fastac.sim.runner import QUICK
 
 
 @pytest.fixture(scope="module")

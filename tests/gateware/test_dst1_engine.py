@@ -5,7 +5,7 @@ import pytest
 from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.models.integer.solver import SineTransform
 from fastac.models.integer.words import signed_width
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 
 def sine_transform(

@@ -6,8 +6,8 @@ from amaranth.sim import Simulator
 
 from fastac.gateware.fz_stream import PatchForceStream, PixelResponse
 from fastac.models.integer.force import PatchForce
-from fastac.sim.amaranth_bench import transfer
-from fastac.sim.stream import check, pack
+from fastac.sim.amaranth_simulator import transfer
+from fastac.sim.check_stream import check, pack
 
 
 def beats(frames, lanes, rng):

@@ -7,7 +7,7 @@ import pytest
 from fastac.gateware.mlp_mvm import MvmCore, MvmTile
 from fastac.gateware.target.elaboration import to_rtlil
 from fastac.models.integer.network import Layer
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 
 def vectors(layer, low, high, rng, count=100):

@@ -11,9 +11,9 @@ from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.result import join
-from fastac.models.specimen import QUICK, frames, recalibrated, scene, specimen
-from fastac.sim.runner import build
-from fastac.sim.top import bench_settings, expected_words
+from fastac.models.specimen import frames, recalibrated, scene, specimen
+from fastac.sim.check_top import bench_settings, expected_words
+from fastac.sim.runner import QUICK, build
 
 NAME = "fastac"
 SPANS = (10, 5, 60)
@@ -60,7 +60,7 @@ def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
     runner = build(source, NAME, tmp_path / "build", build_args=QUICK)
     runner.test(
         hdl_toplevel=NAME,
-        test_module="fastac.sim.bench_top_calibration",
+        test_module="fastac.sim.benches.top_calibration",
         build_dir=tmp_path / "build",
         extra_env={"BENCH": str(tmp_path)},
     )

@@ -12,9 +12,9 @@ from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.result import join
-from fastac.models.specimen import QUICK, frames, scene, specimen
-from fastac.sim.runner import build
-from fastac.sim.top import Report, bench_settings, expected_words, simulate
+from fastac.models.specimen import frames, scene, specimen
+from fastac.sim.check_top import Report, bench_settings, expected_words, simulate
+from fastac.sim.runner import QUICK, build
 
 NAME = "fastac"
 MILD = (10, 5, 15, 20, 25)
@@ -145,7 +145,7 @@ def faulty(number: int, fault: str, height: int, line: int) -> list[list[int]]:
 
 
 def check_faults(hardware: Hardware) -> None:
-    """Bad input, resets and what the host can tell the hardware to do; see sim/bench_top_faults.py."""
+    """Bad input, resets and what the host can tell the hardware to do; see sim/benches/top_faults.py."""
     pipeline, lanes = hardware.pipeline, hardware.top.lanes
     height, width, _ = pipeline.background.shape
     mild = list(hardware.frames(*MILD))
@@ -230,7 +230,7 @@ def check_faults(hardware: Hardware) -> None:
     runner = build(hardware.source, NAME, hardware.folder / "sim" / "build", build_args=QUICK)
     runner.test(
         hdl_toplevel=NAME,
-        test_module="fastac.sim.bench_top_faults",
+        test_module="fastac.sim.benches.top_faults",
         build_dir=hardware.folder / "sim" / "build",
         extra_env={"BENCH": str(folder)},
     )

@@ -12,9 +12,9 @@ import pytest
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
-from fastac.models.specimen import QUICK, frames, scene, specimen
-from fastac.sim.runner import COMPRESSORS
-from fastac.sim.top import bench_settings, simulate, trace_file
+from fastac.models.specimen import frames, scene, specimen
+from fastac.sim.check_top import bench_settings, simulate, trace_file
+from fastac.sim.runner import COMPRESSORS, QUICK
 
 NAME = "fastac"
 

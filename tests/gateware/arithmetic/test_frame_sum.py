@@ -3,8 +3,8 @@ import numpy as np
 import pytest
 
 from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, dsp_slices, tree_levels
-from fastac.sim.amaranth_bench import transfer
-from fastac.sim.stream import check, pack
+from fastac.sim.amaranth_simulator import transfer
+from fastac.sim.check_stream import check, pack
 
 
 @pytest.mark.parametrize(("beats", "axes", "words"), [(6, 2, 3), (5, 1, 1), (7, 3, 8)])

@@ -39,7 +39,7 @@ class Memory(wiring.Component):
 
 
 def test_accesses(tmp_path):
-    simulate(Memory(6), "memory", "fastac.sim.bench_axi_lite", tmp_path, ADDRESS_WIDTH="6")
+    simulate(Memory(6), "memory", "fastac.sim.benches.axi_lite", tmp_path, ADDRESS_WIDTH="6")
 
 
 @pytest.mark.parametrize("width", [2, 33])

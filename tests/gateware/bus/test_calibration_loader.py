@@ -6,8 +6,8 @@ import pytest
 
 from fastac.gateware.bus.calibration_loader import CalibrationLoader, ImageLayout
 from fastac.gateware.stream.tables import Table
+from fastac.sim.check_stream import pack
 from fastac.sim.runner import simulate
-from fastac.sim.stream import pack
 
 LAYOUTS = {
     "tables of one and of four": ImageLayout(
@@ -58,7 +58,7 @@ def test_loader(tmp_path, layout):
     path = tmp_path / "bench.json"
     path.write_text(json.dumps(bench))
     dut = CalibrationLoader(layout, registers, bundle_hash)
-    simulate(dut, "calibration_loader", "fastac.sim.bench_calibration_loader", tmp_path, BENCH=str(path))
+    simulate(dut, "calibration_loader", "fastac.sim.benches.calibration_loader", tmp_path, BENCH=str(path))
 
 
 def test_image():

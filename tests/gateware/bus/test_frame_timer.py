@@ -6,7 +6,7 @@ from fastac.sim.runner import simulate
 
 
 def test_times_and_numbers(tmp_path):
-    simulate(FrameTimer(force=True, depth=True), "frame_timer", "fastac.sim.bench_frame_timer", tmp_path)
+    simulate(FrameTimer(force=True, depth=True), "frame_timer", "fastac.sim.benches.frame_timer", tmp_path)
 
 
 @pytest.mark.parametrize(("force", "depth"), [(True, False), (False, True)])

@@ -34,7 +34,7 @@ def test_registers(tmp_path, outputs):
     simulate(
         RegisterBlock(identity),
         "registers",
-        "fastac.sim.bench_registers",
+        "fastac.sim.benches.registers",
         tmp_path,
         IDENTITY=json.dumps(asdict(identity)),
     )

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from fastac.gateware.force.patch_generator import PatchGenerator
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 
 def beats(frames, lanes, rng=None):

@@ -14,8 +14,8 @@ from fastac.gateware.poisson.depth import Displacement
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio
 from fastac.models.integer.solver import Depth, DisplacementQuantiser
-from fastac.sim.amaranth_bench import transfer
-from fastac.sim.stream import check, pack
+from fastac.sim.amaranth_simulator import transfer
+from fastac.sim.check_stream import check, pack
 
 
 def beats(x, lanes, bits, rng):

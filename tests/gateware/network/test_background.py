@@ -6,8 +6,8 @@ import pytest
 
 from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.models.integer.features import coordinate_codes, integer_features
+from fastac.sim.check_stream import check, pack
 from fastac.sim.runner import simulate
-from fastac.sim.stream import check, pack
 
 
 @pytest.mark.parametrize(("height", "width", "channels", "lanes"), [(4, 6, 3, 1), (5, 4, 3, 4), (1, 2, 1, 2)])
@@ -32,7 +32,7 @@ def test_capture(tmp_path, height, width, channels, lanes):
     }
     path = tmp_path / "background.json"
     path.write_text(json.dumps(bench))
-    simulate(dut, "background", "fastac.sim.bench_background", tmp_path, BENCH=str(path))
+    simulate(dut, "background", "fastac.sim.benches.background", tmp_path, BENCH=str(path))
 
 
 def test_features_equal_reference(tmp_path):

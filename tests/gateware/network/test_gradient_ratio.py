@@ -6,7 +6,7 @@ import pytest
 
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.models.integer.network import GradientRatio
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 
 def normals(ratio, rng, count):

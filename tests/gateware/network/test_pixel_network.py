@@ -8,7 +8,7 @@ import pytest
 from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.target.elaboration import to_rtlil
 from fastac.models.integer.network import Layer, Requantisation
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 WIDTH = 9
 

@@ -6,7 +6,7 @@ from amaranth.sim import Simulator
 from fastac.gateware.network.requantise import Requantise, RequantiseCore
 from fastac.gateware.target.elaboration import to_rtlil
 from fastac.models.integer.network import Requantisation
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 WIDTH = 20
 TABLES = [

@@ -8,7 +8,7 @@ from fastac.gateware.poisson.dst2d import PoissonSolver
 from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.solver import PoissonSource, SineTransform
 from fastac.models.integer.words import signed_width
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 
 def stages(size: int, *, gradient_width: int = 10, divergence: str = "central") -> tuple:

@@ -5,7 +5,7 @@ import pytest
 from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
 from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.words import signed_width
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 
 def eigenvalue_division(size: int, *, input_width: int, rounding: str = "nearest") -> EigenvalueDivision:

@@ -6,7 +6,7 @@ from fastac.gateware.poisson.frame_reversal import FrameReversal
 from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.models.integer.solver import SineTransform
 from fastac.models.integer.tridiagonal import Elimination, Substitution, thomas_coefficients
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 FRAMES = 4
 

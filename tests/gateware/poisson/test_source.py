@@ -5,8 +5,8 @@ import pytest
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.models.integer.laplacian import divergence_of
 from fastac.models.integer.solver import PoissonSource
+from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import Preloaded
-from fastac.sim.stream import check, pack
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:

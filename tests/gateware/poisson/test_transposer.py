@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from fastac.gateware.poisson.transposer import Transposer
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:

@@ -15,7 +15,7 @@ from fastac.models.integer.tridiagonal import (
     tridiagonal_solver,
 )
 from fastac.models.integer.words import Fixed
-from fastac.sim.stream import check, pack
+from fastac.sim.check_stream import check, pack
 
 GRADIENT_WIDTH = 10
 LIMIT = 2 ** (GRADIENT_WIDTH - 1) - 1

@@ -176,7 +176,7 @@ def test_rtl_equals_reference(tmp_path, height, width, channels, lanes):
         "timeout_cycles": 20_000,
     }
     path.write_text(json.dumps(bench))
-    simulate(guard, "frame_guard", "fastac.sim.bench_frame_guard", tmp_path, BENCH=str(path))
+    simulate(guard, "frame_guard", "fastac.sim.benches.frame_guard", tmp_path, BENCH=str(path))
 
 
 @pytest.mark.parametrize(

@@ -10,8 +10,8 @@ import pytest
 from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.models.integer import frame_validity as model
 from fastac.models.integer.features import integer_features
+from fastac.sim.check_stream import pack
 from fastac.sim.runner import simulate
-from fastac.sim.stream import pack
 
 SIZE = 16
 FRAMES = 6
@@ -78,7 +78,7 @@ def test_flags(tmp_path, lanes, channels, slopes, displacements):
     }
     (tmp_path / "settings.json").write_text(json.dumps(settings))
     simulate(
-        component, "validity", "fastac.sim.bench_validity", tmp_path, BENCH=str(tmp_path / "settings.json")
+        component, "validity", "fastac.sim.benches.validity", tmp_path, BENCH=str(tmp_path / "settings.json")
     )
 
 

@@ -10,9 +10,9 @@ import sys
 import cocotb
 from cocotb.triggers import ClockCycles
 
-from fastac.sim.axi_lite import OKAY, SLVERR, write
-from fastac.sim.bench_top import ADDRESS, LINGER, SET
-from fastac.sim.top_run import ENABLE, FRAME_BEATS, INTERRUPT, STALLS, TEST, Run, beats, flags
+from fastac.sim.benches.host import OKAY, SLVERR, write
+from fastac.sim.benches.top import ADDRESS, LINGER, SET
+from fastac.sim.benches.top_run import ENABLE, FRAME_BEATS, INTERRUPT, STALLS, TEST, Run, beats, flags
 
 RESTART, LOADING = 16, 8
 OWN, OTHER = SET["own"], SET["other"]

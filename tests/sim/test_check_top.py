@@ -10,8 +10,9 @@ from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import REASONS
-from fastac.models.specimen import QUICK, frames, scene, specimen
-from fastac.sim.top import Comparison, SimulationFailure, simulate
+from fastac.models.specimen import frames, scene, specimen
+from fastac.sim.check_top import Comparison, SimulationFailure, simulate
+from fastac.sim.runner import QUICK
 
 WORDS = np.arange(12).reshape(3, 4)
 

@@ -8,7 +8,7 @@ from amaranth import Cat, Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.sim.stream import check, pack, unpack
+from fastac.sim.check_stream import check, pack, unpack
 
 STUCK = 0xFF
 """Behind this word the component takes no more."""

@@ -10,7 +10,7 @@ from cocotb.triggers import ClockCycles, RisingEdge
 
 from fastac.gateware.bus.register_map import ERRORS
 from fastac.models.integer.frame_validity import suspects
-from fastac.sim.bench_top import FOLDER, LINGER, SET, frame_beats, start
+from fastac.sim.benches.top import FOLDER, LINGER, SET, frame_beats, start
 
 with np.load(FOLDER / "frames.npz", allow_pickle=False) as archive:
     FRAMES = {name: archive[name] for name in archive.files}

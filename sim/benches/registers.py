@@ -7,7 +7,7 @@ import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge, gather
 
 from fastac.gateware.bus.register_map import ERRORS, REGISTERS, Identity
-from fastac.sim.axi_lite import DECERR, OKAY, SLVERR, read, start, write
+from fastac.sim.benches.host import DECERR, OKAY, SLVERR, read, start, write
 
 IDENTITY = Identity(**json.loads(os.environ["IDENTITY"]))
 AT = {register.name: register.offset for register in IDENTITY.registers}

@@ -1,14 +1,14 @@
 """cocotb bench of the whole hardware when things go wrong, and of what a host can tell it to do.
 
-Settings and frames, good or repaired, are in the folder BENCH, see sim/top_run.py and
+Settings and frames, good or repaired, are in the folder BENCH, see sim/benches/top_run.py and
 tests/gateware/test_top_zynq.py.
 """
 
 import cocotb
 from cocotb.triggers import RisingEdge
 
-from fastac.sim.bench_top import SET
-from fastac.sim.top_run import (
+from fastac.sim.benches.top import SET
+from fastac.sim.benches.top_run import (
     CAPTURE,
     COLUMNS,
     ENABLE,

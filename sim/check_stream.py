@@ -70,7 +70,7 @@ def check(
     simulate(
         component,
         name,
-        "fastac.sim.bench_stream",
+        "fastac.sim.benches.stream",
         folder,
         build_args=build_args,
         log_file=log_file,

@@ -171,7 +171,7 @@ def simulate(
         with watched("simulating", enabled=progress, total=total, unit="cycle", position=cycle):
             runner.test(
                 hdl_toplevel=name,
-                test_module="fastac.sim.bench_top",
+                test_module="fastac.sim.benches.top",
                 build_dir=build_folder,
                 waves=trace is not None,
                 test_args=test_args,

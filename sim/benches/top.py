@@ -18,7 +18,7 @@ from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
 from fastac.gateware.bus.register_map import REGISTERS
-from fastac.sim.axi_lite import read, write
+from fastac.sim.benches.host import read, write
 
 FOLDER = Path(os.environ["BENCH"])
 SET = json.loads((FOLDER / "settings.json").read_text())

@@ -17,7 +17,7 @@ from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
 from fastac.models.integer.features import WIDTH
-from fastac.sim.stream import pack
+from fastac.sim.check_stream import pack
 
 SET = json.loads(Path(os.environ["BENCH"]).read_text())
 FRAMES, BACKGROUND = (np.array(SET[key]) for key in ("frames", "background"))  # (F, H, W, C), (H, W, C)

@@ -6,7 +6,7 @@ import random
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge, gather
 
-from fastac.sim.axi_lite import DECERR, OKAY, SLVERR, read, reset, start, write
+from fastac.sim.benches.host import DECERR, OKAY, SLVERR, read, reset, start, write
 
 WORDS, SIZE = 6, 1 << int(os.environ["ADDRESS_WIDTH"])
 
