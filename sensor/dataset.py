@@ -16,7 +16,7 @@
     indenter/…      (N, …) numbers          pose and shape; NaN: no indenter┘
 
 Instead of `frames` there may be `raw10` (N, 4H, 4W) uint16, RAW10 images as the camera gives them; the
-background is then (4H, 4W) uint16, one too. What makes channels of them is fastac/frames.py.
+background is then (4H, 4W) uint16, one too. What makes channels of them is fastac/flow/frames.py.
 
 `force_n` has the axes x, y, z, or those that the attribute force_axes ("z") lists: a force gauge knows one.
 Ground truth is finite, and normals are unit vectors with n_z > 0, wherever it is valid; elsewhere it means

@@ -85,7 +85,7 @@ def tiny_data(tiny_file, tiny_scene):
 @pytest.fixture(scope="session")
 def tiny_folder(tiny_scene, tiny_file, tmp_path_factory) -> Path:
     """A build folder with everything up to the bundle. Not to be changed: copy it."""
-    from fastac.build import Build
+    from fastac.flow.build import Build
 
     folder = tmp_path_factory.mktemp("build") / "tiny"
     Build(tiny_scene, folder, tiny_file, progress=False).run(lambda name, current: None, until="bundle")
@@ -115,7 +115,7 @@ def tiny_rig_cache(tmp_path_factory) -> Path:
 @pytest.fixture(scope="session")
 def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, tmp_path_factory) -> Path:
     """A build folder of that scene with everything up to the bundle. Not to be changed."""
-    from fastac.build import Build
+    from fastac.flow.build import Build
     from fastac.sensor.fingertip import generate
 
     folder = tmp_path_factory.mktemp("build") / "tiny_rig"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from fastac.frames import as_channels
+from fastac.flow.frames import as_channels
 from fastac.models.vision.markers import Detector, MarkerError, Tracked, Tracker
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset

@@ -5,7 +5,7 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.target.elaboration import alike, to_rtlil
-from fastac.synth_netlist import parts
+from fastac.synth.netlist import parts
 
 
 class Product(wiring.Component):

@@ -1,0 +1,39 @@
+"""The command line."""
+
+import sys
+
+import click
+
+from fastac.cli.build import build, report, reproduce
+from fastac.cli.common import Group
+from fastac.cli.data import data, protocol
+from fastac.cli.demos import grasp, vibration
+from fastac.cli.hardware import calibration, sim, synth, verilog
+from fastac.cli.models import evaluate, objects, predict, train
+from fastac.cli.recordings import import_
+from fastac.cli.trade import scope, sweep, trade
+from fastac.cli.verify import verify
+
+
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.version_option(package_name="fastac")
+def main():
+    """Vision-based tactile fingertips as verified FPGA hardware.
+
+    A SCENE is a TOML file that says what one sensor and task require. A BUNDLE is the folder that training
+    writes: every integer of the model; a build folder that contains one will do. DATA is an HDF5 dataset,
+    generated or imported. `fastac build SCENE` runs everything in order.
+    """
+
+
+COMMANDS = (
+    *(build, reproduce, report, data, protocol, import_),
+    *(train, evaluate, predict, objects, vibration, grasp),
+    *(verilog, calibration, sim, verify, synth, sweep, trade, scope),
+)
+for command in COMMANDS:
+    main.add_command(command)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,155 @@
+"""Commands that train models and use them."""
+
+import click
+import h5py
+import numpy as np
+
+from fastac.cli.common import (
+    INPUT,
+    SPLITS,
+    build_folder,
+    load_bundle,
+    output_option,
+    progress_option,
+    run_build,
+)
+from fastac.scenes import schema as scenes
+
+
+@click.command()
+@click.argument("scene", type=INPUT)
+@click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")
+@output_option("build/SCENE", "The build folder.")
+@progress_option
+def train(scene, data, output, progress):
+    """Train and quantise the models of SCENE; writes the bundle. Resumes after an interruption."""
+    scene = scenes.load(scene)
+    folder = build_folder(scene, output)
+    run_build(scene, folder, data, progress, until="bundle")
+    click.echo(f"{folder / 'bundle'}: sha256 {load_bundle(folder).digest}")
+
+
+def print_errors(errors: dict) -> None:
+    click.echo(f"{'':34s} {'float':>12s} {'integer':>12s} {'growth':>9s}")
+    for key, value in errors["float"].items():
+        growth = errors["growth_percent"].get(key)
+        change = "" if growth is None else f"{growth:+8.2f}%"
+        click.echo(f"{key:34s} {value:12.6f} {errors['integer'][key]:12.6f} {change:>9s}")
+    for key, count in errors["saturated_values"].items():
+        click.echo(f"{key:34s} {'':12s} {count:12d} values")
+
+
+@click.command()
+@click.argument("bundle", type=INPUT)
+@click.option("--data", type=INPUT, required=True, help="Dataset with ground truth.")
+@click.option("--split", type=SPLITS, default="test", show_default=True)
+@click.option(
+    "--leave-one-group-out",
+    is_flag=True,
+    help="Train again without each group of a recording, and test on it.",
+)
+@click.option("--json", "json_file", type=INPUT, help="Write the errors here too.")
+@progress_option
+def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
+    """Errors of the float and the integer model of BUNDLE against ground truth.
+
+    With --leave-one-group-out, of models like BUNDLE's, each trained from the forces of all groups but one;
+    beside them a linear ridge on the pixels and a quadratic in the summed difference, which show what the
+    network is worth. The trainings are kept beside the bundle, in leave_one_out, and resumed.
+    """
+    from fastac import accuracy
+    from fastac.flow import leave_one_out
+    from fastac.flow.frames import read
+    from fastac.store.steps import write_json
+
+    model = load_bundle(bundle)
+    samples = read(data, model.scene, progress=progress)
+    if leave_one_group_out:
+        folder = (bundle if (bundle / "bundle").is_dir() else bundle.parent) / "leave_one_out"
+        content = leave_one_out.evaluate(samples, model.scene, data, folder, progress=progress)
+        if json_file:
+            write_json(json_file, content)
+        click.echo(leave_one_out.table(content))
+        return
+    index = accuracy.choose(samples, split, data)
+    errors, _ = accuracy.compare(model, samples, index, progress=progress)
+    if json_file:
+        write_json(json_file, {"data": str(data), "split": split, "frames": len(index), **errors})
+    click.echo(f"{data}: {len(index)} frames, {samples.source}")
+    print_errors(errors)
+
+
+@click.command()
+@click.argument("bundle", type=INPUT)
+@click.argument("data", type=INPUT)
+@click.option("--float", "use_float", is_flag=True, help="Run the float models instead of the integers.")
+@click.option("--split", type=SPLITS, default="all", show_default=True)
+@click.option("-o", "--output", type=INPUT, required=True, help="HDF5 file to write.")
+@progress_option
+def predict(bundle, data, use_float, split, output, progress):
+    """Normals, depth_mm, force_n and force_map_n of the frames in DATA, as BUNDLE's scene wants them.
+
+    The integers are those of the hardware, bit for bit.
+    """
+    from fastac import accuracy
+    from fastac.flow.frames import read
+    from fastac.models.floating.pipeline import FloatPipeline
+
+    model = load_bundle(bundle)
+    samples = read(data, model.scene, progress=progress)
+    index = accuracy.choose(samples, split, data)
+    pipeline = FloatPipeline.from_bundle(model) if use_float else model.pipeline
+    result = accuracy.of_dataset(pipeline, samples).run(samples.frames[index], progress=progress)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    temporary = output.with_name(f".{output.name}.part")
+    with h5py.File(temporary, "w") as file:
+        file.attrs["bundle_sha256"] = model.digest
+        file.attrs["arithmetic"] = "float" if use_float else "integer"
+        file.attrs["pitch_mm"] = samples.pitch_mm
+        file.attrs["force_axes"] = ",".join("xyz"[axis] for axis in model.scene.force_axes)
+        file["frame_index"] = index
+        scene = model.scene
+        wanted = {
+            "normals": "normals" in scene.outputs,
+            "depth_mm": "depth" in scene.outputs,
+            "force_n": scene.wants_force,
+            "force_map_n": scene.wants_force_map,
+        }
+        for name, is_wanted in wanted.items():
+            if is_wanted:
+                file[name] = np.asarray(getattr(result, name), np.float32)
+        written = sorted(set(file) - {"frame_index"})
+    temporary.replace(output)
+    click.echo(f"{output}: {', '.join(written)} of {len(index)} frames")
+
+
+@click.command()
+@click.argument("bundles", type=INPUT, metavar="BUNDLE...", nargs=-1, required=True)
+@click.option(
+    "--load-n", type=click.FloatRange(min=0, min_open=True), help="[default: 3 × the protocol's largest]"
+)
+@click.option("-o", "--output", type=INPUT, required=True, help="Folder for the page, pictures and errors.")
+@progress_option
+def objects(bundles, load_n, output, progress):
+    """Press a strawberry, a fingerprint and LED pads on the virtual sensor; BUNDLEs reconstruct them.
+
+    Give one of three channels and one of four to compare them: they see the same skin. Writes objects.html
+    with point clouds to turn and the three-axis force on the curved surface, a picture of each object with
+    normals and depth, and objects.json with the errors. The objects are pressed on the elastic layer, which
+    is solved at the pixels. All of it is simulated.
+    """
+    from fastac.store.steps import write_json
+    from fastac.studies.demos import reconstruction as test_objects
+    from fastac.studies.demos import reconstruction_figures
+
+    shown = test_objects.reconstruct({path: load_bundle(path) for path in bundles}, load_n, progress=progress)
+    output.mkdir(parents=True, exist_ok=True)
+    for item in shown:
+        reconstruction_figures.draw(item, output / f"{item.name}.png")
+    temporary = output / ".objects.html.part"
+    temporary.write_text(reconstruction_figures.page(shown), encoding="utf-8")
+    temporary.replace(output / "objects.html")
+    content = test_objects.summary(shown)
+    write_json(output / "objects.json", content)
+    click.echo(test_objects.table(content))
+    click.echo(output / "objects.html")

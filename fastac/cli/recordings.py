@@ -1,0 +1,170 @@
+"""Commands that turn recordings into datasets."""
+
+import click
+
+from fastac.cli.common import INPUT, Group, progress_option
+from fastac.cli.data import cad_options, load_cad
+from fastac.scenes import schema as scenes
+
+
+def size_options(command):
+    """Rows and columns that photographs are resampled to."""
+    for name, text in (("--width-px", "Columns likewise."), ("--height-px", "Rows to resample to.")):
+        command = click.option(name, type=click.IntRange(16, 256), default=128, show_default=True, help=text)(
+            command
+        )
+    return command
+
+
+def split_counts(data) -> str:
+    return ", ".join(f"{len(data.indices(split))} {split}" for split in ("train", "validation", "test"))
+
+
+@click.group("import", cls=Group)
+def import_():
+    """Turn recordings into datasets."""
+
+
+@import_.command("ball-press")
+@click.argument("folder", type=INPUT)
+@click.option(
+    "--labels", type=INPUT, required=True, help="CSV: image, center_x_px, center_y_px, radius_px, split."
+)
+@click.option("--background", type=INPUT, required=True, help="Photograph with nothing touching.")
+@click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
+@click.option("--px-per-mm", type=float, required=True, help="Scale of the original photographs.")
+@size_options
+@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_px, output):
+    """Import photographs of a ball pressed onto a flat gel, from FOLDER.
+
+    Photographs are padded to the aspect of the target with the background, which is not valid, and resampled
+    by area. Normals are known inside the labelled contact circle; around it they are unknown.
+    """
+    from fastac.sensor.dataset import read
+    from fastac.sensor.importers.ball_press import import_folder
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_folder(
+        folder,
+        labels,
+        background,
+        ball_mm=ball_mm,
+        px_per_mm=px_per_mm,
+        output=output,
+        height_px=height_px,
+        width_px=width_px,
+    )
+    written = read(output)
+    click.echo(f"{output}: {len(written)} frames ({split_counts(written)}), pitch {written.pitch_mm:.5f} mm")
+
+
+@import_.command("force")
+@click.argument("source", metavar="VIDEO|FOLDER", type=INPUT)
+@click.option(
+    "--forces", type=INPUT, required=True, help="CSV: frame, force_z_n (or x, y and z), group, maybe split."
+)
+@click.option(
+    "--background-frames", type=click.IntRange(1), required=True, help="The first so many show the rest."
+)
+@click.option(
+    "--background-per-group", is_flag=True, help="Of each group, where light or skin drifts between them."
+)
+@click.option("--pitch-mm", type=float, required=True, help="Of a resampled pixel on the skin, mm.")
+@click.option(
+    "--held-out", multiple=True, metavar="GROUP", help="Test on this group; repeatable. [default: the last]"
+)
+@size_options
+@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+@progress_option
+def force_recording(
+    source,
+    forces,
+    background_frames,
+    background_per_group,
+    pitch_mm,
+    held_out,
+    height_px,
+    width_px,
+    output,
+    progress,
+):
+    """Import frames with a force gauge's readings, from a video or a folder of photographs.
+
+    The CSV file has one row per frame: `frame` is its index from 0 or its file name, z is positive in
+    compression, `group` names the recording or object, which can be held out as a whole. Of the groups that
+    are not held out, two stretches of frames, a fifth in all, are the validation split; a column `split` says
+    otherwise. Only the background frames may lack a row. Photographs are padded to the target's aspect with
+    the background and resampled by area.
+    """
+    from fastac.sensor.dataset import read
+    from fastac.sensor.importers.force_recording import import_recording
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_recording(
+        source,
+        forces,
+        background_frames=background_frames,
+        per_group=background_per_group,
+        pitch_mm=pitch_mm,
+        held_out=held_out,
+        height_px=height_px,
+        width_px=width_px,
+        output=output,
+        progress=progress,
+    )
+    written = read(output)
+    tested = ", ".join(dict.fromkeys(written.group[written.indices("test")].tolist()))
+    click.echo(
+        f"{output}: {len(written)} frames ({split_counts(written)}), force {', '.join(written.force_axes)}"
+    )
+    click.echo(f"test: {tested}")
+
+
+@import_.command("cnc")
+@click.argument("folder", type=INPUT)
+@click.option(
+    "--scene", type=INPUT, required=True, help="Scene of the sensor: size, pitch, channels, frames."
+)
+@cad_options
+@click.option(
+    "--ball-mm", type=float, help="Diameter of the ball, mm. [default: the scene's protocol.ball_mm]"
+)
+@click.option(
+    "--raw-size-px", type=int, nargs=2, help="Rows and columns of .raw images. [default: the scene's window]"
+)
+@click.option("--skip-lost", is_flag=True, help="Leave out, and count, samples in which a marker is lost.")
+@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+@progress_option
+def cnc_recording(
+    folder, scene, cad, cad_pitch_mm, origin_mm, ball_mm, raw_size_px, skip_lost, output, progress
+):
+    """Import what a machine recorded in FOLDER: frames, poses and forces, with geometry from CAD and ball.
+
+    FOLDER has poses.csv, with the columns that `fastac protocol` writes and force_x_n, force_y_n, force_z_n
+    as the gauge measured them, and of each sample a frame named by its index: 000012.raw (packed RAW10) or
+    .npy; of a scene of channels .npy or .png, NIR as 000012.nir.png. background.* has nothing touching. z_mm
+    is where the ball's lowest point stood.
+
+    Normals and depth are known, and valid, where the ball is certain to touch, of vertical samples only. The
+    last sample is the background: the skin at rest.
+    """
+    from fastac.sensor.dataset import read
+    from fastac.sensor.importers import cnc
+
+    scene = scenes.load(scene)
+    output.parent.mkdir(parents=True, exist_ok=True)
+    cnc.import_recording(
+        scene,
+        folder,
+        load_cad(scene, cad, cad_pitch_mm),
+        output,
+        ball_mm=scene.protocol.ball_mm if ball_mm is None else ball_mm,
+        origin_mm=origin_mm,
+        raw_size_px=raw_size_px,
+        skip_lost=skip_lost,
+        progress=progress,
+    )
+    written = read(output)
+    left_out = f", {written.left_out} left out" if written.left_out else ""
+    click.echo(f"{output}: {len(written)} frames ({split_counts(written)}){left_out}")

@@ -1,0 +1,168 @@
+"""Commands that measure what speed costs."""
+
+from pathlib import Path
+
+import click
+
+from fastac.cli.common import INPUT, output_option, progress_option
+from fastac.scenes import schema as scenes
+
+
+@click.command()
+@click.argument("spec", type=INPUT)
+@output_option("build/sweep/SPEC.sqlite", "The results: one SQLite file.")
+@click.option(
+    "--cache",
+    type=INPUT,
+    default=Path("build/sweep/cache"),
+    show_default=True,
+    help="Folder of datasets and trained models, shared by all sweeps.",
+)
+@click.option("--workers", type=click.IntRange(1), help="Local processes. [default: one for each core]")
+@click.option(
+    "--scheduler",
+    metavar="ADDRESS",
+    help="Run on the Dask cluster of this scheduler, such as tcp://host:8786. Workers have a thread each"
+    " and see the same files.",
+)
+@progress_option
+def sweep(spec, output, cache, workers, scheduler, progress):
+    """Measure all designs that SPEC describes: errors, cycles, resources, energy.
+
+    SPEC is a TOML file: `scene`, a base scene; [axes], scene keys with lists of values, such as
+    "numbers.data_bits" = [18, 22, 26] (several tables with [[axes]]; keys with commas between them move
+    together); `method`, "grid" or "optuna" with `trials`, `seed` and `objectives`; `frames` and `split` to
+    evaluate on; `data`, a dataset, for recorded sensors. Paths are relative to SPEC.
+
+    Errors are those of the bit-exact emulator on held-out frames; cycles follow from the design's formulas;
+    resources and energy are estimates. Nothing is simulated in RTL: `fastac trade --confirm` does that.
+    Models are trained once for all points that share them. A point that cannot be is recorded with its error.
+    Results and models are kept: an interrupted sweep goes on where it was.
+    """
+    from fastac.sweep import run as sweeps
+    from fastac.sweep import spec as sweep_spec
+    from fastac.sweep.points import Setting
+    from fastac.sweep.results import Results
+
+    content, base = sweep_spec.load(spec)
+    if scheduler and workers:
+        raise click.UsageError("--workers is of local processes: give it or --scheduler")
+    data = content.data and str((spec.parent / content.data).resolve())
+    if data is None and base.sensor.source == "recorded":
+        raise click.UsageError(f"{spec}: data: missing: scene {base.name} is of a recorded sensor")
+    setting = Setting(str(cache.resolve()), data, content.split, content.frames)
+    results = Results(output or Path("build/sweep") / f"{spec.stem}.sqlite")
+    with sweeps.dask_pool(scheduler) if scheduler else sweeps.local_pool(workers) as pool:
+        counts = sweeps.run(content, base, spec.parent, results, setting, pool, progress=progress)
+    click.echo(f"{results.path}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+
+
+MARKED = ("paper", "fast", "force")
+"""Scenes of this repository that `trade` marks where it finds them."""
+
+
+@click.command()
+@click.argument("results", type=INPUT, nargs=-1, required=True)
+@output_option("build/trade", "Folder for trade.html, its pictures, and what --confirm builds.")
+@click.option(
+    "--mark",
+    "marked",
+    type=INPUT,
+    multiple=True,
+    metavar="SCENE",
+    help="Mark the design of this scene; repeatable. [default: scenes/paper.toml, fast.toml, force.toml]",
+)
+@click.option(
+    "--pick", metavar="LIMITS", help='Write the best scene within limits: "depth_mae_mm<0.03, dsp<220".'
+)
+@click.option(
+    "--by",
+    default="latency_cycles,energy_uj",
+    show_default=True,
+    metavar="METRICS",
+    help="What is best: the smallest first metric, then the next.",
+)
+@click.option(
+    "--scene", "scene_file", type=INPUT, help="Where --pick writes. [default: picked.toml in the folder]"
+)
+@click.option(
+    "--confirm",
+    type=click.IntRange(1),
+    metavar="N",
+    help="Build N random designs of the fronts, and compare.",
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of --confirm.")
+@progress_option
+def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress):
+    """Show what speed costs: the fronts of RESULTS, one or several files of `fastac sweep`.
+
+    Writes a page to explore, with a table of what each doubling of the speed costs, and pictures of the
+    fronts. --pick writes the scene of the best design within limits, ready for `fastac build`; limits are
+    metrics with < <= > >= and a number, separated by commas; a wrong name lists all there are.
+
+    --confirm takes N random designs of the fronts over an error, cycles, DSP and energy, builds their
+    Verilog and sends held-out frames through it: every value must be the integer model's and every latency
+    the one stated. What was found is kept in RESULTS; those that are known are not simulated again.
+    """
+    from fastac.sweep import front as trading
+    from fastac.sweep import page
+
+    sources = [trading.read(path) for path in results]
+    designs = trading.distinct(sources)
+    rows = [row for _, row in designs]
+    different = 0
+    if confirm:
+        from fastac.sweep import confirm as trade_confirm
+
+        best = {row.key for row in trading.best_designs(rows)}
+        chosen = [(source, row) for source, row in designs if row.key in best]
+        click.echo(f"fronts over an error, cycles, DSP and energy: {len(chosen)} of {len(designs)} designs")
+
+        def tell(row, content):
+            verdict = "exact" if content["is_exact"] else f"DIFFERENT: {content['first_mismatch']}"
+            counts = f"{content['mismatches']} mismatches of {content['values_compared']:,}"
+            click.echo(f"{row.key[:12]} {verdict}: {counts}, cycles {content['cycles_counted']}")
+
+        found = trade_confirm.run(
+            chosen, confirm, seed, (output or Path("build/trade")) / "rtl", tell, progress=progress
+        )
+        different = sum(not content["is_exact"] for content in found)
+    output = output or Path("build/trade")
+    paths = marked or [path for name in MARKED if (path := Path("scenes") / f"{name}.toml").exists()]
+    stars = {s.name: row for s in map(scenes.load, paths) for row in rows if trading.is_scene(row, s)}
+    shown = page.Trade(sources, rows, stars)
+    for table in page.tables(shown):
+        click.echo(table.text)
+    if pick:
+        by_names = [name.strip() for name in by.split(",")]
+        best = trading.pick(rows, pick, by_names)
+        path = scene_file or output / "picked.toml"
+        trading.write_scene(best, path, f"fastac trade --pick {pick!r} --by {by}")
+        click.echo(f"{path}: {page.named(best)}")
+        for name in sorted({*by_names, *trading.asked(pick)}):
+            click.echo(f"  {name:32s} {best.metrics[name]:.6g}")
+    for path in page.write(shown, output):
+        click.echo(path)
+    if different:
+        raise click.ClickException(f"{different} designs differ in RTL")
+
+
+@click.command()
+@click.argument("scene_files", type=INPUT, nargs=-1, required=True, metavar="SCENE...")
+@click.option(
+    "--builds",
+    type=INPUT,
+    default=Path("build"),
+    show_default=True,
+    help="Where the builds are whose wall times are shown.",
+)
+def scope(scene_files, builds):
+    """Show what each SCENE simulates, trains, elaborates and verifies, and what it does without.
+
+    A Markdown table with a column for each scene. Area is estimated from the scene's words, with random
+    weights; nothing is trained or elaborated for it. Wall times are those of the builds that are there.
+    """
+    from fastac.report import scope as scoping
+
+    found = [scoping.Scope(s, builds / s.name) for s in map(scenes.load, scene_files)]
+    click.echo(scoping.table(found))

@@ -1,0 +1,136 @@
+# amaranth: UnusedElaboratable=no
+"""From a bundle to Verilog and Vivado's files, and through the simulator."""
+
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
+from fastac.gateware.target.elaboration import to_verilog
+from fastac.gateware.target.vivado import write_vivado_project
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
+from fastac.sensor.dataset import Dataset
+from fastac.sim import check_top as simulation
+from fastac.sim.progress import watched
+from fastac.sim.runner import EXECUTABLE, use_verilator
+from fastac.store.steps import write_json
+from fastac.synth import resources
+from fastac.synth.synthesis import source_digest
+
+NAME = "fastac"
+WAIVERS = Path(__file__).resolve().parent.parent / "gateware" / "lint.vlt"
+
+
+class HardwareError(RuntimeError):
+    """Hardware that cannot be built; the message is one line."""
+
+
+def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
+    """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, the map.
+
+    The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
+    waivers in gateware/lint.vlt. Raises HardwareError with its first finding otherwise, and, before anything
+    is elaborated, where the device has fewer multipliers or block RAMs than the design needs.
+    """
+    top = TopZynq(bundle)
+    try:
+        check_multipliers(top.datapath.multipliers)
+        check_block_rams(resources.block_rams(resources.memories(bundle.pipeline)))
+    except DeviceError as error:
+        raise HardwareError(f"{bundle.scene.name}: {error}") from None
+    with watched("elaborating Verilog", enabled=progress):
+        text = to_verilog(top, name=NAME)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    temporary = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
+    try:
+        write_vivado_project(text, temporary, bundle.scene.hardware.clock_mhz, name=NAME)
+        write_json(temporary / "hardware.json", describe(top))
+        with watched("linting", enabled=progress):
+            lint(temporary / f"{NAME}.v")
+        os.chmod(temporary, 0o755)
+        if folder.exists():
+            shutil.rmtree(folder)
+        os.replace(temporary, folder)
+    except BaseException:
+        shutil.rmtree(temporary, ignore_errors=True)
+        raise
+
+
+def lint(source: Path) -> None:
+    """Verilator -Wall with the project's waivers; raises HardwareError with the first finding."""
+    use_verilator()
+    done = subprocess.run(
+        [EXECUTABLE, "--lint-only", "-Wall", "--top-module", NAME, WAIVERS, source],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode:
+        raise HardwareError(f"{source}: lint: {(done.stderr.splitlines() or ['failed'])[0]}")
+
+
+def describe(top: TopZynq) -> dict:
+    """What the design says of itself: formulas' values, ports, registers."""
+    path = top.datapath
+    latency = {"stage": path.stages, "initiation_interval": path.interval}
+    if path.wants_force:
+        latency["first_pixel_to_force"] = path.first_pixel_to_force
+    if path.wants_depth:
+        latency["first_pixel_to_depth"] = path.first_pixel_to_depth
+    if path.wants_normals:
+        latency["first_pixel_to_normals"] = path.first_pixel_to_normals
+    return {
+        "top": NAME,
+        "bundle_sha256": top.bundle.digest,
+        "gateware_sha256": source_digest(),
+        "latency_cycles_by_formula": latency,
+        "multipliers": path.multipliers,
+        "registers": [
+            {"name": r.name, "offset": r.offset, "access": r.access, "meaning": r.meaning}
+            for r in top.identity.registers
+        ],
+    }
+
+
+def check_verilog(bundle: Bundle, folder: Path) -> None:
+    """Raise HardwareError unless `folder` holds the Verilog of this very bundle."""
+    try:
+        stated = str(json.loads((folder / "hardware.json").read_text())["bundle_sha256"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise HardwareError(f"{folder / 'hardware.json'}: {error!r}: no Verilog was written here") from None
+    if stated != bundle.digest:
+        raise HardwareError(
+            f"{folder}: bundle_sha256 = {stated[:16]}…: the bundle's is {bundle.digest[:16]}…; write it again"
+        )
+
+
+def simulate(
+    bundle: Bundle,
+    data: Dataset,
+    index: np.ndarray,
+    verilog_folder: Path,
+    folder: Path,
+    *,
+    trace: str | None = None,
+    progress: bool,
+) -> dict:
+    """Frames `index` of a dataset through the Verilog in `verilog_folder`, back to back, all compared.
+
+    trace : "saif" or "fst": write this of the whole run to `sim.top.trace_file(folder, NAME, trace)`
+    The hardware starts with the bundle's background in its memory, and so does the reference.
+    """
+    check_verilog(bundle, verilog_folder)
+    frames = data.frames[index]
+    result = Emulator(bundle.pipeline).run(frames, progress=progress)
+    source = verilog_folder / f"{NAME}.v"
+    found = simulation.simulate(
+        bundle, source, frames, result, folder, name=NAME, trace=trace, progress=progress
+    )
+    return found.as_dict()

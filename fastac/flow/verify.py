@@ -1,0 +1,202 @@
+# amaranth: UnusedElaboratable=no
+"""The verification campaign: one trained model as hardware of several widths, each against the integers."""
+
+import hashlib
+import json
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from pydantic import ValidationError
+
+from fastac.flow.hardware import NAME
+from fastac.gateware.target.device import DEVICE
+from fastac.gateware.target.elaboration import to_verilog
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import bundle as bundles
+from fastac.models.integer.bundle import Bundle
+from fastac.scenes.schema import Scene, SceneError, describe
+from fastac.sensor.dataset import Dataset
+from fastac.sim.check_top import simulate
+from fastac.sim.progress import watched
+from fastac.store.steps import digest_sources, write_json
+
+FILE = "verify.json"
+SOURCES = ("sim/**/*.py", "models/**/*.py")
+"""What a row follows from, beside its Verilog and its frames."""
+LIMITS = {"elaboration_s": 60, "build_s": 180, "simulation_s_per_frame": 20}
+"""To be met on two cores."""
+SPECIAL = ("black", "white", "checkerboard", "bright pixel", "missing pixels", "missing rows", "0 or 255")
+MISSING = 0.05
+"""Share of the pixels that are missing in a special frame."""
+STALLED_FRAMES = 2
+STALL = (0.3, 0.3)
+"""Probabilities that the source of frames pauses, and that an output is not taken."""
+
+
+def derive(bundle: Bundle, folder: Path, *, lanes: int, weights: str | None = None) -> Bundle:
+    """The same model for hardware of `lanes` pixels a clock, as a bundle in `folder` with a hash of its own.
+
+    weights : "loadable" or "baked", of the pixel network; as they are if None. Every integer that the model
+        computes stays the same; words that hold any weights are wider than those for the given ones.
+    Raises SceneError where the scene cannot have these lanes.
+    """
+    content = bundle.scene.model_dump(mode="json")
+    content["hardware"]["pixels_per_clock"] = lanes
+    pipeline = bundle.pipeline
+    if weights is not None:
+        content["hardware"]["weights"] = weights
+        layers = tuple(replace(layer, loadable=weights == "loadable") for layer in pipeline.layers)
+        ratio = replace(pipeline.ratio, normal_width=layers[-1].accumulator_width)
+        pipeline = pipeline.replace(layers=layers, ratio=ratio)
+    try:
+        scene = Scene.model_validate(content)
+    except ValidationError as error:
+        raise SceneError(f"scene {bundle.scene.name}: {describe(error)}") from None
+    return bundles.save(folder, pipeline.replace(scene=scene), bundle.floats)
+
+
+def fit(bundle: Bundle, folder: Path, lanes: int) -> tuple[Bundle, str]:
+    """The model for so many lanes, with baked weights if loadable ones need more DSP slices than there are.
+
+    And a word on why they are not as the scene has them, or empty.
+    """
+    derived = derive(bundle, folder, lanes=lanes)
+    available = DEVICE["dsp48e2"]
+    needed = sum(TopZynq(derived).datapath.multipliers.values())
+    if needed <= available or not derived.pipeline.layers[0].loadable:
+        return derived, ""
+    note = f"baked: loadable weights need {needed} of {available} DSP48E2"
+    return derive(bundle, folder, lanes=lanes, weights="baked"), note
+
+
+def special_frames(background: np.ndarray) -> np.ndarray:
+    """What no camera sends, (7, H, W, C): all black, all white, a checkerboard, one bright pixel, missing
+    pixels, missing rows, and 0 or 255 at random in every channel, which makes the steepest slopes."""
+    checkerboard = np.where(np.indices(background.shape[:2]).sum(axis=0) % 2, 255, 0)
+    bright = background.copy()
+    bright[background.shape[0] // 2, background.shape[1] // 2] = 255
+    rng, pixels, rows = np.random.default_rng(1), background.copy(), background.copy()
+    pixels[rng.random(background.shape[:2]) < MISSING] = 0
+    rows[len(rows) // 2 : len(rows) // 2 + len(rows) // 8] = 0
+    return np.stack(
+        [
+            np.zeros_like(background),
+            np.full_like(background, 255),
+            np.broadcast_to(checkerboard[..., None], background.shape).astype(np.uint8),
+            bright,
+            pixels,
+            rows,
+            rng.choice(np.array([0, 255], np.uint8), background.shape),
+        ]
+    )
+
+
+def earlier_rows(file: Path) -> dict[str, dict]:
+    """The rows of an earlier campaign by key; none where it left nothing readable."""
+    try:
+        return {row["key"]: row for row in json.loads(file.read_text())["rows"]}
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+
+
+def run(
+    bundle: Bundle,
+    data: Dataset,
+    index: np.ndarray,
+    lanes: Sequence[int],
+    folder: Path,
+    *,
+    build_args: tuple[str, ...] = (),
+    progress: bool,
+) -> dict:
+    """Frames `index` and the special ones through the hardware at each number of lanes; writes verify.json.
+
+    At each, the frames go back to back, then the first and the last of them with random stalls. Rows of an
+    earlier run are kept where Verilog, frames and the sources of bench and reference are the same.
+    """
+    file = folder / FILE
+    before, sources = earlier_rows(file), digest_sources(SOURCES)
+    frames = np.concatenate([data.frames[index], special_frames(bundle.pipeline.background)])
+    runs = [
+        ((0, 0), np.arange(len(frames))),
+        (STALL, np.linspace(0, len(frames) - 1, STALLED_FRAMES, dtype=int)),
+    ]
+    content = {
+        "scene": bundle.scene.name,
+        "bundle_sha256": bundle.digest,
+        "frames_are": "simulated" if bundle.scene.sensor.source == "simulated" else "recorded photographs",
+        "frame_indices": index.tolist(),
+        "special_frames": len(frames) - len(index),
+        "limits": LIMITS,
+        "rows": [],
+    }
+    for count in lanes:
+        place = folder / f"lanes_{count}"
+        start = time.monotonic()
+        with watched(f"{count} px/clock: elaborating", enabled=progress):
+            derived, note = fit(bundle, place / "bundle", count)
+            text = to_verilog(TopZynq(derived), name=NAME)
+        elaboration_s = time.monotonic() - start
+        source = place / f"{NAME}.v"
+        if not source.exists() or source.read_text() != text:
+            source.write_text(text)
+        verilog_sha256 = hashlib.sha256(text.encode()).hexdigest()
+        for stall, chosen in runs:
+            images = frames[chosen]
+            parts = [verilog_sha256, hashlib.sha256(images.tobytes()).hexdigest(), list(stall), sources]
+            key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
+            row = before.get(key)
+            if row is None:
+                found = simulate(
+                    derived,
+                    source,
+                    images,
+                    Emulator(derived.pipeline).run(images, progress=progress),
+                    place,
+                    name=NAME,
+                    stall=stall,
+                    build_args=build_args,
+                    progress=progress,
+                )
+                row = {
+                    "lanes": count,
+                    "weights": "loadable" if derived.pipeline.layers[0].loadable else "baked",
+                    "note": note,
+                    "stalls": any(stall),
+                    "frames": found.frames,
+                    "values_compared": found.values_compared,
+                    "stream_markers_compared": found.markers_compared,
+                    "mismatches": found.mismatches,
+                    "first_mismatch": found.first_mismatch,
+                    "cycles": found.cycles,
+                    "latency_cycles": found.latency_cycles,
+                    "simulation_s_per_frame": found.wall_s["simulate"] / found.frames,
+                    "bundle_sha256": derived.digest,
+                    "verilog_sha256": verilog_sha256,
+                    "key": key,
+                }
+                if not any(stall):  # the stalled run has the simulator of the one before
+                    row |= {"elaboration_s": elaboration_s, "build_s": found.wall_s["build"]}
+            content["rows"].append(row)
+            write_json(file, content)
+    return content
+
+
+def table(content: dict) -> str:
+    """The campaign for a terminal; a time beyond its limit is marked with an exclamation mark."""
+    head = ("lanes", "weights", "stalls", "frames", "values", "mismatches", "cycles", *LIMITS)
+    lines = [head]
+    for row in content["rows"]:
+        times = [
+            f"{row[key]:.1f}{'!' * (row[key] > limit)}" if key in row else "" for key, limit in LIMITS.items()
+        ]
+        counts = [f"{row[key]:,}" for key in ("frames", "values_compared", "mismatches", "cycles")]
+        lines.append((str(row["lanes"]), row["weights"], "random" if row["stalls"] else "", *counts, *times))
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    text = ["  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in lines]
+    notes = {f"{row['lanes']} lanes: {row['note']}": None for row in content["rows"] if row["note"]}
+    return "\n".join([*text, *notes])

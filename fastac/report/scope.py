@@ -1,0 +1,167 @@
+"""`fastac scope`: what each scene simulates, trains, elaborates and verifies, and what it does without."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from fastac.models.integer import assemble
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.specimen import layers
+from fastac.scenes.schema import Scene
+from fastac.sensor.geometry import rest_depth_mm
+from fastac.store.steps import Workspace
+from fastac.synth import resources
+
+ABSENT = "–"
+SEED = 1
+STAGES = (*dict.fromkeys(("control", *resources.STAGES.values())),)
+AREAS = {"dsp48e2": "DSP48E2", "lut": "look-up tables", "ramb36": "RAMB36"}
+STEPS = {
+    "data": "presses",
+    "normals": "pixel network, float",
+    "integers": "pixel network, bit-true",
+    "force": "force model",
+    "verilog": "elaboration and lint",
+    "sim": "RTL simulation",
+}
+"""The build's steps, by what their seconds are shown as."""
+
+
+def specimen(scene: Scene) -> IntegerPipeline:
+    """The scene's pipeline with random weights: its area follows from words and sizes and, where the network
+    is baked in, from how many digits its weights have."""
+    rng, sensor = np.random.default_rng(SEED), scene.sensor
+    shape = (sensor.height_px, sensor.width_px)
+    background = rng.integers(80, 170, (*shape, len(sensor.channel_names))).astype(np.uint8)
+    pipeline = assemble.assemble(
+        scene,
+        layers=layers(scene, background, rng, scene.network.hidden),
+        background=background,
+        rest_depth_mm=rest_depth_mm(sensor),
+    )
+    if not scene.wants_force:
+        return pipeline
+    weights = (*shape, 2)
+    if not scene.wants_adjoint:
+        weights = (scene.inner_px, scene.inner_px, scene.force.kernel_size, scene.force.kernel_size)
+    return assemble.with_force(pipeline, rng.normal(size=(len(scene.force_axes), *weights)))
+
+
+@dataclass(frozen=True)
+class Scope:
+    """A scene, and the folder of its build, which may not be there."""
+
+    scene: Scene
+    folder: Path
+
+    @cached_property
+    def everything(self) -> Scene:
+        """The same sensor, words and lanes with every output, by the paper's architecture."""
+        content = self.scene.model_dump(mode="json")
+        content["outputs"] = ["normals", "depth", "force_xyz", "force_map"]
+        content["poisson"]["solver"] = "dst2d"
+        content["force"] |= {"kernel": "patch", "clamp": True, "fit": "displacement"}
+        content["training"]["labels"] = "geometry"
+        return Scene.model_validate(content)
+
+    def simulated(self) -> dict[str, str]:
+        """What a dataset for it must hold."""
+        scene = self.scene
+        by_geometry = scene.training.labels == "geometry"
+        curved = scene.sensor.geometry == "fingertip"
+        return {
+            "frames": f"{scene.sensor.source}, {','.join(scene.sensor.channel_names)}",
+            "labels: normals": "yes" if by_geometry else ABSENT,
+            "labels: depth": "yes" if scene.wants_solver and scene.sensor.source == "simulated" else ABSENT,
+            "labels: skin at rest": "yes" if by_geometry and curved and scene.wants_slopes else ABSENT,
+            "labels: force": ", ".join("xyz"[axis] for axis in scene.force_axes) or ABSENT,
+            "demosaicing": "yes" if scene.sensor.frames == "raw10" else f"{ABSENT} (frames are channels)",
+        }
+
+    def trained(self) -> dict[str, str]:
+        scene, training = self.scene, self.scene.training
+        width = "-".join(map(str, scene.network.hidden))
+        force = ABSENT
+        if scene.wants_force:
+            k = scene.force.kernel_size
+            force = f"kernels {k}×{k}" if scene.force.fit == "displacement" else "weights of the slopes"
+        return {
+            "pixel network": f"{width}, from {'normals' if training.labels == 'geometry' else 'forces'}",
+            "teachers": str(training.teachers or ABSENT),
+            "bit-true epochs": str(training.finetune_epochs or ABSENT),
+            "force model": force,
+        }
+
+    @cached_property
+    def stages(self) -> dict[str, dict[str, float]]:
+        factors, _ = resources.model()
+        return resources.predict(factors, resources.features(specimen(self.scene)))
+
+    def elaborated(self) -> dict[str, str]:
+        """Look-up tables by stage."""
+        return {
+            name: f"{self.stages[name]['lut']:,.0f}" if name in self.stages else ABSENT for name in STAGES
+        }
+
+    def verified(self) -> dict[str, str]:
+        """Values of a frame that the RTL simulation compares."""
+        scene = self.scene
+        pixels, axes = scene.sensor.height_px * scene.sensor.width_px, len(scene.force_axes)
+        counts = {
+            "normals": 3 * pixels if "normals" in scene.outputs else 0,
+            "depth": scene.inner_px**2 if "depth" in scene.outputs else 0,
+            "force": axes,
+            "force map": axes * scene.inner_px**2 if scene.wants_force_map else 0,
+        }
+        return {name: f"{count:,}" if count else ABSENT for name, count in counts.items()}
+
+    def area(self) -> dict[str, str]:
+        """In all, and how much less that is than with everything."""
+        mine, whole = (resources.estimate(specimen(scene)) for scene in (self.scene, self.everything))
+        found = {}
+        for name, label in AREAS.items():
+            value, most = mine[name]["value"], whole[name]["value"]
+            found[label] = f"{value:,g} of {most:,g}: {100 * (value / most - 1):+.0f}%"
+        return found
+
+    def seconds(self) -> dict[str, str]:
+        """Of the build's steps, as they were when they last ran."""
+        workspace, known = Workspace(self.folder), {}
+        for name, label in STEPS.items():
+            value = workspace.seconds(name)
+            needed = name != "force" or self.scene.wants_force
+            known[label] = ABSENT if not needed else "not built" if value is None else f"{value:.0f} s"
+        return known
+
+
+def table(scopes: Sequence[Scope]) -> str:
+    """All of them side by side, in Markdown."""
+    sections = {
+        "simulated or recorded": Scope.simulated,
+        "trained": Scope.trained,
+        "elaborated, look-up tables": Scope.elaborated,
+        "compared in RTL, values a frame": Scope.verified,
+        "area, of that with everything": Scope.area,
+        "wall time": Scope.seconds,
+    }
+    names = [scope.scene.name for scope in scopes]
+    lines = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    for title, section in sections.items():
+        columns = [section(scope) for scope in scopes]
+        lines.append(f"| **{title}** |" + " |" * len(names))
+        lines += [f"| {key} | " + " | ".join(column[key] for column in columns) + " |" for key in columns[0]]
+    return "\n".join([*lines, "", "\n\n".join(notes())])
+
+
+def notes() -> list[str]:
+    """Where the figures come from."""
+    _, origins = resources.model()
+    return [
+        f"“{ABSENT}”: not needed, so not there. Everything: the same sensor, words and lanes with normals,"
+        " depth, three-axis force and force map, by the paper's architecture.",
+        *(f"{AREAS[name]}: {origin}." for name, origin in origins.items()),
+        "Wall time: measured when the build's step last ran, on whatever machine that was.",
+    ]

@@ -1,0 +1,123 @@
+"""Times of the software models on all cores: float pipeline, emulator, and the int64 loop that it must equal.
+
+    python -m fastac.studies.benchmarks.models BUILD_FOLDER…
+
+Frames are random changes of the background and, where the build folder has its dataset, frames from that.
+"""
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from fastac.accuracy import spread
+from fastac.cli.common import load_bundle
+from fastac.flow.frames import read
+from fastac.models.emulator import direct
+from fastac.models.emulator.exact import ExactTables
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer.bundle import Bundle, BundleError
+from fastac.models.result import Result
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import DatasetError
+
+FRAMES, REPEATS = 64, 20
+LOOP_FRAMES, LOOP_REPEATS = 8, 2
+"""Those of the int64 loop, which takes ten times as long."""
+PAUSE_S = 0.1
+"""Before each run: a machine that is shared gives its cores rather to who has not just used them."""
+
+
+def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
+    """Half the frames small changes, an eighth arbitrary ones; the rest from the dataset if there is one."""
+    background, rng = bundle.pipeline.background, np.random.default_rng(1)
+    noise = background + rng.integers(-20, 21, (FRAMES, *background.shape))
+    frames = np.clip(noise, 0, 255).astype(np.uint8)
+    frames[::8] = rng.integers(0, 256, frames[::8].shape)
+    if (folder / "data.h5").exists():
+        data = read(folder / "data.h5", bundle.scene)
+        chosen = data.frames[spread(np.arange(len(data)), FRAMES * 3 // 8)]
+        frames[1 : 1 + 2 * len(chosen) : 2][: len(chosen)] = chosen
+    return frames
+
+
+def fastest(run: Callable[[], object], repeats: int) -> tuple[float, float]:
+    """Seconds of wall clock and of processor time, of the fastest run each: noise only ever adds."""
+    clocks = []
+    for _ in range(repeats):
+        time.sleep(PAUSE_S)
+        start, busy = time.perf_counter(), time.process_time()
+        run()
+        clocks.append((time.perf_counter() - start, time.process_time() - busy))
+    wall, processor = zip(*clocks, strict=True)
+    return min(wall), min(processor)
+
+
+def line(name: str, seconds: tuple[float, float], frames: int) -> str:
+    wall, processor = (1e3 * value / frames for value in seconds)
+    return f"  {name:44s} {wall:8.2f} ms {1e3 / wall:8.0f} frames/s {processor:9.2f} ms of processor time"
+
+
+def put_out(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """What of all results a scene puts out, in the emulator's words and in the float pipeline's units."""
+    words, units = ["validity"], []
+    for wanted, word, unit in (
+        ("normals" in scene.outputs, "normal_words", "normals"),
+        ("depth" in scene.outputs, "depth_words", "depth_mm"),
+        (scene.wants_force, "force_raw", "force_n"),
+        (scene.wants_force_map, "force_map_raw", "force_map_n"),
+    ):
+        if wanted:
+            words.append(word)
+            units.append(unit)
+    return {"emulator": tuple(words), "float pipeline": tuple(units)}
+
+
+def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
+    """How many values there are in all outputs; raises ValueError where one is not the loop's."""
+    for name, values in loop.items():
+        different = int((getattr(found, name) != values).sum())
+        if different:
+            raise ValueError(f"{name}: {different} of {values.size} values differ from the int64 loop")
+    return sum(values.size for values in loop.values())
+
+
+def measure(folder: Path) -> None:
+    bundle = load_bundle(folder)
+    pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
+    models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": Emulator(pipeline)}
+    ExactTables(pipeline)  # refuses tables that only the loop can compute
+    few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
+    loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
+    print(f"{folder}, {' × '.join(map(str, pipeline.background.shape))}")
+    for name, model in models.items():
+        wanted = put_out(bundle.scene)[name]
+        print(line(f"{name}, all results", fastest(partial(model.run, frames), REPEATS), FRAMES))
+        print(
+            line(
+                f"  {', '.join(wanted)}", fastest(partial(model.run, frames, wanted=wanted), REPEATS), FRAMES
+            )
+        )
+    print(line("int64 loop", fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS), LOOP_FRAMES))
+    count = compare(Emulator(pipeline).run(few), loop)
+    print(f"  emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames")
+
+
+def main(folders: list[Path]) -> None:
+    if not folders:
+        sys.exit("build folder: none; make one with fastac build SCENE")
+    print(f"For each frame, the fastest of {REPEATS} runs over {FRAMES} frames on {os.cpu_count()} cores:")
+    try:
+        for folder in folders:
+            measure(folder)
+    except (BundleError, DatasetError) as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main([Path(name) for name in sys.argv[1:]])

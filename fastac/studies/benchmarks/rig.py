@@ -1,0 +1,87 @@
+"""Times of the virtual rig on one core: a contact, its pixels, a frame, the frame's processing.
+
+    python -m fastac.studies.benchmarks.rig SCENE [--cache FOLDER]
+
+The compliance is computed first, or read from the cache; nothing of that is counted.
+"""
+
+from functools import partial
+from pathlib import Path
+
+import click
+import numpy as np
+
+from fastac.cli.common import INPUT, cache_option, progress_option
+from fastac.flow import frames
+from fastac.scenes import schema as scenes
+from fastac.scenes.schema import Scene, SceneError
+from fastac.sensor.mechanics.fem.pressed_gel import GelContact
+from fastac.sensor.mechanics.fem.rig import FemRig
+from fastac.sensor.mechanics.fem.skin import skin_of
+from fastac.sensor.mechanics.indenter import Ball
+from fastac.sensor.optics.camera import render
+from fastac.sensor.optics.raw_window import render_raw10
+from fastac.sensor.protocol import stations
+from fastac.studies.benchmarks.models import fastest
+
+STATIONS, REPEATS = 5, 5
+
+
+def line(name: str, times: list[tuple[float, float]]) -> str:
+    """Mean and largest over the stations, of the fastest run at each."""
+    wall, processor = 1e3 * np.array(times).T
+    spread = f"{wall.mean():8.2f} ms, at most {wall.max():8.2f}"
+    return f"  {name:28s} {spread}; {processor.mean():8.2f} ms of processor time"
+
+
+def measure(scene: Scene, cache: Path, progress: bool) -> list[str]:
+    """A line for each part, at a few stations spread over the protocol."""
+    sensor, ball = scene.sensor, Ball(scene.protocol.ball_mm)
+    if sensor.elastomer.mechanics != "fem":
+        raise SceneError(f"{scene.name}: sensor.elastomer.mechanics = 'layer': expected 'fem'")
+    rig, friction = FemRig(sensor, cache, progress=progress), sensor.elastomer.friction
+    visited = stations(scene)
+    chosen = [visited[i] for i in np.linspace(0, len(visited) - 1, STATIONS).astype(int)]
+    times: dict[str, list] = {}
+    for station in chosen:
+        drags = station.tangential_n
+        press = partial(
+            rig.gel.presses, ball, station.x_mm, station.y_mm, load_n=station.load_n, friction=friction
+        )
+        times.setdefault("vertical contact", []).append(fastest(press, REPEATS))
+        if drags:
+            spent = np.array(fastest(partial(press, drags_n=drags), REPEATS)) / (1 + len(drags))
+            times.setdefault("contact, mean of all loads", []).append(tuple(spent))
+        contact: GelContact = press()[0]
+        pixels = partial(skin_of, contact, sensor, ball, station.x_mm, station.y_mm)
+        times.setdefault("skin at the pixels", []).append(fastest(pixels, REPEATS))
+        skin, rng = pixels(), np.random.default_rng(1)
+        state = (skin.normals, skin.depth_mm, sensor, rng, skin.tangential_mm)
+        times.setdefault("frame of channels", []).append(fastest(partial(render, *state), REPEATS))
+        if sensor.frames == "raw10":
+            raw = render_raw10(*state)
+            times.setdefault("RAW10 frame", []).append(fastest(partial(render_raw10, *state), REPEATS))
+            process = partial(frames.channels, raw, sensor)
+            times.setdefault("image processing", []).append(fastest(process, REPEATS))
+    return [line(name, found) for name, found in times.items()]
+
+
+@click.command()
+@click.argument("scene", type=INPUT)
+@cache_option("compliances")
+@progress_option
+def main(scene: Path, cache: Path, progress: bool) -> None:
+    """Time the virtual rig of SCENE, a finite-element one."""
+    try:
+        found = scenes.load(scene)
+        lines = measure(found, cache, progress)
+    except (ValueError, OSError) as error:
+        raise click.ClickException(str(error)) from None
+    size = f"{found.sensor.width_px} x {found.sensor.height_px}"
+    click.echo(f"{scene}, {size} px, the fastest of {REPEATS} runs at each of {STATIONS} stations:")
+    for text in lines:
+        click.echo(text)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,92 @@
+"""How a sweep gains from workers: the same points on one Dask worker, then on several.
+
+    python -m fastac.studies.benchmarks.sweep sweeps/quantisation.toml [--points N] [--workers 1,2] [--cache FOLDER]
+
+The models are trained before any clock runs. Every worker is a process of this machine with one thread, and
+has measured a point (and so loaded the frames) before its clock runs; no result is kept.
+"""
+
+import logging
+import tempfile
+import time
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from fastac.cli.common import INPUT
+from fastac.cli.verify import Lanes
+from fastac.sweep import run as sweeps
+from fastac.sweep import spec as sweep_spec
+from fastac.sweep.points import PointModels, Setting
+from fastac.sweep.results import Results
+from fastac.sweep.spec import Point
+
+
+def measurable(spec: sweep_spec.Spec, base, folder: Path, count: int, setting: Setting) -> list[Point]:
+    """The first `count` possible points that need the fewest trainings, all trained; fewer if there are."""
+    points = [point for point in sweep_spec.grid(spec, base, folder) if point.scene is not None]
+    by_training: dict[tuple, list[Point]] = {}
+    for point in points:
+        steps = PointModels(point.scene, setting).steps.values()
+        by_training.setdefault(tuple(step.key for step in steps), []).append(point)
+    ordered = sorted(by_training.values(), key=len, reverse=True)
+    chosen: list[Point] = []
+    with tqdm(total=count, desc="preparing", unit="point", leave=False) as bar:
+        for point in (point for group in ordered for point in group):
+            if len(chosen) == count:
+                break
+            models = PointModels(point.scene, setting)
+            for step in models.steps.values():
+                step.perform()
+            try:
+                _ = models.pipeline
+            except ValueError:  # a word that is too short: found out too soon to take any time
+                continue
+            chosen.append(point)
+            bar.update()
+    return chosen
+
+
+def seconds(points: list[Point], setting: Setting, workers: int, folder: Path) -> float:
+    """Of wall clock for all points but the first ones, which warm the workers up."""
+    from distributed import LocalCluster
+
+    sweeps.single_threaded()
+    with (
+        LocalCluster(
+            n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
+        ) as cluster,
+        sweeps.dask_pool(cluster.scheduler_address) as pool,
+    ):
+        for part in (points[:workers], points):
+            results = Results(folder / f"{workers}_{len(part)}.sqlite")
+            start = time.perf_counter()
+            counts = sweeps.Sweep(results, setting, pool, sweeps.Grid(part), progress=False).run()
+            took = time.perf_counter() - start
+            if counts["done"] != len(part):
+                raise RuntimeError(f"{workers} workers: {counts}: expected {len(part)} done")
+    return took
+
+
+@click.command(help=__doc__)
+@click.argument("spec", type=INPUT)
+@click.option("--points", type=click.IntRange(1), default=40, show_default=True)
+@click.option("--workers", type=Lanes(), default="1,2", show_default=True)
+@click.option("--cache", type=INPUT, default=Path("build/sweep/cache"), show_default=True)
+def main(spec, points, workers, cache):
+    content, base = sweep_spec.load(spec)
+    data = content.data and str((spec.parent / content.data).resolve())
+    setting = Setting(str(cache.resolve()), data, content.split, content.frames)
+    chosen = measurable(content, base, spec.parent, points, setting)
+    first = None
+    with tempfile.TemporaryDirectory() as folder:
+        for count in workers:
+            took = seconds(chosen, setting, count, Path(folder))
+            first = first or took
+            rate = f"{took / len(chosen):.2f} s a point"
+            click.echo(f"{count} workers: {len(chosen)} points in {took:.1f} s, {rate}, {first / took:.2f}×")
+
+
+if __name__ == "__main__":
+    main()

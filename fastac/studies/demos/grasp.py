@@ -1,0 +1,209 @@
+"""A bottle held by two virtual fingertips and pushed down, with friction feedback and without it.
+
+The fingers, the bottle and the hand are those of fastac/studies/demos/bottle.py, and whether the bottle slips is what the
+contact makes of them. The controller has nothing but the forces that the bundle's integers find in the
+frames. As the paper's, its μ_s is found by experiment: a slow push without feedback until the bottle is
+seen to slip. All of it is simulated.
+"""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from fastac.flow import frames
+from fastac.gateware.cycle_model import cycles
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
+from fastac.report.tables import Table
+from fastac.scenes.schema import Scene
+from fastac.sensor.mechanics.press import Rig
+from fastac.sensor.mechanics.rig import rig_of
+from fastac.sensor.protocol import FingertipError
+from fastac.store.steps import write_json
+from fastac.studies.demos.bottle import Grasp, Hold
+from fastac.studies.demos.grip_control import GripControl, friction_ratio
+from fastac.studies.demos.vibration import CAMERA_HZ, require
+
+SLIPPED_MM = 1e-3
+"""Sliding beyond this is a slip."""
+SLIP_TEST_PUSH, SLIP_TEST_FRAMES, SLIP_FRAMES = 4.0, 200, 5
+"""The slip test pushes up to so many times what friction carries at the grip, in so many frames at most, and
+takes the median of so many."""
+
+
+@dataclass(frozen=True, eq=False)
+class Trace:
+    """One grasp, frame by frame."""
+
+    time_s: np.ndarray
+    true_n: np.ndarray
+    """(frames, 3)"""
+    found_n: np.ndarray
+    """(frames, 3)"""
+    tightened_deg: np.ndarray
+    hand_n: np.ndarray
+    lowered_mm: np.ndarray
+    slipped_mm: np.ndarray
+    flagged: np.ndarray
+    """(frames,) bool: the integers call the frame not to be trusted."""
+
+    def summary(self) -> dict:
+        """What a JSON file holds of it."""
+        error = np.abs(self.found_n - self.true_n)
+        return {
+            "slipped": bool(self.slipped_mm[-1] > SLIPPED_MM),
+            "slipped_mm": float(self.slipped_mm[-1]),
+            "tightened_deg": float(self.tightened_deg[-1]),
+            "largest_ratio": {
+                "true": float(friction_ratio(self.true_n).max()),
+                "found": float(friction_ratio(self.found_n).max()),
+            },
+            "force_error_n": dict(zip("xyz", error.mean(axis=0).tolist(), strict=True)),
+            "flagged_frames": int(self.flagged.sum()),
+            "frames": len(self.time_s),
+            "series": {
+                key: getattr(self, key).tolist() for key in self.__dataclass_fields__ if key != "flagged"
+            },
+        }
+
+
+def follow(
+    bundle: Bundle, hold: Hold, pushes_n: Iterable[float], control: GripControl, label: str, *, progress: bool
+) -> Trace:
+    """A camera sees a hold frame by frame, and the control answers what the integers find.
+
+    pushes_n : of each frame, see `Hold.step`; may look at the hold and end
+    """
+    scene, emulator = bundle.scene, Emulator(bundle.pipeline)
+    rng, angle_deg, rows = np.random.default_rng(scene.protocol.seed), 0.0, []
+    bar = tqdm(pushes_n, desc=label, unit="frame", disable=not progress, leave=False)
+    for frame, push_n in enumerate(bar):
+        pressed = hold.step(push_n, angle_deg)
+        image = frames.of_press(pressed, scene.sensor, rng)
+        found = emulator.run(image[None], wanted=("force_n", "validity"))
+        force_n = found.force_n[0].astype(np.float64)
+        state = (angle_deg, hold.hand_n, hold.lowered_mm, hold.slipped_mm, found.validity[0] != 0)
+        rows.append((frame / CAMERA_HZ, pressed.force_n, force_n, *state))
+        angle_deg = control(force_n)
+    return Trace(*map(np.array, zip(*rows, strict=True)))
+
+
+def require_friction(scene: Scene) -> None:
+    """Raise FingertipError unless the virtual sensor can show a grasp."""
+    require(scene, "grasp", (0, 1, 2))
+    if not scene.sensor.elastomer.friction:
+        raise FingertipError("grasp: sensor.elastomer.friction = 0: expected more, and mechanics 'fem'")
+
+
+def slip_test(bundle: Bundle, rig: Rig, grasp: Grasp, *, progress: bool) -> dict[str, float]:
+    """μ where the bottle slips under a slow push: found, as an experimenter reads it, and true.
+
+    The median of some frames from the first that slips on. Raises FingertipError where it does not slip.
+    """
+    hold = Hold(rig, grasp)
+    carried_n = 2 * rig.sensor.elastomer.friction * grasp.grip_n
+
+    def pushes():
+        for push_n in np.linspace(0, SLIP_TEST_PUSH * carried_n, SLIP_TEST_FRAMES)[1:]:
+            yield push_n
+            if hold.slipped_mm > SLIPPED_MM:
+                for _ in range(SLIP_FRAMES - 1):
+                    yield push_n
+                return
+
+    trace = follow(bundle, hold, pushes(), GripControl(np.inf, 0.0, 0.0, 0.0), "slip test", progress=progress)
+    if hold.slipped_mm <= SLIPPED_MM:
+        raise FingertipError(f"grasp: hand_n_per_mm = {grasp.hand_n_per_mm:g}: no push makes the bottle slip")
+    found, true = (
+        np.median(friction_ratio(force_n)[-SLIP_FRAMES:]) for force_n in (trace.found_n, trace.true_n)
+    )
+    return {"found_ratio": float(found), "true_ratio": float(true)}
+
+
+def run(
+    bundle: Bundle,
+    folder: Path,
+    *,
+    grasp: Grasp | None = None,
+    cache: Path = frames.CACHE,
+    progress: bool = True,
+) -> dict:
+    """The whole experiment: grasp.json and grasp.png in `folder`; returns what the JSON holds.
+
+    Raises FingertipError for a scene without friction or three axes of force, and for a grasp that cannot be;
+    ContactError where the bottle falls or the gel is too thin for the grip.
+    """
+    from fastac.studies.demos import time_figures
+
+    scene = bundle.scene
+    require_friction(scene)
+    grasp = (grasp or Grasp()).of_scene(scene)
+    rig = rig_of(scene.sensor, cache, progress=progress)
+    test = slip_test(bundle, rig, grasp, progress=progress)
+    stable, margin = grasp.stable_share * test["found_ratio"], grasp.margin_share * test["found_ratio"]
+    latency_s = cycles(scene)["first_pixel_to_force"] / (scene.hardware.clock_mhz * 1e6)
+    delay_frames = 1 + int(latency_s * CAMERA_HZ)
+    traces = {}
+    for name, stable_ratio in (("without_feedback", np.inf), ("with_feedback", stable)):
+        control = GripControl(stable_ratio, margin, grasp.step_deg, grasp.most_deg, delay_frames)
+        pushes_n = [grasp.push_n(k / CAMERA_HZ) for k in range(round(grasp.seconds * CAMERA_HZ))]
+        label = name.replace("_", " ")
+        traces[name] = follow(bundle, Hold(rig, grasp), pushes_n, control, label, progress=progress)
+    content = {
+        "source": "simulated",
+        "scene": scene.name,
+        "bundle": bundle.digest,
+        "grasp": {**asdict(grasp), "pushes_n": list(grasp.pushes_n)},
+        "camera_hz": CAMERA_HZ,
+        "friction": scene.sensor.elastomer.friction,
+        "slip_test": test,
+        "stable_ratio": stable,
+        "margin": margin,
+        "latency_ms": {"value": 1000 * latency_s, "origin": "estimated: cycles / hardware.clock_mhz"},
+        "delay_frames": delay_frames,
+        **{name: trace.summary() for name, trace in traces.items()},
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    time_figures.grasp(traces, content, folder / "grasp.png")
+    write_json(folder / "grasp.json", content)
+    return content
+
+
+def lacks(scene: Scene) -> str | None:
+    """Why a scene cannot show it, in one line; None if it can."""
+    try:
+        require_friction(scene)
+    except FingertipError as error:
+        return str(error)
+    return None
+
+
+def tables(content: dict) -> list[Table]:
+    """Slip, tightening and errors of both grasps."""
+    rows = []
+    for name in ("without_feedback", "with_feedback"):
+        one = content[name]
+        rows.append(
+            [
+                name.replace("_", " "),
+                "slips" if one["slipped"] else "holds",
+                f"{one['slipped_mm']:.3f}",
+                f"{one['tightened_deg']:.2f}",
+                f"{one['largest_ratio']['true']:.3f}",
+                *(f"{1000 * error:.0f}" for error in one["force_error_n"].values()),
+            ]
+        )
+    test = content["slip_test"]
+    errors = [f"error F_{axis}, mN" for axis in "xyz"]
+    return [
+        Table(
+            "A bottle, pushed down",
+            ["fingers", "bottle", "slip, mm", "tightened, °", "largest true μ", *errors],
+            rows,
+            f"slip test: μ = {test['found_ratio']:.3f} found, {test['true_ratio']:.3f} true;"
+            f" tightened above μ_s + d = {content['stable_ratio']:.3f} + {content['margin']:.3f}; simulated",
+        )
+    ]

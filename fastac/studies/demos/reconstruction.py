@@ -1,0 +1,121 @@
+"""Test objects on the virtual sensor, reconstructed by bundles: the paper's third figure of results.
+
+Every object is pressed on the sensor of each bundle's own scene, so that bundles of three and of four colours
+see the same skin through their own channels. All of it is simulated.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from fastac.flow import frames
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
+from fastac.models.result import Result
+from fastac.scenes.schema import Sensor
+from fastac.sensor.mechanics.layer import Layer
+from fastac.sensor.mechanics.object_press import ObjectPress, press_object
+from fastac.sensor.mechanics.objects import OBJECTS
+from fastac.sensor.protocol import FingertipError
+
+LOADS = 3.0
+"""The load, unless the caller says otherwise, in the largest of the first bundle's protocol."""
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """One object as one bundle's integers find it."""
+
+    frame: np.ndarray
+    """(H, W, C) uint8."""
+    result: Result
+    """Of this one frame."""
+
+    def errors(self, truth: ObjectPress) -> dict[str, float]:
+        """Mean absolute errors in the contact: of normals in degrees, of depth in mm."""
+        touching = truth.pressed.touching
+        cosine = np.einsum("hwi,hwi->hw", self.result.normals[0], truth.pressed.normals)
+        depth = np.abs(self.result.depth_mm[0] - truth.pressed.depth_mm)
+        return {
+            "contact_normal_mae_deg": float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))[touching].mean()),
+            "contact_depth_mae_mm": float(depth[touching].mean()),
+            "depth_mae_mm": float(depth[1:-1, 1:-1].mean()),
+        }
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One object: what it does to the skin, and what each bundle makes of it."""
+
+    name: str
+    sensor: Sensor
+    truth: ObjectPress
+    found: dict[str, Reconstruction]
+    """By name of the bundle's scene and its channels."""
+
+
+def title(bundle: Bundle) -> str:
+    return f"{bundle.scene.name}, {' '.join(bundle.scene.sensor.channel_names)}"
+
+
+def check(bundles: dict[Path, Bundle]) -> None:
+    """Raise FingertipError unless all bundles are of one simulated skin and find its depth."""
+    first = None
+    for path, bundle in bundles.items():
+        scene = bundle.scene
+        if scene.sensor.source != "simulated":
+            raise FingertipError(f"{path}: sensor.source = {scene.sensor.source!r}: expected 'simulated'")
+        if not scene.wants_solver:
+            raise FingertipError(f"{path}: outputs = {scene.outputs}: expected depth, or a force from depth")
+        skin = {key: getattr(scene.sensor, key) for key in ("geometry", "ellipsoid", "elastomer", "pitch_mm")}
+        skin["size"] = scene.sensor.height_px, scene.sensor.width_px
+        first = first or skin
+        if skin != first:
+            key = next(key for key in skin if skin[key] != first[key])
+            raise FingertipError(f"{path}: sensor.{key}: differs from the first bundle's")
+    names = [title(bundle) for bundle in bundles.values()]
+    for name in names:
+        if names.count(name) > 1:
+            raise FingertipError(f"{name}: two bundles of this scene and these channels")
+
+
+def reconstruct(bundles: dict[Path, Bundle], load_n: float | None, *, progress: bool) -> list[Shown]:
+    """Press every object with `load_n` and let every bundle reconstruct it.
+
+    Raises FingertipError where the bundles do not fit together, ContactError where the load is too much.
+    """
+    check(bundles)
+    scene = next(iter(bundles.values())).scene
+    load_n = LOADS * max(scene.protocol.loads_n) if load_n is None else load_n
+    layer, shown = Layer(scene.sensor), []
+    for name, make in tqdm(OBJECTS.items(), desc="objects", disable=not progress, leave=False):
+        truth, found = press_object(layer, make(), name, load_n), {}
+        for bundle in bundles.values():
+            sensor = bundle.scene.sensor
+            frame = frames.of_press(truth.pressed, sensor, np.random.default_rng(scene.protocol.seed))
+            found[title(bundle)] = Reconstruction(frame, Emulator(bundle.pipeline).run(frame[None]))
+        shown.append(Shown(name, scene.sensor, truth, found))
+    return shown
+
+
+def summary(shown: list[Shown]) -> dict:
+    """The errors of all reconstructions, as JSON."""
+    return {
+        "source": "simulated",
+        "load_n": shown[0].truth.pressed.pose["load_n"],
+        "objects": {
+            item.name: {name: found.errors(item.truth) for name, found in item.found.items()}
+            for item in shown
+        },
+    }
+
+
+def table(content: dict) -> str:
+    keys = ("contact_normal_mae_deg", "contact_depth_mae_mm", "depth_mae_mm")
+    lines = [f"{'object':14s}{'bundle':28s}" + "".join(f"{key:>25s}" for key in keys)]
+    for name, found in content["objects"].items():
+        for bundle, errors in found.items():
+            lines.append(f"{name:14s}{bundle:28s}" + "".join(f"{errors[key]:25.4f}" for key in keys))
+    return "\n".join(lines)

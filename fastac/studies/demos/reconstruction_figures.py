@@ -1,0 +1,148 @@
+"""Reconstructed test objects to look at: a PNG for each, and one page with point clouds to turn.
+
+The page holds its own script and needs no network.
+"""
+
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+import plotly.graph_objects as go
+from plotly.subplots import make_subplots
+
+from fastac.scenes.schema import Sensor
+from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
+from fastac.studies.demos.reconstruction import Shown
+
+ARROWS = 400
+"""Arrows of force that are drawn, at most: those of the pixels with the largest forces on a coarser grid."""
+
+
+LONGEST = 8
+"""The longest arrow is the image's width over this."""
+
+
+def _step(count: int) -> int:
+    """Every so many pixels along each axis, so that about ARROWS are left."""
+    return max(int(np.ceil(np.sqrt(count / ARROWS))), 1)
+
+
+def arrows(force_n: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+    """Feet (n, 3) in mm on the pressed skin and forces (n, 3) in N of a force map (H, W, 3): of squares of
+    pixels, summed, where they press."""
+    x, y = pixel_centres_mm(sensor)
+    step = _step(int((force_n[..., 2] > 0).sum()))
+    beyond = [(0, -size % step) for size in depth_mm.shape]
+    blocks = [(size + more) // step for size, (_, more) in zip(depth_mm.shape, beyond, strict=True)]
+
+    def squares(image: np.ndarray, mode: str) -> np.ndarray:
+        whole = np.pad(image, [*beyond, (0, 0)][: image.ndim], mode=mode)
+        return whole.reshape(blocks[0], step, blocks[1], step, *image.shape[2:]).swapaxes(1, 2)
+
+    total = squares(force_n, "constant").sum(axis=(2, 3))
+    feet = np.stack([squares(image, "edge").mean(axis=(2, 3)) for image in (x, y, depth_mm)], axis=-1)
+    loaded = total[..., 2] > 0
+    return feet[loaded], total[loaded]
+
+
+def force_maps(item: Shown) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Force maps (H, W, 3) in N and the skins (H, W) that they act on: the true one, and that of each bundle
+    whose scene wants all three axes of it, zero on the boundary."""
+    maps = {"truth": (item.truth.force_map_n, item.truth.pressed.depth_mm)}
+    for name, found in item.found.items():
+        image = found.result.force_map_n
+        if image is not None and image.shape[1] == 3:
+            maps[name] = (
+                np.pad(np.moveaxis(image[0], 0, -1), [(1, 1), (1, 1), (0, 0)]),
+                found.result.depth_mm[0],
+            )
+    return maps
+
+
+def draw(item: Shown, path: Path) -> None:
+    """A PNG: of truth and of each bundle input, normals, displacement, its error, point cloud; and forces."""
+    rest, truth, forces = rest_depth_mm(item.sensor), item.truth.pressed, force_maps(item)
+    rows = [("truth", None, truth.normals, truth.depth_mm)]
+    for name, found in item.found.items():
+        rows.append((name, found.frame, found.result.normals[0], found.result.depth_mm[0]))
+    figure = plt.figure(figsize=(15, 3.1 * len(rows)))
+    x, y = pixel_centres_mm(item.sensor)
+    limit = (rest - truth.depth_mm).max()
+    for row, (name, frame, normals, depth) in enumerate(rows):
+        panels = [
+            ("input (RGB)", None if frame is None else frame[..., 2::-1], {}),
+            ("normals", (normals + 1) / 2, {}),
+            ("displacement, mm", rest - depth, {"cmap": "magma", "vmin": 0, "vmax": limit}),
+            (
+                "depth error, mm",
+                depth - truth.depth_mm,
+                {"cmap": "coolwarm", "vmin": -limit / 4, "vmax": limit / 4},
+            ),
+        ]
+        for column, (label, image, style) in enumerate(panels):
+            if image is None or (row == 0 and label.startswith("depth error")):
+                continue
+            axis = figure.add_subplot(len(rows), 5, 5 * row + column + 1)
+            shown = axis.imshow(np.clip(image, 0, 1) if label == "normals" else image, **style)
+            axis.set_title(f"{name}: {label}", fontsize=7)
+            axis.axis("off")
+            if "mm" in label:
+                figure.colorbar(shown, ax=axis, shrink=0.75).ax.tick_params(labelsize=6)
+        axis = figure.add_subplot(len(rows), 5, 5 * row + 5, projection="3d")
+        axis.scatter(x[::2, ::2], y[::2, ::2], depth[::2, ::2], c=(rest - depth)[::2, ::2], s=1, cmap="magma")
+        axis.set_title(f"{name}: point cloud, mm" + (", force" if name in forces else ""), fontsize=7)
+        axis.tick_params(labelsize=5)
+        if name in forces:
+            feet, force = arrows(*forces[name], item.sensor)
+            longest = np.linalg.norm(force, axis=1).max(initial=np.finfo(float).tiny)
+            scale = item.sensor.width_px * item.sensor.pitch_mm / LONGEST / longest
+            axis.quiver(*feet.T, *(force * scale).T, color="tab:blue", linewidth=0.6)
+    figure.suptitle(f"{item.name}, {truth.pose['load_n']:g} N, simulated", fontsize=9)
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
+def _cloud(item: Shown, depth: np.ndarray) -> go.Scatter3d:
+    x, y = pixel_centres_mm(item.sensor)
+    sunk = rest_depth_mm(item.sensor) - depth
+    style = {"size": 1.8, "color": sunk.ravel(), "colorscale": "Magma", "cmin": 0}
+    return go.Scatter3d(x=x.ravel(), y=y.ravel(), z=depth.ravel(), mode="markers", marker=style)
+
+
+def _forces(item: Shown, force_n: np.ndarray, depth_mm: np.ndarray) -> tuple[go.Surface, go.Cone]:
+    """The pressed skin, coloured by the force on it, and the force's three axes as cones."""
+    x, y = pixel_centres_mm(item.sensor)
+    size = np.linalg.norm(force_n, axis=-1) * 1e3
+    skin = go.Surface(x=x, y=y, z=depth_mm, surfacecolor=size, colorscale="Viridis", showscale=False)
+    feet, force = arrows(force_n, depth_mm, item.sensor)
+    cones = dict(zip("xyzuvw", (*feet.T, *force.T), strict=True))
+    return skin, go.Cone(**cones, anchor="tail", colorscale="Blues", showscale=False, sizemode="scaled")
+
+
+def page(shown: list[Shown]) -> str:
+    """HTML: for each object the true and every found point cloud, and the force on the curved surface."""
+    parts = []
+    for item in shown:
+        depths = {"truth": item.truth.pressed.depth_mm}
+        depths |= {name: found.result.depth_mm[0] for name, found in item.found.items()}
+        forces = force_maps(item)
+        titles = [f"{name}: depth, mm" for name in depths] + [f"{name}: three-axis force" for name in forces]
+        specs = [[{"type": "scene"}] * len(titles)]
+        figure = make_subplots(rows=1, cols=len(titles), specs=specs, subplot_titles=titles)
+        for column, depth in enumerate(depths.values(), start=1):
+            figure.add_trace(_cloud(item, depth), row=1, col=column)
+        for column, known in enumerate(forces.values(), start=len(depths) + 1):
+            for trace in _forces(item, *known):
+                figure.add_trace(trace, row=1, col=column)
+        figure.update_scenes(aspectmode="data")
+        load = item.truth.pressed.pose["load_n"]
+        figure.update_layout(title=f"{item.name}, {load:g} N, simulated", showlegend=False, height=480)
+        parts.append(figure.to_html(full_html=False, include_plotlyjs=not parts))
+    style = "<style>body { font-family: sans-serif; margin: 2em; }</style>"
+    body = "\n".join(parts)
+    return (
+        f"<!doctype html><meta charset='utf-8'><title>Test objects</title>{style}<h1>Test objects</h1>{body}"
+    )

@@ -1,0 +1,154 @@
+"""Ways to find the adjoint's weights of the slopes, and what each is worth on held-out frames."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from fastac.flow import training
+from fastac.models import accuracy
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.adjoint import displacement_mm, slope_weights
+from fastac.models.integer import assemble
+from fastac.models.integer.bundle import Bundle
+from fastac.models.training import hyperforce, slope_force
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
+from fastac.sensor.geometry import rest_slopes
+from fastac.studies.equivalence.variants import float_variant, integer_variant, slope_words, variant
+
+FITS = ("displacement", "smooth", "slopes")
+"""Whence the adjoint's weights: from HyperForce on the displacement, from one weight a pixel of the
+displacement that is smooth (the same cosines and ridge regression as `slopes`), or of the slopes directly."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fits:
+    """kernels (axes, N, N, K, K): HyperForce on the unclamped displacement that the integers' slopes give;
+    weights: of the slopes (axes, H, W, 2) in N, by FITS and by whose slopes were fitted."""
+
+    kernels: np.ndarray
+    weights: dict[tuple[str, str], np.ndarray]
+
+
+def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
+    """The adjoint's weights by each way of FITS; those of `force.fit` as `training.force` does it."""
+    scene = variant(bundle.scene, solver="adjoint", fit="slopes")
+    divergence, pitch_mm = scene.poisson.divergence, scene.sensor.pitch_mm
+    splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
+    truth = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
+    found = {
+        name: {
+            split: training.force_input(pipeline, data.frames[index], data.background, progress=progress)
+            for split, index in splits.items()
+        }
+        for name, pipeline in (
+            ("float", float_variant(bundle, scene)),
+            ("integer", Emulator(integer_variant(bundle, scene))),
+        )
+    }
+    true = {split: true_change(scene, data, index) for split, index in splits.items()}
+    if true["train"] is not None:
+        found["true"] = true
+    weights, models, start = {}, {}, None
+    for name, change in found.items():
+        weights["slopes", name], _ = slope_force.fit(change, truth, progress=progress)
+        pressed = {s: displacement_mm(x.astype(np.float64), divergence, pitch_mm) for s, x in change.items()}
+        smooth, _ = slope_force.fit({s: x[..., None] for s, x in pressed.items()}, truth, progress=progress)
+        weights["smooth", name] = slope_weights(smooth[..., 0], divergence, pitch_mm)
+        if start is None:
+            rest = training.rest_depth_mm(data)
+            start, _ = hyperforce.train(scene, rest, pressed, truth, progress=progress)
+        models[name], _ = hyperforce.refit(scene, start, pressed, truth)
+        weights["displacement", name] = training.force_weights(models[name], scene)
+    with torch.inference_mode():
+        kernels = models["integer"].kernels().double().numpy()
+    return Fits(kernels, weights)
+
+
+def true_change(scene: Scene, data: Dataset, index: np.ndarray) -> np.ndarray | None:
+    """The true slopes less those at rest, (frames, H, W, 2), where a virtual fingertip has told them."""
+    if scene.sensor.source != "simulated" or data.normals is None or data.valid is not None:
+        return None
+    normals = data.normals[index].astype(np.float64)
+    return -normals[..., :2] / normals[..., 2:] - np.stack(rest_slopes(scene.sensor), axis=-1)
+
+
+def noisier(frames: np.ndarray, scene: Scene) -> np.ndarray:
+    """Frames with the noise of the scene's camera once more."""
+    sensor, rng = scene.sensor, np.random.default_rng(scene.protocol.seed)
+    again = np.empty_like(frames)
+    for k, frame in enumerate(frames):
+        deviation = np.sqrt(sensor.noise_dn**2 + frame / sensor.electrons_per_dn)
+        again[k] = np.clip(np.rint(frame + deviation * rng.standard_normal(frame.shape)), 0, 255)
+    return again
+
+
+@dataclass(frozen=True)
+class AdjointError:
+    """Of the integer adjoint from its float weights on the same integer slopes; relative to the largest
+    force of each axis. What half a unit in every weight could reach at most stands beside it."""
+
+    mean_mn: float
+    largest_mn: float
+    largest_relative: float
+    bound_mn: float
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """One way to find the adjoint's weights: NMAE by slopes (float's, integers', true ones) and axis, what
+    integers do to it, and the standard deviation by axis that more noise of the camera adds to the force."""
+
+    fit: str
+    nmae_percent: dict[str, list[float]]
+    rounding: AdjointError
+    noise_mn: list[float]
+
+
+def accuracies(
+    bundle: Bundle, data: Dataset, fits: Fits, words: np.ndarray, *, progress: bool
+) -> Iterator[Accuracy]:
+    """Every fit on the test frames; `words` are those frames' integer slopes."""
+    scene, index = variant(bundle.scene, solver="adjoint"), data.indices("test")
+    upto, frames = integer_variant(bundle, scene), data.frames[index]
+    again, true = noisier(frames, scene), true_change(scene, data, index)
+    rest = slope_words(upto, bundle.pipeline.background[None], progress=False)[0]
+    unit = 2.0**-upto.ratio.fraction
+    for name in FITS:
+        weights = {arithmetic: fits.weights[name, arithmetic] for arithmetic in ("float", "integer")}
+        integer = Emulator(assemble.with_force(upto, weights["integer"]))
+        found = {
+            "float": float_variant(bundle, scene, weights["float"]).run(frames, progress=progress),
+            "integer": integer.run(frames, progress=progress),
+        }
+        if true is not None:
+            weight = fits.weights[name, "true"]
+            found["true"] = replace(found["float"], force_n=np.einsum("nijt,aijt->na", true, weight))
+        noise = integer.run(again, progress=progress).force_n - found["integer"].force_n
+        nmae = {
+            arithmetic: [
+                accuracy.force(replace(result, force_n=result.force_n[:, [k]]), data, index, (axis,))[
+                    "force_nmae_percent"
+                ]
+                for k, axis in enumerate(scene.force_axes)
+            ]
+            for arithmetic, result in found.items()
+        }
+        exact = np.array(
+            [np.einsum("ijt,aijt->a", (frame - rest) * unit, weights["integer"]) for frame in words]
+        )
+        error = np.abs(found["integer"].force_n - exact)
+        reach = max(int(np.abs(frame - rest).sum()) for frame in words)
+        yield Accuracy(
+            name,
+            nmae,
+            AdjointError(
+                1e3 * float(error.mean()),
+                1e3 * float(error.max()),
+                float((error.max(axis=0) / np.abs(exact).max(axis=0)).max()),
+                1e3 * float(0.5 * reach * integer.force_n_per_unit.max()),
+            ),
+            (1e3 * noise.std(axis=0)).tolist(),
+        )

@@ -1,0 +1,191 @@
+"""The three identities of docs/mathematics.md on a trained bundle, and what fixed point costs in each.
+
+    python -m fastac.studies.equivalence.identities BUILD_FOLDER...
+
+measures on the held-out frames of each build folder's data.h5; `make identities` trains one first.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+import numpy as np
+from tqdm import tqdm
+
+from fastac.cli.common import INPUT, load_bundle, progress_option
+from fastac.flow import training
+from fastac.flow.frames import read
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.adjoint import slope_weights
+from fastac.models.floating.hyperforce import collapse
+from fastac.models.floating.poisson import solve, source_of
+from fastac.models.integer import assemble
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.laplacian import boundary_term
+from fastac.studies.equivalence import adjoint_fits
+from fastac.studies.equivalence.variants import integer_variant, slope_words, variant
+
+SOLVERS = ("dst2d", "tridiagonal")
+
+
+@dataclass(frozen=True)
+class SolverError:
+    """How far an integer solver is from float64 on the same integer slopes, and its words."""
+
+    mode: str
+    solver: str
+    mean_um: float
+    largest_um: float
+    words: tuple[str, ...]
+
+
+def rest_words(bundle: Bundle) -> np.ndarray:
+    """The integer slopes at rest, (H, W, 2)."""
+    return slope_words(bundle.pipeline, bundle.pipeline.background[None], progress=False)[0]
+
+
+def constants(bundle: Bundle) -> dict[str, np.ndarray]:
+    """By mode, what is subtracted from the divergence of the slopes, (N, N): boundary prior or rest."""
+    scene, known = bundle.scene, bundle.pipeline
+    rest = rest_words(bundle) * 2.0**-known.ratio.fraction
+    return {
+        "absolute": boundary_term(known.rest_depth_mm / scene.sensor.pitch_mm),
+        "difference": source_of(rest, scene.poisson.divergence),
+    }
+
+
+def solver_errors(bundle: Bundle, words: np.ndarray, *, progress: bool) -> Iterator[SolverError]:
+    """Both integer solvers in both modes on slopes (frames, H, W, 2) in words."""
+    divergence, pitch_mm = bundle.scene.poisson.divergence, bundle.scene.sensor.pitch_mm
+    unit = 2.0**-bundle.pipeline.ratio.fraction
+    for mode, constant in constants(bundle).items():
+        exact = [solve(source_of(frame * unit, divergence) - constant) for frame in words]
+        for name in SOLVERS:
+            pipeline = integer_variant(bundle, variant(bundle.scene, mode=mode, solver=name))
+            format = pipeline.solver.depth_format
+            bar = tqdm(words, desc=f"{name}, {mode}", unit="frame", disable=not progress, leave=False)
+            error = np.abs(
+                [
+                    format.to_float(pipeline.solver(pipeline.source(frame))) - z
+                    for frame, z in zip(bar, exact, strict=True)
+                ]
+            )
+            stages = tuple(f"{s.name} {s.format.width}.{s.format.fraction}" for s in pipeline.solver.stages)
+            um = 1e3 * pitch_mm
+            yield SolverError(mode, name, um * float(error.mean()), um * float(error.max()), stages)
+
+
+@dataclass(frozen=True)
+class Mismatches:
+    frames: int
+    accumulators: int
+    mismatches: int
+
+
+def patch_mismatches(
+    bundle: Bundle, weights: np.ndarray, frames: np.ndarray, *, progress: bool
+) -> Mismatches:
+    """Accumulators of the K×K kernels `weights` (axes, N, N, K, K) against one weight a pixel, on frames."""
+    solver = "tridiagonal" if bundle.scene.poisson.solver == "adjoint" else bundle.scene.poisson.solver
+    upto = integer_variant(bundle, variant(bundle.scene, solver=solver))
+    words = Emulator(upto).run(frames, progress=progress).displacement_words
+    patch, collapsed = (
+        assemble.with_force(
+            upto.replace(scene=variant(bundle.scene, solver=solver, kernel=kernel)), weights
+        ).force
+        for kernel in ("patch", "collapsed")
+    )
+    bar = tqdm(words, desc="patches", unit="frame", disable=not progress, leave=False)
+    raw = np.array([patch(frame) for frame in bar])
+    return Mismatches(len(frames), raw.size, int((raw != collapsed(words[..., None])).sum()))
+
+
+def identity_errors(bundle: Bundle, kernels: np.ndarray, words: np.ndarray) -> dict[str, float]:
+    """By mode: the adjoint's force of `kernels` (axes, N, N, K, K) against the depth path's without clamp, in
+    float64 on slopes (frames, H, W, 2) in words; the largest difference relative to the largest force."""
+    divergence, pitch_mm = bundle.scene.poisson.divergence, bundle.scene.sensor.pitch_mm
+    unit, weight, errors = 2.0**-bundle.pipeline.ratio.fraction, collapse(kernels), {}
+    rest = rest_words(bundle) * unit
+    ab = slope_weights(weight, divergence, pitch_mm)
+    constant = -np.einsum("ijt,aijt->a", rest, ab)
+    for mode, known in constants(bundle).items():
+        force, difference = 0.0, 0.0
+        zero = solve(source_of(rest, divergence) - known)
+        for slopes in words * unit:
+            displacement_mm = pitch_mm * (zero - solve(source_of(slopes, divergence) - known))
+            by_depth = np.einsum("ij,aij->a", displacement_mm, weight)
+            by_slopes = constant + np.einsum("ijt,aijt->a", slopes, ab)
+            force = max(force, np.abs(by_depth).max())
+            difference = max(difference, np.abs(by_depth - by_slopes).max())
+        errors[mode] = float(difference / force)
+    return errors
+
+
+def measure(folder: Path, *, progress: bool) -> Iterator[str]:
+    """Everything about one build folder, in lines of text."""
+    bundle, file = load_bundle(folder), folder / "data.h5"
+    scene = bundle.scene
+    data = read(file, scene)
+    training.require(data, scene, file)
+    frames = data.frames[data.indices("test")]
+    size = "×".join(str(side) for side in frames.shape[1:3])
+    yield (
+        f"{folder}: bundle {bundle.digest[:16]}, {len(frames)} held-out frames of {size} px,"
+        f" {scene.poisson.divergence} divergence, {data.source}"
+    )
+    words = slope_words(bundle.pipeline, frames, progress=progress)
+
+    yield "\n(a) integer solution from float64's, same integer slopes; words: total bits.fractional bits"
+    yield f"{'mode':12s}{'solver':13s}{'mean, µm':>10s}{'largest, µm':>13s}  words"
+    for row in solver_errors(bundle, words, progress=progress):
+        yield (
+            f"{row.mode:12s}{row.solver:13s}{row.mean_um:10.4f}{row.largest_um:13.4f}  {', '.join(row.words)}"
+        )
+    if not scene.wants_force:
+        return
+
+    fits = adjoint_fits.fit(bundle, data, progress=progress)
+    own = bundle.floats["force.integer_weights"].astype(np.float64)
+    weights, whose = (own, "the bundle's") if own.ndim == 5 else (fits.kernels, "fitted without clamp")
+    found = patch_mismatches(bundle, weights, frames, progress=progress)
+    yield f"\n(b) K×K patches against one weight a pixel, K = {weights.shape[-1]}, kernels {whose}"
+    yield f"{found.frames} frames, {found.accumulators} accumulators, {found.mismatches} mismatches"
+
+    yield "\n(c) adjoint against the depth path without clamp, float64, largest relative difference of force"
+    for mode, error in identity_errors(bundle, fits.kernels, words).items():
+        yield f"{mode:12s}{error:10.1e}"
+
+    bits, axes = scene.numbers.slope_weight_bits, ["xyz"[axis] for axis in scene.force_axes]
+    rows = list(adjoint_fits.accuracies(bundle, data, fits, words, progress=progress))
+    yield f"\ninteger adjoint ({bits}-bit weights) from its float weights, same integer slopes"
+    yield f"{'fitted to':14s}{'mean, mN':>10s}{'largest, mN':>13s}{'bound, mN':>11s}{'relative':>10s}"
+    for row in rows:
+        error = row.rounding
+        yield (
+            f"{row.fit:14s}{error.mean_mn:10.4f}{error.largest_mn:13.4f}{error.bound_mn:11.3f}"
+            f"{error.largest_relative:10.1e}"
+        )
+    yield "\nforce NMAE, %, on the slopes that were fitted (float, integer, true); what noise adds, mN"
+    columns = [f"{name} {axis}" for name in (*rows[0].nmae_percent, "noise") for axis in axes]
+    yield f"{'fitted to':14s}" + "".join(f"{column:>11s}" for column in columns)
+    for row in rows:
+        values = [*(v for part in row.nmae_percent.values() for v in part), *row.noise_mn]
+        yield f"{row.fit:14s}" + "".join(f"{value:11.3f}" for value in values)
+
+
+@click.command()
+@click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
+@progress_option
+def main(folders: tuple[Path, ...], progress: bool) -> None:
+    """What fixed point costs in the three identities, on the held-out frames of build folders."""
+    try:
+        for folder in folders:
+            for line in measure(folder, progress=progress):
+                click.echo(line)
+    except (ValueError, OSError) as error:
+        raise click.ClickException(" ".join(str(error).split())) from error
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,214 @@
+"""Gradients and depth with and without NIR, and depth with and without the boundary prior.
+
+RGB-only is the same recording without its NIR channel: nothing is rendered twice, and a network of its own
+is trained on it exactly as the build trains on all four. Judged on the vertical presses of the test grid, as
+in the paper, by the float pipeline.
+
+With prior: the scene's own pipeline. Without: "Standard fast Poisson solvers usually imply the zero-boundary
+condition" (Lu et al.), so the absolute slopes are solved with zero on the boundary. What that adds is a
+smooth surface, so the error less each frame's mean is given too; and the paper's own equation, absolute
+slopes with the prior, where the scene solves for the difference from rest.
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from fastac.flow import training
+from fastac.flow.build import Build, network_settings
+from fastac.models import accuracy
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.floating.poisson import solve, source_of
+from fastac.models.integer.laplacian import boundary_term
+from fastac.models.result import Result
+from fastac.report.paper import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
+from fastac.report.tables import Table
+from fastac.scenes.schema import CHANNELS, Scene
+from fastac.sensor.dataset import Dataset
+from fastac.store.steps import content_hash
+from fastac.studies.reproduce.section import beside, stamped_key, vertical
+
+NAMES = {"bgr": "RGB-only", "bgr+nir": "RGB-NIR"}
+COMPONENTS = ("x", "y", "total")
+BOUNDARIES = {
+    "prior": "with prior",
+    "no_prior": "without prior",
+    "no_prior_less_mean": "without prior, less each frame's mean",
+    "prior_absolute": "with prior, absolute slopes",
+}
+
+
+def lacks(build: Build) -> str | None:
+    scene, data = build.scene, build.data
+    if scene.sensor.channels != "bgr+nir":
+        return f"sensor.channels = {scene.sensor.channels!r}: expected 'bgr+nir', of which RGB is a part"
+    if not scene.wants_solver or scene.training.labels != "geometry":
+        return f"outputs = {', '.join(scene.outputs)}: no depth is found from normals"
+    if data.normals is None or data.depth_mm is None:
+        return "the dataset lacks normals or depth_mm, which errors are measured against"
+    return None
+
+
+def rgb_scene(scene: Scene) -> Scene:
+    content = scene.model_dump(mode="json")
+    content["sensor"]["channels"] = "bgr"
+    return Scene.model_validate(content)
+
+
+def rgb_data(data: Dataset) -> Dataset:
+    """The recording without its NIR channel."""
+    kept = len(CHANNELS["bgr"])
+    frames, background = (np.ascontiguousarray(x[..., :kept]) for x in (data.frames, data.background))
+    return replace(data, channels=CHANNELS["bgr"], frames=frames, background=background)
+
+
+def absolute_depth_mm(slopes: np.ndarray, scene: Scene, prior_mm: np.ndarray | None) -> np.ndarray:
+    """Slopes (frames, H, W, 2) to depth (frames, H, W), its boundary that of `prior_mm` (H, W), or zero."""
+    pitch_mm = scene.sensor.pitch_mm
+    boundary = np.zeros(slopes.shape[1:3]) if prior_mm is None else prior_mm
+    depth = np.repeat(boundary[None].astype(np.float64), len(slopes), axis=0)
+    source = source_of(slopes.astype(np.float64), scene.poisson.divergence)
+    depth[:, 1:-1, 1:-1] = pitch_mm * solve(source - boundary_term(boundary / pitch_mm))
+    return depth
+
+
+def less_mean(depth_mm: np.ndarray, truth_mm: np.ndarray) -> np.ndarray:
+    """The depth (frames, H, W) moved so that each frame's mean inside the boundary is the true one."""
+    error = (depth_mm - truth_mm)[:, 1:-1, 1:-1]
+    return depth_mm - error.mean(axis=(1, 2), keepdims=True)
+
+
+def judge(
+    pipeline: FloatPipeline, data: Dataset, index: np.ndarray, *, progress: bool
+) -> tuple[dict, dict[str, np.ndarray]]:
+    """Errors of gradients and of depth under each boundary, and the depths (frames, H, W) themselves."""
+    scene, rest_mm = pipeline.scene, pipeline.rest_depth_mm
+    result = pipeline.run(data.frames[index], wanted=("normals", "slopes", "depth_mm"), progress=progress)
+    errors = accuracy.normals(result, data, index, scene.sensor.pitch_mm)
+    free = absolute_depth_mm(result.slopes, scene, None)
+    depths = {
+        "prior": result.depth_mm,
+        "no_prior": free,
+        "no_prior_less_mean": less_mean(free, data.depth_mm[index]),
+        "prior_absolute": absolute_depth_mm(result.slopes, scene, rest_mm),
+    }
+    found = {
+        "gradient_mae_mm_per_px": {
+            "x": errors["gradient_x_mae_mm_per_px"],
+            "y": errors["gradient_y_mae_mm_per_px"],
+            "total": errors["gradient_mae_mm_per_px"],
+        },
+        "normal_mae_deg": errors["normal_mae_deg"],
+        "depth_mae_mm": {
+            name: accuracy.depth_mae_mm(Result(depth_mm=depth), data, index) for name, depth in depths.items()
+        },
+    }
+    return found, depths
+
+
+def run(build: Build, folder: Path) -> dict:
+    scene, data, progress = build.scene, build.data, build.progress
+    reduced, of_rgb = rgb_scene(scene), rgb_data(data)
+    # What trains on all four channels and what it trains on identify the training without one of them.
+    key = content_hash(network_settings(reduced), stamped_key(build, "normals"))
+    weights = folder / f"normals-bgr-{key}.npz"
+    if not weights.exists():
+        training.normals(of_rgb, reduced, weights, progress=progress)
+    pipelines = {
+        "bgr": (training.float_pipeline(training.load_arrays(weights), of_rgb, reduced), of_rgb),
+        "bgr+nir": (FloatPipeline.from_bundle(build.bundle), data),
+    }
+    index = vertical(data, "test")
+    content, depths = {"frames": len(index), "channels": {}}, {}
+    for channels, (pipeline, seen) in pipelines.items():
+        content["channels"][channels], depths[channels] = judge(pipeline, seen, index, progress=progress)
+    rgb, nir = (content["channels"][name]["gradient_mae_mm_per_px"] for name in NAMES)
+    content["gradient_reduction_percent"] = {c: 100 * (1 - nir[c] / rgb[c]) for c in COMPONENTS}
+    draw(content, depths, data, index, folder / "geometry.png")
+    return content
+
+
+def tables(content: dict) -> list[Table]:
+    gradient = {name: content["channels"][name]["gradient_mae_mm_per_px"] for name in NAMES}
+    rows = [
+        [
+            {"total": "Total (MAE)"}.get(part, f"G_{part} (MAE)"),
+            *beside(gradient["bgr"][part], GRADIENT_MAE_MM_PER_PX["bgr"][part], 5),
+            *beside(gradient["bgr+nir"][part], GRADIENT_MAE_MM_PER_PX["bgr+nir"][part], 5),
+            *beside(
+                content["gradient_reduction_percent"][part], float(GRADIENT_REDUCTION_PERCENT[part]), digits=1
+            ),
+        ]
+        for part in COMPONENTS
+    ]
+    depth = {name: content["channels"][name]["depth_mae_mm"] for name in NAMES}
+    cells = [
+        [
+            label,
+            *(cell for c in NAMES for cell in beside(depth[c][boundary], DEPTH_MAE_MM[c].get(boundary))),
+        ]
+        for boundary, label in BOUNDARIES.items()
+    ]
+    pair = [f"{name}, {whose}" for name in NAMES.values() for whose in ("ours", "paper")]
+    return [
+        Table(
+            "Gradient error, mm/px",
+            ["component", *pair, "reduction %, ours", "paper"],
+            rows,
+            f"{content['frames']} vertical presses of the test grid; the total is the components' sum.",
+        ),
+        Table(
+            "Depth error (MAE), mm",
+            ["boundary", *pair],
+            cells,
+            "With prior: the scene's pipeline. Without: absolute slopes, zero on the boundary."
+            " The paper has the first two rows.",
+        ),
+    ]
+
+
+def draw(
+    content: dict, depths: dict[str, dict[str, np.ndarray]], data: Dataset, index: np.ndarray, path: Path
+) -> None:
+    """Bars beside the paper's, and the depth errors of the deepest press."""
+    figure = plt.figure(figsize=(13, 7))
+    bars = [
+        ("gradient MAE, mm/px", "gradient_mae_mm_per_px", COMPONENTS, GRADIENT_MAE_MM_PER_PX, False),
+        ("depth MAE, mm", "depth_mae_mm", ("prior", "no_prior"), DEPTH_MAE_MM, True),
+    ]
+    for place, (label, key, parts, paper, is_log) in enumerate(bars, start=1):
+        axis = figure.add_subplot(2, 2, place)
+        at = np.arange(len(parts))
+        for k, channels in enumerate(NAMES):
+            ours = [content["channels"][channels][key][part] for part in parts]
+            theirs = [paper[channels][part] for part in parts]
+            colour = f"C{k}"
+            axis.bar(at + (2 * k - 1.5) * 0.2, ours, 0.19, color=colour, label=f"{NAMES[channels]}, ours")
+            style = {"color": "white", "edgecolor": colour, "hatch": "//"}
+            axis.bar(at + (2 * k - 0.5) * 0.2, theirs, 0.19, label=f"{NAMES[channels]}, the paper's", **style)
+        axis.set_xticks(
+            at, [BOUNDARIES.get(part, f"G_{part}" if part != "total" else part) for part in parts]
+        )
+        axis.set_ylabel(label)
+        if is_log:
+            axis.set_yscale("log")
+        axis.legend(fontsize=7)
+    truth = data.depth_mm[index]
+    deepest = int((training.rest_depth_mm(data) - truth).max(axis=(1, 2)).argmax())
+    panels = [(c, b) for c in NAMES for b in ("prior", "no_prior")]
+    for place, (channels, boundary) in enumerate(panels, start=5):
+        axis = figure.add_subplot(2, 4, place)
+        error = (depths[channels][boundary][deepest] - truth[deepest])[1:-1, 1:-1]
+        limit = np.abs(error).max()
+        shown = axis.imshow(error, cmap="coolwarm", vmin=-limit, vmax=limit)
+        axis.set_title(f"{NAMES[channels]}, {BOUNDARIES[boundary]}: depth error, mm", fontsize=7)
+        axis.axis("off")
+        figure.colorbar(shown, ax=axis, shrink=0.8).ax.tick_params(labelsize=6)
+    figure.suptitle(f"{data.source}; below: the deepest press", fontsize=9)
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+    plt.close(figure)

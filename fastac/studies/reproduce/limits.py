@@ -1,0 +1,124 @@
+"""What limits the figures, by experiments: each is a run of its own with one thing switched off."""
+
+import json
+from pathlib import Path
+
+import matplotlib
+
+matplotlib.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+
+from fastac.flow.build import Build
+from fastac.report.tables import Table, number
+from fastac.studies.reproduce import force, geometry, limits_force, limits_geometry
+from fastac.studies.reproduce.force_ablation import AXES
+from fastac.studies.reproduce.geometry import NAMES
+
+
+def lacks(build: Build) -> str | None:
+    data = build.data
+    if build.scene.sensor.source != "simulated" or not data.source.startswith("simulated"):
+        return "the frames are recorded: nothing of them can be switched off"
+    if data.valid is not None and not data.valid.all():
+        return "the skin is known in parts only, and cannot be drawn again"
+    return geometry.lacks(build)
+
+
+def run(build: Build, folder: Path) -> dict:
+    runs = folder / "runs"
+    runs.mkdir(exist_ok=True)
+    judged = json.loads((folder.parent / "geometry" / "geometry.json").read_text())["channels"]
+    content = {
+        "build": {channels: limits_geometry.summary(errors) for channels, errors in judged.items()},
+        "networks": limits_geometry.networks(build, runs),
+        "regions": limits_geometry.regions(build),
+        "solver_depth_mae_mm": limits_geometry.solver(build),
+    }
+    if force.lacks(build) is None:
+        forces = folder.parent / "forces"
+        ablation = json.loads((forces / "forces.json").read_text())
+        file = forces / ablation["displacements"]["found"]["file"]
+        content["force"] = limits_force.run(build, runs, file)
+    draw(content, folder / "limits.png")
+    return content
+
+
+def tables(content: dict) -> list[Table]:
+    rows = []
+    networks = {"as recorded, the build's networks": content["build"], **content["networks"]}
+    for name, found in networks.items():
+        gradient, depth = (
+            [found[channels][key] if channels in found else None for channels in NAMES]
+            for key in ("gradient_mae_mm_per_px", "depth_mae_mm")
+        )
+        reduction = "" if gradient[0] is None else f"{100 * (1 - gradient[1] / gradient[0]):.1f}"
+        cells = [["" if value is None else number(value) for value in pair] for pair in (gradient, depth)]
+        rows.append([name, *cells[0], reduction, *cells[1]])
+    head = [f"gradient, {name}" for name in NAMES.values()]
+    head = ["frames", *head, "reduction %", *(f"depth, {name}" for name in NAMES.values())]
+    found = [
+        Table(
+            "Light, skin and camera: gradient MAE in mm/px and depth MAE with prior in mm",
+            head,
+            rows,
+            "The build's networks learn from all presses; those below, each for the frames as one sensor"
+            " sees them, from the vertical ones alone: compare these with the second line.",
+        ),
+        Table(
+            "Where the gradient errors are",
+            ["pixels", "% of all", "MAE, mm/px", "% of the error"],
+            [[name, *map(number, part.values())] for name, part in content["regions"].items()],
+            "The build's own float pipeline, vertical presses of the test grid.",
+        ),
+        Table(
+            "The Poisson solver alone, from true normals",
+            ["what is solved for", "depth MAE, mm"],
+            [[mode, number(mae)] for mode, mae in content["solver_depth_mae_mm"].items()],
+        ),
+    ]
+    if "force" in content:
+        rows = [
+            [
+                name,
+                *(f"{value:.4f}" for value in errors["mae_n"]),
+                *(f"{value:.2f}" for value in errors["nmae_percent"]),
+            ]
+            for name, errors in content["force"].items()
+        ]
+        head = [f"F_{axis}, MAE N" for axis in AXES] + [f"F_{axis}, NMAE %" for axis in AXES]
+        note = (
+            "Dynamic kernel, all three inputs, in closed form. NMAE by the largest load of the frames judged."
+        )
+        found.append(Table("Displacements and loads", ["experiment", *head], rows, note))
+    return found
+
+
+def draw(content: dict, path: Path) -> None:
+    """Both groups of experiments as bars."""
+    panels = [("gradient MAE, mm/px", content["networks"], NAMES, "gradient_mae_mm_per_px")]
+    panels.append(("depth MAE, mm", content["networks"], NAMES, "depth_mae_mm"))
+    figure, axes = plt.subplots(1, 3 if "force" in content else 2, figsize=(15, 3.8), squeeze=False)
+    for axis, (label, found, names, key) in zip(axes[0], panels, strict=False):
+        at = np.arange(len(found))
+        for k, (channels, title) in enumerate(names.items()):
+            here = [n for n, errors in enumerate(found.values()) if channels in errors]
+            heights = [errors[channels][key] for errors in found.values() if channels in errors]
+            axis.barh(at[here] + (k - 0.5) * 0.4, heights, 0.38, label=title)
+        _finish(axis, found, label)
+    if "force" in content:
+        axis, at = axes[0, 2], np.arange(len(content["force"]))
+        for k, name in enumerate(AXES):
+            heights = [errors["nmae_percent"][k] for errors in content["force"].values()]
+            axis.barh(at + (k - 1) * 0.27, heights, 0.25, label=f"F_{name}")
+        _finish(axis, content["force"], "force, NMAE %")
+    figure.tight_layout()
+    figure.savefig(path, dpi=110, bbox_inches="tight")
+    plt.close(figure)
+
+
+def _finish(axis, names, label: str) -> None:
+    axis.set_yticks(range(len(names)), names, fontsize=7)
+    axis.set_xlabel(label)
+    axis.invert_yaxis()
+    axis.legend(fontsize=7, ncols=3, loc="lower center", bbox_to_anchor=(0.5, 1))

@@ -1,0 +1,127 @@
+"""The extremes: every word at its worst case, frames that no camera sends, drift until frames are suspect.
+
+    python -m fastac.studies.robustness.extremes BUILD_FOLDER
+
+writes extremes.json and extremes.png there and prints the tables; `make extremes` builds one first.
+"""
+
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import click
+from tqdm import tqdm
+
+from fastac import accuracy
+from fastac.cli.common import INPUT, load_bundle, progress_option
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.frame_validity import REASONS
+from fastac.sensor.dataset import Dataset, read
+from fastac.store.steps import write_json
+from fastac.studies.robustness import drift, frames, words
+
+FILE, PLOT = "extremes.json", "extremes.png"
+DRIFT_FRAMES = 48
+
+
+def table(rows: list[dict], *columns: str) -> Iterator[str]:
+    """The columns of rows for a terminal; what a row lacks stays empty."""
+
+    def cell(value) -> str:
+        if isinstance(value, float):
+            return f"{value:.4g}"
+        if isinstance(value, list | tuple | dict):
+            return " ".join(value)
+        return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
+
+    lines = [[column.replace("_", " ") for column in columns]]
+    lines += [[cell(row.get(column, "")) for column in columns] for row in rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    for line in lines:
+        yield "  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip()
+
+
+def judged(bundle: Bundle, data: Dataset, *, progress: bool) -> dict:
+    """How many frames of each split are flagged, and for what: all of them are good."""
+    found = {}
+    pipeline = accuracy.of_dataset(bundle.pipeline, data)
+    for split in ("train", "validation", "test"):
+        if len(index := data.indices(split)):
+            flags = pipeline.run(data.frames[index], wanted=["validity"], progress=progress).validity
+            found[split] = {
+                "frames": len(index),
+                "flagged": int((flags != 0).sum()),
+                "reasons": [name for k, name in enumerate(REASONS) if (flags >> k & 1).any()],
+            }
+    return found
+
+
+def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
+    """Everything, line by line as it is found; the file holds what was complete when it was interrupted."""
+    bundle, file = load_bundle(folder), folder / FILE
+    data = read(folder / "data.h5", bundle.scene)
+    place = folder / "extremes"
+    place.mkdir(exist_ok=True)
+    content = {"scene": bundle.scene.name, "bundle_sha256": bundle.digest, "source": data.source}
+
+    lanes = bundle.scene.hardware.pixels_per_clock
+    cases = words.worst_cases(bundle.pipeline)
+    content["words"] = words.rows(cases, bundle.digest, lanes, place, rtl=rtl, progress=progress)
+    write_json(file, content)
+    yield "Every word at its worst case; the range is what the stage's own inputs allow for"
+    columns = ("stage", "word", "width_bits", "bound", "range_bound", "reached", "percent_of_range_bound")
+    yield from table(content["words"], *columns, "percent_of_bound", "head_room_bits", "rtl_beats", "note")
+
+    content["special_frames"] = frames.images(bundle)
+    content["boundary_prior"] = frames.deepest_prior(bundle)
+    write_json(file, content)
+    yield "\nFrames that no camera sends"
+    yield from table(content["special_frames"], *content["special_frames"][0])
+    if content["boundary_prior"]:
+        yield "\nThe deepest boundary prior that absolute mode holds"
+        yield from table([content["boundary_prior"]], *content["boundary_prior"])
+
+    content["good_frames"] = judged(bundle, data, progress=progress)
+    yield "\nFrames of the dataset, all good, that are flagged"
+    rows = [{"split": split, **row} for split, row in content["good_frames"].items()]
+    yield from table(rows, "split", "frames", "flagged", "reasons")
+
+    index = accuracy.spread(data.indices("test"), DRIFT_FRAMES)
+    content["drift_frame_indices"] = index.tolist()
+    bar = partial(tqdm, desc="faults", disable=not progress)
+    content["drift"] = list(drift.measure(bundle, data, index, place, progress=bar))
+    write_json(file, content)
+    drift.figure(content["drift"], folder / PLOT)
+    yield "\nDrift and faults, on held-out frames"
+    rows = [
+        row
+        | {"flagged_percent": 100 * row["suspect_share"]}
+        | {f"{model}_{key}": value for model in ("float", "integer") for key, value in row[model].items()}
+        for row in content["drift"]
+    ]
+    errors = [f"{model}_{key}" for key in drift.ERRORS for model in ("float", "integer")]
+    errors = [key for key in errors if any(key in row for row in rows)]
+    yield from table(rows, "fault", "level", "unit", "frames", *errors, "flagged_percent", "reasons")
+    finite = all(row[model]["finite"] for row in content["drift"] for model in ("float", "integer"))
+    yield f"\nevery value of every frame is finite: {'yes' if finite else 'NO'}"
+
+
+@click.command()
+@click.argument("folder", metavar="BUILD_FOLDER", type=INPUT)
+@click.option(
+    "--rtl/--no-rtl",
+    default=True,
+    help="Send the worst cases through the stages' hardware too, in Verilator.",
+)
+@progress_option
+def main(folder: Path, rtl: bool, progress: bool) -> None:
+    """How a build folder's bundle fares at the extremes; writes extremes.json and extremes.png there."""
+    try:
+        for line in measure(folder, rtl=rtl, progress=progress):
+            click.echo(line)
+    except (ValueError, OSError, RuntimeError) as error:
+        raise click.ClickException(" ".join(str(error).split())) from error
+
+
+if __name__ == "__main__":
+    main()

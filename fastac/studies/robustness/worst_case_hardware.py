@@ -1,0 +1,121 @@
+# amaranth: UnusedElaboratable=no
+"""Each stage's hardware on the inputs that drive its words to their worst case, against the integers."""
+
+from pathlib import Path
+
+import numpy as np
+
+from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.gateware.force.weighted_sum import WeightedSumStream
+from fastac.gateware.fz_stream import PatchForceStream
+from fastac.gateware.mlp_mvm import MvmTile
+from fastac.gateware.network.gradient_ratio import GradientDivider
+from fastac.gateware.poisson.depth import DepthOutput, Displacement
+from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
+from fastac.gateware.poisson.recurrence import RowRecurrence
+from fastac.gateware.poisson.source import PoissonSourceStream
+from fastac.gateware.stream.tables import raster_beats
+from fastac.models.integer.dst2d import EigenvalueDivision
+from fastac.models.integer.features import WIDTH
+from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.network import GradientRatio, Layer
+from fastac.models.integer.solver import Depth, PoissonSource, SineTransform
+from fastac.models.integer.tridiagonal import Recurrence, Substitution
+from fastac.sim.check_stream import check, pack
+from fastac.sim.preloaded import WithParameters
+from fastac.sim.runner import QUICK
+from fastac.studies.robustness.worst_case import WorstCase
+
+
+def _rows(frames: np.ndarray, lanes: int) -> np.ndarray:
+    """Frames (…, rows, columns) to beats (beats, lanes); void lanes are zero."""
+    return np.concatenate([raster_beats(f, lanes) for f in frames.reshape(-1, *frames.shape[-2:])])
+
+
+def _layer(case: WorstCase):
+    layer = case.stage
+    signed = case.inputs.min() < 0
+    width = WIDTH if signed else int(layer.input_limit.max()).bit_length()
+    tile = MvmTile(layer, input_width=width, input_signed=bool(signed))
+    dut = WithParameters(tile, tile.core.parameter_image(layer)) if layer.loadable else tile
+    return dut, pack(case.inputs, width), pack(case.outputs, layer.accumulator_width), None
+
+
+def _ratio(case: WorstCase):
+    ratio = case.stage
+    dut = GradientDivider(ratio, lanes=1)
+    return dut, pack(case.inputs, ratio.normal_width), pack(case.outputs, ratio.width), None
+
+
+def _source(case: WorstCase, lanes: int):
+    source = case.stage
+    height, width = case.inputs.shape[1:3]
+    dut = PoissonSourceStream(source, height=height, width=width, lanes=lanes)
+    inputs = pack(case.inputs.reshape(-1, 2 * lanes), source.gradient_width)
+    return dut, inputs, case.outputs, source.width
+
+
+def _frames(case: WorstCase, lanes: int):
+    """Stages from frames (…, N, N) to frames: component, input width, outputs, output width."""
+    stage = case.stage
+    if isinstance(stage, SineTransform):
+        return Dst1Engine(stage, lanes=lanes), stage.input_width, stage.output_width
+    if isinstance(stage, EigenvalueDivision):
+        return EigenvalueDivider(stage, lanes=lanes), stage.input_width, stage.output_width
+    if isinstance(stage, Recurrence):
+        return RowRecurrence(stage, lanes=lanes), stage.input_width, stage.output_width
+    if isinstance(stage, Depth):
+        return DepthOutput(stage, lanes=lanes), stage.input_width, stage.width
+    depth, quantiser = stage
+    return Displacement(depth, quantiser, lanes=lanes), depth.input_width, quantiser.bits
+
+
+def _force(case: WorstCase, lanes: int):
+    force, frames = case.stage, case.inputs
+    if isinstance(force, PatchForce):
+        dut, bits = PatchForceStream(force, lanes=lanes), force.displacement_bits
+        beats = _rows(frames, lanes)
+    else:
+        # The worst constant is built in, as one that is loaded would stand there.
+        dut, bits = WeightedSumStream(force, lanes=lanes, loadable=False), force.input_width
+        beats = np.concatenate([raster_beats(f, lanes) for f in frames])
+    mask = (1 << case.outputs.shape[-1] * force.width) - 1
+    return dut, pack(beats.reshape(len(beats), -1), bits), pack(case.outputs, force.width), mask
+
+
+def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, ...] = (0,)) -> int:
+    """Send the case's inputs through its stage's hardware; returns how many beats were compared.
+
+    Raises where one differs from the integers (see `sim.stream.check`); the bench's output is in the folder.
+    """
+    stage = case.stage
+    if isinstance(stage, Layer):
+        dut, inputs, expected, mask = _layer(case)
+    elif isinstance(stage, GradientRatio):
+        dut, inputs, expected, mask = _ratio(case)
+    elif isinstance(stage, PatchForce | WeightedSum):
+        dut, inputs, expected, mask = _force(case, lanes)
+    else:
+        if isinstance(stage, PoissonSource):
+            dut, inputs, outputs, width = _source(case, lanes)
+        else:
+            dut, input_width, width = _frames(case, lanes)
+            # Substitution runs from the last row to the first.
+            order = slice(None, None, -1 if isinstance(stage, Substitution) else 1)
+            inputs = pack(_rows(case.inputs[:, order], lanes), input_width)
+            outputs = case.outputs[:, order]
+        expected = pack(_rows(outputs, lanes), width)
+        mask = pack(_rows(np.full_like(outputs, -1), lanes), width)
+    name = case.name.replace(" ", "_")
+    check(
+        dut,
+        name,
+        folder / name,
+        inputs=inputs,
+        expected=expected,
+        mask=mask,
+        stalls=stalls,
+        build_args=QUICK,
+        log_file=folder / f"{name}.log",
+    )
+    return len(expected)

@@ -1,0 +1,188 @@
+"""Slopes that drive every word of the Poisson solver to its worst case.
+
+Each word is a linear function of the slopes, but for roundings. So the slopes at ±limit by the signs of that
+function's weights, at the place where their L1 norm is the largest, reach the bound. The weights are those of
+the integer tables, see models/integer/bounds.py.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from fastac.models.integer.bounds import stencil_norms
+from fastac.models.integer.dst2d import Solver
+from fastac.models.integer.laplacian import divergence_of
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.tridiagonal import TridiagonalSolver, row_operators
+from fastac.models.integer.words import LARGEST_ERROR
+from fastac.studies.robustness.worst_case import WorstCase, magnitude
+
+CANDIDATES = 8
+"""Pixels on either side of the image's middle, one of which has the deepest solution: there the boundary is
+the farthest."""
+
+
+def slopes_of(weight: np.ndarray, divergence: str) -> np.ndarray:
+    """Weights (N, N) of the source to those of the slopes (N + 2, N + 2, 2): the divergence's adjoint."""
+    n = len(weight)
+    slopes = np.zeros((n + 2, n + 2, 2))
+    middle, ahead, behind = slice(1, -1), slice(2, None), slice(None, -2)
+    plus = ahead if divergence == "central" else middle
+    slopes[middle, plus, 0] += weight
+    slopes[middle, behind, 0] -= weight
+    slopes[plus, middle, 1] += weight
+    slopes[behind, middle, 1] -= weight
+    return slopes
+
+
+def _stimulus(pipeline: IntegerPipeline, weight: np.ndarray) -> tuple[PoissonSource, np.ndarray]:
+    """The source, with the worst offset where any can be loaded, and slopes for the weights of a word."""
+    source, limit = pipeline.source, pipeline.ratio.limit
+    slopes = (limit * np.sign(slopes_of(weight, source.divergence))).astype(np.int64)
+    if source.offset_limit is not None:
+        return replace(source, offset=-divergence_of(slopes, source.divergence)), slopes
+    # Both the slopes' share and the offset's count with the same sign.
+    return source, slopes if (weight * source.offset).sum() <= 0 else -slopes
+
+
+def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
+    """For each of the solver's words, the weights (N, N) of the source where they reach the farthest.
+
+    In any unit: only their signs and places count.
+    """
+    source, solver, divergence = pipeline.source, pipeline.solver, pipeline.source.divergence
+    s = solver.row_forward.matrix.astype(np.float64)
+    n = len(s)
+    # In units of the source's word; an offset that can be any adds what the slopes do, at each place.
+    limit = pipeline.ratio.limit * (2 if divergence == "central" else 1)
+    offset = source.offset * float(source.offset_limit is None)
+    along, across = stencil_norms(s, divergence)
+    twice = 1.0 if divergence == "central" else 2.0
+
+    def row(mode: int, rows: np.ndarray) -> np.ndarray:
+        return np.outer(rows, s[mode])
+
+    def farthest(reach: np.ndarray, constant: np.ndarray) -> tuple[int, int]:
+        return np.unravel_index((limit * reach + np.abs(constant)).argmax(), (n, n))
+
+    def through(operators: np.ndarray) -> tuple[int, int]:
+        """Mode and row in which operators (n, i, k) over the rows reach the farthest."""
+        along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
+        norms = np.abs(operators).sum(axis=2) * along[:, None] + along_rows * across[:, None]
+        return farthest(norms, np.einsum("nik,kn->ni", operators, offset @ s))
+
+    i, mode = farthest((along + twice * across)[None, :], offset @ s)
+    found = {"row_forward": row(mode, np.eye(n)[i])}
+    if isinstance(solver, Solver):
+        both = np.outer(across, along) + np.outer(along, across)
+        reciprocal = solver.division.mantissa * 2.0**-solver.division.shift
+        for name, scale in (("column_forward", np.ones((n, n))), ("division", reciprocal)):
+            m, mode = farthest(both * scale, s @ offset @ s * scale)
+            found[name] = row(mode, s[m])
+        operators = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
+        name = "column_inverse"
+    else:
+        c = solver.elimination.coefficient * 2.0**-solver.elimination.shift
+        down, up = row_operators(c)
+        eliminate = down * c.T[:, None, :]
+        mode, i = through(eliminate)
+        found["elimination"] = row(mode, eliminate[mode, i])
+        operators = up @ eliminate
+        name = "substitution"
+    mode, i = through(operators)
+    found[name] = row(mode, operators[mode, i])
+    best = 0.0
+    for i in range(max(n // 2 - CANDIDATES, 0), min(n // 2 + CANDIDATES, n)):
+        green = (s[:, n // 2, None] * operators[:, i, :]).T @ s  # of the pixel in row i, middle column
+        reach = pipeline.ratio.limit * np.abs(slopes_of(green, divergence)).sum()
+        reach += abs((green * offset).sum())
+        if reach > best:
+            best, found["row_inverse"] = reach, green
+    return found
+
+
+def words_of(
+    solver: Solver | TridiagonalSolver, source: np.ndarray
+) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Of each of the solver's stages, by name, what goes in and what comes out, for sources (..., N, N)."""
+    found, x = {}, source
+    for name in stage_names(solver):
+        if name == "column_forward" or (name == "row_inverse" and isinstance(solver, Solver)):
+            x = np.swapaxes(x, -1, -2)
+        found[name] = x, (x := getattr(solver, name)(x))
+    return found
+
+
+def stage_names(solver: Solver | TridiagonalSolver) -> tuple[str, ...]:
+    if isinstance(solver, Solver):
+        return ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
+    return ("row_forward", "elimination", "substitution", "row_inverse")
+
+
+def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
+    """The source's and the solver's words, each for slopes of its own pattern and the opposite one."""
+    source, solver = pipeline.source, pipeline.solver
+    weights = _weights(pipeline)
+    note = "any slopes at rest that can be loaded" if source.offset_limit is not None else ""
+
+    # The source: around the largest offset.
+    single = np.zeros_like(source.offset)
+    place = np.unravel_index(np.abs(source.offset).argmax(), single.shape)
+    single[place] = 1
+    worst, slopes = _stimulus(pipeline, single)
+    both = np.stack([slopes, -slopes])
+    outputs = worst(both)
+    found = [
+        WorstCase(
+            "source",
+            "output",
+            source.width,
+            source.bound,
+            source.bound,
+            magnitude(outputs),
+            worst,
+            both,
+            outputs,
+            note,
+        )
+    ]
+    apart = "" if note else "the bound adds the slopes' and the offset's farthest pixels, which may be two"
+    for name, stage in zip(stage_names(solver), solver.stages, strict=True):
+        worst, slopes = _stimulus(pipeline, weights[name])
+        inputs, outputs = words_of(solver, worst(np.stack([slopes, -slopes])))[name]
+        table = getattr(solver, name)
+        # It is rounded once more; a floor takes −bound farther from 0.
+        up = LARGEST_ERROR[table.rounding]
+        bound = int(np.floor(stage.bound_px * 2.0**stage.format.fraction + up))
+        found.append(
+            WorstCase(
+                name,
+                "output",
+                stage.format.width,
+                bound,
+                bound,
+                magnitude(outputs),
+                table,
+                inputs,
+                outputs,
+                note or (name == "row_inverse") * apart,
+            )
+        )
+        if isinstance(table, SineTransform):
+            sums = np.abs(inputs @ table.matrix).max() + table.half_unit
+            found.append(
+                WorstCase(
+                    name,
+                    "accumulator",
+                    table.accumulator_width,
+                    table.accumulator_bound,
+                    min(table.accumulator_bound, bound + 1 << table.shift),
+                    int(sums),
+                    table,
+                    inputs,
+                    outputs,
+                    "the bound is of any input of its width",
+                )
+            )
+    return found

@@ -1,0 +1,101 @@
+"""Points of the front as RTL: cycles and bits exactly, or it says what differs."""
+
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from fastac import accuracy
+from fastac.flow import hardware
+from fastac.gateware.cycle_model import cycles
+from fastac.models.integer import bundle as bundles
+from fastac.scenes.schema import Scene
+from fastac.sweep.front import Source, TradeError
+from fastac.sweep.points import PointModels, Setting, latency, point_key
+from fastac.sweep.results import Row
+from fastac.sweep.spec import Point
+
+FRAMES = 3
+"""Through the hardware, back to back: three show the interval between frames twice."""
+
+
+@dataclass(frozen=True)
+class Confirmation:
+    """What a simulation of a point's Verilog found, and what the sweep had said of it."""
+
+    frames: int
+    values_compared: int
+    mismatches: int
+    first_mismatch: str
+    cycles_counted: dict[str, int]
+    cycles_stated: dict[str, int]
+    bundle_sha256: str
+
+    @property
+    def is_exact(self) -> bool:
+        return not self.mismatches and self.cycles_counted == self.cycles_stated
+
+
+def choose(designs: Sequence[tuple[Source, Row]], count: int, seed: int) -> list[tuple[Source, Row]]:
+    """`count` designs at random, always the same ones of the same designs and seed; all if they are fewer."""
+    ordered = sorted(designs, key=lambda pair: pair[1].key)
+    return random.Random(seed).sample(ordered, min(count, len(ordered)))
+
+
+def models_of(source: Source, row: Row) -> PointModels:
+    """A row's models. Raises TradeError where they are no longer those that were measured."""
+    setting = Setting(**source.facts["setting"])
+    scene = Scene.model_validate(row.scene)
+    if point_key(Point({}, scene).content, setting) != row.key:
+        raise TradeError(f"{source.results.path}: sources or data have changed since: run fastac sweep again")
+    return PointModels(scene, setting)
+
+
+def confirm(source: Source, row: Row, folder: Path, *, progress: bool) -> Confirmation:
+    """Build a row's hardware in `folder` and send held-out frames through it."""
+    models = models_of(source, row)
+    for step in models.steps.values():
+        step.perform()
+    bundle = bundles.save(folder / "bundle", models.pipeline, models.floats)
+    hardware.write_verilog(bundle, folder / "verilog", progress=progress)
+    index = accuracy.spread(models.index, FRAMES)
+    found = hardware.simulate(
+        bundle, models.data, index, folder / "verilog", folder / "sim", progress=progress
+    )
+    flat = not models.pipeline.rest_depth_mm.any()
+    stated = cycles(models.scene, flat=flat)
+    names = [name for name in found["latency_cycles"] if name in stated and name not in ("stage", "part")]
+    summary = latency(models.scene, flat=flat)
+    if any(row.metrics[name] != value for name, value in summary.items()):
+        raise TradeError(f"point {row.key}: its cycles are no longer {row.metrics['latency_cycles']}")
+    return Confirmation(
+        found["frames"],
+        found["values_compared"],
+        found["mismatches"],
+        found["first_mismatch"],
+        {name: found["latency_cycles"][name] for name in names},
+        {name: stated[name] for name in names},
+        bundle.digest,
+    )
+
+
+def run(
+    designs: Sequence[tuple[Source, Row]],
+    count: int,
+    seed: int,
+    folder: Path,
+    tell: Callable[[Row, dict], None],
+    *,
+    progress: bool,
+) -> list[dict]:
+    """Confirm `count` of the designs, each recorded in its results at once; those that are known are kept."""
+    found = []
+    for source, row in choose(designs, count, seed):
+        content = source.results.confirmations().get(row.key)
+        if content is None:
+            confirmation = confirm(source, row, folder / row.key, progress=progress)
+            content = asdict(confirmation) | {"is_exact": confirmation.is_exact}
+            source.results.confirm(row.key, content)
+        tell(row, content)
+        found.append(content)
+    return found

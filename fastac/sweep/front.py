@@ -1,0 +1,251 @@
+"""What a sweep teaches: Pareto fronts, what speed costs, and the scene that meets given limits."""
+
+import re
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from operator import ge, gt, le, lt
+from pathlib import Path
+
+import numpy as np
+import tomli_w
+
+from fastac.scenes import schema as scenes
+from fastac.scenes.schema import Scene
+from fastac.sweep.results import Results, Row
+
+ERRORS = {
+    "normal_mae_deg": "normal error, °",
+    "depth_mae_mm": "depth error, mm",
+    "force_z_mae_n": "force error, F_z, N",
+}
+COSTS = {
+    "latency_cycles": "cycles from first pixel to result",
+    "dsp": "DSP48E2",
+    "energy_uj": "energy of a frame, estimate, µJ",
+}
+"""Metrics that fronts are drawn over, with their labels."""
+COMPARE = {"<": lt, "<=": le, ">": gt, ">=": ge}
+LIMIT = re.compile(r"\s*([A-Za-z_][A-Za-z0-9_]*)\s*(<=|>=|<|>)\s*(\S+)\s*")
+BITS = ("numbers.weight_bits", "numbers.activation_bits", "numbers.last_weight_bits")
+TUNING = ("training.finetune_epochs", "training.finetune_weights", "training.finetune_learning_rate")
+
+
+class TradeError(ValueError):
+    """A question that the results do not answer; the message is one line."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A results file, and what its points have in common."""
+
+    results: Results
+    facts: dict
+    rows: list[Row]
+
+    @property
+    def done(self) -> list[Row]:
+        return [row for row in self.rows if row.status == "done"]
+
+
+def read(path: Path) -> Source:
+    """A results file, the points of its last generation. Raises ResultsError, or TradeError without any."""
+    results = Results(path, create=False)
+    facts = results.facts()
+    found = Source(results, facts, results.rows(facts.get("generation")))
+    if not found.done:
+        raise TradeError(f"{path}: no point is done")
+    return found
+
+
+def distinct(sources: Iterable[Source]) -> list[tuple[Source, Row]]:
+    """All points that are done, each once, with the file it is from."""
+    found = {}
+    for source in sources:
+        for row in source.done:
+            found.setdefault(row.key, (source, row))
+    return list(found.values())
+
+
+def is_on_front(values: np.ndarray) -> np.ndarray:
+    """Of points (points, metrics), all to be small: which ones no other point beats or equals in everything.
+
+    Of points that are equal the first one counts.
+    """
+    kept = np.ones(len(values), bool)
+    for k, value in enumerate(values):
+        no_worse = (values <= value).all(axis=1)
+        better = (values < value).any(axis=1)
+        earlier = np.arange(len(values)) < k
+        kept[k] = not (no_worse & (better | earlier)).any()
+    return kept
+
+
+def with_metrics(rows: Iterable[Row], names: Sequence[str]) -> list[Row]:
+    return [row for row in rows if all(name in row.metrics for name in names)]
+
+
+def front(rows: Iterable[Row], names: Sequence[str]) -> list[Row]:
+    """The rows that are best in the metrics `names`, by the second one; rows without them are left out."""
+    rows = with_metrics(rows, names)
+    if not rows:
+        return []
+    values = np.array([[row.metrics[name] for name in names] for row in rows])
+    kept = [row for row, best in zip(rows, is_on_front(values), strict=True) if best]
+    return sorted(kept, key=lambda row: row.metrics[names[-1]])
+
+
+def best_designs(rows: Iterable[Row]) -> list[Row]:
+    """What is on the front over all costs and one of the errors; that of depth-less designs is the force's.
+
+    Raises TradeError where nothing has an error.
+    """
+    rows = list(rows)
+    found = {row.key: row for error in ERRORS for row in front(rows, (error, *COSTS))}
+    if not found:
+        raise TradeError(f"no point has an error of {', '.join(ERRORS)}")
+    return list(found.values())
+
+
+def faster(rows: Iterable[Row], error: str) -> list[tuple[float, Row]]:
+    """The price of speed: (how many times faster, the row with the least error at that speed).
+
+    The first row is the most accurate of all; the next ones take at most 1/2, 1/4, … of its cycles.
+    """
+    rows = with_metrics(rows, (error, "latency_cycles"))
+    found: list[tuple[float, Row]] = []
+    factor = 1
+    while rows:
+        best = min(rows, key=lambda row: (row.metrics[error], row.metrics["latency_cycles"]))
+        start = found[0][1] if found else best
+        ratio = start.metrics["latency_cycles"] / best.metrics["latency_cycles"]
+        if not found or best is not found[-1][1]:
+            found.append((ratio, best))
+        factor *= 2
+        limit = start.metrics["latency_cycles"] / factor
+        rows = [row for row in rows if row.metrics["latency_cycles"] <= limit]
+    return found
+
+
+def flat(content: dict, prefix: str = "") -> dict:
+    """A scene's JSON with dotted keys."""
+    found = {}
+    for key, value in content.items():
+        found |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
+    return found
+
+
+def differences(row: Row, base: dict) -> dict:
+    """The keys in which a row's scene differs from a base scene, with the row's values."""
+    mine, its = flat(row.scene), flat(base)
+    return {
+        k: v for k, v in mine.items() if its.get(k) != v and k != "name" and not k.startswith("simulation.")
+    }
+
+
+def one_at_a_time(source: Source) -> dict[str, list[tuple[object, Row]]]:
+    """By key, the rows that differ from the base scene in that key alone, and the base, by value."""
+    base = source.facts["scene"]
+    found: dict[str, list[tuple[object, Row]]] = {}
+    same = [row for row in source.done if not differences(row, base)]
+    for row in source.done:
+        changed = differences(row, base)
+        if len(changed) == 1:
+            [(key, value)] = changed.items()
+            found.setdefault(key, []).append((value, row))
+    for key, rows in found.items():
+        rows += [(flat(base)[key], row) for row in same]
+        rows.sort(key=lambda pair: (str(type(pair[0])), pair[0]))
+    return found
+
+
+def tuned(source: Source) -> list[tuple[dict, Row]]:
+    """Rows with as many bits for weights as for activations that differ from the base in `BITS` and `TUNING`
+    only, with these values: fine-tuning beside post-training quantisation, which is 0 epochs."""
+    found = []
+    for row in source.done:
+        values = flat(row.scene)
+        if (
+            set(differences(row, source.facts["scene"])) <= {*BITS, *TUNING}
+            and values[BITS[0]] == values[BITS[1]]
+        ):
+            found.append(({key: values[key] for key in (*BITS, *TUNING)}, row))
+    if len({bool(values[TUNING[0]]) for values, _ in found}) < 2:
+        return []
+    return sorted(
+        found, key=lambda pair: (-pair[0][BITS[0]], *(float(pair[0][k]) for k in (BITS[2], *TUNING)))
+    )
+
+
+def is_scene(row: Row, scene: Scene) -> bool:
+    """Whether the row is of this scene, whatever its name."""
+    return not differences(row, scene.model_dump(mode="json"))
+
+
+def limits(text: str, names: Iterable[str]) -> list[tuple[str, Callable[[float, float], bool], float]]:
+    """What `--pick` asks for: "depth_mae_mm<0.03, dsp<220" as (name, comparison, number).
+
+    Raises TradeError for anything else, and for a name that is not among the metrics.
+    """
+    found, known = [], sorted(names)
+    for part in text.split(","):
+        matched = LIMIT.fullmatch(part)
+        if matched is None:
+            raise TradeError(f"--pick {part.strip()!r}: expected a metric, one of < <= > >=, and a number")
+        name, sign, number = matched.groups()
+        if name not in known:
+            raise TradeError(f"--pick {name!r}: no such metric; there are {', '.join(known)}")
+        try:
+            value = float(number)
+        except ValueError:
+            raise TradeError(f"--pick {part.strip()!r}: {number!r} is no number") from None
+        if not np.isfinite(value):
+            raise TradeError(f"--pick {part.strip()!r}: expected a finite number")
+        found.append((name, COMPARE[sign], value))
+    return found
+
+
+def asked(text: str) -> list[str]:
+    """The metrics that limits such as "dsp<220" are on."""
+    return [LIMIT.fullmatch(part)[1] for part in text.split(",")]
+
+
+def metric_names(rows: Iterable[Row]) -> set[str]:
+    return {name for row in rows for name in row.metrics}
+
+
+def pick(rows: Iterable[Row], text: str, by: Sequence[str]) -> Row:
+    """Of the rows within the limits `text` the one that is smallest in the first of `by`, then the next.
+
+    Raises TradeError where there is none.
+    """
+    rows = list(rows)
+    names = metric_names(rows)
+    wanted = limits(text, names)
+    for name in by:
+        if name not in names:
+            raise TradeError(f"--by {name!r}: no such metric; there are {', '.join(sorted(names))}")
+    rows = with_metrics(rows, by)
+    for name, compare, value in wanted:
+        rows = [row for row in rows if name in row.metrics and compare(row.metrics[name], value)]
+        if not rows:
+            raise TradeError(
+                f"--pick {text!r}: no design meets it; the first limit that none meets is on {name}"
+            )
+    return min(rows, key=lambda row: [row.metrics[name] for name in by])
+
+
+def write_scene(row: Row, path: Path, origin: str) -> Scene:
+    """The row's scene as TOML for `fastac build`, named after the file; `origin` says where it is from."""
+    content = Scene.model_validate(row.scene | {"name": "picked"}).model_dump(
+        mode="json", exclude={"name"}, exclude_defaults=True
+    )
+    # What a reader looks for first is there even where it is the default.
+    shown = ("height_px", "width_px", "pitch_mm", "channels", "source")
+    sensor = {name: row.scene["sensor"][name] for name in shown} | content["sensor"]
+    lines = [f"# {origin}", *(f"# {name} = {value:.6g}" for name, value in sorted(row.metrics.items()))]
+    text = "\n".join(lines) + "\n" + tomli_w.dumps(content | {"sensor": sensor})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.part")
+    temporary.write_text(text)
+    temporary.replace(path)
+    return scenes.load(path)

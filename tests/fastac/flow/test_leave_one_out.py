@@ -1,0 +1,159 @@
+"""From photographs and a force gauge's readings to integers, and what they are worth on groups left out."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from PIL import Image
+
+from fastac.cli.main import main
+from fastac.flow import leave_one_out
+from fastac.flow.build import Build
+from fastac.flow.training import TrainingError, require
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import bundle
+from fastac.sensor import dataset
+from fastac.sensor.fingertip import generate
+
+GROUPS = ("ball", "cup", "nut")
+
+
+@pytest.fixture(scope="module")
+def scene(make_scene):
+    return make_scene(
+        outputs=["force_z"],
+        sensor={"channels": "bgr", "source": "recorded", "geometry": "flat"},
+        numbers={"activation_bits": 10},
+        poisson={"solver": "adjoint"},
+        force={"clamp": False, "fit": "slopes"},
+        training={"labels": "force", "force_epochs": 2, "force_batch": 20, "finetune_epochs": 1},
+    )
+
+
+@pytest.fixture(scope="module")
+def recording(scene, make_scene, tmp_path_factory):
+    """152 presses of the virtual sensor as photographs after two of its rest, in three groups by chance."""
+    place = tmp_path_factory.mktemp("recording")
+    pressed = make_scene(
+        outputs=["force_z"],
+        sensor={"channels": "bgr", "geometry": "flat"},
+        protocol={"train_grid": 5, "validation_grid": 2, "test_grid": 3, "loads_n": [0.01, 0.03, 0.05, 0.07]},
+    )
+    generate(pressed, place / "simulated.h5", progress=False, processes=1)
+    data = dataset.read(place / "simulated.h5")
+    rows = ["frame,force_z_n,group"]
+    (place / "frames").mkdir()
+    order = np.random.default_rng(1).permutation(len(data))
+    for k, image in enumerate([data.background] * 2 + [data.frames[i] for i in order]):
+        Image.fromarray(np.ascontiguousarray(image[..., ::-1])).save(place / "frames" / f"{k}.png")
+        if k >= 2:
+            rows.append(f"{k},{data.force_n[order[k - 2], 2]},{GROUPS[k * 3 // (len(data) + 2)]}")
+    (place / "forces.csv").write_text("\n".join(rows))
+    return place
+
+
+@pytest.fixture(scope="module")
+def data_file(recording):
+    run(
+        *("import", "force", recording / "frames", "--forces", recording / "forces.csv"),
+        *("--background-frames", 2, "--pitch-mm", 0.25, "--height-px", 16, "--width-px", 16),
+        *("-o", recording / "d.h5", "--no-progress"),
+    )
+    return recording / "d.h5"
+
+
+@pytest.fixture(scope="module")
+def build_folder(scene, data_file, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("build")
+    Build(scene, folder, data_file, progress=False).run(lambda name, current: None, until="evaluate")
+    return folder
+
+
+def run(*arguments, code=0):
+    result = CliRunner().invoke(main, [str(a) for a in arguments], prog_name="fastac")
+    assert result.exit_code == code, result.output
+    return result
+
+
+def test_the_integers_find_unseen_forces_as_the_floats_do(build_folder, data_file):
+    errors = json.loads((build_folder / "accuracy.json").read_text())
+    data = dataset.read(data_file)
+    truth = data.force_n[data.indices("test"), 0]
+    blind = np.abs(truth - data.force_n[data.indices("train"), 0].mean()).mean()
+    assert errors["float"]["force_mae_n"] < 0.5 * blind
+    assert errors["integer"]["force_mae_n"] < 1.1 * errors["float"]["force_mae_n"]
+    assert "normal_mae_deg" not in errors["float"]
+
+
+def test_the_hardware_gets_a_sum_over_the_slopes_that_is_zero_at_rest(build_folder, data_file):
+    pipeline = bundle.load(build_folder / "bundle").pipeline
+    assert pipeline.solver is None
+    assert pipeline.force.weight.shape == (1, 16, 16, 2)
+    assert not Emulator(pipeline).run(dataset.read(data_file).background[None]).force_raw.any()
+
+
+def test_datasets_must_know_the_axes_that_are_wanted(scene, data_file):
+    data = dataset.read(data_file)
+    require(data, scene, data_file)
+    shear = scene.model_copy(update={"outputs": ("force_xyz",)})
+    with pytest.raises(TrainingError, match=r"d\.h5: force_n: no x axis, and scene tiny wants"):
+        require(data, shear, data_file)
+    with pytest.raises(TrainingError, match=r"d\.h5: force_n: missing"):
+        require(replace(data, force_n=None), scene, data_file)
+
+
+class TestLeaveOneGroupOut:
+    def evaluate(self, build_folder, data_file, *more, code=0):
+        arguments = ("evaluate", build_folder, "--data", data_file, "--leave-one-group-out", "--no-progress")
+        return run(*arguments, *more, code=code)
+
+    def test_every_group_is_tested_once_by_models_that_never_saw_it(
+        self, build_folder, data_file, tmp_path, monkeypatch
+    ):
+        seen = []
+        train = leave_one_out.train
+
+        def observed(data, *arguments, **keys):
+            seen.append({split: set(data.group[data.indices(split)]) for split in dataset.SPLITS})
+            return train(data, *arguments, **keys)
+
+        monkeypatch.setattr(leave_one_out, "train", observed)
+        result = self.evaluate(build_folder, data_file, "--json", tmp_path / "e.json")
+        assert [entry["test"] for entry in seen] == [{name} for name in GROUPS]
+        for entry in seen:
+            assert entry["train"] == entry["validation"] == set(GROUPS) - entry["test"]
+        content = json.loads((tmp_path / "e.json").read_text())
+        assert sum(entry["frames"] for entry in content["groups"].values()) == 152
+        for model in leave_one_out.MODELS:
+            values = [entry["mae_n"][model] for entry in content["groups"].values()]
+            assert content["mean_mae_n"][model] == pytest.approx(np.mean(values))
+        lines = result.stdout.splitlines()
+        assert lines[0].split() == [
+            "left",
+            "out",
+            "frames",
+            *f"{', N '.join(leave_one_out.MODELS)}, N".split(),
+        ]
+        assert [line.split()[0] for line in lines[1:]] == [*GROUPS, "mean"]
+        # What is there is not trained again: not all of it, nor what an interruption has left.
+        again = self.evaluate(build_folder, data_file)
+        assert again.stdout == result.stdout
+        assert len(seen) == 3
+        (build_folder / "leave_one_out" / "group1" / "errors.json").unlink()
+        assert self.evaluate(build_folder, data_file).stdout == result.stdout
+        assert len(seen) == 4
+
+    def test_refuses_what_has_no_groups(self, build_folder, data_file, tmp_path):
+        data = dataset.read(data_file)
+        dataset.write(tmp_path / "d.h5", **{**vars(data), "group": None})
+        message = self.evaluate(build_folder, tmp_path / "d.h5", code=1).stderr
+        assert message.endswith("d.h5: group: missing, so there is nothing to leave out\n")
+        dataset.write(tmp_path / "d.h5", **{**vars(data), "group": np.full(len(data), "cup")})
+        message = self.evaluate(build_folder, tmp_path / "d.h5", code=1).stderr
+        assert message.endswith("d.h5: group = 'cup' alone: expected at least two\n")
+
+    def test_refuses_models_of_geometry(self, make_scene, data_file):
+        with pytest.raises(dataset.DatasetError, match=r"training\.labels = 'geometry': groups"):
+            leave_one_out.check(dataset.read(data_file), make_scene(), data_file)

@@ -1,0 +1,63 @@
+import json
+
+from fastac.report.scope import ABSENT, STAGES, Scope, table
+
+
+def scope(make_scene, tmp_path, **changes):
+    return Scope(make_scene(**changes), tmp_path)
+
+
+def absent(found: dict[str, str]) -> set[str]:
+    return {name for name, text in found.items() if text.startswith(ABSENT)}
+
+
+def test_depth_and_force(make_scene, tmp_path):
+    found = scope(make_scene, tmp_path)
+    assert absent(found.simulated()) == {"demosaicing"}
+    assert absent(found.elaborated()) == {"recurrences", "reversal"}
+    assert found.verified() == {"normals": "768", "depth": "196", "force": "1", "force map": ABSENT}
+    assert found.trained()["force model"] == "kernels 5×5"
+
+
+def test_force_without_depth(make_scene, tmp_path):
+    changes = {"outputs": ["force_xyz"], "poisson": {"solver": "adjoint"}}
+    found = scope(make_scene, tmp_path, force={"clamp": False, "fit": "slopes"}, **changes)
+    assert "labels: depth" in absent(found.simulated())
+    kept = {"control", "background", "normals", "gradients", "force"}
+    assert absent(found.elaborated()) == set(STAGES) - kept
+    assert found.trained()["force model"] == "weights of the slopes"
+    saved = {name: text.split(": ")[1] for name, text in found.area().items()}
+    assert all(text.startswith("-") for text in saved.values())
+
+
+def test_normals_alone(make_scene, tmp_path):
+    found = scope(make_scene, tmp_path, outputs=["normals"])
+    assert found.trained()["force model"] == ABSENT
+    assert absent(found.elaborated()) == set(STAGES) - {"control", "background", "normals"}
+    assert found.seconds()["force model"] == ABSENT
+    assert found.seconds()["presses"] == "not built"
+
+
+def test_wall_times_are_those_of_the_build(make_scene, tmp_path):
+    stamps = tmp_path / ".stamps"
+    stamps.mkdir()
+    (stamps / "normals.json").write_text(json.dumps({"key": "", "files": [], "seconds": 12.4}))
+    (stamps / "data.json").write_text("{}")
+    found = scope(make_scene, tmp_path).seconds()
+    assert found["pixel network, float"] == "12 s"
+    assert found["presses"] == "not built"
+
+
+def test_everything_has_all_there_is(make_scene, tmp_path):
+    found = scope(make_scene, tmp_path, outputs=["normals"])
+    assert set(found.everything.outputs) == {"normals", "depth", "force_xyz", "force_map"}
+    assert found.everything.sensor == found.scene.sensor
+
+
+def test_a_column_for_each_scene(make_scene, tmp_path):
+    lines = table(
+        [scope(make_scene, tmp_path), scope(make_scene, tmp_path, name="two", outputs=["normals"])]
+    ).splitlines()
+    assert lines[0] == "| | tiny | two |"
+    assert {line.count("|") for line in lines if line.startswith("|")} == {4}
+    assert sum("estimated: " in line for line in lines) == 3

@@ -1,0 +1,33 @@
+"""The feedback's logic, on forces that are made up."""
+
+import numpy as np
+import pytest
+
+from fastac.studies.demos.grip_control import GripControl, friction_ratio
+
+
+def force(ratio, normal=1.0):
+    return np.array([0.6 * ratio * normal, -0.8 * ratio * normal, normal])
+
+
+def test_the_ratio_is_shear_over_normal():
+    assert friction_ratio(force(0.5, 2.0)) == pytest.approx(0.5)
+    np.testing.assert_array_equal(friction_ratio(np.array([[0.1, 0, 0], [0.1, 0, -1]])), [np.inf, np.inf])
+
+
+def test_it_tightens_above_the_limit_only_and_not_for_ever():
+    control = GripControl(0.5, 0.1, step_deg=0.25, most_deg=0.6)
+    assert [control(force(ratio)) for ratio in (0.1, 0.59, 0.61, 0.3, 0.7, 0.8, 0.9)] == [
+        *(0, 0, 0.25, 0.25, 0.5, 0.6, 0.6)
+    ]
+
+
+def test_what_it_does_shows_after_its_delay():
+    control = GripControl(0.5, 0.0, step_deg=1.0, most_deg=9.0, delay_frames=3)
+    assert [control(force(ratio)) for ratio in (0.9, 0.1, 0.9, 0.1, 0.1, 0.1)] == [0, 0, 1, 1, 2, 2]
+    assert control.tightened_deg == 2
+
+
+def test_without_feedback_nothing_moves():
+    control = GripControl(np.inf, 0.1, step_deg=1.0, most_deg=9.0)
+    assert control(force(5.0)) == control(np.array([1.0, 0.0, -1.0])) == 0

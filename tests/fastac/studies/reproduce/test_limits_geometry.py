@@ -1,0 +1,87 @@
+"""What each experiment switches off; the experiments themselves are run in test_reproduce.py."""
+
+import numpy as np
+
+from fastac.flow import training
+from fastac.scenes.schema import Light, Markers, Raw10
+from fastac.studies.reproduce.geometry import rgb_data, rgb_scene
+from fastac.studies.reproduce.limits_geometry import (
+    IDEAL,
+    NOISELESS,
+    RECORDED,
+    Training,
+    seen_by,
+    train_all,
+    true_slopes,
+    variants,
+)
+
+EVERYTHING = {"markers": Markers(), "light": Light(specular=0.1, cast_shadows=True)}
+
+
+def test_each_variant_lacks_one_thing(make_scene):
+    sensor = make_scene().sensor.model_copy(update=EVERYTHING)
+    found = variants(sensor)
+    assert found.pop(RECORDED) == sensor
+    ideal = found.pop(IDEAL)
+    changed = {
+        name: {key for key, value in other if value != getattr(sensor, key)} for name, other in found.items()
+    }
+    assert changed == {
+        NOISELESS: {"noise_dn", "electrons_per_dn"},
+        "no grain of the paint": {"grain"},
+        "no dots": {"markers"},
+        "no gloss, no cast shadows": {"light"},
+    }
+    for name, keys in changed.items():
+        for key in keys:
+            assert getattr(ideal, key) == getattr(found[name], key)
+
+
+def test_what_a_sensor_lacks_is_no_variant(make_scene):
+    plain = make_scene(sensor={"grain": 0.0}).sensor
+    assert list(variants(plain)) == [RECORDED, NOISELESS]
+    still = plain.model_copy(update=dict(variants(plain)[NOISELESS]))
+    assert list(variants(still)) == [RECORDED]
+
+
+def test_a_raw_camera_is_stilled_too(make_scene):
+    sensor = make_scene(sensor={"frames": "raw10"}).sensor
+    still = variants(sensor)[NOISELESS].raw10
+    assert (still.read_noise_dn, still.electrons_per_dn) == (0, 1e6)
+    assert still.crosstalk == Raw10().crosstalk
+
+
+def test_raw_frames_are_seen_as_channels_and_without_noise_alike(make_scene, tiny_data):
+    still = variants(make_scene(sensor={"frames": "raw10"}).sensor)[NOISELESS]
+    first, second = (
+        seen_by(still, tiny_data, seed, label="frames", progress=False).frames for seed in (1, 2)
+    )
+    assert first.shape == tiny_data.frames.shape
+    assert first.dtype == np.uint8
+    assert np.abs(first.astype(int) - second).max() <= 1
+
+
+def test_true_slopes_are_those_of_the_normals(tiny_data):
+    slopes = true_slopes(tiny_data, np.array([2, 5]))
+    normals = tiny_data.normals[[2, 5]]
+    np.testing.assert_allclose(slopes[..., 0] * normals[..., 2], -normals[..., 0], atol=1e-7)
+    np.testing.assert_allclose(slopes[..., 1] * normals[..., 2], -normals[..., 1], atol=1e-7)
+
+
+def test_trainings_are_the_same_in_any_number_of_processes(make_scene, tiny_data, tmp_path):
+    scene = make_scene(training={"normals_epochs": 1})
+    pairs = {"nir": (scene, tiny_data), "rgb": (rgb_scene(scene), rgb_data(tiny_data))}
+    found = []
+    for processes in (1, 2):
+        folder = tmp_path / str(processes)
+        folder.mkdir()
+        trainings = [Training(of, data, folder / f"{name}.npz") for name, (of, data) in pairs.items()]
+        train_all(trainings, processes, progress=False)
+        found.append([training.load_arrays(one.weights) for one in trainings])
+        errors = trainings[0].errors(progress=False)
+        assert set(errors) == {"gradient_mae_mm_per_px", "depth_mae_mm"}
+    for one, two in zip(*found, strict=True):
+        assert one.keys() == two.keys()
+        for key, array in one.items():
+            np.testing.assert_array_equal(array, two[key])

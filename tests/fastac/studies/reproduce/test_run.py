@@ -1,0 +1,276 @@
+# amaranth: UnusedElaboratable=no
+"""The whole reproduction on a small virtual rig; only what the RTL counts is taken from its formulas."""
+
+import json
+import os
+import shutil
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from fastac.accuracy import compare
+from fastac.cli.main import main
+from fastac.flow import hardware, training
+from fastac.flow.build import Build
+from fastac.gateware.cycle_model import cycles
+from fastac.report.paper import FORCE_MAE_N, STAGES
+from fastac.report.tables import Table
+from fastac.scenes import schema as scenes
+from fastac.store.steps import ROOT, write_json
+from fastac.studies.demos import grasp, vibration
+from fastac.studies.reproduce import limits_geometry, run
+from fastac.studies.reproduce.section import Section, vertical
+
+RIG = """
+name = "rig"
+outputs = ["depth", "force_xyz"]
+[sensor]
+geometry = "fingertip"
+height_px = 32
+width_px = 32
+pitch_mm = 0.25
+ellipsoid = { semi_axes_mm = [8.0, 9.0, 4.0] }
+elastomer = { mechanics = "fem", friction = 1.0, elements = 8, layers = 1, rim_mm = 0.5, thickness_mm = 2.0 }
+markers = { spacing_mm = 1.8, radius_mm = 0.4 }
+light = { specular = 0.1 }
+[protocol]
+train_grid = 2
+validation_grid = 1
+test_grid = 1
+loads_n = [0.1, 0.15, 0.2]
+tangential_shares = [0.4]
+ball_mm = 2.5
+[poisson]
+solver = "tridiagonal"
+[force]
+kernel = "collapsed"
+kernel_size = 3
+hidden = 4
+[hardware]
+weights = "baked"
+[training]
+normals_epochs = 3
+normals_batch_px = 1024
+finetune_epochs = 1
+force_epochs = 2
+"""
+SAMPLES = {"train": 60, "validation": 15, "test": 15}
+
+
+def elaborated(bundle, folder, *, progress):
+    folder.mkdir()
+    write_json(folder / "hardware.json", hardware.describe(hardware.TopZynq(bundle)))
+
+
+def simulated(bundle, data, index, verilog_folder, folder, *, progress):
+    found = {"frames": len(index), "values_compared": 2709, "mismatches": 0, "markers_compared": 1}
+    return {**found, "latency_cycles": cycles(bundle.scene), "values_by_output": {}, "errors": 0}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory):
+    """A folder with the scene's file, the build and the reproduction, and what the command printed."""
+    folder = tmp_path_factory.mktemp("reproduce")
+    (folder / "rig.toml").write_text(RIG)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(os, "cpu_count", lambda: 1)  # a few presses are not worth worker processes
+        patch.setattr(hardware, "write_verilog", elaborated)
+        patch.setattr(hardware, "simulate", simulated)
+        patch.setattr(vibration, "Vibration", partial(vibration.Vibration, seconds=0.2))
+        patch.setattr(grasp, "Grasp", partial(grasp.Grasp, push_s=0.1, pause_s=0.05))
+        result = invoke(folder)
+    assert result.exit_code == 0, result.output
+    return folder, result
+
+
+def invoke(folder, *options):
+    arguments = ["reproduce", folder / "rig.toml", "--build", folder / "build" / "rig", "-o", folder / "out"]
+    return CliRunner().invoke(main, [*map(str, arguments), "--no-progress", *options])
+
+
+@pytest.fixture(scope="module")
+def build(place):
+    folder = place[0]
+    return Build(scenes.load(folder / "rig.toml"), folder / "build" / "rig", progress=False)
+
+
+@pytest.fixture(scope="module")
+def content(place):
+    return json.loads((place[0] / "out" / "reproduce.json").read_text())
+
+
+def test_everything_is_there_and_called_simulated(place, content):
+    folder, result = place
+    assert list(content["sections"]) == ["geometry", "forces", "stages", "limits", "vibration", "grasp"]
+    assert (content["frames_are"], content["samples"], content["absent"]) == ("simulated", SAMPLES, {})
+    page = (folder / "out" / "reproduce.html").read_text()
+    assert page.count("data:image/png;base64,") == 6
+    assert 'src="http' not in page
+    for section in run.SECTIONS:
+        assert section.title in page
+        for table in section.tables(content["sections"][section.name]):
+            assert table.text in result.output
+            assert table.title in page
+    assert "ours: simulated frames" in page
+    assert result.output.count("reached") >= len(content["goals"])
+
+
+def test_gradients_and_depth_are_those_of_the_build_s_evaluation(build, content):
+    geometry = content["sections"]["geometry"]
+    index = vertical(build.data, "test")
+    assert geometry["frames"] == len(index) == 3
+    errors = compare(build.bundle, build.data, index, progress=False)[0]["float"]
+    nir = geometry["channels"]["bgr+nir"]
+    assert nir["gradient_mae_mm_per_px"]["total"] == pytest.approx(errors["gradient_mae_mm_per_px"])
+    assert nir["depth_mae_mm"]["prior"] == pytest.approx(errors["depth_mae_mm"])
+    rgb = geometry["channels"]["bgr"]["gradient_mae_mm_per_px"]
+    assert rgb["total"] == pytest.approx(rgb["x"] + rgb["y"])
+    ratio = nir["gradient_mae_mm_per_px"]["total"] / rgb["total"]
+    assert geometry["gradient_reduction_percent"]["total"] == pytest.approx(100 * (1 - ratio))
+    depth = nir["depth_mae_mm"]
+    assert depth["no_prior"] > depth["no_prior_less_mean"] > depth["prior"]
+
+
+def test_forces_are_those_of_the_ablation_and_of_the_evaluation(place, build, content):
+    forces = content["sections"]["forces"]
+    assert set(forces["displacements"]) == {"true", "found"}
+    written = json.loads((place[0] / "out" / "forces" / "force_ablation.json").read_text())
+    assert {key: forces[key] for key in written} == written
+    errors = json.loads((build.folder / "accuracy.json").read_text())
+    for name in ("float", "integer"):
+        for axis, mae in zip("xyz", forces["build"][name]["mae_n"], strict=True):
+            assert mae == pytest.approx(errors[name][f"force_{axis}_mae_n"])
+    assert "0.0545" in place[1].output
+    assert list(written["displacements"]["true"]["results"]) == [" ".join(pair) for pair in FORCE_MAE_N]
+
+
+def test_stages_have_times_cycles_and_no_invented_energy(build, content):
+    stages = content["sections"]["stages"]
+    cpu, rtl = stages["platforms"]["CPU"], stages["platforms"]["RTL"]
+    assert set(cpu["latency_ms"]) == set(rtl["latency_ms"]) == set(STAGES)
+    assert all(value > 0 for value in cpu["latency_ms"].values())
+    known = cycles(build.scene)
+    assert rtl["latency_cycles"]["image_to_force"] == known["first_pixel_to_force"]
+    assert rtl["latency_ms"]["depth"] == pytest.approx(known["stage"]["depth"] / 150e3)
+    assert rtl["energy_origin"].startswith("estimated: ")
+    for what in ("energy of the CPU", "GPU"):
+        platform, key = ("CPU", "energy_mj") if "energy" in what else ("GPU", "latency_ms")
+        assert (what in stages["absent"]) != (key in stages["platforms"].get(platform, {}))
+    errors = json.loads((build.folder / "accuracy.json").read_text())
+    assert rtl["accuracy"]["force"] == errors["integer"]["force_z_mae_n"]
+    assert cpu["accuracy"]["depth"] == errors["float"]["depth_mae_mm"]
+
+
+def test_limits_switch_off_one_thing_each(build, content):
+    limits = content["sections"]["limits"]
+    names = ["as recorded", "no camera noise", "no grain of the paint", "no dots"]
+    names += ["no gloss, no cast shadows", "none of these", "as recorded, a network twice as wide"]
+    assert list(limits["networks"]) == names
+    assert [name for name, found in limits["networks"].items() if "bgr" in found] == list(
+        limits_geometry.WITH_RGB
+    )
+    assert set(limits["regions"]) == {"under dots", "in contact", "elsewhere"}
+    for key in ("pixels_percent", "error_percent"):
+        assert sum(part[key] for part in limits["regions"].values()) == pytest.approx(100)
+    total = content["sections"]["geometry"]["channels"]["bgr+nir"]["gradient_mae_mm_per_px"]["total"]
+    weighted = sum(p["pixels_percent"] * p["gradient_mae_mm_per_px"] for p in limits["regions"].values())
+    assert weighted / 100 == pytest.approx(total, rel=1e-5)
+    # From true normals only the discretisation is left, in whichever mode.
+    prior = content["sections"]["geometry"]["channels"]["bgr+nir"]["depth_mae_mm"]["prior"]
+    assert max(limits["solver_depth_mae_mm"].values()) < prior
+    force = limits["force"]
+    assert len(force) == 8
+    assert "true, without the largest load" in force
+    assert all(np.isfinite(errors["mae_n"]).all() for errors in force.values())
+
+
+def test_goals_follow_from_the_sections(content):
+    goals = {goal["what"]: goal for goal in content["goals"]}
+    assert len(goals) == 8
+    for goal in goals.values():
+        bound = goal.get("at_most", goal.get("at_least"))
+        assert goal["reached"] == (goal["ours"] <= bound if "at_most" in goal else goal["ours"] >= bound)
+    assert goals["gradient MAE, RGB-NIR"]["at_most"] == 0.0068
+    assert goals["depth MAE with prior"]["at_most"] == 0.0208
+    full = content["sections"]["forces"]["displacements"]["found"]["results"]["dynamic xyz"]
+    assert [goals[f"F_{axis}, NMAE"]["ours"] for axis in "xyz"] == full["nmae_percent"]
+
+
+def test_a_second_run_keeps_everything(place, monkeypatch):
+    folder, first = place
+
+    def again(*_, **__):
+        raise AssertionError("done again")
+
+    for module, name in ((training, "normals"), (hardware, "simulate"), (limits_geometry, "seen_by")):
+        monkeypatch.setattr(module, name, again)
+    result = invoke(folder)
+    assert result.stdout == first.stdout
+    assert "running" not in result.stderr
+
+
+def test_an_interrupted_section_goes_on_with_what_it_has(place, monkeypatch):
+    folder = place[0]
+    (folder / "out" / ".stamps" / "limits.json").unlink()
+    gone = next((folder / "out" / "limits" / "runs").glob("no-dots-*.json"))
+    before = gone.read_text()
+    gone.unlink()
+    drawn = []
+    draw = limits_geometry.seen_by
+
+    def seen_by(*arguments, **keys):
+        drawn.append(keys["label"])
+        return draw(*arguments, **keys)
+
+    monkeypatch.setattr(limits_geometry, "seen_by", seen_by)
+    result = invoke(folder)
+    assert result.exit_code == 0, result.output
+    assert drawn == ["frames, no dots"]
+    assert gone.read_text() == before
+
+
+def test_a_section_of_one_s_own(place, build, tmp_path):
+    """As the temporal experiments add theirs: a function, its tables, and its picture."""
+
+    def ran(build, folder):
+        shutil.copy(place[0] / "out" / "stages" / "stages.png", folder / "own.png")
+        return {"scene": build.scene.name}
+
+    own = Section("own", "A section", ran, lambda found: [Table("T", ["a"], [[found["scene"]]])], ())
+    without = Section("none", "Absent one", ran, lambda found: [], (), lacks=lambda _: "no such thing")
+    found = run.run(build, tmp_path / "out", lambda name, current: None, (own, without))
+    assert found["sections"] == {"own": {"scene": "rig"}}
+    assert found["absent"] == {"none": "no such thing"}
+    assert found["goals"] == []
+    page = (tmp_path / "out" / "reproduce.html").read_text()
+    assert page.count("data:image/png") == 1
+    assert "Absent: no such thing." in page
+
+
+def lacking(build) -> dict[str, str | None]:
+    return {section.name: section.lacks(build) for section in run.SECTIONS}
+
+
+def test_what_a_scene_has_no_use_for_is_said(make_scene, tiny_file, tiny_folder):
+    found = lacking(Build(make_scene(), tiny_folder, tiny_file, progress=False))
+    assert found["geometry"] is found["stages"] is found["limits"] is None
+    assert found["forces"].startswith("sensor.markers: missing")
+    found = lacking(Build(make_scene(outputs=["normals"]), tiny_folder, tiny_file, progress=False))
+    assert found["geometry"] == "outputs = normals: no depth is found from normals"
+    assert found["stages"].startswith("outputs = normals: not all of")
+    assert found["forces"] == "outputs = normals: no force is wanted"
+
+
+def test_a_missing_scene_is_one_line(tmp_path):
+    result = CliRunner().invoke(main, ["reproduce", str(tmp_path / "none.toml"), "--no-progress"])
+    assert result.exit_code == 1
+    assert "none.toml" in result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1
+
+
+def test_the_sections_sources_are_files():
+    for pattern in {*run.COMMON, *(p for section in run.SECTIONS for p in section.sources)}:
+        assert any(Path(ROOT).glob(pattern)), pattern

