@@ -34,20 +34,20 @@ BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle
 	build/fast/bundle/bundle.json build/force/bundle/bundle.json))
 
 bench: $(READY)
-	$(VENV)/bin/python -m fastac.studies.benchmarks.models $(BENCHED)
+	$(FASTAC) bench models $(BENCHED)
 
 # The figures of docs/mathematics.md.
 identities: $(READY)
 	$(FASTAC) train scenes/fast.toml
-	$(VENV)/bin/python -m fastac.studies.equivalence.identities build/fast
+	$(FASTAC) study identities build/fast
 
 # The figures of docs/extremes.md; what has been simulated already is kept.
 extremes: build
-	$(VENV)/bin/python -m fastac.studies.robustness.extremes build/$(SCENE)
+	$(FASTAC) study extremes build/$(SCENE)
 
 # Thousands of frames through the emulator, and some through the whole simulated hardware.
 stability: build
-	$(VENV)/bin/python -m fastac.studies.robustness.stability build/$(SCENE) --rtl-frames 100
+	$(FASTAC) study stability build/$(SCENE) --rtl-frames 100
 
 # The synthesis tools are an extra of their own: 250 MB that only this target needs.
 $(SYNTH): $(READY)

@@ -1,7 +1,13 @@
 """Accuracy against ground truth, with the units in the names."""
 
+from dataclasses import replace
+
 import numpy as np
 
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -133,3 +139,41 @@ def evaluate(
     if result.force_n is not None and data.knows_force(scene.force_axes):
         found |= force(result, data, index, scene.force_axes)
     return found
+
+
+def of_dataset(pipeline, data: Dataset):
+    """What runs frames with the dataset's own background: each recording is seen against its own rest.
+
+    pipeline : a float pipeline, or the tables of an integer one
+    """
+    own = replace(pipeline, background=data.background)
+    return Emulator(own) if isinstance(own, IntegerPipeline) else own
+
+
+def compare(
+    bundle: Bundle, data: Dataset, index: np.ndarray, *, progress: bool
+) -> tuple[dict, dict[str, Result]]:
+    """Errors of both pipelines on frames `index`; returns {"float": …, "integer": …} and the results.
+
+    "growth_percent" says by how much each error grows from float to integer.
+    """
+    pipelines = {
+        "float": of_dataset(FloatPipeline.from_bundle(bundle), data),
+        "integer": of_dataset(bundle.pipeline, data),
+    }
+    results = {name: p.run(data.frames[index], progress=progress) for name, p in pipelines.items()}
+    errors = {
+        name: evaluate(result, pipelines[name].run(data.background[None]), data, index, bundle.scene)
+        for name, result in results.items()
+    }
+    growth = {
+        key: 100 * (errors["integer"][key] / value - 1)
+        for key, value in errors["float"].items()
+        if value and "_r2" not in key
+    }
+    saturated = {
+        key: int(getattr(results["integer"], key).sum())
+        for key in ("gradient_saturated", "displacement_saturated")
+        if getattr(results["integer"], key) is not None
+    }
+    return {**errors, "growth_percent": growth, "saturated_values": saturated}, results

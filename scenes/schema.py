@@ -9,6 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
+AXES = "xyz"
+
+
 CHANNELS = {"bgr": ("B", "G", "R"), "bgr+nir": ("B", "G", "R", "NIR")}
 FORCES = {"force_x": (0,), "force_y": (1,), "force_z": (2,), "force_xyz": (0, 1, 2)}
 """The axes of each output that is a force."""

@@ -24,6 +24,16 @@ from fastac.sensor.optics.raw_window import background_raw10, render_raw10
 from fastac.sensor.optics.skin_paint import marker_pixels
 from fastac.sensor.protocol import FingertipError, stations
 
+
+def require(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
+    """Raise FingertipError unless the virtual sensor can show `what`, which needs the forces along `axes`."""
+    if scene.sensor.source != "simulated":
+        raise FingertipError(f"{what}: sensor.source = {scene.sensor.source!r}: expected 'simulated'")
+    if not set(axes) <= set(scene.force_axes):
+        wanted = "force_xyz" if len(axes) > 1 else "force_z or force_xyz"
+        raise FingertipError(f"{what}: outputs = {', '.join(scene.outputs)}: expected {wanted}")
+
+
 CACHE = Path("build/cache")
 """Where finite-element compliances are kept, unless the caller says otherwise."""
 

@@ -1,6 +1,7 @@
 """What a dataset holds, and what must hold between its parts."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
@@ -156,3 +157,25 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
         need(have == sensor.frames, "frames", have, f"{sensor.frames} ({scene.name})")
         close = abs(data.pitch_mm / sensor.pitch_mm - 1) <= PITCH_TOLERANCE
         need(close, "pitch_mm", f"{data.pitch_mm:.6g}", f"{sensor.pitch_mm:g} ({scene.name})")
+
+
+def choose(data: Dataset, split: str, path: Path) -> np.ndarray:
+    """Frames of a split, or "all"; raises DatasetError where there are none."""
+    index = np.arange(len(data)) if split == "all" else data.indices(split)
+    if not len(index):
+        raise DatasetError(f"{path}: split: no frame is in {split!r}")
+    return index
+
+
+def spread(index: np.ndarray, count: int) -> np.ndarray:
+    """`count` frames spread evenly over `index` (all of it if it is smaller)."""
+    return index[np.unique(np.linspace(0, len(index) - 1, count).round().astype(int))]
+
+
+def take(data: Dataset, index: np.ndarray) -> Dataset:
+    """The samples `index` of a dataset alone."""
+    geometry = ("normals", "depth_mm", "valid", "markers_px", "tangential_mm")
+    arrays = ("frames", "split", *geometry, "force_n", "group")
+    chosen = {name: getattr(data, name)[index] for name in arrays if getattr(data, name) is not None}
+    indenter = data.indenter and {name: values[index] for name, values in data.indenter.items()}
+    return replace(data, indenter=indenter, **chosen)

@@ -18,7 +18,7 @@ from fastac.scenes import schema as scenes
 
 
 def print_summary(folder: Path) -> None:
-    from fastac.report.page import summary_rows
+    from fastac.report.content import summary_rows
 
     report = json.loads((folder / "report.json").read_text())
     for what, ours, paper, _ in summary_rows(report):

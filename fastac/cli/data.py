@@ -5,7 +5,15 @@ from pathlib import Path
 import click
 import h5py
 
-from fastac.cli.common import INPUT, build_folder, cache_option, output_option, progress_option
+from fastac.cli.common import (
+    INPUT,
+    build_folder,
+    cache_option,
+    cad_options,
+    load_cad,
+    output_option,
+    progress_option,
+)
 from fastac.scenes import schema as scenes
 
 
@@ -30,34 +38,6 @@ def data(scene, output, cache, progress):
         with h5py.File(output, "r") as file:
             count, left_out = len(file["split"]), file.attrs.get("left_out", 0)
         click.echo(f"{count} samples; friction could not carry {left_out}, left out")
-
-
-def cad_options(command):
-    """The skin at rest, and where the machine has the sensor's origin."""
-    options = [
-        click.option(
-            "--cad", type=INPUT, help="STL in mm, or height map .npy in mm. [default: the scene's skin]"
-        ),
-        click.option("--cad-pitch-mm", type=float, help="Distance of a height map's samples, mm."),
-        click.option(
-            "--origin-mm",
-            type=float,
-            nargs=3,
-            default=(0.0, 0.0, 0.0),
-            show_default=True,
-            help="x, y, z of the sensor's origin in the machine's coordinates: the image's centre, the lowest"
-            " corner of the skin.",
-        ),
-    ]
-    for option in reversed(options):
-        command = option(command)
-    return command
-
-
-def load_cad(scene, path: Path | None, pitch_mm: float | None):
-    from fastac.sensor.importers import cad
-
-    return cad.of_file(scene.sensor, path, pitch_mm) if path else cad.of_scene(scene.sensor)
 
 
 @click.command()

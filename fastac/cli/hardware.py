@@ -15,6 +15,8 @@ from fastac.cli.common import (
     run_build,
 )
 from fastac.scenes import schema as scenes
+from fastac.sensor import samples as sensor_samples
+from fastac.synth import table
 
 
 @click.command()
@@ -87,7 +89,6 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     single measurement; with --frames 10 the frames overlap as in a steady stream. The clock is the scene's.
     A simulator that traces is slower, and is built in a folder of its own.
     """
-    from fastac import accuracy
     from fastac.flow import hardware
     from fastac.flow.frames import read
     from fastac.sim.check_top import trace_file
@@ -95,7 +96,7 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)
     count = frames or (1 if trace else model.scene.simulation.frames)
-    index = accuracy.spread(accuracy.choose(samples, split, data), count)
+    index = sensor_samples.spread(sensor_samples.choose(samples, split, data), count)
     output = output or bundle / "sim"
     found = hardware.simulate(
         model, samples, index, verilog_folder or bundle / "verilog", output, trace=trace, progress=progress
@@ -152,5 +153,5 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
         jobs=jobs,
         progress=progress,
     )
-    click.echo(synthesis.table(content, DEVICE))
+    click.echo(table.table(content, DEVICE))
     click.echo(f"{output / synthesis.FILE}")

@@ -1,9 +1,8 @@
 """The command line."""
 
-import sys
-
 import click
 
+from fastac.cli.bench import bench
 from fastac.cli.build import build, report, reproduce
 from fastac.cli.common import Group
 from fastac.cli.data import data, protocol
@@ -11,6 +10,7 @@ from fastac.cli.demos import grasp, vibration
 from fastac.cli.hardware import calibration, sim, synth, verilog
 from fastac.cli.models import evaluate, objects, predict, train
 from fastac.cli.recordings import import_
+from fastac.cli.studies import study
 from fastac.cli.trade import scope, sweep, trade
 from fastac.cli.verify import verify
 
@@ -29,11 +29,7 @@ def main():
 COMMANDS = (
     *(build, reproduce, report, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
-    *(verilog, calibration, sim, verify, synth, sweep, trade, scope),
+    *(verilog, calibration, sim, verify, synth, sweep, trade, scope, study, bench),
 )
 for command in COMMANDS:
     main.add_command(command)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -14,6 +14,7 @@ from fastac.cli.common import (
     run_build,
 )
 from fastac.scenes import schema as scenes
+from fastac.sensor import samples as sensor_samples
 
 
 @click.command()
@@ -57,10 +58,10 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
     beside them a linear ridge on the pixels and a quadratic in the summed difference, which show what the
     network is worth. The trainings are kept beside the bundle, in leave_one_out, and resumed.
     """
-    from fastac import accuracy
     from fastac.flow import leave_one_out
     from fastac.flow.frames import read
-    from fastac.store.steps import write_json
+    from fastac.models import accuracy
+    from fastac.store.files import write_json
 
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)
@@ -71,7 +72,7 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))
         return
-    index = accuracy.choose(samples, split, data)
+    index = sensor_samples.choose(samples, split, data)
     errors, _ = accuracy.compare(model, samples, index, progress=progress)
     if json_file:
         write_json(json_file, {"data": str(data), "split": split, "frames": len(index), **errors})
@@ -91,13 +92,13 @@ def predict(bundle, data, use_float, split, output, progress):
 
     The integers are those of the hardware, bit for bit.
     """
-    from fastac import accuracy
     from fastac.flow.frames import read
+    from fastac.models import accuracy
     from fastac.models.floating.pipeline import FloatPipeline
 
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)
-    index = accuracy.choose(samples, split, data)
+    index = sensor_samples.choose(samples, split, data)
     pipeline = FloatPipeline.from_bundle(model) if use_float else model.pipeline
     result = accuracy.of_dataset(pipeline, samples).run(samples.frames[index], progress=progress)
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -138,7 +139,7 @@ def objects(bundles, load_n, output, progress):
     normals and depth, and objects.json with the errors. The objects are pressed on the elastic layer, which
     is solved at the pixels. All of it is simulated.
     """
-    from fastac.store.steps import write_json
+    from fastac.store.files import write_json
     from fastac.studies.demos import reconstruction as test_objects
     from fastac.studies.demos import reconstruction_figures
 

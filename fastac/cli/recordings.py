@@ -1,9 +1,10 @@
 """Commands that turn recordings into datasets."""
 
+from functools import partial
+
 import click
 
-from fastac.cli.common import INPUT, Group, progress_option
-from fastac.cli.data import cad_options, load_cad
+from fastac.cli.common import INPUT, Group, cad_options, load_cad, progress_option
 from fastac.scenes import schema as scenes
 
 
@@ -149,6 +150,7 @@ def cnc_recording(
     Normals and depth are known, and valid, where the ball is certain to touch, of vertical samples only. The
     last sample is the background: the skin at rest.
     """
+    from fastac.models.vision.markers import Markers
     from fastac.sensor.dataset import read
     from fastac.sensor.importers import cnc
 
@@ -162,6 +164,7 @@ def cnc_recording(
         ball_mm=scene.protocol.ball_mm if ball_mm is None else ball_mm,
         origin_mm=origin_mm,
         raw_size_px=raw_size_px,
+        dots_of=partial(Markers.of_background, sensor=scene.sensor) if scene.sensor.markers else None,
         skip_lost=skip_lost,
         progress=progress,
     )

@@ -6,6 +6,7 @@ import click
 
 from fastac.cli.common import INPUT, output_option, progress_option
 from fastac.scenes import schema as scenes
+from fastac.sweep import pools
 
 
 @click.command()
@@ -52,7 +53,7 @@ def sweep(spec, output, cache, workers, scheduler, progress):
         raise click.UsageError(f"{spec}: data: missing: scene {base.name} is of a recorded sensor")
     setting = Setting(str(cache.resolve()), data, content.split, content.frames)
     results = Results(output or Path("build/sweep") / f"{spec.stem}.sqlite")
-    with sweeps.dask_pool(scheduler) if scheduler else sweeps.local_pool(workers) as pool:
+    with pools.dask_pool(scheduler) if scheduler else pools.local_pool(workers) as pool:
         counts = sweeps.run(content, base, spec.parent, results, setting, pool, progress=progress)
     click.echo(f"{results.path}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
 

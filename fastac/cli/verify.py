@@ -5,6 +5,7 @@ import click
 from fastac.cli.common import (
     INPUT,
     SPLITS,
+    Lanes,
     build_folder,
     load_bundle,
     output_option,
@@ -12,23 +13,7 @@ from fastac.cli.common import (
     run_build,
 )
 from fastac.scenes import schema as scenes
-
-
-class Lanes(click.ParamType):
-    """Numbers of pixels a clock, separated by commas."""
-
-    name = "N,N,..."
-
-    def convert(self, value, parameter, context):
-        if isinstance(value, tuple):
-            return value
-        try:
-            lanes = tuple(int(part) for part in value.split(","))
-        except ValueError:
-            self.fail(f"{value!r}: expected numbers separated by commas, such as 1,2,4", parameter, context)
-        if len(set(lanes)) != len(lanes):
-            self.fail(f"{value!r}: a number is there twice", parameter, context)
-        return lanes
+from fastac.sensor import samples as sensor_samples
 
 
 @click.command()
@@ -63,7 +48,6 @@ def verify(source, data, split, lanes, frames, output, progress):
     Times beyond 60 s to elaborate, 180 s to build and 20 s a frame (meant for two cores) are marked with "!".
     Ends with an error if any value differs.
     """
-    from fastac import accuracy
     from fastac.flow import verify as campaign
     from fastac.flow.frames import read
 
@@ -75,7 +59,7 @@ def verify(source, data, split, lanes, frames, output, progress):
     model = load_bundle(folder)
     data = data or folder / "data.h5"
     samples = read(data, model.scene, progress=progress)
-    index = accuracy.spread(accuracy.choose(samples, split, data), frames)
+    index = sensor_samples.spread(sensor_samples.choose(samples, split, data), frames)
     output = output or folder / "verify"
     content = campaign.run(model, samples, index, lanes, output, progress=progress)
     click.echo(campaign.table(content))

@@ -5,19 +5,18 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fastac import accuracy
 from fastac.flow import frames, hardware, training
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
+from fastac.models import accuracy
 from fastac.models.integer import bundle
 from fastac.report import page as reporting
 from fastac.scenes.schema import Scene
-from fastac.sensor import dataset, fingertip
-from fastac.store.steps import Step, Workspace, digest_file, write_json
+from fastac.sensor import dataset, fingertip, samples
+from fastac.store.files import digest_file, write_json
+from fastac.store.sources import HARDWARE_SOURCES, TRAINING_SOURCES
+from fastac.store.steps import Step, Workspace
 from fastac.synth import resources, synthesis
-
-TRAINING_SOURCES = ("models/**/*.py", "fastac/flow/training.py", "fastac/flow/frames.py", "sensor/samples.py")
-HARDWARE_SOURCES = (*synthesis.SOURCES, "gateware/**/*.vlt", "fastac/flow/hardware.py")
 
 
 class BuildError(ValueError):
@@ -88,12 +87,12 @@ class Build:
         training.assemble(self.data, self.scene, self.folder, self.folder / "bundle")
 
     def _evaluate(self) -> None:
-        index = accuracy.choose(self.data, "test", self.data_path)
+        index = samples.choose(self.data, "test", self.data_path)
         errors, _ = accuracy.compare(self.bundle, self.data, index, progress=self.progress)
         write_json(self.folder / "accuracy.json", {"split": "test", "frames": len(index), **errors})
 
     def _simulate(self) -> None:
-        index = accuracy.spread(self.data.indices("test"), self.scene.simulation.frames)
+        index = samples.spread(self.data.indices("test"), self.scene.simulation.frames)
         found = hardware.simulate(
             self.bundle,
             self.data,
@@ -193,8 +192,8 @@ class Build:
                 self._report,
                 digest_file(folder / synthesis.FILE) if (folder / synthesis.FILE).exists() else None,
                 (
-                    "fastac/report*.py",
-                    "fastac/report.html.j2",
+                    "fastac/report/*.py",
+                    "fastac/report/page.html.j2",
                     "fastac/synth/energy.py",
                     "fastac/report/paper.py",
                 ),

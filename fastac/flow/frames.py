@@ -17,29 +17,17 @@ import cv2
 import numpy as np
 from tqdm import tqdm
 
-from fastac.models.vision.image_processing import ImageProcessing
+from fastac.models.vision.image_processing import as_channels, channels
 from fastac.scenes.schema import Scene, Sensor
 from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.fingertip import sample
 from fastac.sensor.mechanics.press import Pressed
-from fastac.store.steps import digest_file, digest_sources
+from fastac.store.files import digest_file
+from fastac.store.sources import digest_sources
 
 CACHE = Path("build/cache")
 """Where processed frames are kept, unless the caller says otherwise."""
-
-
-def channels(raw: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """One RAW10 image (4H, 4W) uint16 as the sensor's channels (H, W, C) uint8."""
-    keys = ("black_level_dn", "alpha", "beta", "dead_pixel_dn")
-    processing = ImageProcessing(**{key: getattr(sensor.raw10, key) for key in keys})
-    by = processing.demosaic if sensor.raw10.method == "demosaic" else processing.bin_cells
-    return by(raw)[..., : len(sensor.channel_names)]
-
-
-def as_channels(image: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """What a camera of that sensor gives, processed if it is RAW10."""
-    return channels(image, sensor) if sensor.frames == "raw10" else image
 
 
 def of_press(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:

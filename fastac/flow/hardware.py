@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac import gateware
 from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.target.vivado import write_vivado_project
@@ -20,12 +21,12 @@ from fastac.sensor.dataset import Dataset
 from fastac.sim import check_top as simulation
 from fastac.sim.progress import watched
 from fastac.sim.runner import EXECUTABLE, use_verilator
-from fastac.store.steps import write_json
+from fastac.store.files import write_json
+from fastac.store.sources import source_digest
 from fastac.synth import resources
-from fastac.synth.synthesis import source_digest
 
 NAME = "fastac"
-WAIVERS = Path(__file__).resolve().parent.parent / "gateware" / "lint.vlt"
+WAIVERS = Path(gateware.__file__).with_name("lint.vlt")
 
 
 class HardwareError(RuntimeError):

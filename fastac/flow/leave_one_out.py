@@ -8,15 +8,16 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from fastac import accuracy
 from fastac.flow import training
+from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
 from fastac.models.training import slope_force
 from fastac.models.training.from_forces import differences
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
-from fastac.store.steps import digest_file, digest_sources, write_json
+from fastac.store.files import digest_file, write_json
+from fastac.store.sources import digest_sources
 
 MODELS = ("float", "integer", "linear", "quadratic")
 """Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background,

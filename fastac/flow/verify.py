@@ -22,7 +22,8 @@ from fastac.scenes.schema import Scene, SceneError, describe
 from fastac.sensor.dataset import Dataset
 from fastac.sim.check_top import simulate
 from fastac.sim.progress import watched
-from fastac.store.steps import digest_sources, write_json
+from fastac.store.files import write_json
+from fastac.store.sources import digest_sources
 
 FILE = "verify.json"
 SOURCES = ("sim/**/*.py", "models/**/*.py")

@@ -7,47 +7,13 @@ runs again; files appear whole or not at all.
 
 import hashlib
 import json
-import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-ROOT = Path(__file__).resolve().parent.parent
-
-
-def digest_file(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def digest_sources(patterns: tuple[str, ...]) -> str:
-    """One hash of the project's own source files that match, such as "models/**/*.py"."""
-    digest = hashlib.sha256()
-    for pattern in patterns:
-        for path in sorted(ROOT.glob(pattern)):
-            digest.update(f"{path.relative_to(ROOT)} {digest_file(path)}\n".encode())
-    return digest.hexdigest()
-
-
-def content_hash(*content) -> str:
-    """Of JSON; short enough for a file's name."""
-    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:24]
-
-
-def write_json(path: Path, content) -> None:
-    """Write JSON so that the file is never half there."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(json.dumps(content, indent=1) + "\n")
-    os.replace(temporary, path)
-
-
-def read_or_make(path: Path, make: Callable[[], object]):
-    """The JSON in a file, made and written first where there is none."""
-    if not path.exists():
-        write_json(path, make())
-    return json.loads(path.read_text())
+from fastac.store.files import write_json
+from fastac.store.sources import digest_sources
 
 
 @dataclass(frozen=True)

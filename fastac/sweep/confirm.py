@@ -5,11 +5,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from fastac import accuracy
 from fastac.flow import hardware
 from fastac.gateware.cycle_model import cycles
 from fastac.models.integer import bundle as bundles
 from fastac.scenes.schema import Scene
+from fastac.sensor import samples
 from fastac.sweep.front import Source, TradeError
 from fastac.sweep.points import PointModels, Setting, latency, point_key
 from fastac.sweep.results import Row
@@ -58,7 +58,7 @@ def confirm(source: Source, row: Row, folder: Path, *, progress: bool) -> Confir
         step.perform()
     bundle = bundles.save(folder / "bundle", models.pipeline, models.floats)
     hardware.write_verilog(bundle, folder / "verilog", progress=progress)
-    index = accuracy.spread(models.index, FRAMES)
+    index = samples.spread(models.index, FRAMES)
     found = hardware.simulate(
         bundle, models.data, index, folder / "verilog", folder / "sim", progress=progress
     )

@@ -259,8 +259,8 @@ def write(shown: Trade, folder: Path) -> list[Path]:
         html = figure(shown, error).to_html(full_html=False, include_plotlyjs=script)
         figures.append((ERRORS[error], html))
     template = jinja2.Environment(
-        loader=jinja2.PackageLoader("fastac", "."), autoescape=True, undefined=jinja2.StrictUndefined
-    ).get_template("trade.html.j2")
+        loader=jinja2.PackageLoader(__package__, "."), autoescape=True, undefined=jinja2.StrictUndefined
+    ).get_template("page.html.j2")
     origins = {name: text for source in shown.sources for name, text in source.facts["origins"].items()}
     simulated = {row.scene["sensor"]["source"] for row in shown.rows}
     page = template.render(

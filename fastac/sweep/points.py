@@ -15,20 +15,19 @@ import numpy as np
 import torch
 from filelock import FileLock
 
-from fastac import accuracy
 from fastac.flow import training
-from fastac.flow.build import TRAINING_SOURCES
 from fastac.gateware.cycle_model import cycles, multipliers
 from fastac.gateware.target.device import check_block_rams, check_multipliers
-from fastac.models import accuracy as metrics
+from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.training import hyperforce
 from fastac.scenes.schema import Scene, Sensor
-from fastac.sensor import dataset, fingertip
-from fastac.store.steps import digest_file, digest_sources, write_json
+from fastac.sensor import dataset, fingertip, samples
+from fastac.store.files import digest_file, write_json
+from fastac.store.sources import TRAINING_SOURCES, digest_sources
 from fastac.sweep.spec import digest
 from fastac.synth import energy, resources
 
@@ -37,7 +36,7 @@ POINT_SOURCES = (
     "gateware/**/*.py",
     "fastac/sweep/points.py",
     "fastac/synth/energy.py",
-    "fastac/resource*",
+    "fastac/synth/resource*",
 )
 START = "start."
 """Prefix of the force model's parameters in the cache."""
@@ -108,8 +107,8 @@ class PointModels:
     @cached_property
     def index(self) -> np.ndarray:
         """The frames that are evaluated."""
-        chosen = accuracy.choose(self.data, self.setting.split, self.data_path)
-        return accuracy.spread(chosen, self.setting.frames)
+        chosen = samples.choose(self.data, self.setting.split, self.data_path)
+        return samples.spread(chosen, self.setting.frames)
 
     @cached_property
     def steps(self) -> dict[str, Step]:
@@ -196,7 +195,7 @@ class PointModels:
 
     def _errors(self, pipeline) -> dict[str, float]:
         result, rest = pipeline.run(self.data.frames[self.index]), pipeline.run(self.data.background[None])
-        return metrics.evaluate(result, rest, self.data, self.index, self.scene)
+        return accuracy.evaluate(result, rest, self.data, self.index, self.scene)
 
     @cached_property
     def pipeline(self) -> IntegerPipeline:

@@ -23,7 +23,7 @@ from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.specimen import specimen
 from fastac.scenes.schema import Scene
-from fastac.store.steps import write_json
+from fastac.store.files import write_json
 from fastac.synth import resources, tools, yosys
 from fastac.synth.netlist import Part, parts
 

@@ -192,3 +192,9 @@ def load(path: Path | str) -> Bundle:
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BundleError(f"{file}: pipeline: {error!r}") from None
     return Bundle(pipeline, floats, digest)
+
+
+def load_bundle(path: Path) -> Bundle:
+    """The bundle in a folder, or in a build folder's `bundle`."""
+    inside = path / "bundle"
+    return load(inside if (inside / "bundle.json").exists() else path)

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from fastac.scenes.schema import Sensor
 from fastac.sensor.optics.mosaic import CELL, CHANNELS, LAYOUT, MosaicError, check_cells, window
 from fastac.sensor.optics.raw10 import MAXIMUM
 
@@ -207,3 +208,16 @@ def downsample(image: np.ndarray, factor: int) -> np.ndarray:
 def to_8_bits(image: np.ndarray) -> np.ndarray:
     """RAW10 values, clipped to their range, as rounded 8-bit ones: 1023 is 255."""
     return np.rint(np.clip(image, 0, MAXIMUM) * np.float32(255 / MAXIMUM)).astype(np.uint8)
+
+
+def channels(raw: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """One RAW10 image (4H, 4W) uint16 as the sensor's channels (H, W, C) uint8."""
+    keys = ("black_level_dn", "alpha", "beta", "dead_pixel_dn")
+    processing = ImageProcessing(**{key: getattr(sensor.raw10, key) for key in keys})
+    by = processing.demosaic if sensor.raw10.method == "demosaic" else processing.bin_cells
+    return by(raw)[..., : len(sensor.channel_names)]
+
+
+def as_channels(image: np.ndarray, sensor: Sensor) -> np.ndarray:
+    """What a camera of that sensor gives, processed if it is RAW10."""
+    return channels(image, sensor) if sensor.frames == "raw10" else image

@@ -11,6 +11,9 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
+from fastac.models.vision.image_processing import as_channels
+from fastac.scenes.schema import Sensor
+
 NEIGHBOURS = 6
 """Markers around one whose median motion predicts its own."""
 ROUNDS = 5
@@ -150,3 +153,28 @@ class Tracker:
         self.position_px[~lost] = found_px[matched[~lost]]
         new = np.setdiff1d(np.arange(len(found_px)), matched)
         return Tracked(self.position_px, self.position_px - self.reference_px, lost, found_px[new])
+
+
+@dataclass(frozen=True)
+class Markers:
+    """The dots of one gel: where they are in the background frame, and how they are found again."""
+
+    sensor: Sensor
+    detector: Detector
+    reference_px: np.ndarray
+    max_step_px: float
+
+    @classmethod
+    def of_background(cls, image: np.ndarray, sensor: Sensor) -> "Markers":
+        """Those that a camera's frame shows; raises MarkerError where it shows too few."""
+        dots, pitch = sensor.markers, sensor.pitch_mm
+        detector = Detector(2 * dots.radius_mm / pitch)
+        reference = detector.detect(as_channels(image, sensor))
+        step = dots.spacing_mm / pitch
+        Tracker(reference, step)
+        return cls(sensor, detector, reference, step)
+
+    def find(self, image: np.ndarray) -> Tracked:
+        """In a camera's frame; each is a press of its own, so dots are looked for from where they rest."""
+        found = self.detector.detect(as_channels(image, self.sensor))
+        return Tracker(self.reference_px, self.max_step_px).update(found)

@@ -1,17 +1,15 @@
 """Recordings on a machine with a force gauge: the protocol that it is told, and what it brings home.
 
-A recording is a folder with poses.csv (sensor/importers/poses.py) and a frame per row (sensor/importers/cnc_frames.py). Normals
-and depth are rendered from pose, ball and CAD (sensor/importers/pose_labels.py), forces are the gauge's.
+A recording is a folder with poses.csv (poses.py) and a frame per row (cnc_frames.py). Normals and depth are rendered from pose, ball and CAD (pose_labels.py), forces are the gauge's.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 from tqdm import tqdm
 
-from fastac.flow.frames import as_channels
-from fastac.models.vision.markers import Detector, MarkerError, Tracked, Tracker
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset
 from fastac.sensor.importers import poses
@@ -63,29 +61,14 @@ def write_recording(
     poses.write(folder / POSES, rows)
 
 
-@dataclass(frozen=True)
-class Markers:
-    """The dots of one gel: where they are in the background, and how they are found again."""
+class Dots(Protocol):
+    """What finds the dots of one gel in its frames; `models.vision.markers.Markers` does."""
 
-    detector: Detector
     reference_px: np.ndarray
-    max_step_px: float
+    """(M, 2), where they rest."""
 
-    @classmethod
-    def of_background(cls, image: np.ndarray, scene: Scene, path: Path) -> "Markers":
-        dots, pitch = scene.sensor.markers, scene.sensor.pitch_mm
-        try:
-            detector = Detector(2 * dots.radius_mm / pitch)
-            reference = detector.detect(image)
-            step = dots.spacing_mm / pitch
-            Tracker(reference, step)
-            return cls(detector, reference, step)
-        except MarkerError as error:
-            raise ImportFailure(f"{path}: {BACKGROUND}: {error}") from None
-
-    def find(self, image: np.ndarray) -> Tracked:
-        """Each frame is a press of its own, so the dots are looked for from where they rest."""
-        return Tracker(self.reference_px, self.max_step_px).update(self.detector.detect(image))
+    def find(self, image: np.ndarray):
+        """`.position_px` (M, 2) and `.lost` (M,) in a frame; raises ValueError where it shows no dots."""
 
 
 def import_recording(
@@ -97,12 +80,15 @@ def import_recording(
     ball_mm: float,
     origin_mm: Point = (0.0, 0.0, 0.0),
     raw_size_px: tuple[int, int] | None = None,
+    dots_of: Callable[[np.ndarray], Dots] | None = None,
     skip_lost: bool = False,
     progress: bool = True,
 ) -> None:
     """Import the recording in `folder` into the dataset `output`.
 
     origin_mm : the sensor's origin in the machine's coordinates
+    dots_of : makes what follows the gel's dots from the background frame; None where the skin has none.
+        Raises ValueError where the background shows no dots.
     skip_lost : leave samples out, and count them, in which a marker is not found; else that is an error
 
     The last sample is the background itself: the skin at rest as `cad` has it, in split train, without force.
@@ -114,7 +100,10 @@ def import_recording(
     sensor, frames = scene.sensor, CncFrames(folder, scene.sensor, raw_size_px)
     rows = poses.read(folder / POSES, measured=True)
     background = frames.read(BACKGROUND)
-    dots = Markers.of_background(as_channels(background, sensor), scene, folder) if sensor.markers else None
+    try:
+        dots = dots_of(background) if dots_of else None
+    except ValueError as error:
+        raise ImportFailure(f"{folder}: {BACKGROUND}: {error}") from None
 
     n, shape = len(rows) + 1, (sensor.height_px, sensor.width_px)
     taken = np.empty((n, *background.shape), background.dtype)
@@ -130,7 +119,7 @@ def import_recording(
         normals[i], depth[i], valid[i] = labels(cad, own, ball_mm, where)
         taken[i] = frames.read(stem(own.index))
         if dots is not None:
-            position = _positions(dots, as_channels(taken[i], sensor), where, skip_lost)
+            position = _positions(dots, taken[i], where, skip_lost)
             if position is None:
                 continue
             tracked.append(position)
@@ -160,11 +149,11 @@ def import_recording(
     )
 
 
-def _positions(dots: Markers, image: np.ndarray, where: str, skip_lost: bool) -> np.ndarray | None:
+def _positions(dots: Dots, image: np.ndarray, where: str, skip_lost: bool) -> np.ndarray | None:
     """Where the dots are in a frame, (M, 2); None for a frame to skip."""
     try:
         found = dots.find(image)
-    except MarkerError as error:
+    except ValueError as error:
         if skip_lost:
             return None
         raise ImportFailure(f"{where}: {error}") from None

@@ -1,11 +1,14 @@
 """Figures worked out by hand."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fastac.models import accuracy
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.result import Result
 from fastac.sensor.dataset import Dataset
 
@@ -232,3 +235,48 @@ class TestEvaluate:
     def test_gradients_are_in_the_scene_s_pitch(self, tiny_scene):
         found = accuracy.evaluate(result(FLAT, (0, 0)), self.rest, self.truth, np.arange(2), tiny_scene)
         assert found["gradient_x_mae_mm_per_px"] == pytest.approx(0.75 * 0.25, rel=1e-5)
+
+
+def test_each_recording_is_seen_against_its_own_rest(tiny_bundle, tiny_data):
+    brighter = replace(tiny_data, background=tiny_data.background + 5)
+    pipeline = accuracy.of_dataset(tiny_bundle.pipeline, brighter)
+    np.testing.assert_array_equal(pipeline.background, tiny_data.background + 5)
+    assert pipeline.layers is tiny_bundle.pipeline.layers
+
+
+def test_compare_runs_both_pipelines_on_the_same_frames(tiny_bundle, tiny_data):
+    index = tiny_data.indices("test")[[4, 1]]
+    errors, results = accuracy.compare(tiny_bundle, tiny_data, index, progress=False)
+    pipelines = {"float": FloatPipeline.from_bundle(tiny_bundle), "integer": Emulator(tiny_bundle.pipeline)}
+    for name, pipeline in pipelines.items():
+        alone = pipeline.run(tiny_data.frames[index])
+        for key, array in vars(alone).items():
+            np.testing.assert_array_equal(getattr(results[name], key), array)
+        rest = pipeline.run(tiny_data.background[None])
+        assert errors[name] == accuracy.evaluate(alone, rest, tiny_data, index, tiny_bundle.scene)
+    for key, growth in errors["growth_percent"].items():
+        ratio = errors["integer"][key] / errors["float"][key]
+        assert growth == pytest.approx(100 * (ratio - 1))
+    assert set(errors["growth_percent"]) == set(errors["float"]) - {"force_r2"}
+    json.dumps(errors, allow_nan=False)
+
+
+def test_saturated_values_are_counted(tiny_bundle, tiny_data):
+    frames = tiny_data.frames.copy()
+    frames[0], frames[1] = 0, 255
+    wild = replace(tiny_data, frames=frames)
+    errors, results = accuracy.compare(tiny_bundle, wild, np.array([0, 1]), progress=False)
+    found = results["integer"]
+    assert errors["saturated_values"] == {
+        "gradient_saturated": found.gradient_saturated.sum(),
+        "displacement_saturated": found.displacement_saturated.sum(),
+    }
+
+
+def test_equal_loads_leave_strict_json(tiny_bundle, tiny_data):
+    """One load only: R² does not exist, and nothing is NaN."""
+    index = np.flatnonzero((tiny_data.split == "test") & (tiny_data.force_n[:, 2] < 0.04))
+    errors, _ = accuracy.compare(tiny_bundle, tiny_data, index, progress=False)
+    assert "force_r2" not in errors["float"]
+    assert "force_nmae_percent" in errors["integer"]
+    json.dumps(errors, allow_nan=False)

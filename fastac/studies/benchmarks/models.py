@@ -6,31 +6,26 @@ Frames are random changes of the background and, where the build folder has its 
 """
 
 import os
-import sys
-import time
-from collections.abc import Callable
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from fastac.accuracy import spread
-from fastac.cli.common import load_bundle
 from fastac.flow.frames import read
 from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.integer.bundle import Bundle, BundleError
+from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
-from fastac.sensor.dataset import DatasetError
+from fastac.sensor.samples import spread
+from fastac.studies.benchmarks.timing import fastest
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2
 """Those of the int64 loop, which takes ten times as long."""
-PAUSE_S = 0.1
-"""Before each run: a machine that is shared gives its cores rather to who has not just used them."""
 
 
 def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
@@ -44,18 +39,6 @@ def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
         chosen = data.frames[spread(np.arange(len(data)), FRAMES * 3 // 8)]
         frames[1 : 1 + 2 * len(chosen) : 2][: len(chosen)] = chosen
     return frames
-
-
-def fastest(run: Callable[[], object], repeats: int) -> tuple[float, float]:
-    """Seconds of wall clock and of processor time, of the fastest run each: noise only ever adds."""
-    clocks = []
-    for _ in range(repeats):
-        time.sleep(PAUSE_S)
-        start, busy = time.perf_counter(), time.process_time()
-        run()
-        clocks.append((time.perf_counter() - start, time.process_time() - busy))
-    wall, processor = zip(*clocks, strict=True)
-    return min(wall), min(processor)
 
 
 def line(name: str, seconds: tuple[float, float], frames: int) -> str:
@@ -87,37 +70,27 @@ def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
     return sum(values.size for values in loop.values())
 
 
-def measure(folder: Path) -> None:
+def measure(folder: Path) -> Iterator[str]:
+    """Times of a build folder's models, a line each, as they are found."""
     bundle = load_bundle(folder)
     pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
     models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": Emulator(pipeline)}
     ExactTables(pipeline)  # refuses tables that only the loop can compute
     few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
-    print(f"{folder}, {' × '.join(map(str, pipeline.background.shape))}")
+    yield f"{folder}, {' × '.join(map(str, pipeline.background.shape))}"
     for name, model in models.items():
         wanted = put_out(bundle.scene)[name]
-        print(line(f"{name}, all results", fastest(partial(model.run, frames), REPEATS), FRAMES))
-        print(
+        yield line(f"{name}, all results", fastest(partial(model.run, frames), REPEATS), FRAMES)
+        yield (
             line(
                 f"  {', '.join(wanted)}", fastest(partial(model.run, frames, wanted=wanted), REPEATS), FRAMES
             )
         )
-    print(line("int64 loop", fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS), LOOP_FRAMES))
+    yield line("int64 loop", fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS), LOOP_FRAMES)
     count = compare(Emulator(pipeline).run(few), loop)
-    print(f"  emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames")
+    yield f"  emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames"
 
 
-def main(folders: list[Path]) -> None:
-    if not folders:
-        sys.exit("build folder: none; make one with fastac build SCENE")
-    print(f"For each frame, the fastest of {REPEATS} runs over {FRAMES} frames on {os.cpu_count()} cores:")
-    try:
-        for folder in folders:
-            measure(folder)
-    except (BundleError, DatasetError) as error:
-        sys.exit(str(error))
-
-
-if __name__ == "__main__":
-    main([Path(name) for name in sys.argv[1:]])
+def heading() -> str:
+    return f"For each frame, the fastest of {REPEATS} runs over {FRAMES} frames on {os.cpu_count()} cores:"

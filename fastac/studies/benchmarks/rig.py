@@ -8,12 +8,9 @@ The compliance is computed first, or read from the cache; nothing of that is cou
 from functools import partial
 from pathlib import Path
 
-import click
 import numpy as np
 
-from fastac.cli.common import INPUT, cache_option, progress_option
-from fastac.flow import frames
-from fastac.scenes import schema as scenes
+from fastac.models.vision import image_processing
 from fastac.scenes.schema import Scene, SceneError
 from fastac.sensor.mechanics.fem.pressed_gel import GelContact
 from fastac.sensor.mechanics.fem.rig import FemRig
@@ -22,7 +19,7 @@ from fastac.sensor.mechanics.indenter import Ball
 from fastac.sensor.optics.camera import render
 from fastac.sensor.optics.raw_window import render_raw10
 from fastac.sensor.protocol import stations
-from fastac.studies.benchmarks.models import fastest
+from fastac.studies.benchmarks.timing import fastest
 
 STATIONS, REPEATS = 5, 5
 
@@ -61,27 +58,6 @@ def measure(scene: Scene, cache: Path, progress: bool) -> list[str]:
         if sensor.frames == "raw10":
             raw = render_raw10(*state)
             times.setdefault("RAW10 frame", []).append(fastest(partial(render_raw10, *state), REPEATS))
-            process = partial(frames.channels, raw, sensor)
+            process = partial(image_processing.channels, raw, sensor)
             times.setdefault("image processing", []).append(fastest(process, REPEATS))
     return [line(name, found) for name, found in times.items()]
-
-
-@click.command()
-@click.argument("scene", type=INPUT)
-@cache_option("compliances")
-@progress_option
-def main(scene: Path, cache: Path, progress: bool) -> None:
-    """Time the virtual rig of SCENE, a finite-element one."""
-    try:
-        found = scenes.load(scene)
-        lines = measure(found, cache, progress)
-    except (ValueError, OSError) as error:
-        raise click.ClickException(str(error)) from None
-    size = f"{found.sensor.width_px} x {found.sensor.height_px}"
-    click.echo(f"{scene}, {size} px, the fastest of {REPEATS} runs at each of {STATIONS} stations:")
-    for text in lines:
-        click.echo(text)
-
-
-if __name__ == "__main__":
-    main()

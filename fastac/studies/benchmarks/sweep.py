@@ -9,13 +9,12 @@ has measured a point (and so loaded the frames) before its clock runs; no result
 import logging
 import tempfile
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
-import click
 from tqdm import tqdm
 
-from fastac.cli.common import INPUT
-from fastac.cli.verify import Lanes
+from fastac.sweep import pools
 from fastac.sweep import run as sweeps
 from fastac.sweep import spec as sweep_spec
 from fastac.sweep.points import PointModels, Setting
@@ -52,12 +51,12 @@ def seconds(points: list[Point], setting: Setting, workers: int, folder: Path) -
     """Of wall clock for all points but the first ones, which warm the workers up."""
     from distributed import LocalCluster
 
-    sweeps.single_threaded()
+    pools.single_threaded()
     with (
         LocalCluster(
             n_workers=workers, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL
         ) as cluster,
-        sweeps.dask_pool(cluster.scheduler_address) as pool,
+        pools.dask_pool(cluster.scheduler_address) as pool,
     ):
         for part in (points[:workers], points):
             results = Results(folder / f"{workers}_{len(part)}.sqlite")
@@ -69,12 +68,8 @@ def seconds(points: list[Point], setting: Setting, workers: int, folder: Path) -
     return took
 
 
-@click.command(help=__doc__)
-@click.argument("spec", type=INPUT)
-@click.option("--points", type=click.IntRange(1), default=40, show_default=True)
-@click.option("--workers", type=Lanes(), default="1,2", show_default=True)
-@click.option("--cache", type=INPUT, default=Path("build/sweep/cache"), show_default=True)
-def main(spec, points, workers, cache):
+def measure(spec: Path, points: int, workers: tuple[int, ...], cache: Path) -> Iterator[str]:
+    """Seconds a point with each number of workers, a line each, as they are found."""
     content, base = sweep_spec.load(spec)
     data = content.data and str((spec.parent / content.data).resolve())
     setting = Setting(str(cache.resolve()), data, content.split, content.frames)
@@ -85,8 +80,4 @@ def main(spec, points, workers, cache):
             took = seconds(chosen, setting, count, Path(folder))
             first = first or took
             rate = f"{took / len(chosen):.2f} s a point"
-            click.echo(f"{count} workers: {len(chosen)} points in {took:.1f} s, {rate}, {first / took:.2f}×")
-
-
-if __name__ == "__main__":
-    main()
+            yield f"{count} workers: {len(chosen)} points in {took:.1f} s, {rate}, {first / took:.2f}×"

@@ -7,7 +7,7 @@ seen to slip. All of it is simulated.
 """
 
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -19,55 +19,19 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
+from fastac.sensor.fingertip import require
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
-from fastac.store.steps import write_json
+from fastac.store.files import write_json
 from fastac.studies.demos.bottle import Grasp, Hold
 from fastac.studies.demos.grip_control import GripControl, friction_ratio
-from fastac.studies.demos.vibration import CAMERA_HZ, require
+from fastac.studies.demos.records import SLIPPED_MM, Trace
+from fastac.studies.demos.sampling import CAMERA_HZ
 
-SLIPPED_MM = 1e-3
-"""Sliding beyond this is a slip."""
 SLIP_TEST_PUSH, SLIP_TEST_FRAMES, SLIP_FRAMES = 4.0, 200, 5
 """The slip test pushes up to so many times what friction carries at the grip, in so many frames at most, and
 takes the median of so many."""
-
-
-@dataclass(frozen=True, eq=False)
-class Trace:
-    """One grasp, frame by frame."""
-
-    time_s: np.ndarray
-    true_n: np.ndarray
-    """(frames, 3)"""
-    found_n: np.ndarray
-    """(frames, 3)"""
-    tightened_deg: np.ndarray
-    hand_n: np.ndarray
-    lowered_mm: np.ndarray
-    slipped_mm: np.ndarray
-    flagged: np.ndarray
-    """(frames,) bool: the integers call the frame not to be trusted."""
-
-    def summary(self) -> dict:
-        """What a JSON file holds of it."""
-        error = np.abs(self.found_n - self.true_n)
-        return {
-            "slipped": bool(self.slipped_mm[-1] > SLIPPED_MM),
-            "slipped_mm": float(self.slipped_mm[-1]),
-            "tightened_deg": float(self.tightened_deg[-1]),
-            "largest_ratio": {
-                "true": float(friction_ratio(self.true_n).max()),
-                "found": float(friction_ratio(self.found_n).max()),
-            },
-            "force_error_n": dict(zip("xyz", error.mean(axis=0).tolist(), strict=True)),
-            "flagged_frames": int(self.flagged.sum()),
-            "frames": len(self.time_s),
-            "series": {
-                key: getattr(self, key).tolist() for key in self.__dataclass_fields__ if key != "flagged"
-            },
-        }
 
 
 def follow(

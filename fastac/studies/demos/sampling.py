@@ -7,6 +7,8 @@ from math import floor
 import numpy as np
 from scipy.signal.windows import hann
 
+CAMERA_HZ = 240
+
 
 def taken(camera_hz: Fraction, service_s: Fraction, count: int) -> tuple[list[int], list[Fraction]]:
     """The frames, of `count` that arrive at k/camera_hz, that a pipeline takes, and when, in s.

@@ -12,8 +12,7 @@ import numpy as np
 from fastac.studies.demos.grip_control import friction_ratio
 
 if TYPE_CHECKING:
-    from fastac.studies.demos.grasp import Trace
-    from fastac.studies.demos.vibration import Recording, Seen
+    from fastac.studies.demos.records import Recording, Seen, Trace
 
 SHOWN_S = 0.12
 """Of a vibration's forces."""

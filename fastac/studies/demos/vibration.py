@@ -21,14 +21,15 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
+from fastac.sensor.fingertip import require
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import probe_of, rig_of
 from fastac.sensor.protocol import FingertipError
-from fastac.store.steps import write_json
-from fastac.studies.demos.sampling import Spectrum, alias_hz, spectrum, taken
+from fastac.store.files import write_json
+from fastac.studies.demos.records import Recording, Seen
+from fastac.studies.demos.sampling import CAMERA_HZ, alias_hz, spectrum, taken
 
 FREQUENCIES_HZ = (50, 70, 100)
-CAMERA_HZ = 240
 PAPER_HZ = {"CPU": 104, "GPU": 156, "FPGA": 240}
 """Output rates of the paper's platforms (supplement, section III)."""
 PAPER_RECOVERS = {"CPU": (50,), "GPU": (50, 70), "FPGA": (50, 70, 100)}
@@ -56,42 +57,6 @@ class Vibration:
         if not 0 < amplitude < mean < np.inf:
             raise FingertipError(f"load {mean:g} N ± {amplitude:g} N: expected 0 < amplitude < mean")
         return mean - amplitude, mean + amplitude
-
-
-@dataclass(frozen=True, eq=False)
-class Recording:
-    """One frequency."""
-
-    frequency_hz: int
-    camera_s: np.ndarray
-    true_n: np.ndarray
-    """(frames,) F_z of the contact."""
-    found_n: np.ndarray
-    """(frames,) F_z of the integers."""
-    fine_s: np.ndarray
-    fine_n: np.ndarray
-    """F_z between frames, from the interpolated load."""
-
-
-@dataclass(frozen=True, eq=False)
-class Seen:
-    """One frequency as one pipeline gives it."""
-
-    output_s: np.ndarray
-    force_n: np.ndarray
-    rate_hz: float
-    spectrum: Spectrum
-    expected_hz: float
-    """The dominant peak of a sine that the same frames sample."""
-
-
-def require(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
-    """Raise FingertipError unless the virtual sensor can show `what`, which needs the forces along `axes`."""
-    if scene.sensor.source != "simulated":
-        raise FingertipError(f"{what}: sensor.source = {scene.sensor.source!r}: expected 'simulated'")
-    if not set(axes) <= set(scene.force_axes):
-        wanted = "force_xyz" if len(axes) > 1 else "force_z or force_xyz"
-        raise FingertipError(f"{what}: outputs = {', '.join(scene.outputs)}: expected {wanted}")
 
 
 def service_s(scene: Scene) -> dict[str, Fraction]:

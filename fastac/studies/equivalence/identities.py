@@ -9,11 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import click
 import numpy as np
 from tqdm import tqdm
 
-from fastac.cli.common import INPUT, load_bundle, progress_option
 from fastac.flow import training
 from fastac.flow.frames import read
 from fastac.models.emulator.pipeline import Emulator
@@ -21,7 +19,7 @@ from fastac.models.floating.adjoint import slope_weights
 from fastac.models.floating.hyperforce import collapse
 from fastac.models.floating.poisson import solve, source_of
 from fastac.models.integer import assemble
-from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.integer.laplacian import boundary_term
 from fastac.studies.equivalence import adjoint_fits
 from fastac.studies.equivalence.variants import integer_variant, slope_words, variant
@@ -172,20 +170,3 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     for row in rows:
         values = [*(v for part in row.nmae_percent.values() for v in part), *row.noise_mn]
         yield f"{row.fit:14s}" + "".join(f"{value:11.3f}" for value in values)
-
-
-@click.command()
-@click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
-@progress_option
-def main(folders: tuple[Path, ...], progress: bool) -> None:
-    """What fixed point costs in the three identities, on the held-out frames of build folders."""
-    try:
-        for folder in folders:
-            for line in measure(folder, progress=progress):
-                click.echo(line)
-    except (ValueError, OSError) as error:
-        raise click.ClickException(" ".join(str(error).split())) from error
-
-
-if __name__ == "__main__":
-    main()

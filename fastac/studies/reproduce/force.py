@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from fastac import accuracy
 from fastac.flow.build import Build
+from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.report.paper import FORCE_FULL, FORCE_MAE_N
 from fastac.report.tables import Table
+from fastac.scenes.schema import AXES
 from fastac.sensor.dataset import DatasetError
 from fastac.studies.reproduce import force_ablation
-from fastac.studies.reproduce.force_ablation import AXES
 from fastac.studies.reproduce.section import beside
 
 FULL = "dynamic xyz"

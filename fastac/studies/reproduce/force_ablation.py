@@ -9,14 +9,15 @@ float pipeline and d_x, d_y by the markers. Runs that are complete, or interrupt
 
 from pathlib import Path
 
-import click
 import matplotlib
+
+from fastac.models.integer.bundle import load_bundle
+from fastac.scenes.schema import AXES
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fastac.cli.common import INPUT, cache_option, load_bundle, output_option, progress_option
 from fastac.flow import frames, training
 from fastac.flow.build import float_settings
 from fastac.models.floating import displacement_3d
@@ -27,9 +28,9 @@ from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.samples import SPLITS
-from fastac.store.steps import content_hash, digest_file, digest_sources, read_or_make, write_json
+from fastac.store.files import content_hash, digest_file, read_or_make, write_json
+from fastac.store.sources import digest_sources
 
-AXES = "xyz"
 SOURCES = ("models/**/*.py", "fastac/studies/reproduce/force_ablation.py", "fastac/flow/training.py")
 
 Fields = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
@@ -230,36 +231,3 @@ def run(
     write_json(output / "force_ablation.json", found)
     plot(output / "force_ablation.png", pairs, data.source)
     return found
-
-
-@click.command()
-@click.argument("origin", metavar="SCENE|BUILD", type=INPUT)
-@click.option("--data", type=INPUT, required=True, help="Dataset with forces along x, y and z.")
-@click.option(
-    "--displacements",
-    type=click.Choice(["both", "true", "found"]),
-    default="both",
-    show_default=True,
-    help="True ones, those found in the frames, or both.",
-)
-@output_option("build/SCENE/force_ablation", "Folder for JSON, plot and runs.")
-@cache_option("processed frames")
-@progress_option
-def main(origin, data, displacements, output, cache, progress):
-    """HyperForce's six forms, trained and compared with the paper's table.
-
-    SCENE is a TOML file: the pixel network is trained first where displacements are to be found. BUILD is a
-    build folder or a bundle, whose network finds them. Interrupted, run it again: it goes on.
-    """
-    kinds = ("true", "found") if displacements == "both" else (displacements,)
-    try:
-        name = load_bundle(origin).scene.name if origin.is_dir() else scenes.load(origin).name
-        output = output or Path("build") / name / "force_ablation"
-        click.echo(table(run(origin, data, output, kinds, cache, progress=progress)))
-    except (ValueError, OSError) as error:
-        raise click.ClickException(" ".join(str(error).split())) from None
-    click.echo(f"written: {output}/force_ablation.json, .png")
-
-
-if __name__ == "__main__":
-    main()

@@ -30,7 +30,7 @@ from fastac.report.paper import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_R
 from fastac.report.tables import Table
 from fastac.scenes.schema import CHANNELS, Scene
 from fastac.sensor.dataset import Dataset
-from fastac.store.steps import content_hash
+from fastac.store.files import content_hash
 from fastac.studies.reproduce.section import beside, stamped_key, vertical
 
 NAMES = {"bgr": "RGB-only", "bgr+nir": "RGB-NIR"}

@@ -2,7 +2,7 @@
 
 from fastac.report.paper import GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.report.tables import Table, number
-from fastac.studies.reproduce.force_ablation import AXES
+from fastac.scenes.schema import AXES
 
 GRADIENT_MM_PER_PX = GRADIENT_MAE_MM_PER_PX["bgr+nir"]["total"]
 REDUCTION_PERCENT = GRADIENT_REDUCTION_PERCENT["total"]

@@ -11,8 +11,8 @@ import numpy as np
 
 from fastac.flow.build import Build
 from fastac.report.tables import Table, number
+from fastac.scenes.schema import AXES
 from fastac.studies.reproduce import force, geometry, limits_force, limits_geometry
-from fastac.studies.reproduce.force_ablation import AXES
 from fastac.studies.reproduce.geometry import NAMES
 
 

@@ -10,16 +10,17 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fastac.accuracy import of_dataset
 from fastac.flow import training
 from fastac.flow.build import Build, float_settings
+from fastac.models.accuracy import of_dataset
 from fastac.models.floating.hyperforce import coordinates
 from fastac.models.floating.hyperforce_3d import HyperForce3D
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.training.hyperforce_3d import refit, select
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import SPLITS, Dataset
-from fastac.store.steps import content_hash, digest_sources, read_or_make
+from fastac.store.files import content_hash, read_or_make
+from fastac.store.sources import digest_sources
 from fastac.studies.reproduce import force_ablation
 from fastac.studies.reproduce.force_ablation import Fields
 from fastac.studies.reproduce.limits_geometry import NOISELESS, seen_by, variants
@@ -30,7 +31,7 @@ SOURCES = (
     "sensor/**/*.py",
     "fastac/flow/frames.py",
     "fastac/studies/reproduce/force_ablation.py",
-    "fastac/limits_*.py",
+    "fastac/studies/reproduce/limits_*.py",
 )
 
 

@@ -10,20 +10,22 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
-from fastac.flow import frames, training
+from fastac.flow import training
 from fastac.flow.build import Build, float_settings
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.result import Result
+from fastac.models.vision import image_processing
 from fastac.scenes.schema import Scene, Sensor
 from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels
 from fastac.sensor.redraw import redraw
-from fastac.store.steps import content_hash, digest_sources, write_json
+from fastac.sensor.samples import take
+from fastac.store.files import content_hash, write_json
+from fastac.store.sources import digest_sources
 from fastac.studies.reproduce.geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
 from fastac.studies.reproduce.section import stamped_key, vertical
-from fastac.studies.robustness.drift import take
 
 SOURCES = (
     "models/**/*.py",
@@ -67,9 +69,9 @@ def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: b
     """The presses of a dataset as another sensor sees them, in channels."""
     background, draw = redraw(data, sensor, seed)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
-        done = pool.map(lambda sample: frames.as_channels(draw(sample), sensor), range(len(data)))
+        done = pool.map(lambda sample: image_processing.as_channels(draw(sample), sensor), range(len(data)))
         images = np.stack(list(tqdm(done, total=len(data), desc=label, disable=not progress, leave=False)))
-    return replace(data, frames=images, background=frames.as_channels(background, sensor))
+    return replace(data, frames=images, background=image_processing.as_channels(background, sensor))
 
 
 @dataclass(frozen=True)

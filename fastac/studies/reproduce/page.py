@@ -53,8 +53,8 @@ def write(content: dict, sections: Sequence[Section], folder: Path, path: Path) 
         why = content["absent"].get(section.name)
         shown.append((section.title, why, found.get(section.name, []), pictures))
     template = jinja2.Environment(
-        loader=jinja2.PackageLoader("fastac", "."), autoescape=True, undefined=jinja2.StrictUndefined
-    ).get_template("reproduce.html.j2")
+        loader=jinja2.PackageLoader(__package__, "."), autoescape=True, undefined=jinja2.StrictUndefined
+    ).get_template("page.html.j2")
     goals = reproduce_goals.table(content["goals"]) if content["goals"] else None
     page = template.render(content=content, whose=whose(content), goals=goals, sections=shown)
     temporary = path.with_name(f".{path.name}.part")

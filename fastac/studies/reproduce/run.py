@@ -10,7 +10,8 @@ from pathlib import Path
 
 from fastac.flow.build import Build
 from fastac.report import paper
-from fastac.store.steps import Step, Workspace, write_json
+from fastac.store.files import write_json
+from fastac.store.steps import Step, Workspace
 from fastac.studies.demos import grasp, vibration
 from fastac.studies.reproduce import force, geometry, goals, limits, page, stages
 from fastac.studies.reproduce.section import Section, stamped_key
@@ -57,7 +58,7 @@ SECTIONS = (
         (
             "sensor/**/*.py",
             "fastac/studies/reproduce/limits.py",
-            "fastac/limits_*.py",
+            "fastac/studies/reproduce/limits_*.py",
             "fastac/studies/reproduce/geometry.py",
         ),
         needs=("geometry", "forces"),

@@ -21,15 +21,16 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from fastac.accuracy import of_dataset, spread
 from fastac.flow.build import Build
+from fastac.models.accuracy import of_dataset
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.threads import single_thread
 from fastac.models.floating.torch_pipeline import TorchPipeline
 from fastac.report.paper import STAGES
 from fastac.report.tables import Table, number
-from fastac.studies.benchmarks.models import fastest
+from fastac.sensor.samples import spread
 from fastac.studies.benchmarks.rapl import NoCounters, PackageCounters
+from fastac.studies.benchmarks.timing import fastest
 from fastac.studies.reproduce.section import stamped_key
 
 TITLES = {

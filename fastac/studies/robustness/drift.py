@@ -9,11 +9,12 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
+from fastac.sensor.samples import take
+
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-from fastac import accuracy
-from fastac.models import accuracy as metrics
+from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import REASONS
@@ -86,22 +87,13 @@ def presses(scene: Scene, folder: Path, *, progress: bool) -> Dataset:
     return read(file, scene)
 
 
-def take(data: Dataset, index: np.ndarray) -> Dataset:
-    """The samples `index` of a dataset alone."""
-    geometry = ("normals", "depth_mm", "valid", "markers_px", "tangential_mm")
-    arrays = ("frames", "split", *geometry, "force_n", "group")
-    chosen = {name: getattr(data, name)[index] for name in arrays if getattr(data, name) is not None}
-    indenter = data.indenter and {name: values[index] for name, values in data.indenter.items()}
-    return replace(data, indenter=indenter, **chosen)
-
-
 def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundle: Bundle) -> dict:
     """Errors of both models on all frames of `data`, and how many are flagged, for what."""
     index = np.arange(len(data))
     row = {"fault": fault, "unit": unit, "level": level, "frames": len(data)}
     for name, pipeline in models.items():
         result, rest = pipeline.run(data.frames), pipeline.run(data.background[None])
-        found = metrics.evaluate(result, rest, data, index, bundle.scene)
+        found = accuracy.evaluate(result, rest, data, index, bundle.scene)
         row[name] = {key: found[key] for key in ERRORS if key in found}
         fields = [value for value in vars(result).values() if value is not None]
         row[name]["finite"] = all(bool(np.isfinite(value).all()) for value in fields)

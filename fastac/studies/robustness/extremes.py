@@ -9,15 +9,14 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-import click
 from tqdm import tqdm
 
-from fastac import accuracy
-from fastac.cli.common import INPUT, load_bundle, progress_option
-from fastac.models.integer.bundle import Bundle
+from fastac.models import accuracy
+from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.integer.frame_validity import REASONS
+from fastac.sensor import samples
 from fastac.sensor.dataset import Dataset, read
-from fastac.store.steps import write_json
+from fastac.store.files import write_json
 from fastac.studies.robustness import drift, frames, words
 
 FILE, PLOT = "extremes.json", "extremes.png"
@@ -86,7 +85,7 @@ def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
     rows = [{"split": split, **row} for split, row in content["good_frames"].items()]
     yield from table(rows, "split", "frames", "flagged", "reasons")
 
-    index = accuracy.spread(data.indices("test"), DRIFT_FRAMES)
+    index = samples.spread(data.indices("test"), DRIFT_FRAMES)
     content["drift_frame_indices"] = index.tolist()
     bar = partial(tqdm, desc="faults", disable=not progress)
     content["drift"] = list(drift.measure(bundle, data, index, place, progress=bar))
@@ -104,24 +103,3 @@ def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
     yield from table(rows, "fault", "level", "unit", "frames", *errors, "flagged_percent", "reasons")
     finite = all(row[model]["finite"] for row in content["drift"] for model in ("float", "integer"))
     yield f"\nevery value of every frame is finite: {'yes' if finite else 'NO'}"
-
-
-@click.command()
-@click.argument("folder", metavar="BUILD_FOLDER", type=INPUT)
-@click.option(
-    "--rtl/--no-rtl",
-    default=True,
-    help="Send the worst cases through the stages' hardware too, in Verilator.",
-)
-@progress_option
-def main(folder: Path, rtl: bool, progress: bool) -> None:
-    """How a build folder's bundle fares at the extremes; writes extremes.json and extremes.png there."""
-    try:
-        for line in measure(folder, rtl=rtl, progress=progress):
-            click.echo(line)
-    except (ValueError, OSError, RuntimeError) as error:
-        raise click.ClickException(" ".join(str(error).split())) from error
-
-
-if __name__ == "__main__":
-    main()

@@ -9,18 +9,17 @@ sends thousands of frames through the emulator and, with --rtl-frames, some thro
 from collections.abc import Iterator
 from pathlib import Path
 
-import click
 import numpy as np
 from tqdm import tqdm
 
-from fastac.cli.common import INPUT, load_bundle, progress_option
 from fastac.flow import hardware
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import load_bundle
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.sensor.dataset import Dataset, read
 from fastac.sensor.optics import faults
 from fastac.sim import check_top as simulation
-from fastac.store.steps import write_json
+from fastac.store.files import write_json
 
 FILE = "stability.json"
 BATCH = 100
@@ -123,29 +122,3 @@ def measure(folder: Path, *, frames: int, rtl_frames: int, progress: bool) -> It
         )
     if any(part["mismatches"] for part in content.values() if isinstance(part, dict)):
         raise ValueError(f"{folder / FILE}: the same frame did not give the same bits")
-
-
-@click.command()
-@click.argument("folder", metavar="BUILD_FOLDER", type=INPUT)
-@click.option(
-    "--frames", type=click.IntRange(1), default=10_000, show_default=True, help="Through the emulator."
-)
-@click.option(
-    "--rtl-frames",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Through the simulated hardware, whose Verilog must be in BUILD_FOLDER.",
-)
-@progress_option
-def main(folder: Path, frames: int, rtl_frames: int, progress: bool) -> None:
-    """Consecutive frames of a build folder's dataset, one of them recurring; writes stability.json there."""
-    try:
-        for line in measure(folder, frames=frames, rtl_frames=rtl_frames, progress=progress):
-            click.echo(line)
-    except (ValueError, OSError, RuntimeError) as error:
-        raise click.ClickException(" ".join(str(error).split())) from error
-
-
-if __name__ == "__main__":
-    main()

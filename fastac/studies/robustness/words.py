@@ -7,7 +7,8 @@ from pathlib import Path
 from tqdm import tqdm
 
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.store.steps import digest_sources, write_json
+from fastac.store.files import write_json
+from fastac.store.sources import digest_sources
 from fastac.studies.robustness.worst_case import WorstCase, of_pixels
 from fastac.studies.robustness.worst_case_hardware import compare
 from fastac.studies.robustness.worst_case_solver import of_solver

@@ -20,6 +20,7 @@ from fastac.models.integer import bundle as bundles
 from fastac.scenes import schema as scenes
 from fastac.sensor import dataset
 from fastac.sim.check_top import Report as Simulated
+from fastac.sweep import pools
 from fastac.sweep import run as sweeps
 
 QUICK = """
@@ -731,9 +732,9 @@ def spec(toml, tmp_path):
 
 
 def test_sweep_and_trade(spec, toml, tiny_file, tmp_path, monkeypatch):
-    for name in sweeps.THREAD_VARIABLES:
+    for name in pools.THREAD_VARIABLES:
         monkeypatch.setenv(name, "1")
-    one_thread = sweeps.Pool(
+    one_thread = pools.Pool(
         lambda: ThreadPoolExecutor(1), 1
     )  # processes take longer to start than this takes
     monkeypatch.setattr(sweeps, "local_pool", lambda workers: nullcontext(one_thread))

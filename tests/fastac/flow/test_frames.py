@@ -7,6 +7,7 @@ import pytest
 
 from fastac.flow import frames
 from fastac.flow.build import Build
+from fastac.models.vision import image_processing
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate, sample
 from fastac.sensor.mechanics.rig import rig_of
@@ -41,7 +42,7 @@ def test_of_a_press_is_what_the_models_take(changes, make_scene):
     image = frames.of_press(pressed, sensor, np.random.default_rng(1))
     assert (image.shape, image.dtype) == ((16, 16, 4), np.uint8)
     seen = sample(pressed, sensor, np.random.default_rng(1))["frame"]
-    np.testing.assert_array_equal(image, frames.channels(seen, sensor) if changes else seen)
+    np.testing.assert_array_equal(image, image_processing.channels(seen, sensor) if changes else seen)
 
 
 def test_raw10_is_processed_once(raw_file, raw_scene, tmp_path, monkeypatch):
@@ -51,8 +52,10 @@ def test_raw10_is_processed_once(raw_file, raw_scene, tmp_path, monkeypatch):
     assert raw.raw10.shape == (3, 64, 64)
     assert data.raw10 is None
     assert data.frames.shape == (3, 16, 16, 4)
-    np.testing.assert_array_equal(data.frames[1], frames.channels(raw.raw10[1], raw_scene.sensor))
-    np.testing.assert_array_equal(data.background, frames.channels(raw.background, raw_scene.sensor))
+    np.testing.assert_array_equal(data.frames[1], image_processing.channels(raw.raw10[1], raw_scene.sensor))
+    np.testing.assert_array_equal(
+        data.background, image_processing.channels(raw.background, raw_scene.sensor)
+    )
     (kept,) = tmp_path.iterdir()
 
     monkeypatch.setattr(frames, "channels", None)
@@ -70,7 +73,7 @@ def test_settings_decide_what_is_kept(raw_file, raw_scene, make_scene, tmp_path)
     assert np.abs(one.astype(int) - two).mean() < 6
     assert len(list(tmp_path.iterdir())) == 2
     raw = dataset.read(raw_file)
-    np.testing.assert_array_equal(frames.channels(raw.raw10[0], three.sensor), one[0, ..., :3])
+    np.testing.assert_array_equal(image_processing.channels(raw.raw10[0], three.sensor), one[0, ..., :3])
 
 
 def test_frames_must_be_of_the_scene_s_kind(raw_file, tiny_file, tiny_scene, raw_scene, tmp_path):

@@ -11,6 +11,7 @@ import pytest
 
 from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle
+from fastac.report import content as report_content
 from fastac.report import page as report
 from fastac.synth import energy
 
@@ -52,11 +53,11 @@ def fill(folder: Path, simulated=SIMULATED, errors=ERRORS) -> Path:
 
 @pytest.fixture
 def content(tiny_bundle, tmp_path):
-    return report.content(fill(tmp_path), tiny_bundle)
+    return report_content.content(fill(tmp_path), tiny_bundle)
 
 
 def rows(content) -> dict[str, tuple[str, str, str]]:
-    found = report.summary_rows(content)
+    found = report_content.summary_rows(content)
     assert len({row[0] for row in found}) == len(found)
     return {what: rest for what, *rest in found}
 
@@ -74,7 +75,7 @@ class TestContent:
     def test_the_scene_s_clock_counts(self, tiny_bundle, make_scene, tmp_path):
         scene = make_scene(hardware={"clock_mhz": 300.0})
         slower = replace(tiny_bundle, pipeline=tiny_bundle.pipeline.replace(scene=scene))
-        found = report.content(fill(tmp_path), slower)
+        found = report_content.content(fill(tmp_path), slower)
         assert found["latency_ms"]["first_pixel_to_force"]["value"] == pytest.approx(0.01)
 
     def test_what_was_compared_and_who_it_is(self, content, tiny_bundle):
@@ -89,7 +90,7 @@ class TestContent:
     def test_recorded_frames_are_called_so(self, tiny_bundle, make_scene, tmp_path):
         scene = make_scene(outputs=["depth"], sensor={"source": "recorded"})
         recorded = replace(tiny_bundle, pipeline=tiny_bundle.pipeline.replace(scene=scene))
-        assert report.content(fill(tmp_path), recorded)["frames_are"] == "recorded photographs"
+        assert report_content.content(fill(tmp_path), recorded)["frames_are"] == "recorded photographs"
 
     def test_resources_say_that_they_are_estimates(self, content):
         assert content["resources"]["dsp48e2"]["value"] == 197
@@ -147,7 +148,7 @@ class TestContent:
                 background=trained.background,
                 rest_depth_mm=trained.rest_depth_mm,
             )
-            assert not absent & set(report.bounds(Bundle(pipeline, {}, "0" * 64)))
+            assert not absent & set(report_content.bounds(Bundle(pipeline, {}, "0" * 64)))
 
     def test_is_strict_json(self, content):
         json.dumps(content, allow_nan=False)
@@ -174,14 +175,14 @@ class TestSummary:
     def test_what_was_not_obtained_is_absent(self, tiny_bundle, tmp_path):
         errors = {**ERRORS, "float": {"depth_mae_mm": 0.02}, "integer": {"depth_mae_mm": 0.03}}
         simulated = {**SIMULATED, "latency_cycles": {"first_pixel_to_depth": 2500}}
-        content = report.content(fill(tmp_path, simulated, errors), tiny_bundle)
+        content = report_content.content(fill(tmp_path, simulated, errors), tiny_bundle)
         found = rows(content)
         assert found["first pixel → last depth, cycles"][:2] == ["2,500", ""]
         assert not [what for what in found if "force" in what or "gradient" in what]
         assert set(content["latency_ms"]) == {"first_pixel_to_depth"}
 
     def test_mismatches_are_not_hidden(self, tiny_bundle, tmp_path):
-        content = report.content(fill(tmp_path, {**SIMULATED, "mismatches": 7}), tiny_bundle)
+        content = report_content.content(fill(tmp_path, {**SIMULATED, "mismatches": 7}), tiny_bundle)
         assert rows(content)["RTL against integer model"][0].startswith("7 mismatches")
 
 
@@ -191,7 +192,7 @@ class TestPage:
         report.write(folder, tiny_bundle, tiny_data)
         stored = json.loads((folder / "report.json").read_text())
         page = (folder / "report.html").read_text()
-        for what, ours, paper, origin in report.summary_rows(stored):
+        for what, ours, paper, origin in report_content.summary_rows(stored):
             for text in (what, ours, paper):
                 assert text.replace("→", "→") in page
             assert origin.replace("'", "&#39;") in page

@@ -4,16 +4,11 @@ import time
 
 import pytest
 
+from fastac.store import sources as store_sources
 from fastac.store import steps as workspace
-from fastac.store.steps import (
-    Step,
-    Workspace,
-    content_hash,
-    digest_file,
-    digest_sources,
-    read_or_make,
-    write_json,
-)
+from fastac.store.files import content_hash, digest_file, read_or_make, write_json
+from fastac.store.sources import digest_sources
+from fastac.store.steps import Step, Workspace
 
 
 class Bench:
@@ -164,11 +159,11 @@ def test_digests_depend_on_content_and_names_alone(tmp_path, monkeypatch):
 
 
 def test_the_build_s_own_patterns_match_files():
-    from fastac.flow.build import HARDWARE_SOURCES, TRAINING_SOURCES
+    from fastac.store.sources import HARDWARE_SOURCES, TRAINING_SOURCES
 
     sources = (*TRAINING_SOURCES, *HARDWARE_SOURCES)
     for pattern in (*sources, "sim/**/*.py", "fastac/report*.py", "fastac/*.j2"):
-        assert any(workspace.ROOT.glob(pattern)), pattern
+        assert any(store_sources.ROOT.glob(pattern)), pattern
 
 
 def test_json_is_whole_or_as_it_was(tmp_path):

@@ -3,9 +3,10 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from fastac import accuracy
 from fastac.gateware.cycle_model import cycles
+from fastac.models import accuracy
 from fastac.models.integer.force import PatchForce
+from fastac.sensor import samples
 from fastac.sweep import points
 from fastac.sweep.points import PointModels, Setting, Step
 
@@ -35,7 +36,7 @@ def test_the_integers_are_those_of_the_build(tiny, tiny_bundle):
 
 
 def test_the_errors_are_those_of_evaluate(tiny, tiny_bundle, tiny_data):
-    index = accuracy.spread(tiny_data.indices("test"), 5)
+    index = samples.spread(tiny_data.indices("test"), 5)
     expected, _ = accuracy.compare(tiny_bundle, tiny_data, index, progress=False)
     found = tiny.metrics()
     for name, value in expected["integer"].items():

@@ -5,11 +5,13 @@ from dataclasses import asdict
 
 import pytest
 
+from fastac.sweep import pools
 from fastac.sweep import run as sweeps
 from fastac.sweep import spec as sweep_spec
 from fastac.sweep.points import POINT_SOURCES, PointModels, Setting, sources
+from fastac.sweep.pools import Pool, SweepError
 from fastac.sweep.results import Results
-from fastac.sweep.run import Grid, Pool, Sweep, SweepError, perform
+from fastac.sweep.run import Grid, Sweep, perform
 
 SPEC = """
 scene = "tiny.toml"
@@ -42,7 +44,7 @@ class Inline(Executor):
 @pytest.fixture(autouse=True)
 def environment(monkeypatch):
     """What a worker sets for itself is not for other tests."""
-    for name in sweeps.THREAD_VARIABLES:
+    for name in pools.THREAD_VARIABLES:
         monkeypatch.setenv(name, "1")
 
 
@@ -192,7 +194,7 @@ def test_local_processes(tiny_toml, tiny_file, cache, tmp_path):
     spec, base = sweep_spec.load(tmp_path / "spec.toml")
     setting = Setting(str(cache), str(tiny_file), "test", 3)
     found = {}
-    with sweeps.local_pool(2) as local:
+    with pools.local_pool(2) as local:
         for name, pool in {"inline": Pool(Inline, 1), "local": local}.items():
             results = Results(tmp_path / f"{name}.sqlite")
             sweeps.run(spec, base, tmp_path, results, setting, pool, progress=False)
@@ -204,7 +206,7 @@ def test_local_processes(tiny_toml, tiny_file, cache, tmp_path):
 def test_no_scheduler():
     with (
         pytest.raises(SweepError, match="--scheduler nonsense://here: no scheduler answers: "),
-        sweeps.dask_pool("nonsense://here"),
+        pools.dask_pool("nonsense://here"),
     ):
         pass
 
@@ -219,7 +221,7 @@ def test_a_dask_cluster(tiny_toml, tiny_file, cache, tmp_path):
         distributed.LocalCluster(
             n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
         ) as cluster,
-        sweeps.dask_pool(cluster.scheduler_address) as pool,
+        pools.dask_pool(cluster.scheduler_address) as pool,
     ):
         assert pool.slots == 2
         counts = sweeps.run(spec, base, tmp_path, results, setting, pool, progress=False)

@@ -1,9 +1,12 @@
 """What the virtual rig records is imported as its own ground truth; bad recordings end in one line."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from PIL import Image
 
+from fastac.models.vision.markers import Markers
 from fastac.scenes.schema import Sensor, parse
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
@@ -60,7 +63,8 @@ def recording(scene, own, tmp_path):
 
 
 def imported(scene, folder, output, **keys):
-    keys = {"ball_mm": 8.0, "origin_mm": ORIGIN, "progress": False, **keys}
+    dots_of = partial(Markers.of_background, sensor=scene.sensor) if scene.sensor.markers else None
+    keys = {"dots_of": dots_of, "ball_mm": 8.0, "origin_mm": ORIGIN, "progress": False, **keys}
     cnc.import_recording(scene, folder, keys.pop("cad", of_scene(scene.sensor)), output, **keys)
     return dataset.read(output, scene)
 

@@ -11,15 +11,16 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from fastac.accuracy import compare
 from fastac.cli.main import main
 from fastac.flow import hardware, training
 from fastac.flow.build import Build
 from fastac.gateware.cycle_model import cycles
+from fastac.models.accuracy import compare
 from fastac.report.paper import FORCE_MAE_N, STAGES
 from fastac.report.tables import Table
 from fastac.scenes import schema as scenes
-from fastac.store.steps import ROOT, write_json
+from fastac.store.files import write_json
+from fastac.store.sources import ROOT
 from fastac.studies.demos import grasp, vibration
 from fastac.studies.reproduce import limits_geometry, run
 from fastac.studies.reproduce.section import Section, vertical

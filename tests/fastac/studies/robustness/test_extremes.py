@@ -6,6 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from fastac.flow import verify
+from fastac.sensor import samples
 from fastac.studies.robustness import drift, extremes, words, worst_case_hardware
 from fastac.studies.robustness import frames as extreme_frames
 
@@ -131,7 +132,7 @@ def test_no_build_folder(tmp_path):
 
 
 def test_take_keeps_samples_together(tiny_data):
-    chosen = drift.take(tiny_data, np.array([5, 2]))
+    chosen = samples.take(tiny_data, np.array([5, 2]))
     assert len(chosen) == 2
     assert np.array_equal(chosen.frames, tiny_data.frames[[5, 2]])
     assert np.array_equal(chosen.indenter["x_mm"], tiny_data.indenter["x_mm"][[5, 2]])

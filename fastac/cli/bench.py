@@ -1,0 +1,57 @@
+"""Benchmarks: how fast the models, the virtual rig and a sweep's workers are on this machine."""
+
+from pathlib import Path
+
+import click
+
+from fastac.cli.common import INPUT, Group, Lanes, cache_option, progress_option
+
+
+@click.group(cls=Group)
+def bench():
+    """Times on this machine: always the fastest of several runs."""
+
+
+@bench.command()
+@click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1)
+def models(folders):
+    """Time the float pipeline, the emulator and the int64 loop that the emulator equals on every value."""
+    from fastac.studies.benchmarks import models as benchmark
+
+    if not folders:
+        raise click.UsageError("build folder: none; make one with fastac build SCENE")
+    click.echo(benchmark.heading())
+    for folder in folders:
+        for line in benchmark.measure(folder):
+            click.echo(line)
+
+
+@bench.command()
+@click.argument("scene", type=INPUT)
+@cache_option("compliances")
+@progress_option
+def rig(scene, cache, progress):
+    """Time contacts and frames of SCENE's virtual rig, which must be a finite-element one."""
+    from fastac.scenes import schema
+    from fastac.studies.benchmarks import rig as benchmark
+
+    found = schema.load(scene)
+    lines = benchmark.measure(found, cache, progress)
+    size = f"{found.sensor.width_px} x {found.sensor.height_px}"
+    repeats, stations = benchmark.REPEATS, benchmark.STATIONS
+    click.echo(f"{scene}, {size} px, the fastest of {repeats} runs at each of {stations} stations:")
+    for text in lines:
+        click.echo(text)
+
+
+@bench.command()
+@click.argument("spec", type=INPUT)
+@click.option("--points", type=click.IntRange(1), default=40, show_default=True)
+@click.option("--workers", type=Lanes(), default="1,2", show_default=True)
+@click.option("--cache", type=INPUT, default=Path("build/sweep/cache"), show_default=True)
+def sweep(spec, points, workers, cache):
+    """Time a sweep's points with several numbers of workers."""
+    from fastac.studies.benchmarks import sweep as benchmark
+
+    for line in benchmark.measure(spec, points, workers, cache):
+        click.echo(line)
