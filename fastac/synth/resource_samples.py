@@ -19,7 +19,7 @@ from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.target.elaboration import to_rtlil
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
-from fastac.models.specimen import specimen
+from fastac.models.random_bundle import random_bundle
 from fastac.scenes.schema import Scene
 from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
@@ -146,7 +146,7 @@ def sample(design: dict, *, with_control: bool) -> dict:
     """What Yosys counts of a design, stage by stage, and what the model knows of it."""
     scene = scene_of(design)
     with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
-        bundle: Bundle = specimen(Path(folder) / "bundle", scene, hidden=(scene.network.width,) * 3)
+        bundle: Bundle = random_bundle(Path(folder) / "bundle", scene, hidden=(scene.network.width,) * 3)
         found = parts(to_rtlil(TopZynq(bundle), name="fastac"), "fastac")
     if not with_control:
         found = [part for part in found if resources.stage_of(part.name) != "control"]
