@@ -10,7 +10,7 @@ POLL_S = 0.5
 
 
 @contextmanager
-def watched(
+def progress_bar(
     label: str,
     *,
     enabled: bool,
