@@ -13,8 +13,8 @@ from fastac.gateware.top_zynq import RasterOutput, TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import suspects
 from fastac.models.result import Result
-from fastac.sim.progress import progress_bar
 from fastac.sim.runner import build
+from fastac.store.progress import watched
 
 SUSPECT = 1 << 10
 """Of tuser, in streams of depth and force maps: the frame is not to be trusted."""
@@ -158,7 +158,7 @@ def simulate(
         traced.unlink(missing_ok=True)
         test_args = ["--trace-file", str(traced)]
     start = time.monotonic()
-    with progress_bar("building the simulator", enabled=progress):
+    with watched("building the simulator", enabled=progress):
         runner = build(source, name, build_folder, build_args=build_args, trace=trace)
     built = time.monotonic()
     position = folder / "cycle"
@@ -168,7 +168,7 @@ def simulate(
 
     total = latency + (len(frames) - 1) * path.interval
     try:
-        with progress_bar("simulating", enabled=progress, total=total, unit="cycle", position=cycle):
+        with watched("simulating", enabled=progress, total=total, unit="cycle", position=cycle):
             runner.test(
                 hdl_toplevel=name,
                 test_module="fastac.sim.benches.top",

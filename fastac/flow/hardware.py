@@ -19,9 +19,9 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.sensor.dataset import Dataset
 from fastac.sim import check_top as simulation
-from fastac.sim.progress import progress_bar
 from fastac.sim.runner import EXECUTABLE, use_verilator
 from fastac.store.files import write_json
+from fastac.store.progress import watched
 from fastac.store.sources import source_digest
 from fastac.synth import resources
 
@@ -46,14 +46,14 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
         check_block_rams(resources.block_rams(resources.memories(bundle.pipeline)))
     except DeviceError as error:
         raise HardwareError(f"{bundle.scene.name}: {error}") from None
-    with progress_bar("elaborating Verilog", enabled=progress):
+    with watched("elaborating Verilog", enabled=progress):
         text = to_verilog(top, name=NAME)
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
         write_vivado_project(text, temporary, bundle.scene.hardware.clock_mhz, name=NAME)
         write_json(temporary / "hardware.json", describe(top))
-        with progress_bar("linting", enabled=progress):
+        with watched("linting", enabled=progress):
             lint(temporary / f"{NAME}.v")
         os.chmod(temporary, 0o755)
         if folder.exists():

@@ -21,8 +21,8 @@ from fastac.models.integer.bundle import Bundle
 from fastac.scenes.schema import Scene, SceneError, describe
 from fastac.sensor.dataset import Dataset
 from fastac.sim.check_top import simulate
-from fastac.sim.progress import progress_bar
 from fastac.store.files import write_json
+from fastac.store.progress import watched
 from fastac.store.sources import digest_sources
 
 FILE = "verify.json"
@@ -138,7 +138,7 @@ def run(
     for count in lanes:
         place = folder / f"lanes_{count}"
         start = time.monotonic()
-        with progress_bar(f"{count} px/clock: elaborating", enabled=progress):
+        with watched(f"{count} px/clock: elaborating", enabled=progress):
             derived, note = fit(bundle, place / "bundle", count)
             text = to_verilog(TopZynq(derived), name=NAME)
         elaboration_s = time.monotonic() - start
