@@ -1,20 +1,32 @@
 """What every table of a scene shares: unknown keys are errors, values cannot be changed."""
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
 Positive = Annotated[float, Field(gt=0)]
-
-
 Count = Annotated[int, Field(ge=1)]
-
-
 Share = Annotated[float, Field(ge=0, le=2)]
-
-
 Point = tuple[float, float]
 
 
 class Strict(BaseModel):
+    """Base class of a scene's tables."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def listed(names) -> str:
+    """'a', 'b' or 'c'."""
+    *others, last = (repr(name) for name in names)
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def known(name: str, table: Mapping[str, object]) -> str:
+    """The name, if the table has it; raises ValueError, which lists what there is."""
+    try:
+        table[name]
+    except KeyError:
+        raise ValueError(f"Input should be {listed(table)}") from None
+    return name
