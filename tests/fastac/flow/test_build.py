@@ -9,7 +9,8 @@ import pytest
 from fastac.flow import training
 from fastac.flow.build import Build, BuildError, float_settings, network_settings
 from fastac.models.floating import pipeline
-from fastac.models.integer import assemble, bundle, quantise
+from fastac.models.integer import bundle, quantise
+from fastac.models.integer.dst2d import Solver
 from fastac.models.training import hyperforce
 from fastac.sensor import dataset
 
@@ -179,7 +180,7 @@ class TestOnlyWhatIsWanted:
             raise AssertionError("nobody asked for depth or force")
 
         monkeypatch.setattr(hyperforce, "train", refuse)
-        monkeypatch.setitem(assemble.CHOOSERS, "dst2d", refuse)
+        monkeypatch.setattr(Solver, "fitted", refuse)
         monkeypatch.setattr(quantise, "quantise_weights", refuse)
         monkeypatch.setattr(pipeline, "solve", refuse)
         scene = make_scene(outputs=["normals"], training=QUICK)

@@ -1,0 +1,7 @@
+"""The Poisson solvers' integers by the names of `poisson.solver`; what finds no depth has none."""
+
+from fastac.models.integer.dst2d import Solver
+from fastac.models.integer.tridiagonal import TridiagonalSolver
+
+SOLVERS = {"dst2d": Solver, "tridiagonal": TridiagonalSolver}
+"""Subclasses of `IntegerSolver`."""
