@@ -17,7 +17,7 @@ from fastac.models.integer import bundle
 from fastac.models.integer.assemble import assemble, with_force_of
 from fastac.models.integer.bounds import Stage
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.specimen import recalibrated, scene, specimen
+from fastac.models.random_bundle import random_bundle, recalibrated, scene
 
 WANTED = {
     "absolute": {"outputs": ("depth", "force_z"), "mode": "absolute", "lanes": 4},
@@ -33,7 +33,7 @@ def bundles(tmp_path_factory):
     """Of every kind a bundle and one with another network."""
     folder, found = tmp_path_factory.mktemp("bundles"), {}
     for name, wanted in WANTED.items():
-        own = specimen(folder / name, scene(**wanted))
+        own = random_bundle(folder / name, scene(**wanted))
         found[name] = own, recalibrated(folder / f"{name}_other", own)
     return found
 
@@ -216,7 +216,7 @@ def test_the_hardwares_force_can_be_kept(bundles, tmp_path):
 
 
 def test_baked_hardware_takes_none(tmp_path):
-    own = specimen(tmp_path / "baked", scene(("normals",), weights="baked"))
+    own = random_bundle(tmp_path / "baked", scene(("normals",), weights="baked"))
     with pytest.raises(CalibrationError, match=r"hardware\.weights: baked, the hardware takes no"):
         calibration_words(own, own)
 
