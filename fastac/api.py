@@ -99,7 +99,7 @@ class TactileSensor:
 
     @property
     def digest(self) -> str:
-        """SHA-256 of the bundle, in hexadecimal; its first 64 bits are the hardware's register BUNDLE_HASH."""
+        """SHA-256 of the bundle, in hexadecimal; the register BUNDLE_HASH has its first 64 bits."""
         return self.bundle.digest
 
     @property

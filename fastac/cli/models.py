@@ -102,7 +102,7 @@ def predict(bundle, data, use_float, split, output, progress):
         raise IsADirectoryError(f"{output}: is a folder; give the name of a file")
     temporary = output.with_name(f".{output.name}.part")
     try:
-        with h5py.File(temporary, "w") as file:  # first: a path that cannot be written fails before the frames
+        with h5py.File(temporary, "w") as file:  # before the frames, so that a bad path fails now
             file.attrs["bundle_sha256"] = sensor.digest
             file.attrs["arithmetic"] = arithmetic
             file.attrs["pitch_mm"] = samples.pitch_mm

@@ -12,7 +12,7 @@ from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.frame_validity import REASONS
-from fastac.models.random_bundle import random_pipeline
+from fastac.models.random_bundle import random_bundle
 from fastac.models.result import Result
 from fastac.models.vision.image_processing import as_channels
 
@@ -87,14 +87,11 @@ class TestRun:
             np.testing.assert_array_equal(getattr(one, name), getattr(several, name)[0])
 
     def test_a_force_map_and_three_axes(self, make_scene, tmp_path):
-        from fastac.models.integer import bundle
-
         scene = make_scene(outputs=["force_xyz", "force_map"])
-        pipeline = random_pipeline(scene, np.random.default_rng(3))
-        bundle.save(tmp_path, pipeline, {})
+        random_bundle(tmp_path, scene)
         sensor = fastac.load(tmp_path)
         assert sensor.outputs == {"force_n": "N", "force_map_n": "N"}
-        found = sensor.run(pipeline.background)
+        found = sensor.run(sensor.background)
         assert found.force_axes == ("x", "y", "z")
         assert found.force_n.shape == (3,)
         assert found.force_map_n.shape == (3, 14, 14)
@@ -102,10 +99,11 @@ class TestRun:
 
 class TestReasons:
     def test_of_one_frame_and_of_several(self, sensor, tiny_data):
-        dark = np.zeros_like(tiny_data.frames[0])
-        assert sensor.run(tiny_data.background).reasons == ()
+        good = tiny_data.frames[tiny_data.indices("train")[0]]  # the limits are around the train frames
+        dark = np.zeros_like(good)
+        assert sensor.run(good).reasons == ()
         assert {"clipped", "brightness_b", "detail"} <= set(sensor.run(dark).reasons)
-        both = sensor.run(np.stack([tiny_data.background, dark])).reasons
+        both = sensor.run(np.stack([good, dark])).reasons
         assert both == [(), sensor.run(dark).reasons]
 
     @pytest.mark.parametrize("bit", range(len(REASONS)))
@@ -114,7 +112,7 @@ class TestReasons:
 
     def test_floats_do_not_judge(self, sensor, tiny_data):
         found = sensor.run(tiny_data.background, arithmetic="float")
-        with pytest.raises(ValueError, match=r"^reasons: validity is unknown; run with arithmetic='integer'$"):
+        with pytest.raises(ValueError, match=r"^reasons: validity is unknown; run with arithmetic='int"):
             _ = found.reasons
 
 
@@ -173,11 +171,9 @@ class TestRaw10:
         frames = np.stack([as_channels(raw, raw_sensor.scene.sensor) for raw in raw_frames])
         expected = raw_sensor.run(frames)
         for name in names(expected):
+            np.testing.assert_array_equal(getattr(raw_sensor.run(raw_frames), name), getattr(expected, name))
             np.testing.assert_array_equal(
-                getattr(raw_sensor.run(raw_frames), name), getattr(expected, name), name
-            )
-            np.testing.assert_array_equal(
-                getattr(raw_sensor.run(raw_frames[1]), name), getattr(expected, name)[1], name
+                getattr(raw_sensor.run(raw_frames[1]), name), getattr(expected, name)[1]
             )
         (streamed,) = raw_sensor.stream(raw_frames[:1])
         np.testing.assert_array_equal(streamed.depth_mm, expected.depth_mm[0])
@@ -187,9 +183,7 @@ class TestRaw10:
         np.testing.assert_array_equal(found, as_channels(raw_frames[0], raw_sensor.scene.sensor))
 
     def test_of_another_size(self, raw_sensor, raw_frames):
-        expected = (
-            r"^frames \(3, 32, 64\) uint16: expected \(16, 16, 4\) uint8 or \(64, 64\) uint16 each$"
-        )
+        expected = r"^frames \(3, 32, 64\) uint16: expected \(16, 16, 4\) uint8 or \(64, 64\) uint16 each$"
         with pytest.raises(ValueError, match=expected):
             raw_sensor.run(raw_frames[:, ::2])
 
@@ -216,7 +210,9 @@ class TestErrors:
             assert str(error.value) == message
 
     def test_an_output_that_there_is_not(self, sensor, tiny_data):
-        with pytest.raises(ValueError, match=r"^outputs: 'force_map_n': expected some of normals, slopes, .*"):
+        with pytest.raises(
+            ValueError, match=r"^outputs: 'force_map_n': expected some of normals, slopes, .*"
+        ):
             sensor.run(tiny_data.frames, outputs=["force_map_n"])
         with pytest.raises(ValueError, match=r"^outputs: 'validity': expected some of normals, .*force_n$"):
             sensor.run(tiny_data.frames, arithmetic="float", outputs=["validity"])
