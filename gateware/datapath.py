@@ -20,8 +20,8 @@ from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
 from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FrameGuard
 from fastac.gateware.stream.frame_validity import FrameValidity
-from fastac.gateware.stream.queues import Buffer
-from fastac.gateware.stream.tables import Table
+from fastac.gateware.stream.queues import SkidBuffer
+from fastac.gateware.stream.tables import TableFormat
 from fastac.models.integer.features import WIDTH, coordinate_codes
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -158,7 +158,7 @@ class Datapath(FrameCycles, wiring.Component):
         return registers
 
     @property
-    def loadable_tables(self) -> dict[str, tuple[Table, np.ndarray]]:
+    def loadable_tables(self) -> dict[str, tuple[TableFormat, np.ndarray]]:
         """Format, and values (depth, fields) for this pipeline, of each table that a calibration brings."""
         tables, scene = {}, self.pipeline.scene
         if self.loadable and scene.wants_solver and scene.poisson.mode == "difference":
@@ -182,7 +182,7 @@ class Datapath(FrameCycles, wiring.Component):
         m.submodules.guard = guard = self.guard
         m.submodules.background = background = self.background
         m.submodules.mlp = mlp = self.mlp
-        m.submodules.normals_buffer = normals = Buffer(self.normal_layout)
+        m.submodules.normals_buffer = normals = SkidBuffer(self.normal_layout)
         connect(m, wiring.flipped(self.axis), guard.axis)
         connect(m, guard.tag, wiring.flipped(self.tag))
         connect(m, guard.o, background.i)
@@ -247,7 +247,7 @@ class Datapath(FrameCycles, wiring.Component):
             return m
 
         m.submodules.solver = solver = self.solver
-        m.submodules.solution_buffer = solution = Buffer(solver.o.payload.shape())
+        m.submodules.solution_buffer = solution = SkidBuffer(solver.o.payload.shape())
         connect(m, divider.o, solver.i)
         connect(m, solver.o, solution.i)
         if "offset" in self.loadable_tables:
