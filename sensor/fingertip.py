@@ -11,9 +11,9 @@ import os
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.sensor.mechanics.press import ContactError, Pressed, Rig
@@ -23,6 +23,7 @@ from fastac.sensor.optics.mosaic import CELL
 from fastac.sensor.optics.raw_window import background_raw10, render_raw10
 from fastac.sensor.optics.skin_paint import marker_pixels
 from fastac.sensor.protocol import FingertipError, stations
+from fastac.store.progress import progress_bar
 
 
 def require(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
@@ -128,7 +129,7 @@ def generate(
     tasks = [(s, protocol.ball_mm, sensor, [next(rest) for _ in s.targets_n]) for s in visited]
     room, poses, split = _empty(scene, count), [], []
     processes = min(processes or os.cpu_count() or 1, len(tasks))
-    with tqdm(total=count, desc="presses", unit="", disable=not progress) as bar:
+    with progress_bar(total=count, desc="presses", unit="", enabled=progress, leave=True) as bar:
         performed = _perform(scene, tasks, Path(cache), processes, progress)
         for station, samples in zip(visited, performed, strict=True):
             for found in samples:

@@ -15,15 +15,16 @@ from zipfile import BadZipFile
 
 import cv2
 import numpy as np
-from tqdm import tqdm
 
 from fastac.models.vision.image_processing import as_channels, channels
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.fingertip import sample
 from fastac.sensor.mechanics.press import Pressed
 from fastac.store.files import digest_file
+from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
 
 CACHE = Path("build/cache")
@@ -67,7 +68,7 @@ def _keep(path: Path, data: Dataset, sensor: Sensor, progress: bool) -> None:
     """Process all frames of `data` into `path`, which appears complete or not at all."""
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         done = pool.map(lambda raw: channels(raw, sensor), data.raw10)
-        bar = tqdm(done, total=len(data), desc="image processing", disable=not progress, leave=False)
+        bar = progress_bar(done, total=len(data), desc="image processing", enabled=progress)
         frames = np.stack(list(bar))
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")

@@ -6,7 +6,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.flow import training
 from fastac.models import accuracy
@@ -17,6 +16,7 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
 from fastac.store.files import digest_file, write_json
+from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
 
 MODELS = ("float", "integer", "linear", "quadratic")
@@ -95,7 +95,9 @@ def evaluate(data: Dataset, scene: Scene, path: Path, folder: Path, *, progress:
     ]
     key = hashlib.sha256(json.dumps(settings).encode()).hexdigest()
     found = {}
-    for number, name in enumerate(tqdm(groups, desc="groups", unit="group", disable=not progress)):
+    for number, name in enumerate(
+        progress_bar(groups, desc="groups", unit="group", enabled=progress, leave=True)
+    ):
         own = folder / f"group{number}"
         result = own / "errors.json"
         kept = json.loads(result.read_text()) if result.exists() else {}

@@ -13,7 +13,6 @@ import copy
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from fastac.models.floating.network import PixelNetwork, Unit
 from fastac.models.floating.threads import single_thread
@@ -28,6 +27,7 @@ from fastac.models.training import slope_force
 from fastac.models.training.normals import ScaledNetwork
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
+from fastac.store.progress import progress_bar
 
 LEAST_PX = 32
 """Averaged frames keep at least so many pixels along each side."""
@@ -190,7 +190,7 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     if len(change["validation"]):  # what it starts from counts too: training must not lose it
         best, best_state = _error(model, change, force), copy.deepcopy(model.state_dict())
         history.append({"epoch": 0, "train_mae_n": np.nan, "validation_mae_n": best})
-    bar = tqdm(total=steps, desc="slopes from forces", unit="step", disable=not progress, leave=False)
+    bar = progress_bar(total=steps, desc="slopes from forces", unit="step", enabled=progress)
     for epoch in range(settings.force_epochs):
         total = 0.0
         for index in torch.randperm(count, generator=generator).split(settings.force_batch):

@@ -8,12 +8,12 @@ import copy
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from fastac.models.floating.hyperforce import HyperForce, coordinates
 from fastac.models.floating.threads import single_thread
 from fastac.models.training import ridge
 from fastac.scenes.schema import Scene
+from fastac.store.progress import progress_bar
 
 
 def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:
@@ -55,7 +55,7 @@ def train(
     )
     generator = torch.Generator().manual_seed(settings.seed)
     best, best_state, history = np.inf, None, []
-    bar = tqdm(total=steps, desc="force", unit="step", disable=not progress, leave=False)
+    bar = progress_bar(total=steps, desc="force", unit="step", enabled=progress)
     for epoch in range(epochs):
         total = 0.0
         for index in torch.randperm(count, generator=generator).split(settings.force_batch):

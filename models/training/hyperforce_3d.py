@@ -15,13 +15,13 @@ from zipfile import BadZipFile
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from fastac.models.floating.hyperforce import coordinates
 from fastac.models.floating.hyperforce_3d import INPUTS, HyperForce3D
 from fastac.models.floating.threads import single_thread
 from fastac.models.training import ridge
 from fastac.scenes.schema import Scene
+from fastac.store.progress import progress_bar
 
 PATIENCE = 15
 """Epochs without a smaller validation error after which training stops."""
@@ -72,9 +72,7 @@ def train(
         run.load(checkpoint)
     epochs = scene.training.force_epochs
     label = f"force, {'dynamic' if dynamic else 'fixed'} {inputs}"
-    bar = tqdm(
-        total=epochs, initial=len(run.history), desc=label, unit="epoch", disable=not progress, leave=False
-    )
+    bar = progress_bar(total=epochs, initial=len(run.history), desc=label, unit="epoch", enabled=progress)
     while len(run.history) < epochs and not run.stalled:
         train_mae_n = run.epoch(x["train"], force["train"])
         run.judge(train_mae_n, error_n(run.model, x["validation"], force["validation"]))

@@ -8,9 +8,9 @@ errors of the pixel network appear in the slopes.
 
 import numpy as np
 from scipy.fft import dctn, idct, idctn
-from tqdm import tqdm
 
 from fastac.models.training import ridge
+from fastac.store.progress import progress_bar
 
 SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
 """Cosines along each axis that are tried."""
@@ -38,7 +38,7 @@ def fit(
     sizes = [size for size in SIZES if size <= min(height, width)]
     x = {split: spectra(values, sizes[-1]) for split, values in change.items()}
     history = []
-    for size in tqdm(sizes, desc="force, slopes", unit="basis", disable=not progress, leave=False):
+    for size in progress_bar(sizes, desc="force, slopes", unit="basis", enabled=progress):
         part = {split: values[:, :size, :size].reshape(len(values), -1) for split, values in x.items()}
         history += [{"cosines": size, **entry} for entry in ridge.attempts(part, force_n)]
     chosen = ridge.best(history)

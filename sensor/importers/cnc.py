@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset
@@ -19,6 +18,7 @@ from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.importers.pose_labels import labels
 from fastac.sensor.importers.poses import Pose
 from fastac.sensor.protocol import stations
+from fastac.store.progress import progress_bar
 
 POSES = "poses.csv"
 Point = tuple[float, float, float]
@@ -53,7 +53,7 @@ def write_recording(
     frames, rows = CncFrames(folder, scene.sensor), []
     taken = data.frames if data.raw10 is None else data.raw10
     frames.write(BACKGROUND, data.background)
-    for i in tqdm(range(len(data)), desc="recording", unit="frame", disable=not progress, leave=False):
+    for i in progress_bar(range(len(data)), desc="recording", unit="frame", enabled=progress):
         frames.write(stem(i), taken[i])
         at = np.array([known[f"{axis}_mm"][i] for axis in "xyz"]) + origin_mm
         told = [float(known[key][i]) for key in ("load_n", "tangential_x_n", "tangential_y_n")]
@@ -109,7 +109,7 @@ def import_recording(
     taken = np.empty((n, *background.shape), background.dtype)
     normals, depth = np.empty((n, *shape, 3), np.float32), np.empty((n, *shape), np.float32)
     valid, kept, tracked = np.empty((n, *shape), bool), [], []
-    for pose, where in tqdm(rows, desc="frames", disable=not progress, leave=False):
+    for pose, where in progress_bar(rows, desc="frames", enabled=progress):
         at = (pose.x_mm, pose.y_mm, pose.z_mm)
         x_mm, y_mm, z_mm = (float(value) for value in np.subtract(at, origin_mm))
         own = Pose(**vars(pose) | {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm})

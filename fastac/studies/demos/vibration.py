@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from tqdm import tqdm
 
 from fastac.flow import frames
 from fastac.gateware.cycle_model import cycles
@@ -26,6 +25,7 @@ from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import probe_of, rig_of
 from fastac.sensor.protocol import FingertipError
 from fastac.store.files import write_json
+from fastac.store.progress import progress_bar
 from fastac.studies.demos.records import Recording, Seen
 from fastac.studies.demos.sampling import CAMERA_HZ, alias_hz, spectrum, taken
 
@@ -87,7 +87,7 @@ def record(bundle: Bundle, rig: Rig, vibration: Vibration, frequency_hz: int, *,
     rng = np.random.default_rng(scene.protocol.seed)
     images, true_n = [], []
     label = f"{frequency_hz} Hz"
-    for load in tqdm(load_n(camera_s), desc=label, unit="frame", disable=not progress, leave=False):
+    for load in progress_bar(load_n(camera_s), desc=label, unit="frame", enabled=progress):
         pressed = probe.at_load(float(load))
         true_n.append(pressed.force_n[2])
         images.append(frames.of_press(pressed, scene.sensor, rng))

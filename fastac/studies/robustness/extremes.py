@@ -9,14 +9,13 @@ from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
-from tqdm import tqdm
-
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.integer.frame_validity import REASONS
 from fastac.sensor import samples
 from fastac.sensor.dataset import Dataset, read
 from fastac.store.files import write_json
+from fastac.store.progress import progress_bar
 from fastac.studies.robustness import drift, frames, words
 
 FILE, PLOT = "extremes.json", "extremes.png"
@@ -87,7 +86,7 @@ def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
 
     index = samples.spread(data.indices("test"), DRIFT_FRAMES)
     content["drift_frame_indices"] = index.tolist()
-    bar = partial(tqdm, desc="faults", disable=not progress)
+    bar = partial(progress_bar, desc="faults", enabled=progress, leave=True)
     content["drift"] = list(drift.measure(bundle, data, index, place, progress=bar))
     write_json(file, content)
     drift.figure(content["drift"], folder / PLOT)
