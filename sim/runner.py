@@ -56,8 +56,8 @@ class PortsOnly(Verilator):
             RuntimeObjects(Path(self.build_dir), optimisation).take()
             execute([[*cmds[-1], with_headers(optimisation)]], cwd, stdout)
 
-        # -O1 instead of Verilator's -Os builds simulators in half of the time, which simulations of few frames
-        # never get back.
+        # -O1 instead of Verilator's -Os builds simulators in half of the time, which simulations of few
+        # frames never get back.
         optimisation = "-O0" if "-O0" in cmds[0] else "-O1"
         simulators.take_or_make(self._content(cmds), Path(self.build_dir) / self.hdl_toplevel, make)
 

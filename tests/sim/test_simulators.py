@@ -21,7 +21,9 @@ def kept(cache) -> set[str]:
 def test_an_unchanged_design_is_not_compiled_again(tmp_path, cache, monkeypatch):
     made = []
     take = runner.RuntimeObjects.take
-    monkeypatch.setattr(runner.RuntimeObjects, "take", lambda self: made.append(self.folder.name) or take(self))
+    monkeypatch.setattr(
+        runner.RuntimeObjects, "take", lambda self: made.append(self.folder.name) or take(self)
+    )
 
     def build(folder: str, out: str = "b <= a", arguments=runner.QUICK):
         (tmp_path / folder).mkdir(exist_ok=True)
