@@ -15,7 +15,7 @@ import numpy as np
 from fastac.scenes.schema import Scene, Sensor
 from fastac.sensor import dataset
 from fastac.sensor.geometry import rest_depth_mm
-from fastac.sensor.mechanics.press import ContactError, Pressed, Rig
+from fastac.sensor.mechanics.press import ContactError, PressedSkin, Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.optics.camera import background, render
 from fastac.sensor.optics.mosaic import CELL
@@ -25,7 +25,7 @@ from fastac.sensor.protocol import FingertipError, stations
 from fastac.store.progress import progress_bar
 
 
-def require(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
+def require_simulated(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
     """Raise FingertipError unless the virtual sensor can show `what`, which needs the forces along `axes`."""
     if scene.sensor.source != "simulated":
         raise FingertipError(f"{what}: sensor.source = {scene.sensor.source!r}: expected 'simulated'")
@@ -55,7 +55,7 @@ def _press(task) -> list[dict | None]:
     ]
 
 
-def sample(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> dict:
+def sample(pressed: PressedSkin, sensor: Sensor, rng: np.random.Generator) -> dict:
     """What a dataset holds of one press, with its frame; see `_empty` for the keys."""
     view = render if sensor.frames == "channels" else render_raw10
     arrays = {

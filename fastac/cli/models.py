@@ -72,8 +72,8 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))
         return
-    index = sensor_samples.choose(samples, split, data)
-    errors, _ = accuracy.compare(model, samples, index, progress=progress)
+    index = sensor_samples.split_indices(samples, split, data)
+    errors, _ = accuracy.compare_pipelines(model, samples, index, progress=progress)
     if json_file:
         write_json(json_file, {"data": str(data), "split": split, "frames": len(index), **errors})
     click.echo(f"{data}: {len(index)} frames, {samples.source}")
@@ -98,9 +98,9 @@ def predict(bundle, data, use_float, split, output, progress):
 
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)
-    index = sensor_samples.choose(samples, split, data)
+    index = sensor_samples.split_indices(samples, split, data)
     pipeline = FloatPipeline.from_bundle(model) if use_float else model.pipeline
-    result = accuracy.of_dataset(pipeline, samples).run(samples.frames[index], progress=progress)
+    result = accuracy.with_background_of(pipeline, samples).run(samples.frames[index], progress=progress)
     output.parent.mkdir(parents=True, exist_ok=True)
     temporary = output.with_name(f".{output.name}.part")
     with h5py.File(temporary, "w") as file:

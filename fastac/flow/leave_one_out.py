@@ -73,7 +73,7 @@ def errors(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> dict
     truth = data.forces_n(index, scene.force_axes)
     found = {
         name: value["force_mae_n"]
-        for name, value in accuracy.compare(model, data, index, progress=progress)[0].items()
+        for name, value in accuracy.compare_pipelines(model, data, index, progress=progress)[0].items()
         if name in MODELS
     }
     for name, estimate in (("linear", linear_force_n), ("quadratic", quadratic_force_n)):

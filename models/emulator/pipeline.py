@@ -10,7 +10,7 @@ from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exact_solver import NotExactError
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.loops.frames import choose, over_frames, require_frames
+from fastac.models.loops.frames import choose_outputs, over_frames, require_frames
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
 
@@ -40,7 +40,7 @@ class Emulator:
 
         Equal to `direct.loop` on every value.
         """
-        outputs = choose(direct.outputs(self.pipeline), wanted)
+        outputs = choose_outputs(direct.outputs(self.pipeline), wanted)
         require_frames(frames, self.pipeline.background)
         found = over_frames(
             partial(self._worker, frozenset(outputs)),
