@@ -8,7 +8,7 @@ import numpy as np
 
 from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
-from fastac.models.emulator.exact_solver import NotExactError
+from fastac.models.emulator.exactness import NotExactError
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.loops.frames import choose_outputs, over_frames, require_frames
 from fastac.models.result import Result

@@ -244,8 +244,8 @@ class TestEvaluate:
 def test_each_recording_is_seen_against_its_own_rest(tiny_bundle, tiny_data):
     brighter = replace(tiny_data, background=tiny_data.background + 5)
     pipeline = accuracy.with_background_of(tiny_bundle.pipeline, brighter)
-    np.testing.assert_array_equal(pipeline.background, tiny_data.background + 5)
-    assert pipeline.layers is tiny_bundle.pipeline.layers
+    np.testing.assert_array_equal(pipeline.pipeline.background, tiny_data.background + 5)
+    assert pipeline.pipeline.layers is tiny_bundle.pipeline.layers
 
 
 def test_compare_runs_both_pipelines_on_the_same_frames(tiny_bundle, tiny_data):
