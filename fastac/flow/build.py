@@ -15,7 +15,7 @@ from fastac.scenes.schema import Scene
 from fastac.sensor import dataset, fingertip, samples
 from fastac.store.files import digest_file, write_json
 from fastac.store.sources import HARDWARE_SOURCES, TRAINING_SOURCES
-from fastac.store.steps import Step, Workspace
+from fastac.store.workspace import Step, Workspace
 from fastac.synth import resources, synthesis
 
 

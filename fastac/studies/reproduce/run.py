@@ -11,7 +11,7 @@ from pathlib import Path
 from fastac.flow.build import Build
 from fastac.report import paper
 from fastac.store.files import write_json
-from fastac.store.steps import Step, Workspace
+from fastac.store.workspace import Step, Workspace
 from fastac.studies.demos import grasp, vibration
 from fastac.studies.reproduce import force, geometry, goals, limits, page, stages
 from fastac.studies.reproduce.section import Section, stamped_key
