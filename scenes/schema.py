@@ -7,7 +7,9 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import ConfigDict, Field, ValidationError, model_validator
+
+from fastac.scenes.watched import Watchable
 
 AXES = "xyz"
 
@@ -19,6 +21,7 @@ TANGENTIAL_SHARES = (0.3, 0.6)
 """The paper's (supplement, section I)."""
 RECURRENCE_BEATS = 5
 """The tridiagonal solver's rows take at least as many clocks, for each row needs the one before it."""
+
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0, le=2)]
@@ -29,7 +32,7 @@ class SceneError(ValueError):
     """A scene that cannot be used; the message is one line that names file, key and value."""
 
 
-class Strict(BaseModel):
+class Strict(Watchable):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
