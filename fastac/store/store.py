@@ -7,6 +7,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 from filelock import FileLock, Timeout
@@ -254,3 +255,14 @@ def _one_line(reasons: Iterator[str]) -> str:
     first, *others = reasons
     others = [reason for reason in others if reason != "code changed"]
     return f"{first} (and {len(others)} more)" if others else first
+
+
+@cache
+def open_store(folder: Path) -> Store:
+    """The store in a folder; within a process always the same, so that code is read once."""
+    return Store(folder, _code())
+
+
+@cache
+def _code() -> Code:
+    return Code()

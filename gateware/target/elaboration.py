@@ -75,8 +75,13 @@ def to_verilog(design: Elaboratable, *, name: str = "top", platform: object = No
 
     What Amaranth raises of a faulty design passes through.
     """
+    return verilog_of(to_rtlil(design, name=name, platform=platform))
+
+
+def verilog_of(rtlil_text: str) -> str:
+    """Verilog of what `to_rtlil` wrote."""
     # What verilog.convert() calls, which takes one design; Amaranth's release is pinned.
-    return verilog._convert_rtlil_text(to_rtlil(design, name=name, platform=platform))
+    return verilog._convert_rtlil_text(rtlil_text)
 
 
 def to_rtlil(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:

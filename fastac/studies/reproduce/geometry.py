@@ -30,7 +30,7 @@ from fastac.report.paper import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_R
 from fastac.report.tables import Table
 from fastac.scenes.schema import CHANNELS, Scene
 from fastac.sensor.dataset import Dataset
-from fastac.store.files import content_hash
+from fastac.store.files import content_hash, load_arrays
 from fastac.studies.reproduce.section import beside, stamped_key, vertical
 
 NAMES = {"bgr": "RGB-only", "bgr+nir": "RGB-NIR"}
@@ -120,7 +120,7 @@ def run(build: Build, folder: Path) -> dict:
     if not weights.exists():
         training.normals(of_rgb, reduced, weights, progress=progress)
     pipelines = {
-        "bgr": (training.float_pipeline(training.load_arrays(weights), of_rgb, reduced), of_rgb),
+        "bgr": (training.float_pipeline(load_arrays(weights), of_rgb, reduced), of_rgb),
         "bgr+nir": (FloatPipeline.from_bundle(build.bundle), data),
     }
     index = vertical(data, "test")

@@ -19,7 +19,7 @@ from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.training.hyperforce_3d import refit, select
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import SPLITS, Dataset
-from fastac.store.files import content_hash, read_or_make
+from fastac.store.files import content_hash, load_arrays, read_or_make
 from fastac.store.sources import digest_sources
 from fastac.studies.reproduce import force_ablation
 from fastac.studies.reproduce.force_ablation import Fields
@@ -92,7 +92,7 @@ def run(build: Build, folder: Path, found_file: Path) -> dict[str, dict]:
     scene, data = build.scene, build.data
     rest_mm = training.rest_depth_mm(data)
     true = force_ablation.true_fields(data)
-    arrays = training.load_arrays(found_file)
+    arrays = load_arrays(found_file)
     found = force_ablation.found_fields(arrays, data)[0]
     kept = {split: arrays[f"{split}.kept"] for split in SPLITS}
     free = scene.model_copy(update={"force": scene.force.model_copy(update={"clamp": False})})

@@ -22,7 +22,7 @@ from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels
 from fastac.sensor.redraw import redraw
 from fastac.sensor.samples import take
-from fastac.store.files import content_hash, write_json
+from fastac.store.files import content_hash, load_arrays, write_json
 from fastac.store.sources import digest_sources
 from fastac.studies.reproduce.geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
 from fastac.studies.reproduce.section import stamped_key, vertical
@@ -95,7 +95,7 @@ class Training:
 
     def errors(self, *, progress: bool) -> dict[str, float]:
         """Of gradients and depth on the test split, all pixels."""
-        arrays = training.load_arrays(self.weights)
+        arrays = load_arrays(self.weights)
         pipeline = training.float_pipeline(arrays, self.data, self.scene)
         return summary(judge(pipeline, self.data, self.data.indices("test"), progress=progress)[0])
 

@@ -67,7 +67,7 @@ SECTIONS = (
     Section(
         "vibration",
         "In time: vibrations",
-        lambda build, folder: vibration.run(build.bundle, folder, cache=build.cache, progress=build.progress),
+        lambda build, folder: vibration.run(build.bundle, folder, store=build.store, progress=build.progress),
         vibration.tables,
         (
             "sensor/**/*.py",
@@ -80,7 +80,7 @@ SECTIONS = (
     Section(
         "grasp",
         "In time: a bottle that slips",
-        lambda build, folder: grasp.run(build.bundle, folder, cache=build.cache, progress=build.progress),
+        lambda build, folder: grasp.run(build.bundle, folder, store=build.store, progress=build.progress),
         grasp.tables,
         (
             *(

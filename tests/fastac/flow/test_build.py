@@ -12,6 +12,7 @@ from fastac.models.floating import pipeline
 from fastac.models.integer import assemble, bundle, quantise
 from fastac.models.training import hyperforce
 from fastac.sensor import dataset
+from fastac.store.files import load_arrays
 
 TRAIN = ["data", "normals", "integers", "force", "bundle"]
 QUICK = {"normals_epochs": 1, "finetune_epochs": 1}
@@ -58,12 +59,12 @@ class TestResumes:
     def test_a_lost_file_is_made_again_and_nothing_before_it(
         self, tiny_scene, tiny_file, folder, tiny_bundle, file, step
     ):
-        lost = training.load_arrays(folder / file)
+        lost = load_arrays(folder / file)
         (folder / file).unlink()
         announced = run(tiny_scene, folder, tiny_file)
         assert announced[step] == "ran"
         assert not set(ran(announced)) & set(TRAIN[: TRAIN.index(step)])
-        for name, array in training.load_arrays(folder / file).items():
+        for name, array in load_arrays(folder / file).items():
             np.testing.assert_array_equal(array, lost[name])  # the same training gives the same file
         assert bundle.load(folder / "bundle").digest == tiny_bundle.digest
 

@@ -138,7 +138,7 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
 def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypatch):
     tasks = faked(monkeypatch)
     results = synthesis.perform(design, tmp_path / "cache", design, tasks, progress=False)
-    hardware = {"bundle_sha256": "b", "gateware_sha256": "g"}
+    hardware = {"bundle_sha256": "b", "rtlil_sha256": "g"}
     assert table.resources(tmp_path, hardware) == {}
     content = hardware | synthesis.describe(design, results, DEVICE)
     (tmp_path / synthesis.FILE).write_text(json.dumps(content))
@@ -170,7 +170,7 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
     assert f"200.1  a → MULT18X18D → product; {half}\n" in table.table(content, DEVICE)
 
     assert table.resources(tmp_path, hardware | {"bundle_sha256": "other"}) == {}
-    assert table.resources(tmp_path, hardware | {"gateware_sha256": "other"}) == {}
+    assert table.resources(tmp_path, hardware | {"rtlil_sha256": "other"}) == {}
 
 
 def test_errors_are_one_line(design, tmp_path, monkeypatch):
