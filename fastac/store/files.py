@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-
 _DAMAGE = (ValueError, EOFError, KeyError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error)
 """What NumPy raises for archives that are cut short, overwritten, or none."""
 
