@@ -253,11 +253,12 @@ class Code:
             return
         for place in (folder, *(p for p in folder.parents if p == root or root in p.parents)):
             path = place / text
-            if path in walk.files or not path.exists() or path.suffix in (".py", ".pyc"):
+            label = f"file {root.name}/{path.relative_to(root).as_posix()}"
+            if label in walk.symbols or not path.exists() or path.suffix in (".py", ".pyc"):
                 continue
             if path.is_dir() and (not text.strip("./") or any(path.glob("*.py"))):
                 continue
-            walk.symbols[f"file {root.name}/{path.relative_to(root).as_posix()}"] = path_digest(path)[:16]
+            walk.symbols[label] = path_digest(path)[:16]
             walk.files |= {path, *path.rglob("*")}
             if path.suffix in _TEMPLATES:
                 for included in set(_QUOTED.findall(path.read_text(errors="replace"))):

@@ -20,6 +20,7 @@ class Libraries:
 
     def __init__(self, project: str):
         self._providers: dict[str, list[str]] | None = None
+        self._versions: dict[str, str] = {}
         self._closures: dict[str, frozenset[str]] = {}
         # Extras that the project asks for install tools that a library then starts by name.
         self._extras: dict[str, set[str]] = {}
@@ -38,7 +39,9 @@ class Libraries:
                 names |= self._closure(distribution)
         for distribution in distributions:
             names |= self._closure(normalised(distribution))
-        return {name: _version(name) for name in sorted(names)}
+        for name in names - self._versions.keys():
+            self._versions[name] = _version(name)
+        return {name: self._versions[name] for name in sorted(names)}
 
     def _distributions(self, top: str) -> list[str]:
         if top in sys.stdlib_module_names:
