@@ -11,7 +11,7 @@ import re
 import sys
 import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +20,8 @@ from fastac.store.digest import path_digest, stamp
 from fastac.store.files import content_hash
 from fastac.store.libraries import Libraries
 from fastac.store.modules import Definition, Module, Modules
-from fastac.store.references import Found, Import, Reference, Use
+from fastac.store.names import Names, Target
+from fastac.store.references import Found, Use
 
 _FILE = re.compile(r"[\w./-]+")
 _QUOTED = re.compile(r"""["'<]([\w./-]+\.\w+)["'>]""")
@@ -48,18 +49,6 @@ class Closure:
     @cached_property
     def digest(self) -> str:
         return content_hash(dict(self.symbols), dict(self.libraries))
-
-
-@dataclass(frozen=True)
-class Target:
-    """What a reference leads to: a top-level name of a module, a whole module, or something external."""
-
-    module: str
-    name: str | None = None
-    external: bool = False
-
-    def __str__(self) -> str:
-        return self.module if self.name is None else f"{self.module}.{self.name}"
 
 
 @dataclass
@@ -93,26 +82,25 @@ class Code:
     ):
         self.modules = Modules(roots or {"fastac": Path(__file__).parents[1]})
         self.libraries = Libraries(next(iter(self.modules.roots)))
-        self._watchable, self._kinds = watchable, kinds
+        self.resolver = Names(self.modules, watchable, kinds)
         self._known: dict[str, tuple[Closure, set[str], set[Path]]] = {}
         self._stamps: dict[Path, tuple[int, ...] | None] = {}
         self._loaded: dict[str, str] = {}
         self._started = time.time_ns() if since is None else since
-        self._settings: dict[Target, bool] = {}
         self._lock = threading.RLock()
 
     def refresh(self) -> None:
         """Notice files that changed since."""
         with self._lock:
             self.modules.refresh()
-            self._settings.clear()
+            self.resolver.refresh()
             now = {path: _stamp(path) for path in self._stamps}
             changed = {path for path, before in self._stamps.items() if now[path] != before}
             self._known = {start: known for start, known in self._known.items() if not known[2] & changed}
             self._stamps = {path: stamp for path, stamp in now.items() if path not in changed}
 
     def closure(self, start: str) -> Closure:
-        """Of `module:name` or a table's entry, `module:kind[name]`; raises CodeError for what is not there."""
+        """Of `module:name` or of a table's entry, `module:kind[name]`; raises CodeError if there is none."""
         with self._lock:
             if start not in self._known:
                 walk = _Walk()
@@ -150,7 +138,7 @@ class Code:
         name, _, kind = table.partition(":")
         with self._lock:
             module = self.modules.get(name) if self.modules.owns(name) else None
-            statement, literal = self._find_table(module, kind) if module else (None, None)
+            statement, literal = self.resolver.find_table(module, kind) if module else (None, None)
             if literal is not None:
                 return list(literal)
             return Definition((statement,), module.package).text_digest if statement else "unknown"
@@ -172,7 +160,7 @@ class Code:
 
     def _table_entry(self, module: Module, kind: str, entry: str, walk: _Walk) -> None:
         """What one entry of a table depends on: its value in the literal, or else the whole statement."""
-        statement, literal = self._find_table(module, kind)
+        statement, literal = self.resolver.find_table(module, kind)
         if statement is None:
             walk.work.append((Target(module.name), Use.CALL))
             return
@@ -180,57 +168,19 @@ class Code:
         definition = Definition(nodes, module.package)
         self._count(f"{module.name}.{kind}[{entry}]", module, definition, Use.IMPORT, walk)
 
-    def _find_table(self, module: Module, kind: str) -> tuple[ast.stmt | None, dict[str, ast.expr] | None]:
-        """The statement that makes a table, and the entries where they are a literal with constant names."""
-        for name in module.bindings:
-            for statement in module.definition(name).nodes:
-                call = self._table(module, statement)
-                if call is None or not call.args or getattr(call.args[0], "value", None) != kind:
-                    continue
-                given = call.args[1] if len(call.args) > 1 else None
-                if not isinstance(given, ast.Dict):
-                    return statement, None
-                names = [getattr(key, "value", None) for key in given.keys]
-                if not all(isinstance(name, str) for name in names):
-                    return statement, None
-                return statement, dict(zip(names, given.values, strict=True))
-        return None, None
-
-    def _table(self, module: Module, statement: ast.AST) -> ast.Call | None:
-        """The call that makes a table of kinds, if the statement does."""
-        value = getattr(statement, "value", None)
-        if not isinstance(statement, ast.Assign | ast.AnnAssign) or not isinstance(value, ast.Call):
-            return None
-        chain = _chain(value.func)
-        targets = self._resolve(module, Reference(chain, Use.IMPORT), None) if chain else []
-        return value if any(str(target) == self._kinds for target in targets) else None
-
-    def _is_settings(self, target: Target) -> bool:
-        """Whether this is a class below the watchable base."""
-        if str(target) == self._watchable:
-            return True
-        if target not in self._settings:
-            self._settings[target] = False  # ends a circle of bases
-            module = self.modules.get(target.module) if self.modules.owns(target.module) else None
-            nodes = module.definition(target.name).nodes if module and target.name in module.bindings else ()
-            bases = [_chain(base) for node in nodes if isinstance(node, ast.ClassDef) for base in node.bases]
-            found = (self._resolve(module, Reference(chain, Use.IMPORT), None) for chain in bases if chain)
-            self._settings[target] = any(self._is_settings(base) for targets in found for base in targets)
-        return self._settings[target]
-
     def _expand(self, target: Target, use: Use, walk: _Walk) -> None:
         """Count what is referred to, once for each way of using it that asks for more."""
         if target.external:
             walk.imported.add(target.module.split(".")[0])
             return
         if use == Use.ANNOTATION:
-            if target.name is not None and self._is_settings(target):
+            if target.name is not None and self.resolver.is_settings(target):
                 return
             use = Use.LATER
         module = self.modules.get(target.module)
         if target.name is not None and use == Use.LATER:
             nodes = module.definition(target.name).nodes
-            if nodes and all(self._table(module, node) for node in nodes):
+            if nodes and all(self.resolver.table(module, node) for node in nodes):
                 self._touch(target.module, walk)
                 return
         reach = Use.CALL if use == Use.CALL else Use.LATER
@@ -241,7 +191,7 @@ class Code:
         if target.name is None:
             label, definition = f"{target.module} (all of it)", module.whole
             for star in module.stars:
-                self._follow(self._module(star), reach, walk)
+                self._follow(self.resolver.whole(star), reach, walk)
         else:
             label, definition = str(target), module.definition(target.name)
         self._count(label, module, definition, reach, walk)
@@ -262,15 +212,8 @@ class Code:
             if module.effects:
                 self._count(f"{name} (statements)", module, module.side_effects, Use.CALL, walk)
             for star in module.stars:
-                self._follow(self._module(star), Use.LATER, walk)
-            pending += self._imported_modules(module.imported)
-
-    def _imported_modules(self, imported: Iterable[Import]) -> Iterator[str]:
-        for bound in imported:
-            if self.modules.owns(bound.module):
-                yield bound.module
-                if bound.attribute and self.modules.get(str(bound)):
-                    yield str(bound)
+                self._follow(self.resolver.whole(star), Use.LATER, walk)
+            pending += self.resolver.imported_modules(module.imported)
 
     def _follow(self, targets: Iterable[Target], use: Use, walk: _Walk) -> None:
         walk.work += ((target, use) for target in targets)
@@ -278,12 +221,12 @@ class Code:
     def _count(self, label: str, module: Module, definition: Definition, use: Use, walk: _Walk) -> None:
         found, meanings = definition.found, []
         for reference in found.references:
-            targets = self._resolve(module, reference, walk)
+            targets = self.resolver.resolve(module, reference, lambda name: self._touch(name, walk))
             meanings += ([reference.chain[0], str(target)] for target in targets)
             # An annotation stays one, however the definition is used.
             inherits = use == Use.CALL and reference.use != Use.ANNOTATION
             self._follow(targets, Use.CALL if inherits else reference.use, walk)
-        for name in self._imported_modules(found.imports):
+        for name in self.resolver.imported_modules(found.imports):
             self._touch(name, walk)
         walk.symbols[label] = content_hash(definition.text_digest, sorted(meanings))[:16]
         self._strings(module, found, walk)
@@ -292,7 +235,7 @@ class Code:
         for text in found.strings:
             dotted = text.partition(":")[0]
             if "." in dotted and self.modules.owns(dotted):
-                self._follow(self._named(dotted), Use.CALL, walk)
+                self._follow(self.resolver.named(dotted), Use.CALL, walk)
             if self.libraries.is_distribution(text) and text not in self.modules.roots:
                 walk.distributions.add(text)
             if _FILE.fullmatch(text):
@@ -303,14 +246,6 @@ class Code:
                 for name in self.modules.below(package):
                     self._follow([Target(name)], Use.CALL, walk)
 
-    def _named(self, dotted: str) -> list[Target]:
-        """The module that a string names, or whose attribute it names."""
-        while "." in dotted:
-            if self.modules.get(dotted):
-                return [Target(dotted)]
-            dotted = dotted.rpartition(".")[0]
-        return []
-
     def _named_file(self, module: Module, text: str, walk: _Walk) -> None:
         """Count a file or a folder of data that a string names, from the module's folder up to the root's."""
         folder, root = module.path.parent, self.modules.roots[module.name.split(".")[0]]
@@ -318,70 +253,16 @@ class Code:
             return
         for place in (folder, *(p for p in folder.parents if p == root or root in p.parents)):
             path = place / text
-            if path in walk.files or not path.exists() or path.suffix in (".py", ".pyc"):
+            label = f"file {root.name}/{path.relative_to(root).as_posix()}"
+            if label in walk.symbols or not path.exists() or path.suffix in (".py", ".pyc"):
                 continue
             if path.is_dir() and (not text.strip("./") or any(path.glob("*.py"))):
                 continue
-            walk.symbols[f"file {root.name}/{path.relative_to(root).as_posix()}"] = path_digest(path)[:16]
+            walk.symbols[label] = path_digest(path)[:16]
             walk.files |= {path, *path.rglob("*")}
             if path.suffix in _TEMPLATES:
                 for included in set(_QUOTED.findall(path.read_text(errors="replace"))):
                     self._named_file(module, included, walk)
-
-    def _resolve(self, module: Module, reference: Reference, walk: _Walk | None) -> list[Target]:
-        if reference.bound is not None:
-            return self._imported(reference.bound, reference.chain[1:], walk)
-        return self._member(module, reference.chain[0], reference.chain[1:], walk)
-
-    def _member(self, module: Module, name: str, rest: tuple[str, ...], walk: _Walk | None) -> list[Target]:
-        """What a name at a module's top level means."""
-        found: list[Target] = []
-        for binding in module.bindings.get(name, ()):
-            if isinstance(binding, Import):
-                if str(binding) != f"{module.name}.{name}":
-                    found += self._imported(binding, rest, walk)
-                elif self.modules.get(str(binding)):
-                    found += self._inside(str(binding), rest, walk)
-            elif Target(module.name, name) not in found:
-                found.append(Target(module.name, name))
-        if not found:
-            for star in module.stars:
-                found += self._module(star)
-        return found
-
-    def _imported(self, bound: Import, rest: tuple[str, ...], walk: _Walk | None) -> list[Target]:
-        if not self.modules.owns(bound.module):
-            return [Target(str(bound), external=True)]
-        if bound.attribute is not None:
-            rest = (bound.attribute, *rest)
-        return self._inside(bound.module, rest, walk)
-
-    def _inside(self, name: str, rest: tuple[str, ...], walk: _Walk | None) -> list[Target]:
-        """What a chain of attributes of a module means; the whole module where that is unknown."""
-        if walk is not None:
-            self._touch(name, walk)
-        if not rest:
-            return self._module(name)
-        module = self.modules.get(name)
-        found = self._member(module, rest[0], rest[1:], walk) if module else []
-        inner = f"{name}.{rest[0]}"
-        if not found and (self.modules.get(inner) or self.modules.is_folder(inner)):
-            return self._inside(inner, rest[1:], walk)
-        return found or self._module(name)
-
-    def _module(self, name: str) -> list[Target]:
-        if not self.modules.owns(name):
-            return [Target(name, external=True)]
-        return [Target(name)] if self.modules.get(name) else []
-
-
-def _chain(node: ast.expr) -> tuple[str, ...]:
-    """The names of `a.b.c`; none for any other expression."""
-    parts: list[str] = []
-    while isinstance(node, ast.Attribute):
-        parts.insert(0, node.attr)
-        node = node.value
-    return (node.id, *parts) if isinstance(node, ast.Name) else ()
 
 
 def _stamp(path: Path) -> tuple[int, ...] | None:

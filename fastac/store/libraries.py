@@ -5,6 +5,7 @@ import os
 import re
 import sys
 from collections.abc import Iterable
+from functools import cache
 
 _REQUIREMENT = re.compile(r"\s*([A-Za-z0-9][\w.-]*)\s*(?:\[([^\]]*)\])?[^;]*(?:;(.*))?", re.DOTALL)
 _EXTRA = re.compile(r"""extra\s*==\s*['"]([^'"]+)['"]""")
@@ -19,11 +20,11 @@ class Libraries:
 
     def __init__(self, project: str):
         self._providers: dict[str, list[str]] | None = None
+        self._versions: dict[str, str] = {}
         self._closures: dict[str, frozenset[str]] = {}
-        self._requirements: dict[str, list[tuple[str, set[str], str]]] = {}
         # Extras that the project asks for install tools that a library then starts by name.
         self._extras: dict[str, set[str]] = {}
-        for name, extras, _ in self._required(project):
+        for name, extras, _ in _required(project):
             self._extras.setdefault(name, set()).update(extras)
         self._installed = frozenset(_installed())
 
@@ -38,7 +39,9 @@ class Libraries:
                 names |= self._closure(distribution)
         for distribution in distributions:
             names |= self._closure(normalised(distribution))
-        return {name: _version(name) for name in sorted(names)}
+        for name in names - self._versions.keys():
+            self._versions[name] = _version(name)
+        return {name: self._versions[name] for name in sorted(names)}
 
     def _distributions(self, top: str) -> list[str]:
         if top in sys.stdlib_module_names:
@@ -61,28 +64,27 @@ class Libraries:
                 done.add(item)
                 name, extras = item
                 found.add(name)
-                for required, asked, marker in self._required(name):
+                for required, asked, marker in _required(name):
                     needed = _EXTRA.findall(marker)
                     wanted = not needed or extras & set(needed)
                     if wanted and required in self._installed:
-                        work.append((required, frozenset(asked | self._extras.get(required, set()))))
+                        work.append((required, asked | self._extras.get(required, set())))
             self._closures[distribution] = frozenset(found)
         return self._closures[distribution]
 
-    def _required(self, distribution: str) -> list[tuple[str, set[str], str]]:
-        """What a distribution requires: name, extras, marker."""
-        if distribution not in self._requirements:
-            try:
-                lines = importlib.metadata.distribution(distribution).requires or []
-            except importlib.metadata.PackageNotFoundError:
-                lines = []
-            parsed = []
-            for line in lines:
-                name, extras, marker = _REQUIREMENT.match(line).groups()
-                asked = {extra.strip() for extra in (extras or "").split(",") if extra.strip()}
-                parsed.append((normalised(name), asked, marker or ""))
-            self._requirements[distribution] = parsed
-        return self._requirements[distribution]
+
+@cache
+def _required(distribution: str) -> tuple[tuple[str, frozenset[str], str], ...]:
+    """What a distribution requires: name, extras, marker."""
+    try:
+        lines = importlib.metadata.distribution(distribution).requires or []
+    except importlib.metadata.PackageNotFoundError:
+        return ()
+    parts = (_REQUIREMENT.match(line).groups() for line in lines)
+    return tuple(
+        (normalised(name), frozenset(re.findall(r"[^,\s]+", extras or "")), marker or "")
+        for name, extras, marker in parts
+    )
 
 
 def _version(distribution: str) -> str:

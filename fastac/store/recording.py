@@ -71,7 +71,7 @@ def recording() -> Iterator[Recording]:
 
 @contextmanager
 def unrecorded() -> Iterator[None]:
-    """Look ups inside belong to nobody: the engine's own."""
+    """Look-ups inside belong to no step around it: the engine's own, or a step in a thread of its own."""
     token = _own.set((Recording(),))
     try:
         yield

@@ -165,7 +165,13 @@ class _Visitor(ast.NodeVisitor):
     visit_ImportFrom = visit_Import
 
     def visit_Name(self, node: ast.Name) -> None:
-        self.refer((node.id,))
+        if isinstance(node.ctx, ast.Load):
+            self.refer((node.id,))
+
+    def visit_AugAssign(self, node: ast.AugAssign) -> None:
+        if isinstance(node.target, ast.Name):
+            self.refer((node.target.id,))
+        self.generic_visit(node)
 
     def visit_Attribute(self, node: ast.Attribute) -> None:
         chain, base = [node.attr], node.value

@@ -188,7 +188,7 @@ def arguments_changed(trace: Mapping, inputs: Inputs) -> Iterator[str]:
     """How the arguments differ from those of an entry of another bucket."""
     for place in (*inputs.arguments, *trace["arguments"].keys() - inputs.arguments.keys()):
         now, before = inputs.arguments.get(place), trace["arguments"].get(place)
-        if now != before:
+        if json.dumps(now) != json.dumps(before):
             has_content = isinstance(now, dict) and "content" in now
             value = "has other content" if has_content else f"= {_shown(now)} was {_shown(before)}"
             yield f"{place} {value}"
