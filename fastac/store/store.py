@@ -6,7 +6,7 @@ import secrets
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
 
@@ -93,9 +93,10 @@ class Store:
             raise ValueError(f"keep_days = {keep_days}: running processes may need what was used today")
         oldest, removed = time.time() - keep_days * DAY_S, []
         for folder in self._entries():
-            trace = folder / entries.TRACE
-            if trace.stat().st_mtime < oldest and self._remove(folder, oldest):
-                removed.append(f"{folder.parent.name}/{folder.name}")
+            with suppress(FileNotFoundError):  # another process cleans as well
+                used = os.stat(folder / entries.TRACE).st_mtime
+                if used < oldest and self._remove(folder, oldest):
+                    removed.append(f"{folder.parent.name}/{folder.name}")
         self._sweep()
         return removed
 

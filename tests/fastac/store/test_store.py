@@ -226,6 +226,16 @@ def test_an_edit_of_a_placed_file(toy, tmp_path):
     assert placed.read_text() == "19"
 
 
+def test_copies_are_placed_where_links_cannot_be(toy, tmp_path, monkeypatch):
+    def refuse(source, target):
+        raise OSError("another file system")
+
+    monkeypatch.setattr(os, "link", refuse)
+    placed = toy.store().perform(slopes(toy)).place(tmp_path / "build")["slopes.txt"]
+    placed.write_text("77")
+    assert toy.store().is_current(slopes(toy))
+
+
 FOLDERS = """
     def make(folder):
         (folder / "a/b").mkdir(parents=True)
@@ -451,6 +461,31 @@ def test_a_kill_leaves_nothing_half_done(toy, moment):
     step = Step("slow", toy.module("slow").slow, {"log": str(toy.folder / "log")}, ("a", "b"))
     entry = toy.store().perform(step)
     assert (entry.path("b") / "part").read_text() == "1"
+    assert not list((toy.kept / ".part").iterdir())
+
+
+KILL = """
+import os, signal
+replace = os.replace
+def killed(old, new):
+    named = os.path.basename(os.path.dirname(new)) == "slow"
+    if named and {when!r} == "before":
+        os.kill(os.getpid(), signal.SIGKILL)
+    replace(old, new)
+    if named:
+        os.kill(os.getpid(), signal.SIGKILL)
+os.replace = killed
+"""
+
+
+@pytest.mark.parametrize(("when", "state"), [("before", "running"), ("after", "kept")])
+def test_a_kill_around_the_renaming(toy, when, state):
+    toy.write("slow.py", SLOW.replace("SECONDS", "0"))
+    *python, text = script(toy)
+    process = subprocess.run([*python, KILL.format(when=when) + text], stdout=subprocess.PIPE, timeout=60)
+    assert process.returncode == -signal.SIGKILL
+    step = Step("slow", toy.module("slow").slow, {"log": str(toy.folder / "log")}, ("a", "b"))
+    assert states(toy, step) == [("slow", state)]
     assert not list((toy.kept / ".part").iterdir())
 
 
