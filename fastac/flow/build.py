@@ -104,9 +104,9 @@ class Build:
 
         announce : called with a step's name and "kept", "running" or, for another process, "waiting"
         """
-        store, record = open_store(self.store), read_record(self.folder)
+        store, record, performed = open_store(self.store), read_record(self.folder), {}
         for name, step in self.steps.items():
-            entry = store.perform(step, lambda who, state, name=name: who == name and announce(who, state))
+            entry = store.perform(step, announce, performed)
             entry.place(self.folder)
             record[name] = described(entry)
             write_json(self.folder / RECORD, record)

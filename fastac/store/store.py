@@ -5,7 +5,7 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -41,10 +41,22 @@ class Store:
         self.code = code or Code()
         self._read: dict[Path, Entry] = {}
 
-    def perform(self, step: Step, announce: Announce | None = None) -> Entry:
-        """The step's current result, performed first if there is none. What it raises passes through."""
+    def perform(
+        self, step: Step, announce: Announce | None = None, performed: dict[Step, Entry] | None = None
+    ) -> Entry:
+        """The step's current result, performed first if there is none. What it raises passes through.
+
+        performed : results that need not be looked up again; those of this call are added
+        """
         announce = announce or _silent
-        inputs = Inputs.of(step, {other: self.perform(other, announce) for other in _upstream(step)})
+        performed = {} if performed is None else performed
+        if step not in performed:
+            needed = {other: self.perform(other, announce, performed) for other in _upstream(step)}
+            performed[step] = self._perform(step, needed, announce)
+        return performed[step]
+
+    def _perform(self, step: Step, needed: Mapping[Step, Entry], announce: Announce) -> Entry:
+        inputs = Inputs.of(step, needed)
         self.code.refresh()
         entry = self._kept(inputs)
         if entry is None:
