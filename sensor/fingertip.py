@@ -11,21 +11,22 @@ import os
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.geometry import rest_depth_mm
-from fastac.sensor.mechanics.press import ContactError, Pressed, Rig
+from fastac.sensor.mechanics.press import ContactError, PressedSkin, Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.optics.camera import background, render
 from fastac.sensor.optics.mosaic import CELL
 from fastac.sensor.optics.raw_window import background_raw10, render_raw10
 from fastac.sensor.optics.skin_paint import marker_pixels
 from fastac.sensor.protocol import FingertipError, stations
+from fastac.store.progress import progress_bar
 
 
-def require(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
+def require_simulated(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
     """Raise FingertipError unless the virtual sensor can show `what`, which needs the forces along `axes`."""
     if scene.sensor.source != "simulated":
         raise FingertipError(f"{what}: sensor.source = {scene.sensor.source!r}: expected 'simulated'")
@@ -55,7 +56,7 @@ def _press(task) -> list[dict | None]:
     ]
 
 
-def sample(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> dict:
+def sample(pressed: PressedSkin, sensor: Sensor, rng: np.random.Generator) -> dict:
     """What a dataset holds of one press, with its frame; see `_empty` for the keys."""
     view = render if sensor.frames == "channels" else render_raw10
     arrays = {
@@ -128,7 +129,7 @@ def generate(
     tasks = [(s, protocol.ball_mm, sensor, [next(rest) for _ in s.targets_n]) for s in visited]
     room, poses, split = _empty(scene, count), [], []
     processes = min(processes or os.cpu_count() or 1, len(tasks))
-    with tqdm(total=count, desc="presses", unit="", disable=not progress) as bar:
+    with progress_bar(total=count, desc="presses", unit="", enabled=progress, leave=True) as bar:
         performed = _perform(scene, tasks, Path(store), processes, progress)
         for station, samples in zip(visited, performed, strict=True):
             for found in samples:

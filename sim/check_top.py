@@ -13,8 +13,8 @@ from fastac.gateware.top_zynq import RasterOutput, TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import suspects
 from fastac.models.result import Result
-from fastac.sim.progress import watched
 from fastac.sim.runner import build
+from fastac.store.progress import watched
 
 SUSPECT = 1 << 10
 """Of tuser, in streams of depth and force maps: the frame is not to be trusted."""

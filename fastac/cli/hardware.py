@@ -40,7 +40,7 @@ def verilog(bundle, output, progress):
     "--keep-force", type=INPUT, help="Keep the hardware's force; the bundle with it goes to this folder."
 )
 @click.option("-o", "--output", type=INPUT, required=True, help="The file to write.")
-def calibration(bundle, hardware, keep_force, output):
+def calibration(bundle, hardware, with_hardware_force, output):
     """BUNDLE's pixel network, and what follows from it, as words for hardware that already runs.
 
     The hardware's register CALIBRATION takes them, 32 bits each, little-endian, one after another, while no
@@ -51,8 +51,8 @@ def calibration(bundle, hardware, keep_force, output):
     from fastac.gateware import calibration as images
 
     model, known = load_bundle(bundle), load_bundle(hardware)
-    if keep_force:
-        model = images.keep_force(model, known, keep_force)
+    if with_hardware_force:
+        model = images.with_hardware_force(model, known, with_hardware_force)
     words = images.calibration_words(model, known)
     output.parent.mkdir(parents=True, exist_ok=True)
     temporary = output.with_name(f".{output.name}.part")
@@ -96,7 +96,7 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)
     count = frames or (1 if trace else model.scene.simulation.frames)
-    index = sensor_samples.spread(sensor_samples.choose(samples, split, data), count)
+    index = sensor_samples.evenly_spaced(sensor_samples.split_indices(samples, split, data), count)
     output = output or bundle / "sim"
     found = hardware.simulate(
         model, samples, index, verilog_folder or bundle / "verilog", output, trace=trace, progress=progress

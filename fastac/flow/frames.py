@@ -10,22 +10,23 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.models.vision.image_processing import as_channels, channels
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.fingertip import STORE, sample
-from fastac.sensor.mechanics.press import Pressed
+from fastac.sensor.mechanics.press import PressedSkin
 from fastac.store.files import load_arrays, save_arrays
+from fastac.store.progress import progress_bar
 from fastac.store.steps import Step
 from fastac.store.store import open_store
 
 PROCESSED = "frames.npz"
 
 
-def of_press(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
+def of_press(pressed: PressedSkin, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """What the virtual camera sees of a press, as the models take it: (H, W, C) uint8."""
     return as_channels(sample(pressed, sensor, rng)["frame"], sensor)
 
@@ -49,7 +50,7 @@ def process(folder: Path, data: Path, scene: Scene, *, progress: bool) -> None:
     known, sensor = dataset.read(data, scene), scene.sensor
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         done = pool.map(lambda raw: channels(raw, sensor), known.raw10)
-        bar = tqdm(done, total=len(known), desc="image processing", disable=not progress, leave=False)
+        bar = progress_bar(done, total=len(known), desc="image processing", enabled=progress)
         frames = np.stack(list(bar))
     arrays = {"frames": frames, "background": channels(known.background, sensor)}
     save_arrays(folder / PROCESSED, arrays)

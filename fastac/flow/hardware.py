@@ -20,9 +20,9 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.sensor.dataset import Dataset
 from fastac.sim import check_top as simulation
-from fastac.sim.progress import watched
 from fastac.sim.runner import EXECUTABLE, use_verilator
 from fastac.store.files import write_json
+from fastac.store.progress import watched
 from fastac.synth import resources
 
 NAME = "fastac"

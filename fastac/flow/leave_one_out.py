@@ -6,17 +6,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.flow import training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
 from fastac.models.training import slope_force
-from fastac.models.training.from_forces import differences
+from fastac.models.training.from_forces import background_differences
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
 from fastac.store.files import digest_file, write_json
+from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
 
 MODELS = ("float", "integer", "linear", "quadratic")
@@ -43,15 +43,15 @@ def linear_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
     """Forces (test frames, axes) of a ridge on the pixels' differences, its weights smooth over the image."""
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
     weights, _ = slope_force.fit(
-        {split: differences(data, index) for split, index in splits.items()},
+        {split: background_differences(data, index) for split, index in splits.items()},
         {split: data.forces_n(index, axes) for split, index in splits.items()},
     )
-    return np.einsum("nijc,aijc->na", differences(data, data.indices("test")), weights)
+    return np.einsum("nijc,aijc->na", background_differences(data, data.indices("test")), weights)
 
 
 def quadratic_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
     """Forces (test frames, axes) of a + b·s + c·s², s the sum of all absolute differences, least squares."""
-    sums = np.array([np.abs(differences(data, [k])).mean() for k in range(len(data))])
+    sums = np.array([np.abs(background_differences(data, [k])).mean() for k in range(len(data))])
     x = sums[:, None] ** np.arange(3)
     seen, test = np.flatnonzero(data.split != "test"), data.indices("test")
     return x[test] @ np.linalg.lstsq(x[seen], data.forces_n(seen, axes), rcond=None)[0]
@@ -73,7 +73,7 @@ def errors(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> dict
     truth = data.forces_n(index, scene.force_axes)
     found = {
         name: value["force_mae_n"]
-        for name, value in accuracy.compare(model, data, index, progress=progress)[0].items()
+        for name, value in accuracy.compare_pipelines(model, data, index, progress=progress)[0].items()
         if name in MODELS
     }
     for name, estimate in (("linear", linear_force_n), ("quadratic", quadratic_force_n)):
@@ -95,7 +95,9 @@ def evaluate(data: Dataset, scene: Scene, path: Path, folder: Path, *, progress:
     ]
     key = hashlib.sha256(json.dumps(settings).encode()).hexdigest()
     found = {}
-    for number, name in enumerate(tqdm(groups, desc="groups", unit="group", disable=not progress)):
+    for number, name in enumerate(
+        progress_bar(groups, desc="groups", unit="group", enabled=progress, leave=True)
+    ):
         own = folder / f"group{number}"
         result = own / "errors.json"
         kept = json.loads(result.read_text()) if result.exists() else {}

@@ -71,8 +71,8 @@ def evaluate(folder: Path, bundle: Path, data: Path, *, store: Path, progress: b
     """Errors of the float and the integer model on the test split."""
     model = bundles.load(bundle)
     known = frames.read(data, model.scene, store=store, progress=progress)
-    index = samples.choose(known, "test", data)
-    errors, _ = accuracy.compare(model, known, index, progress=progress)
+    index = samples.split_indices(known, "test", data)
+    errors, _ = accuracy.compare_pipelines(model, known, index, progress=progress)
     write_json(folder / ACCURACY, {"split": "test", "frames": len(index), **errors})
 
 
@@ -86,7 +86,7 @@ def simulate(
     """`count` held-out frames through the Verilog, every value compared with the integer model."""
     model = bundles.load(bundle)
     known = frames.read(data, model.scene, store=store, progress=progress)
-    index = samples.spread(known.indices("test"), count)
+    index = samples.evenly_spaced(known.indices("test"), count)
     found = hardware.simulate(model, known, index, verilog, folder / "simulator", progress=progress)
     write_json(folder / SIMULATION, {"frame_indices": np.asarray(index).tolist(), **found})
 

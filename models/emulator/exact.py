@@ -1,4 +1,4 @@
-"""The integer pipeline at full speed: models/integer/solver.py in floating point, bit for bit.
+"""The integer pipeline at full speed: models/integer in floating point, bit for bit.
 
 Every integer of the pipeline is below a bound that follows from its tables. Where that is below 2**53,
 float64 holds it, its sums and its multiples by powers of two exactly. So shifts move into the tables and a
@@ -10,12 +10,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fastac.models.emulator.exact_solver import (
-    EXACT_FLOAT32,
-    RecurrenceTables,
-    TransformTables,
-    require_exact,
-)
+from fastac.models.emulator.dst2d import TransformTables
+from fastac.models.emulator.exactness import EXACT_FLOAT32, require_exact
+from fastac.models.emulator.tridiagonal import RecurrenceTables
 from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.features import limits
 from fastac.models.integer.force import PatchForce, WeightedSum
@@ -23,7 +20,7 @@ from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.tridiagonal import TridiagonalSolver
 from fastac.models.loops.frames import CHUNK
-from fastac.models.loops.network import PixelTiles
+from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.pixels import (
     AHEAD,
     depth_and_displacement,
@@ -101,7 +98,7 @@ class _Worker:
     def __init__(self, emulator: ExactTables, outputs: frozenset[str]):
         self.emulator, self.pipeline = emulator, emulator.pipeline
         height, width, _ = self.pipeline.background.shape
-        self.network = PixelTiles(emulator.tables, self.pipeline.background, requantise=emulator.requantise)
+        self.network = FrameNetwork(emulator.tables, self.pipeline.background, requantise=emulator.requantise)
         self.slopes = np.empty((2, height, width))
 
         def wants(*names: str) -> bool:

@@ -8,7 +8,8 @@ from functools import cache
 
 import numpy as np
 from threadpoolctl import ThreadpoolController
-from tqdm import tqdm
+
+from fastac.store.progress import progress_bar
 
 CHUNK = 16
 """Frames that are under way at once in each thread; bounds the memory."""
@@ -28,7 +29,7 @@ def threads() -> int:
     return int(stated) if stated.isdecimal() and int(stated) else os.cpu_count() or 1
 
 
-def choose(outputs: Outputs, wanted: Iterable[str] | None) -> Outputs:
+def choose_outputs(outputs: Outputs, wanted: Iterable[str] | None) -> Outputs:
     """The outputs that are wanted, or all; raises ValueError for one that there is not."""
     if wanted is None:
         return outputs
@@ -73,7 +74,7 @@ def over_frames(
         return len(frames[part])
 
     with (
-        tqdm(total=len(frames), desc=label, unit="frame", disable=not progress, leave=False) as bar,
+        progress_bar(total=len(frames), desc=label, unit="frame", enabled=progress) as bar,
         _blas().limit(limits=1, user_api="blas"),
         ThreadPoolExecutor(workers) as pool,
     ):

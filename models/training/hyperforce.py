@@ -8,12 +8,12 @@ import copy
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from fastac.models.floating.hyperforce import HyperForce, coordinates
 from fastac.models.floating.threads import single_thread
 from fastac.models.training import ridge
 from fastac.scenes.schema import Scene
+from fastac.store.progress import progress_bar
 
 
 def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:
@@ -44,7 +44,7 @@ def train(
     force = {k: torch.from_numpy(v.astype(np.float32)) for k, v in force_n.items()}
     torch.manual_seed(settings.seed)
     model = build(scene, rest_depth_mm, axes=force["train"].shape[1])
-    model.start_from(pressed["train"], force["train"])
+    model.set_force_unit(pressed["train"], force["train"])
     epochs, rate = settings.force_epochs, settings.force_learning_rate
     optimiser = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=settings.force_weight_decay)
     count = len(pressed["train"])
@@ -55,7 +55,7 @@ def train(
     )
     generator = torch.Generator().manual_seed(settings.seed)
     best, best_state, history = np.inf, None, []
-    bar = tqdm(total=steps, desc="force", unit="step", disable=not progress, leave=False)
+    bar = progress_bar(total=steps, desc="force", unit="step", enabled=progress)
     for epoch in range(epochs):
         total = 0.0
         for index in torch.randperm(count, generator=generator).split(settings.force_batch):
@@ -79,7 +79,7 @@ def train(
     return model, history
 
 
-def refit(
+def refit_last_layer(
     scene: Scene, model: HyperForce, displacement_mm: dict[str, np.ndarray], force_n: dict[str, np.ndarray]
 ) -> tuple[HyperForce, list[dict]]:
     """The hypernetwork's last layer anew, by ridge regression, and the errors of all that was tried.
@@ -99,7 +99,7 @@ def refit(
 
     pressed = _pressed(scene, displacement_mm)
     x = {split: np.array([features(frame) for frame in frames]) for split, frames in pressed.items()}
-    history = ridge.attempts(x, force_n)
+    history = ridge.validation_errors(x, force_n)
     found = ridge.fit(x["train"], force_n["train"], ridge.best(history)) / model.unit.item()
     weights = (
         found.reshape(hidden.shape[1], k * k, model.axes).transpose(2, 1, 0).reshape(-1, hidden.shape[1])

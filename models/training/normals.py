@@ -1,6 +1,6 @@
 """Training the pixel network: in floating point, then bit-true.
 
-Bit-true fine-tuning runs the integer arithmetic of models/integer/solver.py forward, and passes gradients straight
+Bit-true fine-tuning runs the integer arithmetic of models/integer forward, and passes gradients straight
 through its roundings; what it optimises is exactly what the hardware computes.
 """
 
@@ -9,14 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from tqdm import tqdm
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, integer_features, scales
 from fastac.models.training.teachers import Ensemble
-from fastac.scenes.schema import Training
+from fastac.scenes.model_schema import Training
 from fastac.sensor.dataset import Dataset
+from fastac.store.progress import progress_bar
 
 
 def normal_loss(predicted: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
@@ -103,7 +103,7 @@ class Fit:
         best, best_state, history = np.inf, None, []
         if validation is not None:  # what it starts from counts too: fine-tuning must not lose it
             best, best_state = _loss(model, *validation), copy.deepcopy(model.state_dict())
-        bar = tqdm(total=steps, desc=self.label, unit="step", disable=not progress, leave=False)
+        bar = progress_bar(total=steps, desc=self.label, unit="step", enabled=progress)
         for epoch in range(self.epochs):
             total = 0.0
             for index in torch.randperm(len(x), generator=generator).split(self.batch):
@@ -152,7 +152,7 @@ class ScaledNetwork(torch.nn.Module):
         return self.network(x * self.scales)
 
 
-def labelled(data: Dataset, settings: Training) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def labelled_splits(data: Dataset, settings: Training) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """The labelled pixels, features and normals, that the network is trained on, by split name.
 
     The validation split is a fixed sample, or absent where there is none.
@@ -181,7 +181,7 @@ def train(
 
     hidden : neurons of its hidden layers
     """
-    pixels = labelled(data, settings)
+    pixels = labelled_splits(data, settings)
     x, y = pixels["train"]
     unit = scales(x.shape[1] - 2)
     validation = _tensors(pixels)

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Protocol
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset
@@ -19,12 +18,13 @@ from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.importers.pose_labels import labels
 from fastac.sensor.importers.poses import Pose
 from fastac.sensor.protocol import stations
+from fastac.store.progress import progress_bar
 
 POSES = "poses.csv"
 Point = tuple[float, float, float]
 
 
-def planned(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) -> list[Pose]:
+def planned_poses(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) -> list[Pose]:
     """The poses and loads of a scene's protocol, z where the ball first touches `cad`, plus `origin_mm`."""
     found, ball_mm = [], scene.protocol.ball_mm
     for station in stations(scene):
@@ -53,7 +53,7 @@ def write_recording(
     frames, rows = CncFrames(folder, scene.sensor), []
     taken = data.frames if data.raw10 is None else data.raw10
     frames.write(BACKGROUND, data.background)
-    for i in tqdm(range(len(data)), desc="recording", unit="frame", disable=not progress, leave=False):
+    for i in progress_bar(range(len(data)), desc="recording", unit="frame", enabled=progress):
         frames.write(stem(i), taken[i])
         at = np.array([known[f"{axis}_mm"][i] for axis in "xyz"]) + origin_mm
         told = [float(known[key][i]) for key in ("load_n", "tangential_x_n", "tangential_y_n")]
@@ -61,7 +61,7 @@ def write_recording(
     poses.write(folder / POSES, rows)
 
 
-class Dots(Protocol):
+class MarkerFinder(Protocol):
     """What finds the dots of one gel in its frames; `models.vision.markers.Markers` does."""
 
     reference_px: np.ndarray
@@ -80,14 +80,14 @@ def import_recording(
     ball_mm: float,
     origin_mm: Point = (0.0, 0.0, 0.0),
     raw_size_px: tuple[int, int] | None = None,
-    dots_of: Callable[[np.ndarray], Dots] | None = None,
+    marker_finder_of: Callable[[np.ndarray], MarkerFinder] | None = None,
     skip_lost: bool = False,
     progress: bool = True,
 ) -> None:
     """Import the recording in `folder` into the dataset `output`.
 
     origin_mm : the sensor's origin in the machine's coordinates
-    dots_of : makes what follows the gel's dots from the background frame; None where the skin has none.
+    marker_finder_of : makes what follows the gel's dots from the background frame; None where the skin has none.
         Raises ValueError where the background shows no dots.
     skip_lost : leave samples out, and count them, in which a marker is not found; else that is an error
 
@@ -101,7 +101,7 @@ def import_recording(
     rows = poses.read(folder / POSES, measured=True)
     background = frames.read(BACKGROUND)
     try:
-        dots = dots_of(background) if dots_of else None
+        dots = marker_finder_of(background) if marker_finder_of else None
     except ValueError as error:
         raise ImportFailure(f"{folder}: {BACKGROUND}: {error}") from None
 
@@ -109,7 +109,7 @@ def import_recording(
     taken = np.empty((n, *background.shape), background.dtype)
     normals, depth = np.empty((n, *shape, 3), np.float32), np.empty((n, *shape), np.float32)
     valid, kept, tracked = np.empty((n, *shape), bool), [], []
-    for pose, where in tqdm(rows, desc="frames", disable=not progress, leave=False):
+    for pose, where in progress_bar(rows, desc="frames", enabled=progress):
         at = (pose.x_mm, pose.y_mm, pose.z_mm)
         x_mm, y_mm, z_mm = (float(value) for value in np.subtract(at, origin_mm))
         own = Pose(**vars(pose) | {"x_mm": x_mm, "y_mm": y_mm, "z_mm": z_mm})
@@ -149,7 +149,7 @@ def import_recording(
     )
 
 
-def _positions(dots: Dots, image: np.ndarray, where: str, skip_lost: bool) -> np.ndarray | None:
+def _positions(dots: MarkerFinder, image: np.ndarray, where: str, skip_lost: bool) -> np.ndarray | None:
     """Where the dots are in a frame, (M, 2); None for a frame to skip."""
     try:
         found = dots.find(image)

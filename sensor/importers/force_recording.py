@@ -5,13 +5,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.sensor import dataset
 from fastac.sensor.importers import force_labels
 from fastac.sensor.importers.footage import CHANNELS, ImportFailure, Photographs, Video, footage
 from fastac.sensor.importers.force_labels import Labels, split_by_group
 from fastac.sensor.importers.resample import Resampling
+from fastac.store.progress import progress_bar
 
 REST_SHARE = 0.1
 """A background frame with a larger share of the recording's largest force is no frame at rest."""
@@ -34,7 +34,7 @@ def _frames(
     Where `stop` is behind the last frame that has a row, no frame may be left.
     """
     shape, last, index = None, int(labels.frame[-1]), -1
-    with tqdm(source, total=stop, desc=label, unit="frame", disable=not progress, leave=False) as bar:
+    with progress_bar(source, total=stop, desc=label, unit="frame", enabled=progress) as bar:
         for index, image in enumerate(bar):
             if index == stop <= last:
                 return

@@ -12,8 +12,9 @@ from pydantic import ValidationError
 from fastac.gateware.cycle_model import CycleModel, cycles, multipliers
 from fastac.gateware.datapath import Datapath
 from fastac.models.integer.dst2d import reciprocal_distance, reciprocals
-from fastac.models.specimen import NUMBERS, scene, specimen
-from fastac.scenes.schema import Network, Numbers, load
+from fastac.models.random_bundle import NUMBERS, random_bundle, scene
+from fastac.scenes.model_schema import Network, Numbers
+from fastac.scenes.schema import load
 
 SCENES = Path(__file__).parents[2] / "scenes"
 OPTIONS = {
@@ -80,13 +81,13 @@ def test_every_kind_of_scene(tmp_path):
         for value in values:
             assert sum(chosen[name] == value for chosen, _, _ in cases) >= CASES // 50, (name, value)
     for k, (_, wanted, hidden) in enumerate(cases):
-        path = Datapath(specimen(tmp_path / f"{k}", wanted, hidden=hidden).pipeline)
+        path = Datapath(random_bundle(tmp_path / f"{k}", wanted, hidden=hidden).pipeline)
         check(path, CycleModel(wanted, hidden=hidden))
 
 
 def test_flat_rest_needs_no_table(tmp_path):
     wanted = scene(("depth", "force_z"), mode="difference")
-    pipeline = specimen(tmp_path, wanted).pipeline
+    pipeline = random_bundle(tmp_path, wanted).pipeline
     flat = pipeline.replace(depth=replace(pipeline.depth, rest=np.zeros_like(pipeline.depth.rest)))
     by_geometry = wanted.model_copy(update={"sensor": wanted.sensor.model_copy(update={"geometry": "flat"})})
     check(Datapath(pipeline), CycleModel(wanted, hidden=(4,)))
@@ -131,7 +132,7 @@ def test_limits_of_the_scenes(name, hardware, limits):
 def test_the_width_of_the_network_is_the_scenes(tmp_path, weights):
     wanted = scene(("depth",), weights=weights)
     wanted = wanted.model_copy(update={"network": Network(width=7)})
-    pipeline = specimen(tmp_path / "bundle", wanted, hidden=(7, 7, 7)).pipeline
+    pipeline = random_bundle(tmp_path / "bundle", wanted, hidden=(7, 7, 7)).pipeline
     check(Datapath(pipeline), CycleModel(wanted))
     assert cycles(wanted) == cycles(wanted, hidden=(7, 7, 7)) != cycles(wanted, hidden=(9, 9, 9))
 

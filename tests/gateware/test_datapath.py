@@ -9,8 +9,9 @@ import pytest
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
-from fastac.models.specimen import scene, specimen
-from fastac.scenes.schema import Hardware, Numbers, load
+from fastac.models.random_bundle import random_bundle, scene
+from fastac.scenes.model_schema import Numbers
+from fastac.scenes.schema import Hardware, load
 
 SCENES = Path(__file__).parents[2] / "scenes"
 EVERYTHING = ("normals", "depth", "force_z")
@@ -106,7 +107,7 @@ WORDS = {
 
 @pytest.mark.parametrize("name", WANTED)
 def test_only_what_the_scene_requires_is_built(tmp_path, name):
-    bundle = specimen(tmp_path / "bundle", scene(**WANTED[name]), hidden=(2,))
+    bundle = random_bundle(tmp_path / "bundle", scene(**WANTED[name]), hidden=(2,))
     top = TopZynq(bundle)
     text = to_verilog(top, name="fastac")
     modules = {
@@ -154,7 +155,7 @@ def test_what_shipped_scenes_leave_out(tmp_path, name):
     """The scene's own file, on a smaller image."""
     shipped = load(SCENES / f"{name}.toml")
     small = shipped.sensor.model_copy(update={"height_px": 24, "width_px": 24})
-    top = TopZynq(specimen(tmp_path / "b", shipped.model_copy(update={"sensor": small}), hidden=(2,)))
+    top = TopZynq(random_bundle(tmp_path / "b", shipped.model_copy(update={"sensor": small}), hidden=(2,)))
     text = to_verilog(top, name="fastac")
     modules = [m.replace("\\", "") for m in re.findall(r"^module (\S+) ?\(", text, re.MULTILINE)]
     present, absent = SHIPPED[name]
@@ -173,7 +174,7 @@ def paper(tmp_path_factory):
     """The pipeline of a scene at full size: 128×128 pixels, N = 126, the paper's network and kernels."""
     numbers = Numbers(gradient_fraction_bits=14, slope_limit=4).model_dump()
     wanted = scene(EVERYTHING, size=128, channels="bgr+nir", kernel_size=5, numbers=numbers)
-    return specimen(tmp_path_factory.mktemp("paper") / "bundle", wanted, hidden=(16, 16, 16)).pipeline
+    return random_bundle(tmp_path_factory.mktemp("paper") / "bundle", wanted, hidden=(16, 16, 16)).pipeline
 
 
 def at(pipeline, lanes: int, **changes) -> Datapath:

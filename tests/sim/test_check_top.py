@@ -10,7 +10,7 @@ from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import REASONS
-from fastac.models.specimen import frames, scene, specimen
+from fastac.models.random_bundle import frames, random_bundle, scene
 from fastac.sim.check_top import Comparison, SimulationFailure, simulate
 from fastac.sim.runner import QUICK
 
@@ -50,7 +50,7 @@ def test_comparisons_add_up_and_the_first_mismatch_stays():
 def hardware(tmp_path_factory):
     """A bundle, its Verilog, three frames and what the reference makes of them."""
     folder = tmp_path_factory.mktemp("hardware")
-    bundle = specimen(folder / "bundle", scene(("normals", "depth", "force_z"), lanes=2))
+    bundle = random_bundle(folder / "bundle", scene(("normals", "depth", "force_z"), lanes=2))
     source = folder / "fastac.v"
     source.write_text(to_verilog(TopZynq(bundle), name="fastac"))
     images = frames(bundle.pipeline.background, (10, 40, 255))

@@ -12,7 +12,7 @@ import pytest
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
-from fastac.models.specimen import frames, scene, specimen
+from fastac.models.random_bundle import frames, random_bundle, scene
 from fastac.sim.check_top import bench_settings, simulate, trace_file
 from fastac.sim.runner import COMPRESSORS, QUICK
 
@@ -110,7 +110,7 @@ def test_what_repeats_becomes_small(compress):
 def traced(tmp_path_factory):
     """A traced run of one frame: the file, the report and the folder."""
     folder = tmp_path_factory.mktemp("traced")
-    bundle = specimen(folder / "bundle", scene(("normals",)))
+    bundle = random_bundle(folder / "bundle", scene(("normals",)))
     top = TopZynq(bundle)
     source = folder / f"{NAME}.v"
     source.write_text(to_verilog(top, name=NAME))

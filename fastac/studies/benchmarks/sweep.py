@@ -12,8 +12,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from tqdm import tqdm
-
+from fastac.store.progress import progress_bar
 from fastac.sweep import pools
 from fastac.sweep import run as sweeps
 from fastac.sweep import spec as sweep_spec
@@ -31,7 +30,7 @@ def measurable(spec: sweep_spec.Spec, base, folder: Path, count: int, setting: S
         by_training.setdefault(tuple(step.key for step in steps), []).append(point)
     ordered = sorted(by_training.values(), key=len, reverse=True)
     chosen: list[Point] = []
-    with tqdm(total=count, desc="preparing", unit="point", leave=False) as bar:
+    with progress_bar(total=count, desc="preparing", unit="point") as bar:
         for point in (point for group in ordered for point in group):
             if len(chosen) == count:
                 break

@@ -11,7 +11,6 @@ from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.flow import frames
 from fastac.gateware.cycle_model import cycles
@@ -19,11 +18,12 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
-from fastac.sensor.fingertip import require
+from fastac.sensor.fingertip import require_simulated
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
 from fastac.store.files import write_json
+from fastac.store.progress import progress_bar
 from fastac.studies.demos.bottle import Grasp, Hold
 from fastac.studies.demos.grip_control import GripControl, friction_ratio
 from fastac.studies.demos.records import SLIPPED_MM, Trace
@@ -43,7 +43,7 @@ def follow(
     """
     scene, emulator = bundle.scene, Emulator(bundle.pipeline)
     rng, angle_deg, rows = np.random.default_rng(scene.protocol.seed), 0.0, []
-    bar = tqdm(pushes_n, desc=label, unit="frame", disable=not progress, leave=False)
+    bar = progress_bar(pushes_n, desc=label, unit="frame", enabled=progress)
     for frame, push_n in enumerate(bar):
         pressed = hold.step(push_n, angle_deg)
         image = frames.of_press(pressed, scene.sensor, rng)
@@ -57,7 +57,7 @@ def follow(
 
 def require_friction(scene: Scene) -> None:
     """Raise FingertipError unless the virtual sensor can show a grasp."""
-    require(scene, "grasp", (0, 1, 2))
+    require_simulated(scene, "grasp", (0, 1, 2))
     if not scene.sensor.elastomer.friction:
         raise FingertipError("grasp: sensor.elastomer.friction = 0: expected more, and mechanics 'fem'")
 

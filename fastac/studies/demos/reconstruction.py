@@ -8,17 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.flow import frames
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.models.result import Result
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.layer import Layer
 from fastac.sensor.mechanics.object_press import ObjectPress, press_object
 from fastac.sensor.mechanics.objects import OBJECTS
 from fastac.sensor.protocol import FingertipError
+from fastac.store.progress import progress_bar
 
 LOADS = 3.0
 """The load, unless the caller says otherwise, in the largest of the first bundle's protocol."""
@@ -35,7 +35,7 @@ class Reconstruction:
 
     def errors(self, truth: ObjectPress) -> dict[str, float]:
         """Mean absolute errors in the contact: of normals in degrees, of depth in mm."""
-        touching = truth.pressed.touching
+        touching = truth.pressed.in_contact
         cosine = np.einsum("hwi,hwi->hw", self.result.normals[0], truth.pressed.normals)
         depth = np.abs(self.result.depth_mm[0] - truth.pressed.depth_mm)
         return {
@@ -90,7 +90,7 @@ def reconstruct(bundles: dict[Path, Bundle], load_n: float | None, *, progress: 
     scene = next(iter(bundles.values())).scene
     load_n = LOADS * max(scene.protocol.loads_n) if load_n is None else load_n
     layer, shown = Layer(scene.sensor), []
-    for name, make in tqdm(OBJECTS.items(), desc="objects", disable=not progress, leave=False):
+    for name, make in progress_bar(OBJECTS.items(), desc="objects", enabled=progress):
         truth, found = press_object(layer, make(), name, load_n), {}
         for bundle in bundles.values():
             sensor = bundle.scene.sensor

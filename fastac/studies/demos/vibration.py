@@ -13,7 +13,6 @@ from pathlib import Path
 
 import numpy as np
 from scipy.interpolate import PchipInterpolator
-from tqdm import tqdm
 
 from fastac.flow import frames
 from fastac.gateware.cycle_model import cycles
@@ -21,11 +20,12 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
-from fastac.sensor.fingertip import require
+from fastac.sensor.fingertip import require_simulated
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import probe_of, rig_of
 from fastac.sensor.protocol import FingertipError
 from fastac.store.files import write_json
+from fastac.store.progress import progress_bar
 from fastac.studies.demos.records import Recording, Seen
 from fastac.studies.demos.sampling import CAMERA_HZ, alias_hz, spectrum, taken
 
@@ -87,7 +87,7 @@ def record(bundle: Bundle, rig: Rig, vibration: Vibration, frequency_hz: int, *,
     rng = np.random.default_rng(scene.protocol.seed)
     images, true_n = [], []
     label = f"{frequency_hz} Hz"
-    for load in tqdm(load_n(camera_s), desc=label, unit="frame", disable=not progress, leave=False):
+    for load in progress_bar(load_n(camera_s), desc=label, unit="frame", enabled=progress):
         pressed = probe.at_load(float(load))
         true_n.append(pressed.force_n[2])
         images.append(frames.of_press(pressed, scene.sensor, rng))
@@ -146,7 +146,7 @@ def run(
     from fastac.studies.demos import time_figures
 
     scene, vibration = bundle.scene, vibration or Vibration()
-    require(scene, "vibration", (2,))
+    require_simulated(scene, "vibration", (2,))
     ends_n, services = vibration.ends_n(scene), service_s(scene)
     slowest = max(services.values())
     if not 8 * slowest <= vibration.seconds <= 60:
@@ -188,7 +188,7 @@ def run(
 def lacks(scene: Scene) -> str | None:
     """Why a scene cannot show it, in one line; None if it can."""
     try:
-        require(scene, "vibration", (2,))
+        require_simulated(scene, "vibration", (2,))
     except FingertipError as error:
         return str(error)
     return None

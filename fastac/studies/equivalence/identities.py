@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.flow import training
 from fastac.flow.frames import read
@@ -21,6 +20,7 @@ from fastac.models.floating.poisson import solve, source_of
 from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.integer.laplacian import boundary_term
+from fastac.store.progress import progress_bar
 from fastac.studies.equivalence import adjoint_fits
 from fastac.studies.equivalence.variants import integer_variant, slope_words, variant
 
@@ -62,7 +62,7 @@ def solver_errors(bundle: Bundle, words: np.ndarray, *, progress: bool) -> Itera
         for name in SOLVERS:
             pipeline = integer_variant(bundle, variant(bundle.scene, mode=mode, solver=name))
             format = pipeline.solver.depth_format
-            bar = tqdm(words, desc=f"{name}, {mode}", unit="frame", disable=not progress, leave=False)
+            bar = progress_bar(words, desc=f"{name}, {mode}", unit="frame", enabled=progress)
             error = np.abs(
                 [
                     format.to_float(pipeline.solver(pipeline.source(frame))) - z
@@ -94,7 +94,7 @@ def patch_mismatches(
         ).force
         for kernel in ("patch", "collapsed")
     )
-    bar = tqdm(words, desc="patches", unit="frame", disable=not progress, leave=False)
+    bar = progress_bar(words, desc="patches", unit="frame", enabled=progress)
     raw = np.array([patch(frame) for frame in bar])
     return Mismatches(len(frames), raw.size, int((raw != collapsed(words[..., None])).sum()))
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import numpy as np
 from pydantic import ValidationError
-from tqdm import tqdm
 
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble
@@ -12,6 +11,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.loops.frames import CHUNK
 from fastac.scenes.schema import Scene, SceneError, describe
+from fastac.store.progress import progress_bar
 
 
 def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> Scene:
@@ -46,7 +46,7 @@ def float_variant(bundle: Bundle, scene: Scene, weights: np.ndarray | None = Non
 
 def slope_words(pipeline: IntegerPipeline, frames: np.ndarray, *, progress: bool) -> np.ndarray:
     """Frames to the integer slopes (frames, H, W, 2)."""
-    starts = tqdm(range(0, len(frames), CHUNK), desc="slopes", disable=not progress, leave=False)
+    starts = progress_bar(range(0, len(frames), CHUNK), desc="slopes", enabled=progress)
     return np.concatenate(
         [pipeline.slopes(pipeline.normals(frames[start : start + CHUNK]))[0] for start in starts]
     )

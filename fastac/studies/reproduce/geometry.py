@@ -20,7 +20,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac.flow import training
-from fastac.flow.build import Build, network_settings
+from fastac.flow.build import Build
+from fastac.flow.settings import network_settings
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.poisson import solve, source_of
@@ -28,7 +29,8 @@ from fastac.models.integer.laplacian import boundary_term
 from fastac.models.result import Result
 from fastac.report.paper import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.report.tables import Table
-from fastac.scenes.schema import CHANNELS, Scene
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import CHANNELS
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import content_hash, load_arrays
 from fastac.studies.reproduce.section import beside, stamped_key, vertical

@@ -8,21 +8,23 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.flow import training
-from fastac.flow.build import Build, float_settings
+from fastac.flow.build import Build
+from fastac.flow.settings import float_settings
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.result import Result
 from fastac.models.vision import image_processing
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels
-from fastac.sensor.redraw import redraw
-from fastac.sensor.samples import take
+from fastac.sensor.rerender import rerender
+from fastac.sensor.samples import subset
 from fastac.store.files import content_hash, load_arrays, write_json
+from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
 from fastac.studies.reproduce.geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
 from fastac.studies.reproduce.section import stamped_key, vertical
@@ -67,10 +69,10 @@ def variants(sensor: Sensor) -> dict[str, Sensor]:
 
 def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: bool) -> Dataset:
     """The presses of a dataset as another sensor sees them, in channels."""
-    background, draw = redraw(data, sensor, seed)
+    background, draw = rerender(data, sensor, seed)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         done = pool.map(lambda sample: image_processing.as_channels(draw(sample), sensor), range(len(data)))
-        images = np.stack(list(tqdm(done, total=len(data), desc=label, disable=not progress, leave=False)))
+        images = np.stack(list(progress_bar(done, total=len(data), desc=label, enabled=progress)))
     return replace(data, frames=images, background=image_processing.as_channels(background, sensor))
 
 
@@ -111,7 +113,7 @@ def train_all(trainings: list[Training], processes: int, *, progress: bool) -> N
     slim = [replace(one, data=replace(one.data, depth_mm=None, tangential_mm=None)) for one in missing]
     with multiprocessing.get_context("spawn").Pool(min(processes, len(slim))) as pool:
         done = pool.imap_unordered(Training.perform, slim)
-        list(tqdm(done, total=len(slim), desc="pixel networks", disable=not progress, leave=False))
+        list(progress_bar(done, total=len(slim), desc="pixel networks", enabled=progress))
 
 
 def summary(errors: dict) -> dict[str, float]:
@@ -132,7 +134,7 @@ def networks(build: Build, folder: Path) -> dict[str, dict]:
     """By experiment: errors of networks trained and judged on the vertical presses, by channels."""
     scene = build.scene
     index = np.sort(np.concatenate([vertical(build.data, split) for split in SPLITS]))
-    data = take(build.data, index)
+    data = subset(build.data, index)
     experiments = {name: (scene, sensor) for name, sensor in variants(scene.sensor).items()}
     experiments[f"{RECORDED}, a network twice as wide"] = (wider(scene), scene.sensor)
     base = [stamped_key(build, "data"), digest_sources(SOURCES)]

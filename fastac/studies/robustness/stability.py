@@ -10,7 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from tqdm import tqdm
 
 from fastac.flow import hardware
 from fastac.models.emulator.pipeline import Emulator
@@ -20,6 +19,7 @@ from fastac.sensor.dataset import Dataset, read
 from fastac.sensor.optics import faults
 from fastac.sim import check_top as simulation
 from fastac.store.files import write_json
+from fastac.store.progress import progress_bar
 
 FILE = "stability.json"
 BATCH = 100
@@ -57,7 +57,7 @@ def emulate(pipeline: IntegerPipeline, frames: np.ndarray, count: int, *, progre
                 found["values_compared"] += same.size
                 found["mismatches"] += int(same.size - np.count_nonzero(same))
 
-    with tqdm(total=count, desc="emulator", unit="frame", disable=not progress) as bar:
+    with progress_bar(total=count, desc="emulator", unit="frame", enabled=progress, leave=True) as bar:
         while found["frames"] < count:
             size = min(BATCH, count - found["frames"])
             last = found["frames"] + size == count

@@ -4,10 +4,9 @@
 import json
 from pathlib import Path
 
-from tqdm import tqdm
-
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.store.files import write_json
+from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
 from fastac.studies.robustness.worst_case import WorstCase, of_pixels
 from fastac.studies.robustness.worst_case_hardware import compare
@@ -35,7 +34,7 @@ def rows(
     except (OSError, ValueError, KeyError, TypeError):
         compared = {}
     found = []
-    for case in tqdm(cases, desc="stages", disable=not progress):
+    for case in progress_bar(cases, desc="stages", enabled=progress, leave=True):
         row = {
             "stage": case.name,
             "word": case.word,

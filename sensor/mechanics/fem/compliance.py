@@ -20,10 +20,10 @@ from scipy.linalg.lapack import dpotri
 from scipy.sparse import csr_array, diags_array
 from skfem import Basis, BilinearForm, ElementHex0, ElementHex1, ElementVector
 from skfem.helpers import ddot, div, sym_grad
-from tqdm import tqdm
 
 from fastac.sensor.mechanics.fem.mesh import GelMesh
 from fastac.sensor.mechanics.press import FemError
+from fastac.store.progress import progress_bar
 from fastac.store.steps import Step
 from fastac.store.store import open_store
 
@@ -78,7 +78,7 @@ def unit_compliance(mesh: GelMesh, poisson_ratio: float, *, progress: bool = Tru
     blocks = range(0, size, COLUMNS)
     condensed = matrix[dofs[0]][:, dofs[0]].toarray()
     total = len(blocks) * (len(dofs) - 1) + 1
-    with tqdm(total=total, desc="compliance", unit="block", disable=not progress, leave=False) as bar:
+    with progress_bar(total=total, desc="compliance", unit="block", enabled=progress) as bar:
         for below, above in pairwise(dofs):
             factor = _factor(condensed)
             coupling = matrix[below][:, above]

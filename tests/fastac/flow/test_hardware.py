@@ -9,14 +9,14 @@ from fastac.flow.hardware import HardwareError, check_verilog, lint, write_veril
 from fastac.gateware.target.device import DEVICE
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
-from fastac.models.specimen import scene, specimen
+from fastac.models.random_bundle import random_bundle, scene
 from fastac.synth.resources import block_rams, memories
 
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory) -> Bundle:
     folder = tmp_path_factory.mktemp("hardware") / "bundle"
-    return specimen(folder, scene(("normals", "depth", "force_z"), mode="difference", lanes=2))
+    return random_bundle(folder, scene(("normals", "depth", "force_z"), mode="difference", lanes=2))
 
 
 @pytest.fixture(scope="module")

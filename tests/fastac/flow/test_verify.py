@@ -8,7 +8,7 @@ import pytest
 from fastac.flow import verify
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle as bundles
-from fastac.models.specimen import frames, scene, specimen
+from fastac.models.random_bundle import frames, random_bundle, scene
 from fastac.scenes.schema import SceneError
 from fastac.sim.check_top import Report
 from fastac.sim.runner import QUICK
@@ -16,7 +16,7 @@ from fastac.sim.runner import QUICK
 
 @pytest.fixture(scope="module")
 def bundle(tmp_path_factory):
-    return specimen(tmp_path_factory.mktemp("specimen") / "bundle", scene(("normals",)))
+    return random_bundle(tmp_path_factory.mktemp("random_bundle") / "bundle", scene(("normals",)))
 
 
 def with_weights(bundle, tmp_path, weights):
@@ -55,7 +55,7 @@ class TestDerive:
             )
 
     def test_lanes_that_the_scene_cannot_have(self, bundle, tmp_path):
-        with pytest.raises(SceneError, match=r"^scene specimen: hardware.pixels_per_clock = 3: "):
+        with pytest.raises(SceneError, match=r"^scene random_bundle: hardware.pixels_per_clock = 3: "):
             verify.derive(bundle, tmp_path / "bundle", lanes=3)
         assert not (tmp_path / "bundle").exists()
 

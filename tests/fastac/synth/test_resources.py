@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from fastac.gateware.cycle_model import multipliers
-from fastac.report.scope import specimen
+from fastac.report.scope import random_pipeline
 from fastac.synth import resources
 
 SAMPLES = json.loads(resources.SAMPLES.read_text())["samples"]
@@ -95,13 +95,13 @@ def test_products_are_dsp_slices():
 
 
 def test_an_estimate_says_where_it_is_from(tiny_scene, make_scene):
-    found = resources.estimate(specimen(tiny_scene))
+    found = resources.estimate(random_pipeline(tiny_scene))
     assert found["dsp48e2"]["value"] == sum(multipliers(tiny_scene).values())
     for entry in found.values():
         assert entry["value"] > 0
         assert entry["origin"].startswith("estimated: ")
         assert "%" in entry["origin"]
-    wide = resources.estimate(specimen(make_scene(hardware={"pixels_per_clock": 2})))
+    wide = resources.estimate(random_pipeline(make_scene(hardware={"pixels_per_clock": 2})))
     assert wide["lut"]["value"] > 1.5 * found["lut"]["value"]
-    less = resources.estimate(specimen(make_scene(outputs=["normals"])))
+    less = resources.estimate(random_pipeline(make_scene(outputs=["normals"])))
     assert less["lut"]["value"] < found["lut"]["value"]

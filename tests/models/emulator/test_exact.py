@@ -1,18 +1,18 @@
-"""The emulator against models/integer/solver.py, by the stages' own functions and the int64 loop, bit for bit."""
+"""The emulator against models/integer, by the stages' own functions and the int64 loop, bit for bit."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from fastac.models import specimen
+from fastac.models import random_bundle
 from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
-from fastac.models.emulator.exact_solver import EXACT, NotExactError, require_exact
+from fastac.models.emulator.exactness import EXACT, NotExactError, require_exact
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.loops.frames import CHUNK, over_frames
 
 DEPTH, Z, XYZ = "depth", "force_z", "force_xyz"
@@ -26,7 +26,7 @@ def frames_of(background: np.ndarray) -> np.ndarray:
     v, u = np.indices(background.shape[:2])
     checkerboard = np.where(((u + v) % 2)[..., None], white, black)
     extremes = [background, black, white, checkerboard, bright]
-    return np.concatenate([extremes, specimen.frames(background, (3, 12, 40, 255) * 4)])
+    return np.concatenate([extremes, random_bundle.frames(background, (3, 12, 40, 255) * 4)])
 
 
 def defined(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
@@ -83,7 +83,7 @@ def check(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
     return found
 
 
-SPECIMENS = {
+CASES = {
     "normals": (("normals",), {}),
     "depth": ((DEPTH,), {"mode": "difference"}),
     "depth, four channels": ((DEPTH,), {"channels": "bgr+nir"}),
@@ -112,12 +112,12 @@ SPECIMENS = {
 }
 
 
-@pytest.mark.parametrize("numbers", [specimen.NUMBERS, {}], ids=["short words", "words by default"])
-@pytest.mark.parametrize("name", SPECIMENS)
+@pytest.mark.parametrize("numbers", [random_bundle.NUMBERS, {}], ids=["short words", "words by default"])
+@pytest.mark.parametrize("name", CASES)
 def test_equals_the_integers_on_every_value(tmp_path, name, numbers):
-    outputs, settings = SPECIMENS[name]
-    scene = specimen.scene(outputs, numbers=numbers, **settings)
-    pipeline = specimen.specimen(tmp_path / "b", scene, hidden=(7, 5)).pipeline
+    outputs, settings = CASES[name]
+    scene = random_bundle.scene(outputs, numbers=numbers, **settings)
+    pipeline = random_bundle.random_bundle(tmp_path / "b", scene, hidden=(7, 5)).pipeline
     frames = frames_of(pipeline.background)
     assert len(frames) > CHUNK
     found = check(pipeline, frames)
@@ -133,16 +133,16 @@ def test_equals_the_integers_on_every_value(tmp_path, name, numbers):
 )
 def test_equals_the_integers_on_larger_images(tmp_path, size, solver, kernel):
     """Several tiles of pixels, the last one not full at 48×48; the network of the scenes that are built."""
-    scene = specimen.scene(
+    scene = random_bundle.scene(
         (DEPTH, XYZ), size=size, channels="bgr+nir", solver=solver, kernel=kernel, numbers={}, kernel_size=5
     )
-    pipeline = specimen.specimen(tmp_path / "b", scene, hidden=(16, 16, 16)).pipeline
+    pipeline = random_bundle.random_bundle(tmp_path / "b", scene, hidden=(16, 16, 16)).pipeline
     check(pipeline, frames_of(pipeline.background)[[0, 1, 3, 4, 6, 8]])
 
 
 def test_sums_beyond_float32(tmp_path):
     """A hidden layer whose sums take more than 24 bits."""
-    pipeline = specimen.specimen(tmp_path / "b", specimen.scene((DEPTH, Z))).pipeline
+    pipeline = random_bundle.random_bundle(tmp_path / "b", random_bundle.scene((DEPTH, Z))).pipeline
     assert ExactTables(pipeline).tables[0].dtype == np.float32
     first, *others = pipeline.layers
     scale, by = first.requantisation, 12
@@ -168,7 +168,9 @@ def no_sines(pipeline):
 
 @pytest.mark.parametrize("solver", ["dst2d", "tridiagonal"])
 def test_other_matrices_give_way_to_the_loop(tmp_path, solver):
-    pipeline = specimen.specimen(tmp_path / "b", specimen.scene((DEPTH,), solver=solver)).pipeline
+    pipeline = random_bundle.random_bundle(
+        tmp_path / "b", random_bundle.scene((DEPTH,), solver=solver)
+    ).pipeline
     changed = no_sines(pipeline)
     with pytest.raises(NotExactError, match=r"^row_forward matrix: expected rows even and odd"):
         ExactTables(changed)
@@ -181,8 +183,8 @@ def test_other_matrices_give_way_to_the_loop(tmp_path, solver):
 @pytest.mark.parametrize("n_z", [-300, -1, 0, 1, 40])
 def test_a_surface_that_turns_away(tmp_path, n_z):
     """n_z around and below zero, and components that are exactly zero."""
-    scene = specimen.scene((DEPTH, Z))
-    pipeline = specimen.specimen(tmp_path / "b", scene).pipeline
+    scene = random_bundle.scene((DEPTH, Z))
+    pipeline = random_bundle.random_bundle(tmp_path / "b", scene).pipeline
     last = pipeline.layers[-1]
     weight, bias = last.weight.copy(), np.array([0, 0, n_z])
     weight[:, 1:], weight[2] = 0, 1
@@ -197,7 +199,9 @@ def test_a_surface_that_turns_away(tmp_path, n_z):
 def test_quotients_just_below_an_integer(tmp_path):
     """Where float64 is nearest to rounding the quotient up: numerators of 52 bits, one below a multiple."""
     ratio = GradientRatio(normal_width=28, width=27, fraction=24)
-    pipeline = specimen.specimen(tmp_path / "b", specimen.scene(("normals",), size=64)).pipeline
+    pipeline = random_bundle.random_bundle(
+        tmp_path / "b", random_bundle.scene(("normals",), size=64)
+    ).pipeline
     worker = ExactTables(pipeline.replace(ratio=ratio)).worker({"slopes", "gradient_saturated"})
     rng = np.random.default_rng(1)
     n_z = rng.integers(1 << 25, 1 << 27, 64 * 64) | 1
@@ -219,8 +223,8 @@ def test_quotients_just_below_an_integer(tmp_path):
 
 
 def test_only_what_is_wanted(tmp_path, monkeypatch):
-    scene = specimen.scene((DEPTH, Z))
-    pipeline = specimen.specimen(tmp_path / "b", scene).pipeline
+    scene = random_bundle.scene((DEPTH, Z))
+    pipeline = random_bundle.random_bundle(tmp_path / "b", scene).pipeline
     frames = frames_of(pipeline.background)
     whole = Emulator(pipeline).run(frames)
     for wanted in direct.outputs(pipeline):
@@ -233,7 +237,7 @@ def test_only_what_is_wanted(tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("nobody wants depth")
 
-    monkeypatch.setattr("fastac.models.emulator.exact_solver.TransformTables.solve", refuse)
+    monkeypatch.setattr("fastac.models.emulator.dst2d.TransformTables.solve", refuse)
     Emulator(pipeline).run(frames, wanted=["normals", "slopes", "normal_words", "gradient_saturated"])
     with pytest.raises(AssertionError, match="nobody wants depth"):
         Emulator(pipeline).run(frames, wanted=["force_n"])
@@ -303,8 +307,8 @@ def wide_force(pipeline):
     ],
 )
 def test_tables_too_wide_for_float64_give_way_to_the_loop(tmp_path, solver, stage, change):
-    scene = specimen.scene((DEPTH, Z), solver=solver)
-    pipeline = specimen.specimen(tmp_path / "b", scene).pipeline
+    scene = random_bundle.scene((DEPTH, Z), solver=solver)
+    pipeline = random_bundle.random_bundle(tmp_path / "b", scene).pipeline
     ExactTables(pipeline)
     wide = change(pipeline)
     with pytest.raises(NotExactError, match=f"^{stage} bound "):

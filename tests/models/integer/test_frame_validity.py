@@ -5,7 +5,7 @@ import pytest
 
 from fastac.models.emulator.pipeline import Emulator, with_limits
 from fastac.models.integer.frame_validity import REASONS, FrameValidity
-from fastac.models.specimen import frames, scene, specimen
+from fastac.models.random_bundle import frames, random_bundle, scene
 
 SHAPE = (6, 8, 3)
 MEASURES = ("clipped", "brightness_b", "brightness_g", "brightness_r", "change", "detail")
@@ -95,7 +95,7 @@ def test_limits_are_the_range_and_its_margin():
 
 def test_limits_hold_for_the_frames_that_made_them(tmp_path):
     for outputs, names in ((("normals",), 6), (("depth",), 7), (("force_z",), 8)):
-        pipeline = specimen(tmp_path / outputs[0], scene(outputs)).pipeline
+        pipeline = random_bundle(tmp_path / outputs[0], scene(outputs)).pipeline
         assert len(pipeline.validity.names) == names
         good = frames(pipeline.background, (5, 10), seed=3)
         limited = with_limits(pipeline, good)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.importers.cad import of_scene
 from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.importers.pose_labels import labels
@@ -38,8 +38,8 @@ def test_they_are_the_gel_s_own_truth(rig, x, y, load):
     (pressed,) = rig.presses(Station("train", x, y, load), 5.0)
     known = Pose("train", 0, *(pressed.pose[f"{k}_mm"] for k in "xyz"), load, 0.0, 0.0)
     normals, depth, valid = labels(CAD, known, 5.0, "here")
-    assert valid.sum() > 0.4 * pressed.touching.sum()
-    assert not (valid & ~pressed.touching).any()
+    assert valid.sum() > 0.4 * pressed.in_contact.sum()
+    assert not (valid & ~pressed.in_contact).any()
     np.testing.assert_allclose(depth[valid], pressed.depth_mm[valid], atol=1e-9)
     np.testing.assert_allclose(normals[valid], pressed.normals[valid], atol=1e-9)
     assert np.isnan(depth[~valid]).all()

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fastac.scenes.schema import Light, Markers, Raw10
+from fastac.scenes.sensor_schema import Light, Markers, Raw10
 from fastac.store.files import load_arrays
 from fastac.studies.reproduce.geometry import rgb_data, rgb_scene
 from fastac.studies.reproduce.limits_geometry import (

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastac.models.specimen import NUMBERS, scene, specimen
+from fastac.models.random_bundle import NUMBERS, random_bundle, scene
 from fastac.studies.robustness.worst_case import of_pixels
 from fastac.studies.robustness.worst_case_hardware import compare
 from fastac.studies.robustness.worst_case_solver import of_solver
@@ -43,7 +43,7 @@ WORDS = {
 @pytest.mark.parametrize("mode", ["absolute", "difference"])
 def test_every_bound_is_reached_and_none_is_exceeded(tmp_path, name, mode):
     wanted = SCENES[name] | {"mode": mode, "numbers": WIDE}
-    pipeline = specimen(tmp_path / "bundle", scene(**wanted)).pipeline
+    pipeline = random_bundle(tmp_path / "bundle", scene(**wanted)).pipeline
     cases = of_pixels(pipeline) + (of_solver(pipeline) if pipeline.solver else [])
     assert {case.name for case in cases} == WORDS[name.removesuffix(", cut off")]
     for case in cases:
@@ -66,7 +66,7 @@ def test_every_bound_is_reached_and_none_is_exceeded(tmp_path, name, mode):
     ],
 )
 def test_the_hardware_holds_them(tmp_path, name, stages):
-    pipeline = specimen(tmp_path / "bundle", scene(**SCENES[name])).pipeline
+    pipeline = random_bundle(tmp_path / "bundle", scene(**SCENES[name])).pipeline
     lanes = pipeline.scene.hardware.pixels_per_clock
     cases = of_pixels(pipeline) + (of_solver(pipeline) if pipeline.solver else [])
     for case in (case for case in cases if case.name in stages):
@@ -74,7 +74,7 @@ def test_the_hardware_holds_them(tmp_path, name, stages):
 
 
 def test_a_word_that_is_one_off_is_found(tmp_path):
-    pipeline = specimen(tmp_path / "bundle", scene(**SCENES["adjoint"])).pipeline
+    pipeline = random_bundle(tmp_path / "bundle", scene(**SCENES["adjoint"])).pipeline
     case = of_pixels(pipeline)[1]
     outputs = case.outputs.copy()
     outputs[-1, -1] += 1

@@ -15,7 +15,7 @@ from fastac.models.integer.quantise import quantise_layers
 from fastac.scenes.schema import Scene
 
 GOOD = (5, 10, 20, 30, 40)
-"""How far the frames that make a specimen's limits differ from the background; larger changes are suspect."""
+"""How far the frames that make a bundle's limits differ from the background; larger changes are suspect."""
 NUMBERS = {
     "weight_bits": 6,
     "last_weight_bits": 8,
@@ -49,7 +49,7 @@ def scene(
         clamp = solver != "adjoint"
     return Scene.model_validate(
         {
-            "name": "specimen",
+            "name": "random_bundle",
             "outputs": outputs,
             "sensor": {
                 "geometry": "fingertip",
@@ -99,7 +99,7 @@ def layers(
     )
 
 
-def specimen(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
+def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
     """A bundle in `folder` with random tables for everything that `scene` wants."""
     rng = np.random.default_rng(seed)
     sensor, axes = scene.sensor, len(scene.force_axes)
@@ -115,7 +115,7 @@ def specimen(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed
     if scene.wants_force:
         inner = scene.inner_px
         kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
-        shape = (axes, size, size, 2) if scene.wants_adjoint else kernels
+        shape = (axes, size, size, 2) if scene.force_from_slopes else kernels
         pipeline = with_force(pipeline, rng.normal(size=shape))
     return bundle.save(folder, with_limits(pipeline, frames(background, GOOD)), {})
 
