@@ -19,11 +19,12 @@ from fastac.gateware.datapath import Datapath
 from fastac.models.integer.assemble import with_force_of
 from fastac.models.integer.bounds import Stage
 from fastac.models.integer.bundle import Bundle, save
+from fastac.models.integer.depth import Depth
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.solver import Depth, PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import NEAREST
 
 FORMAT_VERSION = 2
@@ -42,7 +43,7 @@ def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
         fields[PoissonSource] = {"offset"}
     else:
         fields[Depth] = {"rest"}
-    if pipeline.scene.wants_adjoint:
+    if pipeline.scene.force_from_slopes:
         fields[WeightedSum] = {"constant"}
     return fields
 

@@ -96,7 +96,7 @@ class CycleModel(FrameCycles):
 
     @property
     def _sums_words(self) -> bool:
-        return self.scene.wants_adjoint or self.scene.force.kernel == "collapsed"
+        return self.scene.force_from_slopes or self.scene.force.kernel == "collapsed"
 
     @property
     def _displacement_bits(self) -> int:
@@ -109,7 +109,7 @@ class CycleModel(FrameCycles):
         rows, columns = scene.inner_px, scene.inner_px
         terms, input_bits = DISPLACEMENT, self._displacement_bits
         weight_bits = signed_width(scene.force.kernel_size**2 << (scene.numbers.kernel_bits - 1))
-        if scene.wants_adjoint:
+        if scene.force_from_slopes:
             rows, columns = scene.sensor.height_px, scene.sensor.width_px
             terms, input_bits = SLOPES, scene.numbers.slope_bits
             weight_bits = scene.numbers.slope_weight_bits

@@ -128,7 +128,7 @@ class Datapath(FrameCycles, wiring.Component):
                 )
             else:
                 self.force_stream = WeightedSumStream(
-                    in_order(pipeline.force), lanes=lanes, loadable=self.loadable and scene.wants_adjoint
+                    in_order(pipeline.force), lanes=lanes, loadable=self.loadable and scene.force_from_slopes
                 )
             members["force"] = Out(self.force_stream.o.signature)
         if self.validity.latency > (self.force_stream if self.wants_force else self.mlp).latency:
@@ -147,7 +147,7 @@ class Datapath(FrameCycles, wiring.Component):
         if not self.loadable:
             return {}
         registers = {"network": (self.mlp.parameter_bits, self.mlp.parameter_image(self.pipeline.layers))}
-        if self.pipeline.scene.wants_adjoint:
+        if self.pipeline.scene.force_from_slopes:
             force, mask = self.pipeline.force, (1 << self.pipeline.force.width) - 1
             words = [(int(c) & mask) << (k * force.width) for k, c in enumerate(force.constant)]
             registers["constant"] = (len(words) * force.width, sum(words))
@@ -239,7 +239,7 @@ class Datapath(FrameCycles, wiring.Component):
         if self.wants_force:
             m.submodules.force_stream = force = self.force_stream
             connect(m, force.o, wiring.flipped(self.force))
-        if scene.wants_adjoint:
+        if scene.force_from_slopes:
             connect(m, divider.o, force.i)
             if self.loadable:
                 m.d.comb += force.constant.as_value().eq(self.constant)

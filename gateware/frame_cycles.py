@@ -28,7 +28,7 @@ class FrameCycles:
         scene = self.scene
         if not scene.wants_solver:
             stages = {"normals": self.first_pixel_to_normals}
-            if scene.wants_adjoint:
+            if scene.force_from_slopes:
                 stages |= {"gradients": self.divider.latency, "force": self.force_stream.latency}
             return stages
         stages = {"normals": self.first_pixel_to_normals - (self.beats - 1)}

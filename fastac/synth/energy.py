@@ -21,7 +21,7 @@ from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.tridiagonal import Elimination, Recurrence
 from fastac.models.integer.words import FLOOR, NEAREST, signed_width
 

@@ -7,7 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
 from fastac.gateware.stream.tables import RasterRom, TableFormat, raster_beats
-from fastac.models.integer.solver import Depth, DisplacementQuantiser
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.words import signed_width
 
 

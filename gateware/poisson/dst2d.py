@@ -12,7 +12,8 @@ from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_i
 from fastac.gateware.poisson.transposer import Transposer
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.models.integer.dst2d import EigenvalueDivision
-from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 
 
 class PoissonSolver(wiring.Component):

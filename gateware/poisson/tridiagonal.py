@@ -11,7 +11,8 @@ from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_interval
 from fastac.gateware.stream.queues import SkidBuffer
-from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import Elimination, Substitution
 
 

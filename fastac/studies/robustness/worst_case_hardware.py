@@ -15,11 +15,13 @@ from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
 from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.gateware.stream.tables import raster_beats
+from fastac.models.integer.depth import Depth
 from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio, Layer
-from fastac.models.integer.solver import Depth, PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import Recurrence, Substitution
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import ConstantParameters

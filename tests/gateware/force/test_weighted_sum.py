@@ -11,9 +11,9 @@ from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.poisson.depth import Displacement
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio
-from fastac.models.integer.solver import Depth, DisplacementQuantiser
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 

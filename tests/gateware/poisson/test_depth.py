@@ -6,7 +6,7 @@ from amaranth.sim import Simulator
 
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.stream.tables import RasterRom, raster_beats
-from fastac.models.integer.solver import Depth, DisplacementQuantiser
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import PreloadedTable
 

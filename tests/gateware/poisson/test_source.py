@@ -4,7 +4,7 @@ import pytest
 
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.models.integer.laplacian import divergence_of
-from fastac.models.integer.solver import PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import PreloadedTable
 

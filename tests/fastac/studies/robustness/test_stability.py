@@ -8,7 +8,7 @@ import pytest
 from click.testing import CliRunner
 
 from fastac.flow import hardware
-from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.emulator.pipeline import Emulator
 from fastac.models.loops.frames import CHUNK
 from fastac.studies.robustness import stability
 
@@ -37,7 +37,7 @@ def test_the_emulator_carries_nothing_over(tiny_bundle, frames):
 
 def test_state_that_is_carried_over_is_found(tiny_bundle, frames, monkeypatch):
     """A pipeline that adds one to a depth once it has seen two batches."""
-    run, seen = IntegerPipeline.run, 0
+    run, seen = Emulator.run, 0
 
     def leaky(self, images, **options):
         nonlocal seen
@@ -49,7 +49,7 @@ def test_state_that_is_carried_over_is_found(tiny_bundle, frames, monkeypatch):
         words[:, 3, 3] += 1
         return replace(result, depth_words=words)
 
-    monkeypatch.setattr(IntegerPipeline, "run", leaky)
+    monkeypatch.setattr(Emulator, "run", leaky)
     found = stability.emulate(tiny_bundle.pipeline, frames, 2 * stability.BATCH, progress=False)
     assert found["mismatches"] == stability.BATCH  # the last batch, which is the first one again
 
