@@ -19,11 +19,12 @@ from fastac.gateware.datapath import Datapath
 from fastac.models.integer.assemble import with_force_of
 from fastac.models.integer.bounds import Stage
 from fastac.models.integer.bundle import Bundle, save
+from fastac.models.integer.depth import Depth
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.solver import Depth, PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import NEAREST
 
 FORMAT_VERSION = 2
@@ -42,7 +43,7 @@ def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
         fields[PoissonSource] = {"offset"}
     else:
         fields[Depth] = {"rest"}
-    if pipeline.scene.wants_adjoint:
+    if pipeline.scene.force_from_slopes:
         fields[WeightedSum] = {"constant"}
     return fields
 
@@ -81,7 +82,7 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
             yield f"{name}.width", stage.width
 
 
-def identifier(pipeline: IntegerPipeline) -> int:
+def hardware_identifier(pipeline: IntegerPipeline) -> int:
     """32 bits that tell hardware apart: the hash of everything that a calibration leaves as it is.
 
     Rounding to the nearest is not in it: hardware from before there was a choice stays what it is.
@@ -97,7 +98,7 @@ def identifier(pipeline: IntegerPipeline) -> int:
     return int.from_bytes(digest.digest()[:4], "big")
 
 
-def difference(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> str | None:
+def first_difference(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> str | None:
     """The first thing that keeps a calibration with `pipeline` from the hardware; None if it fits."""
     for (name, new), (_, old) in zip(fixed_content(pipeline), fixed_content(hardware), strict=False):
         if not isinstance(new, np.ndarray):
@@ -117,7 +118,7 @@ def difference(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> str | No
 def _require(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> None:
     if not hardware.layers[0].loadable:
         raise CalibrationError("hardware.weights: baked, the hardware takes no calibration")
-    found = difference(pipeline, hardware)
+    found = first_difference(pipeline, hardware)
     if found:
         raise CalibrationError(found)
 
@@ -125,19 +126,19 @@ def _require(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> None:
 def image_layout(path: Datapath) -> ImageLayout:
     """Of the images for the hardware with `path`, which is loadable."""
     return ImageLayout(
-        identifier(path.pipeline),
+        hardware_identifier(path.pipeline),
         {name: table for name, (table, _) in path.loadable_tables.items()},
         {name: bits for name, (bits, _) in path.loadable_registers.items()},
     )
 
 
-def loader(path: Datapath, bundle_hash: int) -> CalibrationLoader:
+def make_loader(path: Datapath, bundle_hash: int) -> CalibrationLoader:
     """The loader for `path`; it starts with the calibration that `path` was made from."""
     registers = {name: value for name, (_, value) in path.loadable_registers.items()}
     return CalibrationLoader(image_layout(path), registers, bundle_hash)
 
 
-def keep_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundle:
+def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundle:
     """`bundle` with the force of `hardware`, which a calibration cannot bring; written to `folder`.
 
     Training fits the force to what its own pixel network finds, so that each training has other weights.

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
-from fastac.gateware.arithmetic.frame_sum import raster_interval
-from fastac.gateware.arithmetic.packed_products import packing
+from fastac.gateware.arithmetic.frame_sum import beats_per_frame
+from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
@@ -79,7 +79,7 @@ class CycleModel(FrameCycles):
             if k:
                 input_limit = [(1 << numbers.activation_bits) - 1] * inputs
                 width = numbers.activation_bits + 1
-            packed = packing((1 << (bits - 1)) - 1, input_limit, width) is not None
+            packed = best_packing((1 << (bits - 1)) - 1, input_limit, width) is not None
             count += tile_multipliers(neurons, inputs, packed=packed)
         return self.lanes * count
 
@@ -96,7 +96,7 @@ class CycleModel(FrameCycles):
 
     @property
     def _sums_words(self) -> bool:
-        return self.scene.wants_adjoint or self.scene.force.kernel == "collapsed"
+        return self.scene.force_from_slopes or self.scene.force.kernel == "collapsed"
 
     @property
     def _displacement_bits(self) -> int:
@@ -109,7 +109,7 @@ class CycleModel(FrameCycles):
         rows, columns = scene.inner_px, scene.inner_px
         terms, input_bits = DISPLACEMENT, self._displacement_bits
         weight_bits = signed_width(scene.force.kernel_size**2 << (scene.numbers.kernel_bits - 1))
-        if scene.wants_adjoint:
+        if scene.force_from_slopes:
             rows, columns = scene.sensor.height_px, scene.sensor.width_px
             terms, input_bits = SLOPES, scene.numbers.slope_bits
             weight_bits = scene.numbers.slope_weight_bits
@@ -117,7 +117,7 @@ class CycleModel(FrameCycles):
             len(scene.force_axes), terms, self.lanes, input_bits=input_bits, weight_bits=weight_bits
         )
         return Figures(
-            kind.latency_of(terms, self.lanes), raster_interval(rows, columns, self.lanes), multipliers
+            kind.latency_of(terms, self.lanes), beats_per_frame(rows, columns, self.lanes), multipliers
         )
 
     def _patch_force(self) -> Figures:
@@ -131,7 +131,7 @@ class CycleModel(FrameCycles):
         )
         return Figures(
             kind.latency_of(size, scene.force.kernel_size, self.lanes),
-            raster_interval(size, size, self.lanes),
+            beats_per_frame(size, size, self.lanes),
             multipliers,
         )
 

@@ -20,8 +20,8 @@ from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
 from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FrameGuard
 from fastac.gateware.stream.frame_validity import FrameValidity
-from fastac.gateware.stream.queues import Buffer
-from fastac.gateware.stream.tables import Table
+from fastac.gateware.stream.queues import SkidBuffer
+from fastac.gateware.stream.tables import TableFormat
 from fastac.models.integer.features import WIDTH, coordinate_codes
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -128,7 +128,7 @@ class Datapath(FrameCycles, wiring.Component):
                 )
             else:
                 self.force_stream = WeightedSumStream(
-                    in_order(pipeline.force), lanes=lanes, loadable=self.loadable and scene.wants_adjoint
+                    in_order(pipeline.force), lanes=lanes, loadable=self.loadable and scene.force_from_slopes
                 )
             members["force"] = Out(self.force_stream.o.signature)
         if self.validity.latency > (self.force_stream if self.wants_force else self.mlp).latency:
@@ -147,7 +147,7 @@ class Datapath(FrameCycles, wiring.Component):
         if not self.loadable:
             return {}
         registers = {"network": (self.mlp.parameter_bits, self.mlp.parameter_image(self.pipeline.layers))}
-        if self.pipeline.scene.wants_adjoint:
+        if self.pipeline.scene.force_from_slopes:
             force, mask = self.pipeline.force, (1 << self.pipeline.force.width) - 1
             words = [(int(c) & mask) << (k * force.width) for k, c in enumerate(force.constant)]
             registers["constant"] = (len(words) * force.width, sum(words))
@@ -158,7 +158,7 @@ class Datapath(FrameCycles, wiring.Component):
         return registers
 
     @property
-    def loadable_tables(self) -> dict[str, tuple[Table, np.ndarray]]:
+    def loadable_tables(self) -> dict[str, tuple[TableFormat, np.ndarray]]:
         """Format, and values (depth, fields) for this pipeline, of each table that a calibration brings."""
         tables, scene = {}, self.pipeline.scene
         if self.loadable and scene.wants_solver and scene.poisson.mode == "difference":
@@ -182,7 +182,7 @@ class Datapath(FrameCycles, wiring.Component):
         m.submodules.guard = guard = self.guard
         m.submodules.background = background = self.background
         m.submodules.mlp = mlp = self.mlp
-        m.submodules.normals_buffer = normals = Buffer(self.normal_layout)
+        m.submodules.normals_buffer = normals = SkidBuffer(self.normal_layout)
         connect(m, wiring.flipped(self.axis), guard.axis)
         connect(m, guard.tag, wiring.flipped(self.tag))
         connect(m, guard.o, background.i)
@@ -239,7 +239,7 @@ class Datapath(FrameCycles, wiring.Component):
         if self.wants_force:
             m.submodules.force_stream = force = self.force_stream
             connect(m, force.o, wiring.flipped(self.force))
-        if scene.wants_adjoint:
+        if scene.force_from_slopes:
             connect(m, divider.o, force.i)
             if self.loadable:
                 m.d.comb += force.constant.as_value().eq(self.constant)
@@ -247,7 +247,7 @@ class Datapath(FrameCycles, wiring.Component):
             return m
 
         m.submodules.solver = solver = self.solver
-        m.submodules.solution_buffer = solution = Buffer(solver.o.payload.shape())
+        m.submodules.solution_buffer = solution = SkidBuffer(solver.o.payload.shape())
         connect(m, divider.o, solver.i)
         connect(m, solver.o, solution.i)
         if "offset" in self.loadable_tables:

@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.product import LATENCY, product
 from fastac.gateware.stream.queues import CreditQueue
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 
 
 class Dst1Engine(wiring.Component):

@@ -1,6 +1,6 @@
 """A frame's cycles from those of its stages: the same sums for components and for a scene's figures."""
 
-from fastac.gateware.stream.queues import Buffer
+from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.schema import Scene
 
 
@@ -28,13 +28,13 @@ class FrameCycles:
         scene = self.scene
         if not scene.wants_solver:
             stages = {"normals": self.first_pixel_to_normals}
-            if scene.wants_adjoint:
+            if scene.force_from_slopes:
                 stages |= {"gradients": self.divider.latency, "force": self.force_stream.latency}
             return stages
         stages = {"normals": self.first_pixel_to_normals - (self.beats - 1)}
         stages["gradients"] = self.divider.latency
         stages |= self.solver.stages
-        stages["solution_buffer"] = Buffer.latency
+        stages["solution_buffer"] = SkidBuffer.latency
         if scene.wants_force:
             stages["force"] = self.displacement.latency + self.force_stream.latency
         return stages
@@ -55,7 +55,7 @@ class FrameCycles:
     @property
     def first_pixel_to_normals(self) -> int:
         """Clocks from the first pixel accepted to the last normals offered."""
-        first = self.guard.latency + self.background.latency + self.mlp.latency + Buffer.latency
+        first = self.guard.latency + self.background.latency + self.mlp.latency + SkidBuffer.latency
         return first + self.beats - 1
 
     @property

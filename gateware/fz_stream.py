@@ -7,16 +7,16 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.frame_sum import (
     FrameAccumulator,
+    adder_tree,
+    beats_per_frame,
     dsp_slices,
-    raster_interval,
-    sum_tree,
     tree_levels,
 )
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
-from fastac.gateware.force.patch_generator import PatchGenerator, check_patches
+from fastac.gateware.force.patch_generator import PatchGenerator, check_patch_size
 from fastac.gateware.stream.fork import Fork
-from fastac.gateware.stream.handshake import stall_free
+from fastac.gateware.stream.handshake import pipeline_handshake
 from fastac.gateware.stream.tables import RasterRom, raster_beats
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.words import signed_width
@@ -69,7 +69,7 @@ class PixelResponse(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = stall_free(m, self.i, self.o, self.latency)
+        advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         m.submodules.kernels = kernels = KernelRom(self.force, lanes=self.lanes)
         m.d.comb += [kernels.advance.eq(advance), kernels.take.eq(self.i.valid)]
@@ -88,7 +88,7 @@ class PixelResponse(wiring.Component):
                     a, b = patches[lane][k], kernels.word[axis][lane][k]
                     whole = product(m, platform, advance, a, b, name=f"{name}_product_{k}")
                     products.append(whole[: signed_width(int(bound))].as_signed())
-                response = sum_tree(m, advance, products, bounds[:, axis, lane], name)
+                response = adder_tree(m, advance, products, bounds[:, axis, lane], name)
                 m.d.comb += self.o.payload[axis][lane].eq(response)
         return m
 
@@ -116,7 +116,7 @@ class PatchForceStream(wiring.Component):
         shape = force.kernel.shape
         if len(shape) != 5 or shape[1] != shape[2] or shape[3] != shape[4]:
             raise ValueError(f"kernel {shape}: expected (axes, N, N, K, K)")
-        check_patches(shape[1], force.size, force.displacement_bits, lanes)
+        check_patch_size(shape[1], force.size, force.displacement_bits, lanes)
         self.force, self.lanes, self.size, self.wants_map = force, lanes, shape[1], wants_map
         words = data.ArrayLayout(Shape(force.displacement_bits, force.signed), lanes)
         members = {
@@ -158,7 +158,7 @@ class PatchForceStream(wiring.Component):
 
     @property
     def interval(self) -> int:
-        return raster_interval(self.size, self.size, self.lanes)
+        return beats_per_frame(self.size, self.size, self.lanes)
 
     @property
     def multipliers(self) -> int:

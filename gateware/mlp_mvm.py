@@ -8,10 +8,16 @@ from amaranth import Cat, Const, Module, Shape, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.arithmetic.packed_products import Packing, packing
+from fastac.gateware.arithmetic.packed_products import Packing, best_packing
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_STAGES
 from fastac.gateware.arithmetic.product import product
-from fastac.gateware.arithmetic.shift_add import Register, Term, constant_product, registers, tree
+from fastac.gateware.arithmetic.shift_add import (
+    Register,
+    Term,
+    constant_product,
+    partial_adder_tree,
+    pipeline_register,
+)
 from fastac.models.integer.network import Layer
 from fastac.models.integer.words import signed_width
 
@@ -76,7 +82,7 @@ class MvmCore(wiring.Component):
     def packing(self) -> Packing | None:
         """How pairs of neurons share multipliers; None where they do not."""
         width = self.input_width if self.input_signed else self.input_width + 1
-        return packing(self.layer.weight_limit, self.layer.input_limit, width)
+        return best_packing(self.layer.weight_limit, self.layer.input_limit, width)
 
     @property
     def units(self) -> list[tuple[int, ...]]:
@@ -138,7 +144,7 @@ class MvmCore(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        register = registers(m, self.advance)
+        register = pipeline_register(m, self.advance)
         inputs = [
             register(Term(x, int(limit)), f"input_{j}")
             for j, (x, limit) in enumerate(zip(self.i, self.layer.input_limit, strict=True))
@@ -204,14 +210,14 @@ class MvmCore(wiring.Component):
         """A neuron's products, summed over all levels, and its bias."""
         if not terms:
             return bias
-        [total] = tree(terms, self._levels, register, f"sum_{name}")
+        [total] = partial_adder_tree(terms, self._levels, register, f"sum_{name}")
         return register(total.plus(bias, total.bound + bias.bound), f"biased_{name}")
 
     def _split_sum(self, terms: list[Term], biases: list[Term], register: Register, name: str) -> list[Term]:
         """Two neurons' packed products, summed as far as the words hold them, split, and summed on."""
         nothing = Term(Const(0, signed(1)), 0)
         halves = [[], []]
-        totals = tree(terms, self.packing.levels, register, f"packed_{name}")
+        totals = partial_adder_tree(terms, self.packing.levels, register, f"packed_{name}")
         for j, total in enumerate(totals):
             added = biases if j == 0 else [nothing, nothing]
             reached = total.bound // self.packing.limit * self.packing.weight_limit
@@ -220,7 +226,7 @@ class MvmCore(wiring.Component):
                 half.append(register(Term(value, reached + bias.bound), f"{field}_{name}_{j}"))
         levels = self._levels - self.packing.levels
         return [
-            tree(half, levels, register, f"sum_{field}_{name}")[0]
+            partial_adder_tree(half, levels, register, f"sum_{field}_{name}")[0]
             for half, field in zip(halves, ("lower", "upper"), strict=True)
         ]
 

@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.bus.axi_lite import axi_lite_signature
 from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, Identity
 from fastac.gateware.bus.registers import RegisterBlock
-from fastac.gateware.calibration import image_layout, loader
+from fastac.gateware.calibration import image_layout, make_loader
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FRAMES_IN_FLIGHT
 from fastac.gateware.stream.handshake import axis_signature
@@ -63,7 +63,7 @@ class RasterOutput:
         return list(range(self.rows))[:: -1 if self.rows_reversed else 1]
 
 
-def flat(prefix: str, signature: wiring.Signature, direction) -> dict[str, wiring.Member]:
+def flattened_ports(prefix: str, signature: wiring.Signature, direction) -> dict[str, wiring.Member]:
     """The members of a bus as ports of their own, `prefix`_member, as Vivado recognises them."""
     members = signature.members if direction == Out else signature.flip().members
     return {f"{prefix}_{name}": member for name, member in members.items()}
@@ -129,12 +129,12 @@ class TopZynq(wiring.Component):
         )
         self.outputs = self._outputs()
         members = {
-            **flat("s_axis", self.datapath.axis.signature.flip(), In),
-            **flat("s_axil", axi_lite_signature(ADDRESS_WIDTH), In),
+            **flattened_ports("s_axis", self.datapath.axis.signature.flip(), In),
+            **flattened_ports("s_axil", axi_lite_signature(ADDRESS_WIDTH), In),
             "interrupt": Out(1),
         }
         for output in self.outputs:
-            members |= flat(f"m_axis_{output.name}", axis_signature(8 * output.octets), Out)
+            members |= flattened_ports(f"m_axis_{output.name}", axis_signature(8 * output.octets), Out)
             if output.tagged:
                 members[f"m_axis_{output.name}_tuser"] = Out(3 + ROW_BITS)
                 members[f"m_axis_{output.name}_tkeep"] = Out(output.octets)
@@ -175,7 +175,7 @@ class TopZynq(wiring.Component):
             ),
         ]
         if path.loadable:
-            m.submodules.calibration = calibration = loader(path, self.bundle.hash_word)
+            m.submodules.calibration = calibration = make_loader(path, self.bundle.hash_word)
             wiring.connect(m, registers.calibration, calibration.host)
             # A word holds frames back in its own clock already: none can start beside it.
             m.d.comb += path.hold.eq(calibration.host.loading | calibration.host.write)

@@ -115,7 +115,7 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     if scene.wants_force:
         inner = scene.inner_px
         kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
-        shape = (axes, size, size, 2) if scene.wants_adjoint else kernels
+        shape = (axes, size, size, 2) if scene.force_from_slopes else kernels
         pipeline = with_force(pipeline, rng.normal(size=shape))
     return bundle.save(folder, with_limits(pipeline, frames(background, GOOD)), {})
 

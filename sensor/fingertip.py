@@ -12,7 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.sensor.mechanics.press import ContactError, Pressed, Rig

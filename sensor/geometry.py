@@ -7,7 +7,7 @@ row v along y; the origin of x and y is the centre of the image. Slopes are p = 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 
 
 def pixel_centres_mm(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastac.scenes.schema import Protocol, Scene, Sensor
+from fastac.scenes.schema import Protocol, Scene
+from fastac.scenes.sensor_schema import Sensor
 
 MARGIN_BALLS = 0.3
 """Distance from the fixed rim to the outermost positions, in ball diameters: as much as the contact grows."""

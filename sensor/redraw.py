@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.optics.camera import background, render
 from fastac.sensor.optics.raw_window import background_raw10, render_raw10

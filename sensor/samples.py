@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.scenes.schema import CHANNELS, Scene
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import CHANNELS
 from fastac.sensor.optics.mosaic import CELL
 
 SPLITS = ("train", "validation", "test")

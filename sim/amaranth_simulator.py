@@ -5,7 +5,7 @@ import random
 from amaranth.sim import Simulator
 
 
-def transfer(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
+def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
     """Feed payloads to `dut.i` and take from its output streams; returns what each gave, and when.
 
     inputs : payloads as integers.

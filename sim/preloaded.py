@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out, connect
 from fastac.sim.check_stream import pack
 
 
-class Preloaded(wiring.Component):
+class PreloadedTable(wiring.Component):
     """`component`, whose port `table` is given `values` (depth, fields) of `bits` once, after reset.
 
     Its input `i` waits meanwhile; `i`, `o` and one-bit outputs named in `flags` are the component's own.
@@ -53,7 +53,7 @@ class Preloaded(wiring.Component):
         return m
 
 
-class WithParameters(wiring.Component):
+class ConstantParameters(wiring.Component):
     """`component` between its streams `i` and `o`, `image` standing at its port `parameters`."""
 
     def __init__(self, component, image: int):

@@ -40,7 +40,7 @@ def verilog(bundle, output, progress):
     "--keep-force", type=INPUT, help="Keep the hardware's force; the bundle with it goes to this folder."
 )
 @click.option("-o", "--output", type=INPUT, required=True, help="The file to write.")
-def calibration(bundle, hardware, keep_force, output):
+def calibration(bundle, hardware, with_hardware_force, output):
     """BUNDLE's pixel network, and what follows from it, as words for hardware that already runs.
 
     The hardware's register CALIBRATION takes them, 32 bits each, little-endian, one after another, while no
@@ -51,8 +51,8 @@ def calibration(bundle, hardware, keep_force, output):
     from fastac.gateware import calibration as images
 
     model, known = load_bundle(bundle), load_bundle(hardware)
-    if keep_force:
-        model = images.keep_force(model, known, keep_force)
+    if with_hardware_force:
+        model = images.with_hardware_force(model, known, with_hardware_force)
     words = images.calibration_words(model, known)
     output.parent.mkdir(parents=True, exist_ok=True)
     temporary = output.with_name(f".{output.name}.part")

@@ -17,7 +17,8 @@ import cv2
 import numpy as np
 
 from fastac.models.vision.image_processing import as_channels, channels
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.fingertip import sample

@@ -188,7 +188,7 @@ def force_input(
     Displacements (N, N) in mm or, where the slopes are fitted, their differences from rest (H, W, 2).
     """
     scene = pipeline.scene
-    if not scene.wants_adjoint:
+    if not scene.force_from_slopes:
         return pipeline.run(frames, wanted=["displacement_mm"], progress=progress).displacement_mm
     slopes = pipeline.run(frames, wanted=["slopes"], progress=progress).slopes
     change = slopes - pipeline.run(background[None], wanted=["slopes"]).slopes
@@ -201,7 +201,7 @@ def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
     """A model's kernels (axes, N, N, K, K) or, for the adjoint, its weights of the slopes (axes, H, W, 2)."""
     with torch.inference_mode():
         kernels = model.kernels().numpy()
-    if not scene.wants_adjoint:
+    if not scene.force_from_slopes:
         return kernels
     return slope_weights(collapse(kernels), scene.poisson.divergence, scene.sensor.pitch_mm)
 

@@ -45,7 +45,7 @@ def random_pipeline(scene: Scene) -> IntegerPipeline:
     if not scene.wants_force:
         return pipeline
     weights = (*shape, 2)
-    if not scene.wants_adjoint:
+    if not scene.force_from_slopes:
         weights = (scene.inner_px, scene.inner_px, scene.force.kernel_size, scene.force.kernel_size)
     return assemble.with_force(pipeline, rng.normal(size=(len(scene.force_axes), *weights)))
 

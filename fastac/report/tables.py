@@ -12,7 +12,8 @@ _NUMBER = re.compile(r"[-+±]?\d\S*( \w+)?")
 def text_table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
     """Aligned columns as plain text: no lines, no colours, never cut, so that files hold it as well.
 
-    Cells are shown as they are, None as nothing; a column of numbers, with units or without, is aligned to the right.
+    Cells are shown as they are, None as nothing; a column of numbers, with or without units, is aligned to
+    the right.
     """
     cells = [["" if cell is None else str(cell) for cell in row] for row in rows]
     numeric = [

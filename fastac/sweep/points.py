@@ -24,7 +24,8 @@ from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.training import hyperforce
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset, fingertip, samples
 from fastac.store.files import digest_file, write_json
 from fastac.store.sources import TRAINING_SOURCES, digest_sources
@@ -143,7 +144,7 @@ class PointModels:
         slopes = {
             "limit": scene.numbers.slope_limit,
             "divergence": scene.poisson.divergence,
-            "adjoint": scene.wants_adjoint,
+            "adjoint": scene.force_from_slopes,
         }
         measured = ["data", "normals"]
         if scene.wants_force:

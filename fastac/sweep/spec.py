@@ -12,7 +12,8 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from fastac.scenes import schema as scenes
-from fastac.scenes.schema import Count, Scene, Strict
+from fastac.scenes.schema import Scene
+from fastac.scenes.strict import Count, Strict
 
 Values = Annotated[list, Field(min_length=1)]
 Axes = Annotated[dict[str, Values], Field(min_length=1)]

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastac.gateware.arithmetic.packed_products import packing
+from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.tridiagonal import Elimination, Recurrence
 from fastac.models.integer.words import FLOOR, NEAREST, signed_width
 
@@ -99,7 +99,7 @@ class Frame:
             digits = [sum(len(canonical_signed_digits(w)) for w in row) for row in layer.weight.tolist()]
             yield addition(pixels * sum(digits), width)  # those of a neuron, and its bias, less one
         else:
-            pack = packing(layer.weight_limit, layer.input_limit, input_width)
+            pack = best_packing(layer.weight_limit, layer.input_limit, input_width)
             pairs = neurons // 2 if pack else 0
             single = neurons - 2 * pairs
             if pairs:

@@ -9,11 +9,11 @@ from fastac.models.integer.words import signed_width
 
 
 def tree_levels(terms: int) -> int:
-    """Registers that a value passes in `sum_tree`: ceil(log2(terms))."""
+    """Registers that a value passes in `adder_tree`: ceil(log2(terms))."""
     return (terms - 1).bit_length()
 
 
-def sum_tree(m: Module, advance, terms: list, bounds: np.ndarray, name: str):
+def adder_tree(m: Module, advance, terms: list, bounds: np.ndarray, name: str):
     """Add a registered tree of two-operand adders over `terms` to `m`; returns the sum.
 
     `bounds` (cases, terms) holds the largest magnitude of each term in each case that can occur (here: with
@@ -31,7 +31,7 @@ def sum_tree(m: Module, advance, terms: list, bounds: np.ndarray, name: str):
     return terms[0]
 
 
-def raster_interval(rows: int, columns: int, lanes: int) -> int:
+def beats_per_frame(rows: int, columns: int, lanes: int) -> int:
     """Beats of a frame whose rows each take ceil(columns/lanes)."""
     return rows * -(-columns // lanes)
 
@@ -115,7 +115,7 @@ class FrameAccumulator(wiring.Component):
                 m.d.sync += [beat.eq(Mux(last, 0, beat + 1)), fresh.eq(last)]
 
         for axis, words in enumerate(self.i.payload):
-            total = sum_tree(m, advance, list(words), self.bounds[:, axis], f"axis_{axis}")
+            total = adder_tree(m, advance, list(words), self.bounds[:, axis], f"axis_{axis}")
             accumulator = Signal(signed(self.width), reset_less=True, name=f"accumulator_{axis}")
             start = self.start[axis] if self.loadable else int(self.constant[axis])
             with m.If(advance & summed):

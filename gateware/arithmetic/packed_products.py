@@ -47,7 +47,7 @@ class Packing:
         return lower + lower_bias, carry >> 1
 
 
-def packing(weight_limit: int, input_limit: Sequence[int], input_width: int) -> Packing | None:
+def best_packing(weight_limit: int, input_limit: Sequence[int], input_width: int) -> Packing | None:
     """The packing that sums the most products in a word; None where two products do not fit a DSP48E2.
 
     input_limit : largest magnitude of each input, in the order in which they are summed

@@ -49,7 +49,7 @@ class Term:
 Register = Callable[[Term, str], Term]
 
 
-def registers(m: Module, enable: Value) -> Register:
+def pipeline_register(m: Module, enable: Value) -> Register:
     """A function that returns its term one enabled clock later, in the bits that it needs; no reset."""
 
     def register(term: Term, name: str) -> Term:
@@ -62,7 +62,7 @@ def registers(m: Module, enable: Value) -> Register:
     return register
 
 
-def tree(terms: list[Term], levels: int, register: Register, name: str) -> list[Term]:
+def partial_adder_tree(terms: list[Term], levels: int, register: Register, name: str) -> list[Term]:
     """The sums of 2**`levels` neighbouring terms, or of what is left; a register at every level."""
     for level in range(levels):
         pairs = [terms[start : start + 2] for start in range(0, len(terms), 2)]

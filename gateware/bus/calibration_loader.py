@@ -7,7 +7,7 @@ from amaranth import Cat, Const, Module, Mux, Signal, unsigned
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.tables import Table
+from fastac.gateware.stream.tables import TableFormat
 
 WORD = 32
 """Bits of one word of an image."""
@@ -49,7 +49,7 @@ class ImageLayout:
     """
 
     identifier: int
-    tables: dict[str, Table]
+    tables: dict[str, TableFormat]
     registers: dict[str, int]
     """Bits of each."""
 
@@ -114,7 +114,7 @@ class CalibrationLoader(wiring.Component):
     host : see `calibration_signature`. Refused, and without effect, are words while not `idle` and a first
         word that is not the layout's identifier.
     one output for each register, unsigned of its bits, which changes only while `host.loading`
-    one write port for each table, see `Table.signature`
+    one write port for each table, see `TableFormat.signature`
 
     No reset touches what was loaded, nor how far loading has come: only a complete image ends it. The
     registers and the hash are one shift register, 32 bits a word, which shifts one clock after the word; then

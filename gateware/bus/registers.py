@@ -11,7 +11,7 @@ from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, RE
 from fastac.gateware.stream.frame_guard import EVENTS
 from fastac.models.integer.frame_validity import REASONS
 
-FOUND_HERE = ("result_overrun", "calibration_refused", "frame_suspect")
+ERRORS_DETECTED_HERE = ("result_overrun", "calibration_refused", "frame_suspect")
 """Errors that are not reported from elsewhere."""
 
 
@@ -50,7 +50,7 @@ class RegisterBlock(wiring.Component):
     def __init__(self, identity: Identity):
         self.identity = identity
         # What happens elsewhere; the other errors are found here.
-        self.reported = [n for n in identity.errors if n not in FOUND_HERE]
+        self.reported = [n for n in identity.errors if n not in ERRORS_DETECTED_HERE]
         inputs = [*EVENTS, *self.reported]
         outputs = ["soft_reset", "interrupt"]
         members = {

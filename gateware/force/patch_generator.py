@@ -10,7 +10,7 @@ from fastac.gateware.stream.handshake import check_lanes
 KERNEL_SIZES = (1, 3, 5, 7)
 
 
-def check_patches(size: int, kernel_size: int, bits: int, lanes: int) -> None:
+def check_patch_size(size: int, kernel_size: int, bits: int, lanes: int) -> None:
     """Raise ValueError for frames, kernels or lanes that `PatchGenerator` does not build."""
     check_lanes(lanes)
     if kernel_size not in KERNEL_SIZES:
@@ -46,7 +46,7 @@ class PatchGenerator(wiring.Component):
     """
 
     def __init__(self, size: int, kernel_size: int, bits: int, *, lanes: int, signed: bool = False):
-        check_patches(size, kernel_size, bits, lanes)
+        check_patch_size(size, kernel_size, bits, lanes)
         self.size, self.kernel_size, self.bits, self.lanes = size, kernel_size, bits, lanes
         sample = Shape(bits, signed)
         patch = data.ArrayLayout(sample, kernel_size**2)

@@ -5,7 +5,7 @@ from amaranth import Cat, Module, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, dsp_slices, raster_interval, tree_levels
+from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, beats_per_frame, dsp_slices, tree_levels
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
 from fastac.gateware.stream.handshake import check_lanes
@@ -73,7 +73,7 @@ class WeightedSumStream(wiring.Component):
 
     @property
     def interval(self) -> int:
-        return raster_interval(self.rows, self.columns, self.lanes)
+        return beats_per_frame(self.rows, self.columns, self.lanes)
 
     @property
     def multipliers(self) -> int:

@@ -6,7 +6,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.handshake import check_lanes, stall_free
+from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
 from fastac.models.integer.features import WIDTH
 
 
@@ -78,7 +78,7 @@ class BackgroundSubtraction(wiring.Component):
         beats = width // self.lanes
 
         # All registers, those in and behind the memories too, move with `advance`: they wait together.
-        advance = stall_free(m, self.i, self.o, self.latency)
+        advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         # Where the next beat lies.
         address, beat, row = Signal(range(height * beats)), Signal(range(beats)), Signal(range(height))

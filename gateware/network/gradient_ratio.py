@@ -4,7 +4,7 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.handshake import check_lanes, stall_free
+from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
 from fastac.models.integer.network import GradientRatio
 
 
@@ -61,7 +61,7 @@ class GradientDivider(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = stall_free(m, self.i, self.o, self.latency)
+        advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         flags = []
         for lane, normal in enumerate(self.i.payload):

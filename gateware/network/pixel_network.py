@@ -10,8 +10,8 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.mlp_mvm import MvmCore, tile_latency
 from fastac.gateware.network.requantise import RequantiseCore
-from fastac.gateware.stream.handshake import check_lanes, stall_free
-from fastac.gateware.target.elaboration import alike
+from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
+from fastac.gateware.target.elaboration import shared_instances
 from fastac.models.integer.network import Layer
 
 
@@ -101,10 +101,10 @@ class NormalMlp(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = stall_free(m, self.i, self.o, self.latency)
+        advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         for name in self.cores[0]:
-            for lane, core in enumerate(alike([cores[name] for cores in self.cores], name)):
+            for lane, core in enumerate(shared_instances([cores[name] for cores in self.cores], name)):
                 m.submodules[f"{name}_lane{lane}"] = core
         for lane, cores in enumerate(self.cores):
             x, latency, low = self.i.payload[lane], 0, 0

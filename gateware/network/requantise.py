@@ -6,7 +6,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.product import product
-from fastac.gateware.arithmetic.shift_add import Register, Term, constant_product, registers
+from fastac.gateware.arithmetic.shift_add import Register, Term, constant_product, pipeline_register
 from fastac.models.integer.network import Requantisation
 
 MULTIPLIER_BITS, SHIFT_BITS = 17, 6
@@ -16,7 +16,7 @@ SCALE_STAGES = 4
 """Registers of product and shift: two each, or levels of additions."""
 
 
-def magnitude(term: Term) -> Value:
+def unsigned_value(term: Term) -> Value:
     """A term that is never negative, without its sign."""
     return (term.value << term.shift)[:-1]
 
@@ -81,7 +81,7 @@ class RequantiseCore(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        register = registers(m, self.advance)
+        register = pipeline_register(m, self.advance)
         largest = (1 << (self.width - 1)) - 1
         top = (1 << self.scale.bits) - 1
         for k, a in enumerate(self.i):
@@ -101,7 +101,7 @@ class RequantiseCore(wiring.Component):
         shift = self.parameters[-SHIFT_BITS:]
         coarse = Mux(whole < 0, 0, whole[:-1] >> (shift[COARSE:] << COARSE))
         coarse = register(Term(coarse, bound), f"coarse_{k}")
-        return magnitude(register(Term(magnitude(coarse) >> shift[:COARSE], bound), f"shifted_{k}"))
+        return unsigned_value(register(Term(unsigned_value(coarse) >> shift[:COARSE], bound), f"shifted_{k}"))
 
     def _baked(self, k: int, positive: Term, register: Register) -> Value:
         """Neuron `k`'s positive part, multiplied and shifted."""
@@ -112,7 +112,7 @@ class RequantiseCore(wiring.Component):
         product = constant_product(
             multiplier, [tap.value for tap in taps], positive.bound, register, f"product_{k}"
         )
-        return magnitude(product).shift_right(self.scale.shift)
+        return unsigned_value(product).shift_right(self.scale.shift)
 
 
 class Requantise(wiring.Component):

@@ -5,9 +5,9 @@ from amaranth import Module, Mux, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.handshake import check_lanes, stall_free
-from fastac.gateware.stream.tables import RasterRom, Table, raster_beats
-from fastac.models.integer.solver import Depth, DisplacementQuantiser
+from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
+from fastac.gateware.stream.tables import RasterRom, TableFormat, raster_beats
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.words import signed_width
 
 
@@ -66,7 +66,7 @@ class DepthOutput(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = stall_free(m, self.i, self.o, self.latency)
+        advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         if self.has_rom:
             bits = signed_width(int(np.abs(self.depth.rest).max()))
@@ -92,8 +92,9 @@ class Displacement(wiring.Component):
     o : stream of `lanes` displacements, unsigned(quantiser.bits), or signed if the quantiser does not clamp
     saturated : high while `o` offers a beat in which a displacement is clipped to ±quantiser.top
     over : which of the displacements in the beat that `o` offers are
-    rest : write port of the memory of `rest`, not to be used while a frame is inside; see `Table`. Only in
-        absolute mode with `loadable`, which also makes room for any rest that a depth of this width has.
+    rest : write port of the memory of `rest`, not to be used while a frame is inside; see `TableFormat`.
+        Only in absolute mode with `loadable`, which also makes room for any rest that a depth of this width
+        has.
 
     N rows of ceil(N/lanes) beats make a frame; lanes beyond N are void. `rest`, with the half unit that
     rounding adds, is a ROM, built only in absolute mode. `latency` clocks pass from a beat to its
@@ -135,11 +136,11 @@ class Displacement(wiring.Component):
         return raster_beats(self.depth.rest + (1 << self.quantiser.shift >> 1), self.lanes)
 
     @property
-    def table(self) -> Table:
+    def table(self) -> TableFormat:
         """If loadable, of depth.width bits, which hold `rest` with any solution, so with the half unit."""
         values = self.table_values
         own_bits = signed_width(int(np.abs(values).max()))
-        return Table(len(values), self.lanes, self.depth.width if self.loadable else own_bits)
+        return TableFormat(len(values), self.lanes, self.depth.width if self.loadable else own_bits)
 
     @property
     def _rounded_width(self) -> int:
@@ -152,7 +153,7 @@ class Displacement(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = stall_free(m, self.i, self.o, self.latency)
+        advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         shift, top = self.quantiser.shift, self.quantiser.top
         half = 1 << shift >> 1

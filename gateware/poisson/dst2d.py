@@ -10,9 +10,10 @@ from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_interval
 from fastac.gateware.poisson.transposer import Transposer
-from fastac.gateware.stream.queues import Buffer
+from fastac.gateware.stream.queues import SkidBuffer
 from fastac.models.integer.dst2d import EigenvalueDivision
-from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 
 
 class PoissonSolver(wiring.Component):
@@ -81,11 +82,11 @@ class PoissonSolver(wiring.Component):
         source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)
         transform = Dst1Engine.latency_of(size) + row
         return {
-            "source": source + Buffer.latency,
+            "source": source + SkidBuffer.latency,
             "row_forward": transform,
             "to_columns": Transposer.latency + frame,
-            "column_forward": transform + Buffer.latency,
-            "division": EigenvalueDivider.latency_of(distance) + Buffer.latency,
+            "column_forward": transform + SkidBuffer.latency,
+            "division": EigenvalueDivider.latency_of(distance) + SkidBuffer.latency,
             "column_inverse": transform,
             "to_rows": Transposer.latency + frame,
             "row_inverse": transform,

@@ -5,7 +5,7 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.handshake import stall_free
+from fastac.gateware.stream.handshake import pipeline_handshake
 from fastac.models.integer.dst2d import EigenvalueDivision
 
 
@@ -61,7 +61,7 @@ class EigenvalueDivider(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = stall_free(m, self.i, self.o, self.latency)
+        advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         # One word of the table for each lane's mantissa and distance of the shift from the lowest.
         entries = self._table()

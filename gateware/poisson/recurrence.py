@@ -4,7 +4,7 @@ from amaranth import Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.handshake import stall_free
+from fastac.gateware.stream.handshake import pipeline_handshake
 from fastac.models.integer.tridiagonal import Elimination, Recurrence, Substitution
 
 
@@ -75,7 +75,7 @@ class RowRecurrence(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         size, last_row = self.recurrence.size, self.recurrence.size - 1
-        advance = stall_free(m, self.i, self.o, self.latency)
+        advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         def register(value, name, steps=1):
             """`value` some steps later; no reset on data."""

@@ -5,8 +5,8 @@ from amaranth import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.tables import Table
-from fastac.models.integer.solver import PoissonSource
+from fastac.gateware.stream.tables import TableFormat
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import signed_width
 
 
@@ -22,7 +22,8 @@ class PoissonSourceStream(wiring.Component):
     i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), in raster order
     o : stream of `lanes` sources, signed(source.width): height − 2 rows of `beats` = ceil((width − 2)/lanes)
     offset : write port of the offsets' memory, a word a beat, not to be used while a frame is inside; see
-        `Table`. Only with `loadable`, which also makes room for any offset that a source of this width has.
+        `TableFormat`. Only with `loadable`, which also makes room for any offset that a source of this width
+        has.
 
     Lanes beyond width − 2 in the last beat of a row are void. A beat is accepted every clock while `o` is
     free. `latency` clocks pass from the accepted beat with the last slope that a beat of sources needs to
@@ -45,7 +46,7 @@ class PoissonSourceStream(wiring.Component):
         self.rows_ahead, self.beats_ahead = self.ahead(source.divergence, lanes)
         own_bits = signed_width(int(np.abs(source.offset).max()))
         self.loadable = loadable
-        self.table = Table((height - 2) * self.beats, lanes, source.width if loadable else own_bits)
+        self.table = TableFormat((height - 2) * self.beats, lanes, source.width if loadable else own_bits)
         slope = signed(source.gradient_width)
         members = {
             "i": In(stream.Signature(data.ArrayLayout(data.ArrayLayout(slope, 2), lanes))),

@@ -4,7 +4,7 @@ from amaranth import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import connect
 
-from fastac.gateware.stream.queues import Buffer
+from fastac.gateware.stream.queues import SkidBuffer
 
 
 def frame_interval(height: int, width: int, lanes: int) -> int:
@@ -33,7 +33,7 @@ def connect_stages(m: Module, solver, buffered: tuple[str, ...]) -> None:
         connect(m, output, stage.i)
         output = stage.o
         if name in buffered:
-            m.submodules[f"{name}_buffer"] = buffer = Buffer(output.payload.shape())
+            m.submodules[f"{name}_buffer"] = buffer = SkidBuffer(output.payload.shape())
             connect(m, output, buffer.i)
             output = buffer.o
     connect(m, output, wiring.flipped(solver.o))

@@ -10,8 +10,9 @@ from fastac.gateware.poisson.frame_reversal import FrameReversal
 from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_interval
-from fastac.gateware.stream.queues import Buffer
-from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.gateware.stream.queues import SkidBuffer
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import Elimination, Substitution
 
 
@@ -83,11 +84,11 @@ class TridiagonalPoissonSolver(wiring.Component):
         source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)
         transform = Dst1Engine.latency_of(size) + row
         return {
-            "source": source + Buffer.latency,
+            "source": source + SkidBuffer.latency,
             "row_forward": transform,
             "elimination": RowRecurrence.latency,
             "reversal": FrameReversal.latency + (size - 1) * beats,
-            "substitution": RowRecurrence.latency + Buffer.latency,
+            "substitution": RowRecurrence.latency + SkidBuffer.latency,
             "row_inverse": transform,
         }
 

@@ -6,7 +6,7 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, fifo, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, raster_interval, tree_levels
+from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, beats_per_frame, tree_levels
 from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
 from fastac.models.integer import frame_validity as model
 from fastac.models.integer.features import WIDTH
@@ -87,7 +87,7 @@ class FrameValidity(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        beats = raster_interval(self.height, self.width, self.lanes)
+        beats = beats_per_frame(self.height, self.width, self.lanes)
         limits = self.limits if self.loadable else Const(self.limits_image(self.validity), self.limits_bits)
         low, high, place = {}, {}, 0
         for name, width in self._measures:
@@ -140,7 +140,7 @@ class FrameValidity(wiring.Component):
             done, known = join("gradient", self.slopes_taken, self.slopes_over, beats)
         m.d.comb += [self.suspect_valid.eq(done), self.suspect.eq(known.any())]
         if self.validity.displacements:
-            inner = raster_interval(self.height - 2, self.width - 2, self.lanes)
+            inner = beats_per_frame(self.height - 2, self.width - 2, self.lanes)
             over = self.displacements_over
             done, known = join("displacement", self.displacements_taken, over, inner)
         m.submodules.verdicts = verdicts = fifo.SyncFIFO(width=len(model.REASONS), depth=FRAMES_IN_FLIGHT)

@@ -28,7 +28,7 @@ def check_lanes(lanes: int) -> None:
         raise ValueError(f"lanes {lanes}: expected one of {LANES}")
 
 
-def stall_free(m: Module, i, o, latency: int) -> Signal:
+def pipeline_handshake(m: Module, i, o, latency: int) -> Signal:
     """Connect valid and ready of a core of `latency` registers between the streams `i` and `o`.
 
     Returns `advance`: the core's registers move in clocks in which it is high. The core never stalls by

@@ -6,7 +6,7 @@ from amaranth.lib import fifo, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 
-class Buffer(wiring.Component):
+class SkidBuffer(wiring.Component):
     """Two beats deep, `latency` 1: `ready` and `valid` on both sides come from registers alone."""
 
     latency = 1

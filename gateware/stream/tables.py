@@ -9,7 +9,7 @@ from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
 
-class Table(NamedTuple):
+class TableFormat(NamedTuple):
     """A memory of `depth` words of `fields` signed values of `bits`, field 0 lowest."""
 
     depth: int
@@ -39,7 +39,7 @@ class RasterRom(wiring.Component):
     advance : the pipeline around the table moves
     take : the beat that enters the pipeline consumes a word
     word : nested ArrayLayouts of signed(bits), of the shape of `table[0]`
-    write : write port, not to be used while a table is read; see `Table`. Only if `loadable`.
+    write : write port, not to be used while a table is read; see `TableFormat`. Only if `loadable`.
 
     The word of a taken beat stands in `word` after `latency` = 2 advances: the memory's read, and its
     output register.
@@ -54,7 +54,7 @@ class RasterRom(wiring.Component):
             layout = data.ArrayLayout(layout, fields)
         members = {"advance": In(1), "take": In(1), "word": Out(layout)}
         if loadable:
-            members["write"] = In(Table(len(table), table[0].size, bits).signature)
+            members["write"] = In(TableFormat(len(table), table[0].size, bits).signature)
         super().__init__(members)
 
     @property

@@ -4,8 +4,8 @@ Amaranth's netlist of a top at four pixels per clock has a million nets, each a 
 the text is written. Python's cyclic garbage collector walks them all again and again and finds nothing to
 free, a third of the time. It is paused meanwhile; reference counts still free what they can.
 
-Components that are alike, such as the lanes' tiles, Amaranth would elaborate and write one by one. `alike`
-makes them instances of one module.
+Amaranth would elaborate and write identical components, such as the lanes' tiles, one by one.
+`shared_instances` makes them instances of one module.
 
 Where in the sources a net comes from is left out: those are paths of this machine, and the text is to follow
 from the design alone.
@@ -27,7 +27,7 @@ RESET = re.compile(r"^(?!  wire |    connect \\rst 1'0$).*\\rst\b", re.MULTILINE
 """A use of the reset in RTLIL, neither its declaration nor one that is never given."""
 
 
-class Library:
+class SharedModules:
     """The modules that a design shares, named after it, and those of them whose text is still to write."""
 
     def __init__(self, design: str):
@@ -45,20 +45,20 @@ class Library:
         return module
 
 
-_library: ContextVar[Library | None] = ContextVar("library", default=None)
+_shared_modules: ContextVar[SharedModules | None] = ContextVar("shared", default=None)
 """Of the design whose text is being written; None elsewhere, as in Amaranth's simulator."""
 
 
-def alike(components: Sequence[Component], name: str) -> list[Elaboratable]:
+def shared_instances(components: Sequence[Component], name: str) -> list[Elaboratable]:
     """What to make submodules of in place of `components`, which do the same, each for its own signals.
 
     Where a text is written, several are instances of one module `name`, elaborated from the first. Registers
     in it are of domain sync and without a reset: a `ResetInserter` around an instance would not reach them.
     """
-    library = _library.get()
-    if library is None or len(components) == 1:
+    shared = _shared_modules.get()
+    if shared is None or len(components) == 1:
         return list(components)
-    module = library.add(name, components[0])
+    module = shared.add(name, components[0])
     domain = [("i", "clk", ClockSignal()), ("i", "rst", Const(0))]
     found = []
     for component in components:
@@ -81,24 +81,24 @@ def to_verilog(design: Elaboratable, *, name: str = "top", platform: object = No
 
 def to_rtlil(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
     """RTLIL of `design`, Yosys' own form, as module `name`, and of what it shares; else as `to_verilog`."""
-    library = Library(name)
-    outer = _library.set(library)
+    shared = SharedModules(name)
+    outer = _shared_modules.set(shared)
     try:
-        with collector_paused():
+        with garbage_collection_paused():
             texts = [rtlil.convert(design, name=name, platform=platform, emit_src=False)]
-            while library.waiting:
-                module, component = library.waiting.pop()
+            while shared.waiting:
+                module, component = shared.waiting.pop()
                 text = rtlil.convert(component, name=module, platform=platform, emit_src=False)
                 if RESET.search(text):
                     raise ValueError(f"shared module {module} resets a register: expected none with a reset")
                 texts.append(text.replace(TOP_ATTRIBUTE, "", 1))
     finally:
-        _library.reset(outer)
+        _shared_modules.reset(outer)
     return "".join(texts)
 
 
 @contextmanager
-def collector_paused() -> Iterator[None]:
+def garbage_collection_paused() -> Iterator[None]:
     """No cyclic garbage collection within; as it was before afterwards."""
     enabled = gc.isenabled()
     gc.disable()

@@ -9,7 +9,7 @@ from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.words import round_shift
 from fastac.models.loops.frames import Outputs
 

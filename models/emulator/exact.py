@@ -1,4 +1,4 @@
-"""The integer pipeline at full speed: models/integer/solver.py in floating point, bit for bit.
+"""The integer pipeline at full speed: models/integer in floating point, bit for bit.
 
 Every integer of the pipeline is below a bound that follows from its tables. Where that is below 2**53,
 float64 holds it, its sums and its multiples by powers of two exactly. So shifts move into the tables and a
@@ -10,12 +10,9 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fastac.models.emulator.exact_solver import (
-    EXACT_FLOAT32,
-    RecurrenceTables,
-    TransformTables,
-    require_exact,
-)
+from fastac.models.emulator.dst2d import TransformTables
+from fastac.models.emulator.exactness import EXACT_FLOAT32, require_exact
+from fastac.models.emulator.tridiagonal import RecurrenceTables
 from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.features import limits
 from fastac.models.integer.force import PatchForce, WeightedSum

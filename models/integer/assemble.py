@@ -4,13 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.dst2d import solver
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.laplacian import boundary_term, divergence_of
 from fastac.models.integer.network import GradientRatio, Layer
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.solver import Depth, DisplacementQuantiser, PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import tridiagonal_solver
 from fastac.models.integer.words import Fixed, to_words
 from fastac.scenes.schema import Scene
@@ -105,7 +106,7 @@ def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipelin
         weights of the slopes (axes, H, W, 2), in N. Every axis has a scale of its own.
     """
     scene, numbers = pipeline.scene, pipeline.scene.numbers
-    if scene.wants_adjoint:
+    if scene.force_from_slopes:
         words, scale = quantise_weights(weights, numbers.slope_weight_bits)
         force = WeightedSum(
             words,
@@ -125,7 +126,7 @@ def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipelin
 def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerPipeline:
     """The pipeline with the integers of another one's force, as the hardware of that one has them."""
     force = known.force
-    if pipeline.scene.wants_adjoint:
+    if pipeline.scene.force_from_slopes:
         force = replace(force, constant=_constant(pipeline, force.weight))
     return pipeline.replace(force=force, force_n_per_unit=known.force_n_per_unit)
 

@@ -20,7 +20,18 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from fastac.models.integer import bounds, dst2d, force, frame_validity, network, solver, tridiagonal, words
+from fastac.models.integer import (
+    bounds,
+    depth,
+    dst2d,
+    force,
+    frame_validity,
+    network,
+    sine_transform,
+    source,
+    tridiagonal,
+    words,
+)
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.schema import Scene, describe
 
@@ -31,11 +42,11 @@ CLASSES = {
         network.Requantisation,
         network.Layer,
         network.GradientRatio,
-        solver.PoissonSource,
-        solver.SineTransform,
+        source.PoissonSource,
+        sine_transform.SineTransform,
         dst2d.EigenvalueDivision,
-        solver.Depth,
-        solver.DisplacementQuantiser,
+        depth.Depth,
+        depth.DisplacementQuantiser,
         force.PatchForce,
         force.WeightedSum,
         dst2d.Solver,

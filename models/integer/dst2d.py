@@ -6,7 +6,7 @@ import numpy as np
 
 from fastac.models.integer.bounds import GUARD_BITS, Stage, coefficients, green_norm, stencil_norms
 from fastac.models.integer.laplacian import eigenvalues, row_eigenvalues
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.words import (
     LARGEST_ERROR,
     NEAREST,

@@ -4,12 +4,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import GradientRatio, Layer
-from fastac.models.integer.solver import Depth, DisplacementQuantiser, PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import TridiagonalSolver
 from fastac.scenes.schema import Scene
 

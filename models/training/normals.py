@@ -1,6 +1,6 @@
 """Training the pixel network: in floating point, then bit-true.
 
-Bit-true fine-tuning runs the integer arithmetic of models/integer/solver.py forward, and passes gradients straight
+Bit-true fine-tuning runs the integer arithmetic of models/integer forward, and passes gradients straight
 through its roundings; what it optimises is exactly what the hardware computes.
 """
 
@@ -14,7 +14,7 @@ from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, integer_features, scales
 from fastac.models.training.teachers import Ensemble
-from fastac.scenes.schema import Training
+from fastac.scenes.model_schema import Training
 from fastac.sensor.dataset import Dataset
 from fastac.store.progress import progress_bar
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.optics.mosaic import CELL, CHANNELS, LAYOUT, MosaicError, check_cells, window
 from fastac.sensor.optics.raw10 import MAXIMUM
 

@@ -12,7 +12,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial import cKDTree
 
 from fastac.models.vision.image_processing import as_channels
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 
 NEIGHBOURS = 6
 """Markers around one whose median motion predicts its own."""

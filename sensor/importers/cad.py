@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm, rest_slopes
 from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.mechanics.indenter import Ball

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.importers.cad import read_array
 from fastac.sensor.importers.footage import ImportFailure, photograph
 from fastac.sensor.optics.mosaic import CELL, MosaicError, window

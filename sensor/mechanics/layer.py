@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft2, next_fast_len, rfft2
 
-from fastac.scenes.schema import Elastomer, Sensor
+from fastac.scenes.sensor_schema import Elastomer, Sensor
 from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
 from fastac.sensor.mechanics.press import ContactError
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import ball_slopes, normals_from_slopes, slopes_less
 from fastac.sensor.mechanics.layer import Contact, Layer
 from fastac.sensor.mechanics.press import Pressed

@@ -7,7 +7,7 @@ and 1 ms.
 
 from pathlib import Path
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.layer_rig import LayerProbe, LayerRig
 from fastac.sensor.mechanics.press import Probe, Rig
 

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numba import njit
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 from fastac.sensor.optics.light import irradiance
 from fastac.sensor.optics.skin_paint import albedo

@@ -6,7 +6,7 @@ Light and grain are those of the pixels, linear between them; dots are drawn at 
 import cv2
 import numpy as np
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 from fastac.sensor.optics.camera import BACKGROUND_EXPOSURES, exposure
 from fastac.sensor.optics.mosaic import CELL

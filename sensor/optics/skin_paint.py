@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from scipy.ndimage import map_coordinates
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 
 
 @lru_cache

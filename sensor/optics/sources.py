@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fastac.scenes.schema import Light
+from fastac.scenes.sensor_schema import Light
 
 CORNERS = {"R": (1, 1), "G": (-1, -1), "B": (-1, 1), "NIR": (1, -1)}
 """Signs of x and y of each source: R opposite G, and B opposite NIR on the other diagonal."""

@@ -4,7 +4,7 @@ from amaranth import Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.target.elaboration import alike, to_rtlil
+from fastac.gateware.target.elaboration import shared_instances, to_rtlil
 from fastac.synth.netlist import parts
 
 
@@ -62,7 +62,9 @@ class Design(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         left, right = products = Product(), Product()
-        m.submodules.left, m.submodules.right = alike(products, "product") if self.shared else products
+        m.submodules.left, m.submodules.right = (
+            shared_instances(products, "product") if self.shared else products
+        )
         m.submodules.delay = delay = Delay()
         m.d.sync += self.count.eq(self.count + delay.o)
         m.d.comb += delay.i.eq(self.bit)

@@ -2,9 +2,9 @@
 
 import pytest
 
-from fastac.sim.preloaded import WithParameters
+from fastac.sim.preloaded import ConstantParameters
 
 
 @pytest.fixture
 def with_parameters():
-    return WithParameters
+    return ConstantParameters

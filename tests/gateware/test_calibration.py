@@ -7,10 +7,10 @@ import pytest
 from fastac.gateware.calibration import (
     CalibrationError,
     calibration_words,
-    difference,
-    identifier,
+    first_difference,
+    hardware_identifier,
     image_layout,
-    keep_force,
+    with_hardware_force,
 )
 from fastac.gateware.datapath import Datapath
 from fastac.models.integer import bundle
@@ -44,8 +44,11 @@ def test_hardware_keeps_its_rounding(bundles):
     floor = pipeline.replace(
         solver=replace(solver, row_forward=replace(solver.row_forward, rounding="floor"))
     )
-    assert difference(floor, pipeline) == "solver.row_forward.rounding = 'floor': the hardware's is 'nearest'"
-    assert identifier(floor) != identifier(pipeline)
+    assert (
+        first_difference(floor, pipeline)
+        == "solver.row_forward.rounding = 'floor': the hardware's is 'nearest'"
+    )
+    assert hardware_identifier(floor) != hardware_identifier(pipeline)
 
 
 @pytest.mark.parametrize("name", WANTED)
@@ -55,7 +58,7 @@ def test_words(bundles, name):
     words = calibration_words(other, own)
     layout = image_layout(Datapath(own.pipeline))
     assert words.shape == (layout.words,)
-    assert words[0] == identifier(own.pipeline) == identifier(other.pipeline)
+    assert words[0] == hardware_identifier(own.pipeline) == hardware_identifier(other.pipeline)
     assert list(layout.tables) == {"absolute": ["rest"], "difference": ["offset"]}.get(name, [])
     chain = int.from_bytes(words[-layout.chain_words :].astype("<u4").tobytes(), "little")
     assert chain >> (32 * layout.chain_words - 64) == other.hash_word
@@ -144,8 +147,8 @@ def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
 def test_other_hardware_is_refused(bundles, tmp_path, name, what, message):
     own, other = bundles[name]
     pipeline = changed(other.pipeline, what)
-    assert difference(pipeline, own.pipeline).startswith(message)
-    assert identifier(pipeline) != identifier(own.pipeline)
+    assert first_difference(pipeline, own.pipeline).startswith(message)
+    assert hardware_identifier(pipeline) != hardware_identifier(own.pipeline)
     with pytest.raises(CalibrationError) as refusal:
         calibration_words(replace(other, pipeline=pipeline), own)
     assert str(refusal.value).startswith(message)
@@ -153,7 +156,7 @@ def test_other_hardware_is_refused(bundles, tmp_path, name, what, message):
 
 
 def test_every_kind_of_hardware_has_its_own_images(bundles):
-    assert len({identifier(own.pipeline) for own, _ in bundles.values()}) == len(WANTED)
+    assert len({hardware_identifier(own.pipeline) for own, _ in bundles.values()}) == len(WANTED)
 
 
 def test_what_only_explains_a_format_may_differ(bundles):
@@ -163,8 +166,8 @@ def test_what_only_explains_a_format_may_differ(bundles):
     pipeline = other.pipeline.replace(
         solver=replace(solver, stages=stages), background=own.pipeline.background // 2, provenance={"a": 1}
     )
-    assert difference(pipeline, own.pipeline) is None
-    assert identifier(pipeline) == identifier(own.pipeline)
+    assert first_difference(pipeline, own.pipeline) is None
+    assert hardware_identifier(pipeline) == hardware_identifier(own.pipeline)
 
 
 @pytest.mark.parametrize("name", ["difference", "absolute", "adjoint"])
@@ -188,7 +191,7 @@ def test_no_network_needs_other_words(bundles, name):
             background=pipeline.background,
             rest_depth_mm=pipeline.rest_depth_mm,
         )
-        assert difference(with_force_of(made, pipeline), pipeline) is None
+        assert first_difference(with_force_of(made, pipeline), pipeline) is None
 
 
 def test_the_hardwares_force_can_be_kept(bundles, tmp_path):
@@ -200,7 +203,7 @@ def test_the_hardwares_force_can_be_kept(bundles, tmp_path):
     )
     trained.floats.update({"network.0.bias": np.ones(4), "force.float_weights": np.ones(3)})
     own.floats.update({"network.0.bias": np.zeros(4), "force.float_weights": np.zeros(3)})
-    kept = keep_force(trained, own, tmp_path / "kept")
+    kept = with_hardware_force(trained, own, tmp_path / "kept")
     assert np.array_equal(calibration_words(kept, own)[:-2], calibration_words(other, own)[:-2])
     loaded = bundle.load(tmp_path / "kept")
     assert loaded.digest == kept.digest
@@ -209,9 +212,9 @@ def test_the_hardwares_force_can_be_kept(bundles, tmp_path):
         "force.float_weights": [0] * 3,
     }
     with pytest.raises(CalibrationError, match=r"scene.outputs = \('normals',\): the hardware has no force"):
-        keep_force(other, bundles["normals"][0], tmp_path / "none")
+        with_hardware_force(other, bundles["normals"][0], tmp_path / "none")
     with pytest.raises(CalibrationError, match=r"scene\.outputs = "):
-        keep_force(bundles["absolute"][1], own, tmp_path / "none")
+        with_hardware_force(bundles["absolute"][1], own, tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 

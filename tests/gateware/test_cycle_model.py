@@ -13,7 +13,8 @@ from fastac.gateware.cycle_model import CycleModel, cycles, multipliers
 from fastac.gateware.datapath import Datapath
 from fastac.models.integer.dst2d import reciprocal_distance, reciprocals
 from fastac.models.random_bundle import NUMBERS, random_bundle, scene
-from fastac.scenes.schema import Network, Numbers, load
+from fastac.scenes.model_schema import Network, Numbers
+from fastac.scenes.schema import load
 
 SCENES = Path(__file__).parents[2] / "scenes"
 OPTIONS = {

@@ -10,7 +10,8 @@ from fastac.gateware.datapath import Datapath
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.random_bundle import random_bundle, scene
-from fastac.scenes.schema import Hardware, Numbers, load
+from fastac.scenes.model_schema import Numbers
+from fastac.scenes.schema import Hardware, load
 
 SCENES = Path(__file__).parents[2] / "scenes"
 EVERYTHING = ("normals", "depth", "force_z")

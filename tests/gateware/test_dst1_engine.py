@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from fastac.gateware.dst1_engine import Dst1Engine
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.words import signed_width
 from fastac.sim.check_stream import check, pack
 

@@ -6,7 +6,7 @@ from amaranth.sim import Simulator
 
 from fastac.gateware.fz_stream import PatchForceStream, PixelResponse
 from fastac.models.integer.force import PatchForce
-from fastac.sim.amaranth_simulator import transfer
+from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 
 
@@ -102,7 +102,7 @@ def test_force_and_map_of_every_frame(n, k, lanes, signed):
     counts = {name: len(payloads) for name, payloads in expected.items()}
     for stalls in (0, {"i": 0.3, "o": 0.8, "map": 0.3}, {"i": 0, "o": 0, "map": 0.7}):
         dut = PatchForceStream(force, lanes=lanes, wants_map=True)
-        payloads, taken = transfer(dut, inputs, counts, stall=stalls)
+        payloads, taken = run_streams(dut, inputs, counts, stall=stalls)
         assert payloads == expected
         if stalls == 0:
             waits = [t - s for s, t in zip(taken["i"], taken["map"], strict=True)]
@@ -124,7 +124,7 @@ def test_extremes_reach_the_bounds_of_signed_responses():
     q[1] = -q[0]
     assert force.force_map(q)[:, 0, 2, 3].tolist() == [force.pixel_bound, -force.pixel_bound]
     dut = PatchForceStream(force, lanes=2, wants_map=True)
-    payloads, _ = transfer(dut, pack(beats(q, 2, rng), 6), {"map": 36, "o": 2})
+    payloads, _ = run_streams(dut, pack(beats(q, 2, rng), 6), {"map": 36, "o": 2})
     assert payloads["map"] == map_beats(force, q, 2)
     assert payloads["o"] == pack(force(q), force.width)
 

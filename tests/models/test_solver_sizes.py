@@ -5,7 +5,7 @@ import pytest
 
 from fastac.models.floating.poisson import solve
 from fastac.models.integer.assemble import CHOOSERS
-from fastac.models.integer.solver import PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed
 
 WIDTH_MM = 16.0

@@ -22,7 +22,7 @@ def error(text: str) -> str:
 def test_shipped_scenes_load_and_are_named_after_their_file(path):
     scene = load(path)
     assert scene.name == path.stem
-    assert scene.wants_solver or scene.wants_adjoint
+    assert scene.wants_solver or scene.force_from_slopes
 
 
 def test_what_the_shipped_scenes_say():
@@ -186,7 +186,7 @@ sensor = { geometry = "flat", source = "recorded" }
 
 
 def test_forces_alone_train_a_flat_recorded_sensor():
-    assert parse(BY_FORCE, origin="x").wants_adjoint
+    assert parse(BY_FORCE, origin="x").force_from_slopes
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import (
     ball_slopes,
     normals_from_slopes,

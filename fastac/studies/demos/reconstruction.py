@@ -14,7 +14,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.models.result import Result
 from fastac.report.tables import text_table
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.layer import Layer
 from fastac.sensor.mechanics.object_press import ObjectPress, press_object
 from fastac.sensor.mechanics.objects import OBJECTS

@@ -148,7 +148,7 @@ def accuracies(
                 1e3 * float(error.mean()),
                 1e3 * float(error.max()),
                 float((error.max(axis=0) / np.abs(exact).max(axis=0)).max()),
-                1e3 * float(0.5 * reach * integer.force_n_per_unit.max()),
+                1e3 * float(0.5 * reach * integer.pipeline.force_n_per_unit.max()),
             ),
             (1e3 * noise.std(axis=0)).tolist(),
         )

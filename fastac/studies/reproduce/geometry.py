@@ -28,7 +28,8 @@ from fastac.models.integer.laplacian import boundary_term
 from fastac.models.result import Result
 from fastac.report.paper import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.report.tables import Table
-from fastac.scenes.schema import CHANNELS, Scene
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import CHANNELS
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import content_hash
 from fastac.studies.reproduce.section import beside, stamped_key, vertical

@@ -15,7 +15,8 @@ from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.result import Result
 from fastac.models.vision import image_processing
-from fastac.scenes.schema import Scene, Sensor
+from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels

@@ -15,14 +15,16 @@ from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
 from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.gateware.stream.tables import raster_beats
+from fastac.models.integer.depth import Depth
 from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio, Layer
-from fastac.models.integer.solver import Depth, PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import Recurrence, Substitution
 from fastac.sim.check_stream import check, pack
-from fastac.sim.preloaded import WithParameters
+from fastac.sim.preloaded import ConstantParameters
 from fastac.sim.runner import QUICK
 from fastac.studies.robustness.worst_case import WorstCase
 
@@ -37,7 +39,7 @@ def _layer(case: WorstCase):
     signed = case.inputs.min() < 0
     width = WIDTH if signed else int(layer.input_limit.max()).bit_length()
     tile = MvmTile(layer, input_width=width, input_signed=bool(signed))
-    dut = WithParameters(tile, tile.core.parameter_image(layer)) if layer.loadable else tile
+    dut = ConstantParameters(tile, tile.core.parameter_image(layer)) if layer.loadable else tile
     return dut, pack(case.inputs, width), pack(case.outputs, layer.accumulator_width), None
 
 

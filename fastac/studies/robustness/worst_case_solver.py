@@ -13,7 +13,8 @@ from fastac.models.integer.bounds import stencil_norms
 from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.laplacian import divergence_of
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import TridiagonalSolver, row_operators
 from fastac.models.integer.words import LARGEST_ERROR
 from fastac.studies.robustness.worst_case import WorstCase, magnitude

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
 
-from fastac.scenes.schema import Elastomer, Sensor
+from fastac.scenes.sensor_schema import Elastomer, Sensor
 from fastac.sensor.mechanics.fem.compliance import cached_unit_compliance
 from fastac.sensor.mechanics.fem.contact import (
     GAP_TOLERANCE_MM,

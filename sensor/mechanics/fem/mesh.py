@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from skfem import MeshHex
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes
 from fastac.sensor.mechanics.press import FemError
 

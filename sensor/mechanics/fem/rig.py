@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.fem.gel import Gel
 from fastac.sensor.mechanics.fem.pressed_gel import GelContact
 from fastac.sensor.mechanics.fem.skin import skin_of

@@ -14,7 +14,7 @@ from numba import njit
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import map_coordinates, spline_filter1d
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm, slopes_less
 from fastac.sensor.mechanics.fem.pressed_gel import REMAPPINGS, GelContact
 from fastac.sensor.mechanics.indenter import Indenter

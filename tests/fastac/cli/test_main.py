@@ -539,6 +539,26 @@ class TestPredict:
         )
         succeed("predict", tiny_folder, path, "-o", tmp_path / "p.h5", "--no-progress")
 
+    def test_a_path_that_cannot_be_written_is_found_before_the_frames(
+        self, tiny_folder, tiny_file, tmp_path, monkeypatch
+    ):
+        monkeypatch.setattr(Emulator, "run", lambda *_, **__: pytest.fail("frames were run"))
+        (tmp_path / "file").write_text("")
+        message = fail("predict", tiny_folder, tiny_file, "-o", tmp_path / "file" / "p.h5")
+        assert str(tmp_path / "file") in message
+        assert fail("predict", tiny_folder, tiny_file, "-o", tmp_path) == (
+            f"{tmp_path}: is a folder; give the name of a file"
+        )
+        assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+    def test_an_interruption_leaves_nothing(self, tiny_folder, tiny_file, tmp_path, monkeypatch):
+        def interrupted(*_, **__):
+            raise RuntimeError("interrupted")
+
+        monkeypatch.setattr(Emulator, "run", interrupted)
+        assert fail("predict", tiny_folder, tiny_file, "-o", tmp_path / "p.h5") == "interrupted"
+        assert not [*tmp_path.iterdir()]
+
     def test_a_bundle_that_was_changed(self, tiny_folder, tiny_file, tmp_path):
         folder = shutil.copytree(tiny_folder / "bundle", tmp_path / "bundle")
         text = (folder / "bundle.json").read_text()

@@ -26,7 +26,7 @@ def make_pipeline(tiny_bundle, make_scene):
             background=trained.background,
             rest_depth_mm=trained.rest_depth_mm,
         )
-        if scene.wants_adjoint:
+        if scene.force_from_slopes:
             return assemble.with_force(pipeline, np.ones((len(scene.force_axes), 16, 16, 2)))
         if scene.wants_force:
             return assemble.with_force(pipeline, np.ones((len(scene.force_axes), SIDE, SIDE, 5, 5)))

@@ -3,7 +3,7 @@ import numpy as np
 import pytest
 
 from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, dsp_slices, tree_levels
-from fastac.sim.amaranth_simulator import transfer
+from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 
 
@@ -23,7 +23,7 @@ def test_sums_of_frames_reach_their_bounds(beats, axes, words, stall):
     largest = int(np.abs(expected[0]).max())
     assert largest < 1 << (dut.width - 1) <= 2 * largest, "the bound is reached, and no bit is idle"
     inputs = pack(x.reshape(-1, axes * words), dut.word_width)
-    payloads, taken = transfer(dut, inputs, {"o": 6}, stall=stall)
+    payloads, taken = run_streams(dut, inputs, {"o": 6}, stall=stall)
     assert payloads["o"] == pack(expected, dut.width)
     if not stall:
         assert dut.latency == tree_levels(words) + 1

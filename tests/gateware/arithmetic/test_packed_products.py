@@ -3,7 +3,7 @@ import pytest
 from amaranth import Const, Module, Signal, signed
 from amaranth.sim import Simulator
 
-from fastac.gateware.arithmetic.packed_products import Packing, packing
+from fastac.gateware.arithmetic.packed_products import Packing, best_packing
 
 
 @pytest.mark.parametrize(
@@ -23,7 +23,7 @@ from fastac.gateware.arithmetic.packed_products import Packing, packing
     ],
 )
 def test_choice(weight_limit, input_limit, input_width, expected):
-    found = packing(weight_limit, input_limit, input_width)
+    found = best_packing(weight_limit, input_limit, input_width)
     assert found == expected
     if found:
         # One level more would not fit, or there are no more products to sum.
@@ -37,7 +37,7 @@ def test_choice(weight_limit, input_limit, input_width, expected):
 
 
 def test_split_at_the_extremes_of_the_lower_field():
-    chosen = packing(127, [1023] * 16, 11)
+    chosen = best_packing(127, [1023] * 16, 11)
     limit = (1 << (chosen.shift - 1)) - 1
     reached = 127 * 2 * 1023
     lowers = [0, 1, -1, reached, -reached, limit, -limit]

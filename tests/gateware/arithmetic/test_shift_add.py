@@ -9,8 +9,8 @@ from fastac.gateware.arithmetic.shift_add import (
     Term,
     canonical_signed_digits,
     constant_product,
-    registers,
-    tree,
+    partial_adder_tree,
+    pipeline_register,
 )
 
 CONSTANTS = [*range(-128, 0), *range(1, 128), 2047, -2048, 1365, -1365, 77_771, 131_071, 87_381]
@@ -34,13 +34,13 @@ def test_canonical_signed_digits():
 def test_constant_products_and_their_sum(limit):
     """Every product after four clocks, a product of it negative if it says so, and the tree of all."""
     m, enable = Module(), Signal(init=1)
-    register = registers(m, enable)
+    register = pipeline_register(m, enable)
     taps = [Signal(signed(limit.bit_length() + 1), name="x")]
     for stage in range(1, 5):
         taps.append(register(Term(taps[-1], limit), f"x_at{stage}").value)
     products = [constant_product(c, taps, limit, register, f"p{k}") for k, c in enumerate(CONSTANTS)]
     levels = (len(products) - 1).bit_length()
-    [total] = tree(products, levels, register, "sum")
+    [total] = partial_adder_tree(products, levels, register, "sum")
     assert total.bound == sum(map(abs, CONSTANTS)) * limit
     wrong = []
 
@@ -66,7 +66,7 @@ def test_constant_products_and_their_sum(limit):
 
 def test_registers_hold_without_enable():
     m, enable, x = Module(), Signal(), Signal(signed(4))
-    held = registers(m, enable)(Term(x, 7), "held").value
+    held = pipeline_register(m, enable)(Term(x, 7), "held").value
     seen = []
 
     async def bench(ctx):
@@ -86,4 +86,4 @@ def test_registers_hold_without_enable():
 def test_refuses_more_digits_than_the_taps_have_time_for():
     m, taps = Module(), [Signal(4, name=f"x{k}") for k in range(3)]
     with pytest.raises(ValueError, match="constant 1365 of 6 digits: expected at most 4"):
-        constant_product(1365, taps, 7, registers(m, Signal()), "p")
+        constant_product(1365, taps, 7, pipeline_register(m, Signal()), "p")

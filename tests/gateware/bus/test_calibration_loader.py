@@ -5,17 +5,17 @@ import numpy as np
 import pytest
 
 from fastac.gateware.bus.calibration_loader import CalibrationLoader, ImageLayout
-from fastac.gateware.stream.tables import Table
+from fastac.gateware.stream.tables import TableFormat
 from fastac.sim.check_stream import pack
 from fastac.sim.runner import simulate
 
 LAYOUTS = {
     "tables of one and of four": ImageLayout(
         0x89ABCDEF,
-        {"rest": Table(depth=5, fields=1, bits=32), "offset": Table(depth=3, fields=4, bits=11)},
+        {"rest": TableFormat(depth=5, fields=1, bits=32), "offset": TableFormat(depth=3, fields=4, bits=11)},
         {"network": 45, "constant": 30},
     ),
-    "a table of two": ImageLayout(0, {"offset": Table(depth=6, fields=2, bits=20)}, {"network": 64}),
+    "a table of two": ImageLayout(0, {"offset": TableFormat(depth=6, fields=2, bits=20)}, {"network": 64}),
     "no table": ImageLayout(0xFFFFFFFF, {}, {"network": 1}),
 }
 
@@ -62,7 +62,7 @@ def test_loader(tmp_path, layout):
 
 
 def test_image():
-    layout = ImageLayout(7, {"offset": Table(2, 2, 9)}, {"network": 40, "constant": 4})
+    layout = ImageLayout(7, {"offset": TableFormat(2, 2, 9)}, {"network": 40, "constant": 4})
     words = layout.image(
         {"offset": np.array([[1, -1], [-256, 255]])}, {"network": 0x12_89ABCDEF, "constant": 5}, 1 << 63
     )
@@ -76,9 +76,12 @@ def test_image():
     [
         ({"identifier": 1 << 32}, "identifier 4294967296: expected 32 bits"),
         ({"registers": {}}, "registers {}: expected at least one"),
-        ({"tables": {"rest": Table(9, 1, 33)}}, "rest of 33 bits: expected 1 to 32"),
-        ({"tables": {"rest": Table(9, 3, 8)}}, "rest of 9 words of 3: expected 2 or more of a power of two"),
-        ({"tables": {"rest": Table(1, 1, 8)}}, "rest of 1 words of 1: expected 2 or more"),
+        ({"tables": {"rest": TableFormat(9, 1, 33)}}, "rest of 33 bits: expected 1 to 32"),
+        (
+            {"tables": {"rest": TableFormat(9, 3, 8)}},
+            "rest of 9 words of 3: expected 2 or more of a power of two",
+        ),
+        ({"tables": {"rest": TableFormat(1, 1, 8)}}, "rest of 1 words of 1: expected 2 or more"),
     ],
 )
 def test_refuses_layouts(changed, message):
@@ -95,6 +98,6 @@ def test_refuses_layouts(changed, message):
     ],
 )
 def test_refuses_contents(tables, registers, message):
-    layout = ImageLayout(1, {"rest": Table(4, 2, 4)}, {"network": 3})
+    layout = ImageLayout(1, {"rest": TableFormat(4, 2, 4)}, {"network": 3})
     with pytest.raises(ValueError, match=message):
         layout.image(tables, registers, 0)

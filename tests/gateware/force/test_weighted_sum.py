@@ -11,10 +11,10 @@ from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.poisson.depth import Displacement
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio
-from fastac.models.integer.solver import Depth, DisplacementQuantiser
-from fastac.sim.amaranth_simulator import transfer
+from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 
 
@@ -93,7 +93,7 @@ def test_every_shape_with_stalls(columns, lanes, terms, axes, signed):
     inputs = beats(x, lanes, 6, rng)
     for stall in (0, 0.4):
         dut = WeightedSumStream(weighted, lanes=lanes)
-        payloads, taken = transfer(dut, inputs, {"o": len(x)}, stall=stall)
+        payloads, taken = run_streams(dut, inputs, {"o": len(x)}, stall=stall)
         assert payloads["o"] == pack(expected, weighted.width)
         if not stall:
             last = taken["i"][dut.interval - 1 :: dut.interval]
@@ -106,7 +106,7 @@ def test_an_untaken_force_stops_everything_and_loses_nothing():
     weighted = weighted_sum(1, 2, 4, 2, 6, True, 5, rng)
     x = rng.integers(-31, 32, (12, 2, 4, 2))
     dut = WeightedSumStream(weighted, lanes=2)
-    payloads, taken = transfer(dut, beats(x, 2, 6, rng), {"o": len(x)}, stall={"i": 0, "o": 0.98})
+    payloads, taken = run_streams(dut, beats(x, 2, 6, rng), {"o": len(x)}, stall={"i": 0, "o": 0.98})
     assert payloads["o"] == pack(weighted(x), weighted.width)
     for k, clock in enumerate(taken["o"]):
         waiting = sum(t < clock for t in taken["i"]) - k * dut.interval
@@ -140,7 +140,7 @@ def test_a_loadable_constant_takes_the_place_of_its_own(lanes):
     dut = WeightedSumStream(start, lanes=lanes, loadable=True)
     assert "constant" not in WeightedSumStream(start, lanes=lanes).signature.members
     inputs = beats(x, lanes, 6, rng)
-    payloads, _ = transfer(WithConstant(dut, weighted.constant), inputs, {"o": len(x)}, stall=0.3)
+    payloads, _ = run_streams(WithConstant(dut, weighted.constant), inputs, {"o": len(x)}, stall=0.3)
     assert payloads["o"] == pack(weighted(x), weighted.width) != pack(start(x), start.width)
 
 
@@ -148,7 +148,7 @@ def test_no_weights_leave_the_constant():
     weighted = WeightedSum(np.zeros((2, 4, 5, 1), int), np.array([-77, 12]), 8, False)
     assert weighted.bound == 77
     dut = WeightedSumStream(weighted, lanes=2)
-    payloads, _ = transfer(dut, [0xFFFF] * 24, {"o": 2})
+    payloads, _ = run_streams(dut, [0xFFFF] * 24, {"o": 2})
     assert payloads["o"] == pack([[-77, 12]] * 2, weighted.width)
 
 
@@ -171,8 +171,8 @@ def test_collapsed_kernels_give_the_patches_force(k, lanes, signed):
     assert sums.multipliers * k * k == patches.multipliers
     inputs = beats(q[..., None], lanes, bits, rng)
     expected = force(q)
-    by_patches, _ = transfer(patches, inputs, {"o": len(q)})
-    by_weights, _ = transfer(sums, inputs, {"o": len(q)})
+    by_patches, _ = run_streams(patches, inputs, {"o": len(q)})
+    by_weights, _ = run_streams(sums, inputs, {"o": len(q)})
     assert by_patches["o"] == pack(expected, force.width)
     assert by_weights["o"] == pack(expected, weighted.width)
 

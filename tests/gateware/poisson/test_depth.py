@@ -6,9 +6,9 @@ from amaranth.sim import Simulator
 
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.stream.tables import RasterRom, raster_beats
-from fastac.models.integer.solver import Depth, DisplacementQuantiser
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.sim.check_stream import check, pack
-from fastac.sim.preloaded import Preloaded
+from fastac.sim.preloaded import PreloadedTable
 
 FRAMES = 3
 
@@ -113,7 +113,7 @@ def test_loaded_rest(tmp_path, n, lanes, width, shift):
     z = solutions(n, width, rng)
     q, saturated = quantiser(depth(z)[1])
     check(
-        Preloaded(dut, "rest", loaded.table_values, dut.table.bits, flags=("saturated",)),
+        PreloadedTable(dut, "rest", loaded.table_values, dut.table.bits, flags=("saturated",)),
         "displacement",
         tmp_path,
         inputs=pack(beats(z, lanes, rng), width),

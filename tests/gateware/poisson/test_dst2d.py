@@ -6,7 +6,8 @@ from amaranth.sim import Simulator
 
 from fastac.gateware.poisson.dst2d import PoissonSolver
 from fastac.models.integer.dst2d import EigenvalueDivision
-from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import signed_width
 from fastac.sim.check_stream import check, pack
 

@@ -4,7 +4,7 @@ import pytest
 
 from fastac.gateware.poisson.frame_reversal import FrameReversal
 from fastac.gateware.poisson.recurrence import RowRecurrence
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.tridiagonal import Elimination, Substitution, thomas_coefficients
 from fastac.sim.check_stream import check, pack
 

@@ -4,9 +4,9 @@ import pytest
 
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.models.integer.laplacian import divergence_of
-from fastac.models.integer.solver import PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.sim.check_stream import check, pack
-from fastac.sim.preloaded import Preloaded
+from fastac.sim.preloaded import PreloadedTable
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
@@ -76,7 +76,7 @@ def test_loaded_offsets(tmp_path, divergence, lanes, width):
     slopes = rng.integers(-511, 512, (frames, height, width, 2))
     sources = source(slopes).reshape(-1, width - 2)
     check(
-        Preloaded(dut, "offset", loaded.table_values, dut.table.bits),
+        PreloadedTable(dut, "offset", loaded.table_values, dut.table.bits),
         "poisson_source",
         tmp_path,
         inputs=pack(slopes.reshape(-1, lanes * 2), bits),

@@ -6,7 +6,8 @@ from amaranth.sim import Simulator
 
 from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
 from fastac.models.integer.bounds import coefficients
-from fastac.models.integer.solver import PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import (
     Elimination,
     Substitution,

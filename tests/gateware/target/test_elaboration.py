@@ -7,7 +7,7 @@ from amaranth.hdl import Module, Signal
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.target.elaboration import alike, to_rtlil, to_verilog
+from fastac.gateware.target.elaboration import shared_instances, to_rtlil, to_verilog
 
 
 class Watcher(wiring.Component):
@@ -68,7 +68,7 @@ class Delay(wiring.Component):
         m = Module()
         held = Signal(8, reset_less=not self.resets)
         inner = [Inverter(), Inverter()]
-        for k, submodule in enumerate(alike(inner, self.name)):
+        for k, submodule in enumerate(shared_instances(inner, self.name)):
             m.submodules[f"inner{k}"] = submodule
             m.d.comb += [inner[k].i.eq(held.word_select(k, 4)), self.o[k].eq(inner[k].o)]
         m.d.sync += held.eq(self.i)
@@ -99,7 +99,9 @@ class Delays(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        for k, (delay, submodule) in enumerate(zip(self.delays, alike(self.delays, "delay"), strict=True)):
+        for k, (delay, submodule) in enumerate(
+            zip(self.delays, shared_instances(self.delays, "delay"), strict=True)
+        ):
             m.submodules[f"delay{k}"] = submodule
             m.d.comb += [delay.i.eq(self.i[k]), self.o[k].eq(delay.o)]
         return m
@@ -129,9 +131,9 @@ def test_a_component_alone_is_not_shared():
 def test_nothing_is_shared_outside_of_a_text():
     """Amaranth's simulator has no module for an instance."""
     delays = [Delay(), Delay()]
-    assert alike(delays, "delay") == delays
+    assert shared_instances(delays, "delay") == delays
     to_rtlil(Delays(2))
-    assert alike(delays, "delay") == delays
+    assert shared_instances(delays, "delay") == delays
 
 
 @pytest.mark.parametrize("convert", [to_verilog, to_rtlil])

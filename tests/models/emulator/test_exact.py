@@ -1,4 +1,4 @@
-"""The emulator against models/integer/solver.py, by the stages' own functions and the int64 loop, bit for bit."""
+"""The emulator against models/integer, by the stages' own functions and the int64 loop, bit for bit."""
 
 from dataclasses import replace
 
@@ -8,11 +8,11 @@ import pytest
 from fastac.models import random_bundle
 from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
-from fastac.models.emulator.exact_solver import EXACT, NotExactError, require_exact
+from fastac.models.emulator.exactness import EXACT, NotExactError, require_exact
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
-from fastac.models.integer.solver import SineTransform
+from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.loops.frames import CHUNK, over_frames
 
 DEPTH, Z, XYZ = "depth", "force_z", "force_xyz"
@@ -237,7 +237,7 @@ def test_only_what_is_wanted(tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("nobody wants depth")
 
-    monkeypatch.setattr("fastac.models.emulator.exact_solver.TransformTables.solve", refuse)
+    monkeypatch.setattr("fastac.models.emulator.dst2d.TransformTables.solve", refuse)
     Emulator(pipeline).run(frames, wanted=["normals", "slopes", "normal_words", "gradient_saturated"])
     with pytest.raises(AssertionError, match="nobody wants depth"):
         Emulator(pipeline).run(frames, wanted=["force_n"])

@@ -9,7 +9,7 @@ from fastac.models.floating.poisson import solve, source_of
 from fastac.models.integer.bounds import coefficients
 from fastac.models.integer.dst2d import Solver, reciprocals, solver
 from fastac.models.integer.laplacian import boundary_term, sine_matrix
-from fastac.models.integer.solver import PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed, to_words
 
 STAGES = ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")

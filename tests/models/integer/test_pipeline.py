@@ -195,7 +195,7 @@ def test_only_what_the_scene_wants_is_there(build, tiny_data, monkeypatch, outpu
             raise AssertionError("the scene wants no depth")
 
         monkeypatch.setitem(assemble.CHOOSERS, "dst2d", refuse)
-        monkeypatch.setattr(quantise, "PoissonSource", refuse)
+        monkeypatch.setattr(assemble, "PoissonSource", refuse)
     pipeline = build(outputs=outputs)
     assert {stage for stage in STAGES if getattr(pipeline, stage) is not None} == set(stages)
     found = Emulator(pipeline).run(tiny_data.frames[:2])

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from fastac.models.floating.hyperforce import collapse
+from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.laplacian import divergence_of
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
-from fastac.models.integer.solver import Depth, DisplacementQuantiser, PoissonSource, SineTransform
+from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.source import PoissonSource
 
 
 def nearest(value: Fraction) -> int:

@@ -8,7 +8,7 @@ from scipy.linalg import lu
 
 from fastac.models.floating.poisson import solve, source_of
 from fastac.models.integer.laplacian import boundary_term, sine_matrix
-from fastac.models.integer.solver import PoissonSource
+from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.tridiagonal import (
     Elimination,
     Substitution,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import rest_depth_at_mm
 from fastac.sensor.importers.cad import of_file, of_scene
 from fastac.sensor.importers.footage import ImportFailure

@@ -7,7 +7,8 @@ import pytest
 from PIL import Image
 
 from fastac.models.vision.markers import Markers
-from fastac.scenes.schema import Sensor, parse
+from fastac.scenes.schema import parse
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
 from fastac.sensor.importers import cnc

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.importers.cad import of_scene
 from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.importers.pose_labels import labels

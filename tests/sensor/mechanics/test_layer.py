@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from fastac.scenes.schema import Elastomer, Sensor
+from fastac.scenes.sensor_schema import Elastomer, Sensor
 from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
 from fastac.sensor.mechanics.layer import Layer, layer_compliance, modulation
 from fastac.sensor.mechanics.press import ContactError

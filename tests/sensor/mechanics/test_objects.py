@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.ndimage import label, maximum_filter
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.indenter import Ball, HeightMap
 from fastac.sensor.mechanics.layer import Layer
 from fastac.sensor.mechanics.object_press import press_object

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.press import ContactError
 from fastac.sensor.mechanics.rig import probe_of, rig_of
 from fastac.sensor.protocol import Station

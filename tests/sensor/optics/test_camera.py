@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 from fastac.sensor.optics.camera import background, exposure, render
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Light, Sensor
+from fastac.scenes.sensor_schema import Light, Sensor
 from fastac.sensor.geometry import normals_from_slopes
 from fastac.sensor.optics.light import irradiance
 from fastac.sensor.optics.sources import source_mm

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 from fastac.sensor.optics.camera import exposure
 from fastac.sensor.optics.raw_window import background_raw10, raw_camera, render_raw10, window_light

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Light, Sensor
+from fastac.scenes.sensor_schema import Light, Sensor
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.sensor.optics.light import irradiance
 from fastac.sensor.optics.shadow import visible

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fastac.flow import training
-from fastac.scenes.schema import Light, Markers, Raw10
+from fastac.scenes.sensor_schema import Light, Markers, Raw10
 from fastac.studies.reproduce.geometry import rgb_data, rgb_scene
 from fastac.studies.reproduce.limits_geometry import (
     IDEAL,

@@ -3,7 +3,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.sparse.linalg import splu
 
-from fastac.scenes.schema import Elastomer, Sensor
+from fastac.scenes.sensor_schema import Elastomer, Sensor
 from fastac.sensor.mechanics.fem import compliance as fem
 from fastac.sensor.mechanics.fem.mesh import GelMesh, layered, sensor_mesh
 from fastac.sensor.mechanics.layer import layer_compliance

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 from scipy.sparse import block_array, csr_array
 from scipy.sparse.linalg import splu
 
-from fastac.scenes.schema import Elastomer, Sensor
+from fastac.scenes.sensor_schema import Elastomer, Sensor
 from fastac.sensor.mechanics.fem import compliance
 from fastac.sensor.mechanics.fem.gel import Gel
 from fastac.sensor.mechanics.fem.mesh import layered, sensor_mesh

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import pixel_centres_mm
 from fastac.sensor.mechanics.fem.gel import Gel
 from fastac.sensor.mechanics.indenter import Ball, Cylinder, Edge, FlatPunch, HeightMap

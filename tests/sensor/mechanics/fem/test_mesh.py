@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_mm, rest_slopes
 from fastac.sensor.mechanics.fem.mesh import GelMesh, layered, sensor_mesh
 from fastac.sensor.mechanics.press import FemError

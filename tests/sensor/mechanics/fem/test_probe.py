@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.fem.contact import Load
 from fastac.sensor.mechanics.fem.probe import FemProbe
 from fastac.sensor.mechanics.fem.rig import FemRig

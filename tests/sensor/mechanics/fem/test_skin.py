@@ -5,7 +5,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import binary_fill_holes
 
-from fastac.scenes.schema import Sensor
+from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import ball_slopes, pixel_centres_mm, rest_depth_at_mm, rest_depth_mm
 from fastac.sensor.mechanics.fem.gel import Gel
 from fastac.sensor.mechanics.fem.skin import _filled, _onto, _spline, skin_of

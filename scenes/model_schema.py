@@ -1,0 +1,103 @@
+"""The scene's tables of the model: network, numbers, Poisson solver, force, and how they are trained."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from fastac.scenes.strict import Count, Positive, Strict
+
+
+class Network(Strict):
+    """The pixel network: three hidden layers, then the normal."""
+
+    width: Annotated[int, Field(ge=4, le=64)] = 16
+    """Neurons of each hidden layer; 16 are the paper's."""
+
+    @property
+    def hidden(self) -> tuple[int, ...]:
+        return (self.width,) * 3
+
+
+class Numbers(Strict):
+    """Word lengths. Widths that are not listed follow from computed bounds."""
+
+    weight_bits: Annotated[int, Field(ge=3, le=8)] = 8
+    last_weight_bits: Annotated[int, Field(ge=3, le=16)] = 12
+    """Of the layer whose outputs are kept wide."""
+    activation_bits: Annotated[int, Field(ge=3, le=10)] = 7
+    """Of the hidden layers, unsigned. 7 are the paper's; up to 10, a product with an 8-bit weight still has
+    the 18 bits that let a DSP48E2 hold two."""
+    gradient_fraction_bits: Annotated[int, Field(ge=6, le=16)] = 14
+    slope_limit: Literal[1, 2, 4, 8] = 4
+    coefficient_fraction_bits: Annotated[int, Field(ge=8, le=17)] = 17
+    data_bits: Annotated[int, Field(ge=12, le=26)] = 26
+    rounding: Literal["nearest", "floor"] = "nearest"
+    """How the Poisson solver's transforms, division and recurrences drop bits. floor cuts them off: no half
+    unit is added before. That saves an addend a value and no clock, and the errors, all of one sign, add up.
+    Mean depth error, nearest → floor, of a two-dimensional transform alone, N = 126, by fractional bits of
+    gradients/coefficients/data: 16/16/16: 3.6 → 8.5 µm in absolute mode, 0.019 → 0.93 µm in difference
+    mode; 12/16/12: 1.5 → 87 µm and 0.35 → 15 µm. Slopes and the quantised displacement are always rounded
+    to the nearest, and the network's half units are in its biases."""
+    displacement_bits: Annotated[int, Field(ge=4, le=16)] = 16
+    kernel_bits: Annotated[int, Field(ge=3, le=18)] = 8
+    slope_weight_bits: Annotated[int, Field(ge=6, le=18)] = 16
+    """Of the adjoint's weights of the slopes."""
+
+    @property
+    def slope_bits(self) -> int:
+        """Of a slope with its sign: what `slope_limit` needs before the point, and the fraction behind it."""
+        return self.gradient_fraction_bits + self.slope_limit.bit_length()
+
+
+class Poisson(Strict):
+    mode: Literal["absolute", "difference"] = "difference"
+    """What is solved for: the depth itself, as in the paper, or its difference from rest: the same equation,
+    but what the network finds at rest cancels exactly."""
+    divergence: Literal["central", "backward"] = "central"
+    solver: Literal["dst2d", "tridiagonal", "adjoint"] = "dst2d"
+    """dst2d: sine transforms of rows and columns, the paper's. tridiagonal: of the rows alone; depth leaves
+    last row first. adjoint: no depth at all; the force is a weighted sum of the slopes."""
+
+
+class Force(Strict):
+    kernel: Literal["patch", "collapsed"] = "patch"
+    """patch: a K×K kernel at every pixel, which a force map needs. collapsed: the same resultant, to the
+    bit, from one weight a pixel."""
+    kernel_size: Literal[1, 3, 5, 7] = 5
+    clamp: bool = True
+    """Whether displacement away from the camera counts as zero, as in the paper."""
+    fit: Literal["displacement", "slopes"] = "displacement"
+    """What the model is trained on: the displacement, from which the adjoint's weights of the slopes follow,
+    or, with the adjoint only, the slopes themselves."""
+    hidden: Annotated[int, Field(ge=1, le=256)] = 32
+    max_displacement_mm: Positive = 2.0
+
+
+class Training(Strict):
+    labels: Literal["geometry", "force"] = "geometry"
+    """What the pixel network learns from. geometry: normals. force: the force alone; network and weights of
+    the slopes are then learned together, and the slopes mean nothing by themselves."""
+    seed: Annotated[int, Field(ge=0)] = 1
+    normals_epochs: Count = 30
+    normals_batch_px: Count = 8192
+    teachers: Annotated[int, Field(ge=0, le=32)] = 0
+    """Wide networks whose mean teaches the small one; 0: it learns from the labels itself."""
+    teacher_width: Count = 32
+    teacher_epochs: Count = 100
+    normals_learning_rate: Positive = 2e-3
+    input_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Standard deviation of the noise added to ΔI in training, as a fraction of its spread."""
+    position_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Standard deviation of the noise added to the pixel's place in training, as a fraction of half the
+    image: where presses are few, it keeps the network from learning each place by heart."""
+    flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of background pixels in each epoch, where only contacts are labelled."""
+    finetune_epochs: Annotated[int, Field(ge=0)] = 3
+    finetune_weights: bool = False
+    """Fine-tune the hidden layers' weights too; worth it below 8 bits, with many epochs."""
+    finetune_learning_rate: Positive = 0.05
+    """In units of the last place of the integer weights."""
+    force_epochs: Count = 60
+    force_batch: Count = 8
+    force_learning_rate: Positive = 1e-3
+    force_weight_decay: Annotated[float, Field(ge=0)] = 1e-3

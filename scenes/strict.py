@@ -1,0 +1,20 @@
+"""What every table of a scene shares: unknown keys are errors, values cannot be changed."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+Count = Annotated[int, Field(ge=1)]
+
+
+Share = Annotated[float, Field(ge=0, le=2)]
+
+
+Point = tuple[float, float]
+
+
+class Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
