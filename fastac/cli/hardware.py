@@ -96,7 +96,7 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)
     count = frames or (1 if trace else model.scene.simulation.frames)
-    index = sensor_samples.spread(sensor_samples.choose(samples, split, data), count)
+    index = sensor_samples.evenly_spaced(sensor_samples.split_indices(samples, split, data), count)
     output = output or bundle / "sim"
     found = hardware.simulate(
         model, samples, index, verilog_folder or bundle / "verilog", output, trace=trace, progress=progress

@@ -72,7 +72,7 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))
         return
-    index = sensor_samples.choose(samples, split, data)
+    index = sensor_samples.split_indices(samples, split, data)
     errors = sensor.errors(samples, index, progress=progress)
     if json_file:
         write_json(json_file, {"data": str(data), "split": split, "frames": len(index), **errors})
@@ -96,7 +96,7 @@ def predict(bundle, data, use_float, split, output, progress):
 
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
-    index = sensor_samples.choose(samples, split, data)
+    index = sensor_samples.split_indices(samples, split, data)
     arithmetic = "float" if use_float else "integer"
     output.parent.mkdir(parents=True, exist_ok=True)
     if output.is_dir():

@@ -134,7 +134,7 @@ def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
     report = content(folder, bundle)
     shown = np.array(report["rtl_vs_integer"]["frame_indices"])
     axes = bundle.scene.force_axes
-    _, results = accuracy.compare(bundle, data, shown, progress=False)
+    _, results = accuracy.compare_pipelines(bundle, data, shown, progress=False)
     figures = [
         ("The frames that went through the hardware", frames_figure(data, shown, results, bundle.scene)),
         ("Where the cycles go", cycles_figure(report)),
@@ -142,7 +142,7 @@ def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
     ]
     if bundle.scene.wants_force:
         index = data.indices("test")
-        _, everything = accuracy.compare(bundle, data, index, progress=False)
+        _, everything = accuracy.compare_pipelines(bundle, data, index, progress=False)
         figures.insert(1, ("Force on the held-out grid", force_figure(data, index, everything, axes)))
     template = jinja2.Environment(
         loader=jinja2.PackageLoader(__package__, "."), autoescape=True, undefined=jinja2.StrictUndefined

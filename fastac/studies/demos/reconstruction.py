@@ -36,7 +36,7 @@ class Reconstruction:
 
     def errors(self, truth: ObjectPress) -> dict[str, float]:
         """Mean absolute errors in the contact: of normals in degrees, of depth in mm."""
-        touching = truth.pressed.touching
+        touching = truth.pressed.in_contact
         cosine = np.einsum("hwi,hwi->hw", self.result.normals[0], truth.pressed.normals)
         depth = np.abs(self.result.depth_mm[0] - truth.pressed.depth_mm)
         return {

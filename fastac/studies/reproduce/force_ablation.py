@@ -23,7 +23,7 @@ from fastac.flow import frames, training
 from fastac.flow.build import float_settings
 from fastac.models.floating import displacement_3d
 from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.training.hyperforce_3d import select, train
+from fastac.models.training.hyperforce_3d import input_components, train
 from fastac.report.paper import FORCE_FULL, FORCE_MAE_N
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
@@ -46,7 +46,7 @@ def require(data: Dataset, scene: Scene, path: Path, wants_truth: bool) -> None:
     for key, array in needed.items():
         if array is None:
             raise DatasetError(f"{path}: {key}: missing, and the displacement needs it")
-    if not data.knows_force((0, 1, 2)):
+    if not data.has_force((0, 1, 2)):
         raise DatasetError(f"{path}: force_n: expected all of x, y, z")
     if wants_truth and data.valid is not None and not data.valid.all():
         raise DatasetError(f"{path}: valid: geometry is known in parts only: expected the whole skin")
@@ -72,7 +72,9 @@ def find_arrays(pipeline: FloatPipeline, data: Dataset, *, progress: bool) -> di
     """What the frames show: of each split the displacements `.field_mm` of the frames that are `.kept`."""
     arrays = {}
     for split in SPLITS:
-        found = displacement_3d.find(pipeline, data.frames[data.indices(split)], progress=progress)
+        found = displacement_3d.displacement_fields(
+            pipeline, data.frames[data.indices(split)], progress=progress
+        )
         arrays |= {f"{split}.field_mm": found.field_mm, f"{split}.kept": found.kept}
     return arrays
 
@@ -128,7 +130,7 @@ def ablate(
                 checkpoint=path.with_suffix(".npz"),
                 progress=progress,
             )
-            found_n = model(select(scene, fields["test"], inputs)).detach().double()
+            found_n = model(input_components(scene, fields["test"], inputs)).detach().double()
             return {"force_n": found_n.tolist(), "history": history}
 
         kept = read_or_make(path, finished)

@@ -42,7 +42,7 @@ def table(rows: list[dict], *columns: str) -> str:
 def judged(bundle: Bundle, data: Dataset, *, progress: bool) -> dict:
     """How many frames of each split are flagged, and for what: all of them are good."""
     found = {}
-    pipeline = accuracy.of_dataset(bundle.pipeline, data)
+    pipeline = accuracy.with_background_of(bundle.pipeline, data)
     for split in ("train", "validation", "test"):
         if len(index := data.indices(split)):
             flags = pipeline.run(data.frames[index], wanted=["validity"], progress=progress).validity
@@ -84,7 +84,7 @@ def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
     rows = [{"split": split, **row} for split, row in content["good_frames"].items()]
     yield table(rows, "split", "frames", "flagged", "reasons")
 
-    index = samples.spread(data.indices("test"), DRIFT_FRAMES)
+    index = samples.evenly_spaced(data.indices("test"), DRIFT_FRAMES)
     content["drift_frame_indices"] = index.tolist()
     bar = partial(progress_bar, desc="faults", enabled=progress, leave=True)
     content["drift"] = list(drift.measure(bundle, data, index, place, progress=bar))

@@ -132,7 +132,7 @@ def test_a_second_run_trains_nothing(written, drawn, monkeypatch):
 
     monkeypatch.setattr(hyperforce_3d._Run, "epoch", epoch)
     monkeypatch.setattr(force_ablation.training, "normals", epoch)
-    monkeypatch.setattr(force_ablation.displacement, "find", epoch)
+    monkeypatch.setattr(force_ablation.displacement_3d, "displacement_fields", epoch)
     assert invoke(drawn, output).output == first.output
 
 

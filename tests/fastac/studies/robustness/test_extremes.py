@@ -133,7 +133,7 @@ def test_no_build_folder(tmp_path):
 
 
 def test_take_keeps_samples_together(tiny_data):
-    chosen = samples.take(tiny_data, np.array([5, 2]))
+    chosen = samples.subset(tiny_data, np.array([5, 2]))
     assert len(chosen) == 2
     assert np.array_equal(chosen.frames, tiny_data.frames[[5, 2]])
     assert np.array_equal(chosen.indenter["x_mm"], tiny_data.indenter["x_mm"][[5, 2]])
