@@ -87,12 +87,18 @@ def reproduce(scene, data, folder, output, progress):
 @click.command()
 @click.argument("folder", type=INPUT)
 @click.option("--data", type=INPUT, help="The dataset of the build. [default: FOLDER/data.h5]")
-def report(folder, data):
+@click.option(
+    "--picture", type=INPUT, help="Draw a frame, what is found in it and the cycles: PNG, SVG or PDF."
+)
+def report(folder, data, picture):
     """Write report.json and report.html of the build in FOLDER again, and print the summary."""
     from fastac.flow.frames import read
     from fastac.report import page as reporting
+    from fastac.report import picture as one_picture
 
     model = load_bundle(folder)
     samples = read(data or folder / "data.h5", model.scene)
     reporting.write(folder, model, samples)
+    if picture:
+        one_picture.write(picture, model, samples, json.loads((folder / "report.json").read_text()))
     print_summary(folder)
