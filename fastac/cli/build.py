@@ -14,6 +14,7 @@ from fastac.cli.common import (
     progress_option,
     run_build,
 )
+from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 
 
@@ -21,8 +22,8 @@ def print_summary(folder: Path) -> None:
     from fastac.report.content import summary_rows
 
     report = json.loads((folder / "report.json").read_text())
-    for what, ours, paper, _ in summary_rows(report):
-        click.echo(f"{what:48s} {ours}" + (f"   (paper: {paper})" if paper else ""))
+    rows = [[what, ours, paper] for what, ours, paper, _ in summary_rows(report)]
+    click.echo(text_table(["", "here", "paper"], rows))
     click.echo(f"{folder / 'report.html'}")
 
 
