@@ -12,6 +12,7 @@ from pathlib import Path
 import matplotlib
 
 from fastac.models.integer.bundle import load_bundle
+from fastac.report.tables import text_table
 from fastac.scenes.schema import AXES
 
 matplotlib.use("Agg")
@@ -145,15 +146,18 @@ def table(content: dict) -> str:
     lines = [f"frames: {content['frames']}; ours: {content['source']}; the paper's: its own sensor"]
     for name, found in content["displacements"].items():
         lines += ["", f"{name} displacements: mean absolute error, N, ours (the paper's)"]
-        lines.append(f"  {'kernel':8s} {'inputs':7s}" + "".join(f"{f'F_{axis}':>18s}" for axis in AXES))
-        for (kernel, inputs), paper in FORCE_MAE_N.items():
-            ours = found["results"][f"{kernel} {inputs}"]["mae_n"]
-            cells = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(ours, paper, strict=True))
-            lines.append(f"  {kernel:8s} {inputs:7s}{cells}")
-        full = found["results"]["dynamic xyz"]
-        for key, paper in FORCE_FULL.items():
-            cells = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(full[key], paper, strict=True))
-            lines.append(f"  {'dynamic xyz, ' + key:16s}"[:30].ljust(16) + cells)
+        results, full = found["results"], found["results"]["dynamic xyz"]
+        rows = [(*form, results[" ".join(form)]["mae_n"], paper) for form, paper in FORCE_MAE_N.items()]
+        rows += [("dynamic", f"xyz, {key}", full[key], paper) for key, paper in FORCE_FULL.items()]
+        lines.append(
+            text_table(
+                ["kernel", "inputs", *(f"F_{axis}" for axis in AXES)],
+                [
+                    [*form, *(f"{a:.4f} ({b:.4f})" for a, b in zip(ours, paper, strict=True))]
+                    for *form, ours, paper in rows
+                ],
+            )
+        )
         if any(found.get("lost_frames", {}).values()):
             lines.append(f"  left out, markers lost: {found['lost_frames']}")
     return "\n".join(lines)
