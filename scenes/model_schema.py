@@ -4,7 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
-from fastac.scenes.solvers import SOLVERS, SolverFacts
+from fastac.scenes.solvers import SOLVERS
 from fastac.scenes.strict import Count, Positive, Strict, known
 
 
@@ -59,10 +59,6 @@ class Poisson(Strict):
     """An entry of scenes/solvers.py. dst2d: sine transforms of rows and columns, the paper's. tridiagonal: of
     the rows alone; depth leaves last row first. adjoint: no depth at all; the force is a weighted sum of the
     slopes."""
-
-    @property
-    def solver_facts(self) -> SolverFacts:
-        return SOLVERS[self.solver]
 
 
 class Force(Strict):

@@ -6,6 +6,8 @@ docs/extending.md tells how to add an output.
 
 from dataclasses import dataclass
 
+from fastac.store.kinds import Kinds
+
 
 @dataclass(frozen=True)
 class OutputFacts:
@@ -32,12 +34,15 @@ FORCE_Y = OutputFacts(force_axes=(1,))
 FORCE_Z = OutputFacts(force_axes=(2,))
 FORCE_XYZ = OutputFacts(force_axes=(0, 1, 2))
 FORCE_MAP = OutputFacts(needs_depth=True, needs_force=True, needs_patches=True)
-OUTPUTS = {
-    "normals": NORMALS,
-    "depth": DEPTH,
-    "force_x": FORCE_X,
-    "force_y": FORCE_Y,
-    "force_z": FORCE_Z,
-    "force_xyz": FORCE_XYZ,
-    "force_map": FORCE_MAP,
-}
+OUTPUTS = Kinds(
+    "outputs",
+    {
+        "normals": NORMALS,
+        "depth": DEPTH,
+        "force_x": FORCE_X,
+        "force_y": FORCE_Y,
+        "force_z": FORCE_Z,
+        "force_xyz": FORCE_XYZ,
+        "force_map": FORCE_MAP,
+    },
+)

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, Field, ValidationError, model_validator
 from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Training
 from fastac.scenes.outputs import OUTPUTS, OutputFacts
 from fastac.scenes.sensor_schema import Sensor
-from fastac.scenes.solvers import SOLVERS
+from fastac.scenes.solvers import SOLVERS, SolverFacts
 from fastac.scenes.strict import Count, Point, Positive, Strict, known, listed
 
 AXES = "xyz"
@@ -106,7 +106,7 @@ class Scene(Strict):
                 f"hardware.pixels_per_clock: {lanes} does not divide sensor.width_px {self.sensor.width_px}"
             )
         for name in self.outputs:
-            facts, finds_depth = OUTPUTS[name], self.poisson.solver_facts.finds_depth
+            facts, finds_depth = OUTPUTS[name], _solver_facts(self).finds_depth
             patches = not facts.needs_patches or self.force.kernel == "patch"
             if facts.needs_force and not (self.wants_force and patches and finds_depth):
                 raise ValueError(
@@ -116,7 +116,7 @@ class Scene(Strict):
 
     def _check_solver(self) -> None:
         """Raise ValueError unless the solver can do what is wanted of it."""
-        sensor, solver, facts = self.sensor, self.poisson.solver, self.poisson.solver_facts
+        sensor, solver, facts = self.sensor, self.poisson.solver, _solver_facts(self)
         from_displacement = self.force_from_slopes and self.force.fit == "displacement"
         of_depth = self.wants_solver or from_displacement
         if facts.square_images and of_depth and sensor.height_px != sensor.width_px:
@@ -142,7 +142,7 @@ class Scene(Strict):
 
     def _check_force_alone(self) -> None:
         """Raise ValueError unless forces alone can train what is wanted."""
-        of_geometry = any(facts.needs_geometry for facts in self._outputs)
+        of_geometry = any(facts.needs_geometry for facts in _output_facts(self))
         if not self.force_from_slopes or of_geometry or self.force.fit != "slopes":
             raise ValueError(
                 "training.labels: 'force' gives forces only, no normals or depth, and needs poisson.solver"
@@ -154,19 +154,15 @@ class Scene(Strict):
                 raise ValueError(f"training.{key}: {value} needs training.labels 'geometry'")
 
     @property
-    def _outputs(self) -> tuple[OutputFacts, ...]:
-        return tuple(OUTPUTS[name] for name in self.outputs)
-
-    @property
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
-        needed = any(facts.needs_depth for facts in self._outputs)
-        return needed or (self.wants_force and self.poisson.solver_facts.finds_depth)
+        needed = any(facts.needs_depth for facts in _output_facts(self))
+        return needed or (self.wants_force and _solver_facts(self).finds_depth)
 
     @property
     def force_from_slopes(self) -> bool:
         """Whether the force is a weighted sum of the slopes, without depth: by the solver "adjoint"."""
-        return self.wants_force and not self.poisson.solver_facts.finds_depth
+        return self.wants_force and not _solver_facts(self).finds_depth
 
     @property
     def wants_slopes(self) -> bool:
@@ -175,7 +171,7 @@ class Scene(Strict):
     @property
     def force_axes(self) -> tuple[int, ...]:
         """The axes of force that are wanted, in order: 0, 1, 2 for x, y, z."""
-        return tuple(sorted(axis for facts in self._outputs for axis in facts.force_axes))
+        return tuple(sorted(axis for facts in _output_facts(self) for axis in facts.force_axes))
 
     @property
     def wants_force(self) -> bool:
@@ -192,12 +188,20 @@ class Scene(Strict):
     @property
     def wants_force_map(self) -> bool:
         """Whether the force's contribution of each pixel is wanted, not only their sum."""
-        return any(facts.needs_patches for facts in self._outputs)
+        return any(facts.needs_patches for facts in _output_facts(self))
 
     @property
     def inner_px(self) -> int:
         """Side of the region that the Poisson solver solves: the image less its one-pixel boundary."""
         return self.sensor.width_px - 2
+
+
+def _output_facts(scene: Scene) -> tuple[OutputFacts, ...]:
+    return tuple(OUTPUTS[name] for name in scene.outputs)
+
+
+def _solver_facts(scene: Scene) -> SolverFacts:
+    return SOLVERS[scene.poisson.solver]
 
 
 def _keys(path: tuple) -> list[str]:

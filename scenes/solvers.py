@@ -7,6 +7,8 @@ how to add one.
 
 from dataclasses import dataclass
 
+from fastac.store.kinds import Kinds
+
 
 @dataclass(frozen=True)
 class SolverFacts:
@@ -27,4 +29,4 @@ class SolverFacts:
 DST2D = SolverFacts()
 TRIDIAGONAL = SolverFacts(least_row_beats=5)  # each row needs the one before it, which takes 5 clocks
 ADJOINT = SolverFacts(finds_depth=False, can_clamp=False)
-SOLVERS = {"dst2d": DST2D, "tridiagonal": TRIDIAGONAL, "adjoint": ADJOINT}
+SOLVERS = Kinds("poisson.solver", {"dst2d": DST2D, "tridiagonal": TRIDIAGONAL, "adjoint": ADJOINT})

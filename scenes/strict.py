@@ -3,7 +3,9 @@
 from collections.abc import Mapping
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from fastac.scenes.watched import Watchable
 
 Positive = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(ge=1)]
@@ -11,8 +13,8 @@ Share = Annotated[float, Field(ge=0, le=2)]
 Point = tuple[float, float]
 
 
-class Strict(BaseModel):
-    """Base class of a scene's tables."""
+class Strict(Watchable):
+    """Base of every table of a scene; what a step of a build reads of it can be recorded."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

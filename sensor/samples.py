@@ -50,7 +50,7 @@ class Dataset:
     def __len__(self) -> int:
         return len(self.split)
 
-    def knows_force(self, axes: tuple[int, ...]) -> bool:
+    def has_force(self, axes: tuple[int, ...]) -> bool:
         """Whether the forces along all of `axes`, 0 to 2 for x to z, were measured."""
         return self.force_n is not None and all(FORCE_AXES[axis] in self.force_axes for axis in axes)
 
@@ -60,7 +60,7 @@ class Dataset:
         Raises DatasetError if an axis was not measured.
         """
         for axis in axes:
-            if not self.knows_force((axis,)):
+            if not self.has_force((axis,)):
                 raise DatasetError(f"force_n: {FORCE_AXES[axis]}: not measured")
         return self.force_n[index][:, [self.force_axes.index(FORCE_AXES[axis]) for axis in axes]]
 
@@ -150,17 +150,22 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
             need(lowest > 0, f"normals[{i}]", f"n_z {lowest:.6g}", "n_z > 0 where valid")
     if scene is not None:
         sensor = scene.sensor
+
+        def fits(good: bool, key: str, have: str, want: str) -> None:
+            if not good:
+                need(good, key, have, f"{want} ({scene.name})")
+
         want, have = ",".join(sensor.channel_names), ",".join(data.channels)
-        need(have == want, "channels", have, f"{want} ({scene.name})")
+        fits(have == want, "channels", have, want)
         size, want = f"{height} x {width} px", f"{sensor.height_px} x {sensor.width_px} px"
-        need(size == want, "frames", size, f"{want} ({scene.name})")
+        fits(size == want, "frames", size, want)
         have = "channels" if data.raw10 is None else "raw10"
-        need(have == sensor.frames, "frames", have, f"{sensor.frames} ({scene.name})")
+        fits(have == sensor.frames, "frames", have, f"{sensor.frames}")
         close = abs(data.pitch_mm / sensor.pitch_mm - 1) <= PITCH_TOLERANCE
-        need(close, "pitch_mm", f"{data.pitch_mm:.6g}", f"{sensor.pitch_mm:g} ({scene.name})")
+        fits(close, "pitch_mm", f"{data.pitch_mm:.6g}", f"{sensor.pitch_mm:g}")
 
 
-def choose(data: Dataset, split: str, path: Path) -> np.ndarray:
+def split_indices(data: Dataset, split: str, path: Path) -> np.ndarray:
     """Frames of a split, or "all"; raises DatasetError where there are none."""
     index = np.arange(len(data)) if split == "all" else data.indices(split)
     if not len(index):
@@ -168,12 +173,12 @@ def choose(data: Dataset, split: str, path: Path) -> np.ndarray:
     return index
 
 
-def spread(index: np.ndarray, count: int) -> np.ndarray:
+def evenly_spaced(index: np.ndarray, count: int) -> np.ndarray:
     """`count` frames spread evenly over `index` (all of it if it is smaller)."""
     return index[np.unique(np.linspace(0, len(index) - 1, count).round().astype(int))]
 
 
-def take(data: Dataset, index: np.ndarray) -> Dataset:
+def subset(data: Dataset, index: np.ndarray) -> Dataset:
     """The samples `index` of a dataset alone."""
     geometry = ("normals", "depth_mm", "valid", "markers_px", "tangential_mm")
     arrays = ("frames", "split", *geometry, "force_n", "group")

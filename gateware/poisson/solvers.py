@@ -16,5 +16,6 @@ with `height`, `width`, `lanes` and `loadable`; it has
 
 from fastac.gateware.poisson.dst2d import PoissonSolver
 from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
+from fastac.store.kinds import Kinds
 
-SOLVERS = {"dst2d": PoissonSolver, "tridiagonal": TridiagonalPoissonSolver}
+SOLVERS = Kinds("poisson.solver", {"dst2d": PoissonSolver, "tridiagonal": TridiagonalPoissonSolver})

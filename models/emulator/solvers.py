@@ -10,5 +10,6 @@ and raises NotExactError, naming the stage, for integers that float64 would not 
 
 from fastac.models.emulator.dst2d import TransformTables
 from fastac.models.emulator.tridiagonal import RecurrenceTables
+from fastac.store.kinds import Kinds
 
-SOLVERS = {"dst2d": TransformTables, "tridiagonal": RecurrenceTables}
+SOLVERS = Kinds("poisson.solver", {"dst2d": TransformTables, "tridiagonal": RecurrenceTables})

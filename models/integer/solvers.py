@@ -2,6 +2,7 @@
 
 from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.tridiagonal import TridiagonalSolver
+from fastac.store.kinds import Kinds
 
-SOLVERS = {"dst2d": Solver, "tridiagonal": TridiagonalSolver}
+SOLVERS = Kinds("poisson.solver", {"dst2d": Solver, "tridiagonal": TridiagonalSolver})
 """Subclasses of `IntegerSolver`."""

@@ -1,44 +1,63 @@
 """Verilator's runtime is compiled once for all simulators of the same flags, and never half kept."""
 
+import subprocess
+
 import pytest
 
-from fastac.sim import runner, runtime_objects
+from fastac.sim import runner, runtime_objects, simulators
+from fastac.sim.runtime_objects import RuntimeObjects
 
 VERILOG = "module follower(input clk, input a, output reg b); always @(posedge clk) b <= a; endmodule\n"
 
 
 @pytest.fixture
 def build(tmp_path, monkeypatch):
-    monkeypatch.setattr(runtime_objects, "CACHE", tmp_path / "kept")
     source = tmp_path / "follower.v"
     source.write_text(VERILOG)
 
-    def build(name: str) -> str:
-        """What the build in a new folder printed."""
+    def build(name: str):
+        """The follower's simulator in a new folder, not taken from those that are kept."""
+        monkeypatch.setattr(simulators, "CACHE", tmp_path / "simulators" / name)
         folder = tmp_path / name
         folder.mkdir()
-        runner.build(source, "follower", folder)
+        runner.build(source, "follower", folder, build_args=runner.QUICK)
         assert (folder / "follower").is_file()
-        return (folder / "build.log").read_text()
+        return folder
 
     return build
 
 
-def test_the_second_simulator_takes_the_runtime_of_the_first(build, tmp_path):
-    assert "verilated.cpp" in build("first")
-    assert "verilated.cpp" not in build("second")
-    [kept] = (tmp_path / "kept").iterdir()
-    assert "verilated.o" in {path.name for path in kept.iterdir()}
-    assert (kept / "verilated.o").read_bytes() == (tmp_path / "second/verilated.o").read_bytes()
-    before = runtime_objects.RuntimeObjects(tmp_path / "first")
-    makefile = tmp_path / "first/Vtop.mk"
-    makefile.write_text(makefile.read_text() + "\nOPT_GLOBAL = -O0\n")
-    other = runtime_objects.RuntimeObjects(tmp_path / "first")
-    assert before.kept.is_dir()
-    assert not other.kept.exists()
-    other.take()
-    assert other.names == before.names
-    (tmp_path / "first/verilated.o").unlink()
-    with pytest.raises(FileNotFoundError):
-        other.keep()
-    assert [path.name for path in (tmp_path / "kept").iterdir()] == [before.kept.name]
+@pytest.mark.full
+def test_the_second_simulator_takes_the_runtime_of_the_first(build, tmp_path, monkeypatch):
+    monkeypatch.setattr(runtime_objects, "CACHE", tmp_path / "kept")
+    first = build("first")
+    [kept] = (path for path in (tmp_path / "kept").iterdir() if path.is_dir())
+    assert {"verilated.o", "verilated_vpi.o", "runtime.h.gch"} <= {path.name for path in kept.iterdir()}
+    times = {path.name: path.stat().st_mtime_ns for path in kept.iterdir()}
+    second = build("second")
+    assert {path.name: path.stat().st_mtime_ns for path in kept.iterdir()} == times
+    for folder in (first, second):
+        assert (folder / "verilated.o").read_bytes() == (kept / "verilated.o").read_bytes()
+        assert (folder / "runtime.h.gch").samefile(kept / "runtime.h.gch")
+        assert "verilated.cpp" not in (folder / "build.log").read_text()
+
+    # Other flags, another runtime; one that cannot be compiled is not kept at all.
+    assert RuntimeObjects(first, "-O0").kept == kept
+    assert not RuntimeObjects(first, "-O1").kept.exists()
+    makefile = first / "Vtop.mk"
+    makefile.write_text(makefile.read_text() + "\nOPT_GLOBAL = -no-such-option\n")
+    other = RuntimeObjects(first, "-O0")
+    with pytest.raises(subprocess.CalledProcessError):
+        other.take()
+    assert [path for path in (tmp_path / "kept").iterdir() if path.is_dir()] == [kept]
+
+
+def test_sources_are_compiled_behind_precompiled_headers(build):
+    """The compiler says where it cannot use them."""
+    folder = build("first")
+    [command] = (c for name, c in runtime_objects.commands(folder, "-O0").items() if name.endswith(".gch"))
+    flags = command[: command.index("-x")]
+    use = ["-Winvalid-pch", "-Werror", "-H", "-include", runtime_objects.HEADER, "-c", "Vtop__ALL.cpp"]
+    made = subprocess.run([*flags, *use, "-o", "/dev/null"], cwd=folder, capture_output=True, text=True)
+    assert made.returncode == 0, made.stderr
+    assert "! ./runtime.h.gch" in made.stderr

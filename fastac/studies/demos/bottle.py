@@ -17,7 +17,7 @@ from fastac.sensor.mechanics.fem.contact import Load
 from fastac.sensor.mechanics.fem.probe import FemProbe
 from fastac.sensor.mechanics.fem.rig import FemRig
 from fastac.sensor.mechanics.indenter import Cylinder
-from fastac.sensor.mechanics.press import Pressed
+from fastac.sensor.mechanics.press import PressedSkin
 from fastac.sensor.protocol import FingertipError
 
 LENGTHS, REACH = 20, 0.4
@@ -88,7 +88,7 @@ class Hold:
         bottle = Cylinder(grasp.bottle_mm, LENGTHS * sensor.width_px * sensor.pitch_mm)
         self.probe = FemProbe(rig, bottle, 0.0, 0.0, reach_mm=REACH * sensor.elastomer.thickness_mm)
         self.probe.at_load(grasp.grip_n)
-        self.closed_mm = float(self.probe.way_mm[2])
+        self.closed_mm = float(self.probe.indenter_displacement_mm[2])
         self.hand_from_mm: float | None = None
         """Where the bottle was when the push began; None: no push."""
         self.hand_n = 0.0
@@ -98,9 +98,9 @@ class Hold:
     @property
     def lowered_mm(self) -> float:
         """How far the bottle has come down since it was gripped: with the skin, and slipping."""
-        return float(self.probe.way_mm[0])
+        return float(self.probe.indenter_displacement_mm[0])
 
-    def step(self, push_n: float, tightened_deg: float) -> Pressed:
+    def step(self, push_n: float, tightened_deg: float) -> PressedSkin:
         """The next state, with the hand where it would press with `push_n` had the bottle not moved, and the
         angle between the fingers `tightened_deg` smaller than at first.
 
@@ -124,5 +124,7 @@ class Hold:
         return self.probe.pressed()
 
     def _lead(self, down_n: float, way_z_mm: float, spring_n_per_mm: float) -> np.ndarray:
-        value, forced = np.array([-down_n, 0.0, way_z_mm]), np.array([True, False, False])
-        return self.probe.lead(Load(np.eye(3), forced, value, np.array([spring_n_per_mm, 0.0, 0.0])))
+        value, force_controlled = np.array([-down_n, 0.0, way_z_mm]), np.array([True, False, False])
+        return self.probe.apply_load(
+            Load(np.eye(3), force_controlled, value, np.array([spring_n_per_mm, 0.0, 0.0]))
+        )

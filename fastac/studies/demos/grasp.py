@@ -18,7 +18,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
-from fastac.sensor.fingertip import require
+from fastac.sensor.fingertip import require_simulated
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
@@ -57,7 +57,7 @@ def follow(
 
 def require_friction(scene: Scene) -> None:
     """Raise FingertipError unless the virtual sensor can show a grasp."""
-    require(scene, "grasp", (0, 1, 2))
+    require_simulated(scene, "grasp", (0, 1, 2))
     if not scene.sensor.elastomer.friction:
         raise FingertipError("grasp: sensor.elastomer.friction = 0: expected more, and mechanics 'fem'")
 
@@ -92,7 +92,7 @@ def run(
     folder: Path,
     *,
     grasp: Grasp | None = None,
-    cache: Path = frames.CACHE,
+    store: Path = frames.STORE,
     progress: bool = True,
 ) -> dict:
     """The whole experiment: grasp.json and grasp.png in `folder`; returns what the JSON holds.
@@ -105,7 +105,7 @@ def run(
     scene = bundle.scene
     require_friction(scene)
     grasp = (grasp or Grasp()).of_scene(scene)
-    rig = rig_of(scene.sensor, cache, progress=progress)
+    rig = rig_of(scene.sensor, store, progress=progress)
     test = slip_test(bundle, rig, grasp, progress=progress)
     stable, margin = grasp.stable_share * test["found_ratio"], grasp.margin_share * test["found_ratio"]
     latency_s = cycles(scene)["first_pixel_to_force"] / (scene.hardware.clock_mhz * 1e6)

@@ -20,7 +20,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
-from fastac.sensor.fingertip import require
+from fastac.sensor.fingertip import require_simulated
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import probe_of, rig_of
 from fastac.sensor.protocol import FingertipError
@@ -136,7 +136,7 @@ def run(
     folder: Path,
     *,
     vibration: Vibration | None = None,
-    cache: Path = frames.CACHE,
+    store: Path = frames.STORE,
     progress: bool = True,
 ) -> dict:
     """The whole experiment: vibration.json and vibration.png in `folder`; returns what the JSON holds.
@@ -146,12 +146,12 @@ def run(
     from fastac.studies.demos import time_figures
 
     scene, vibration = bundle.scene, vibration or Vibration()
-    require(scene, "vibration", (2,))
+    require_simulated(scene, "vibration", (2,))
     ends_n, services = vibration.ends_n(scene), service_s(scene)
     slowest = max(services.values())
     if not 8 * slowest <= vibration.seconds <= 60:
         raise FingertipError(f"seconds = {vibration.seconds:g}: expected {float(8 * slowest):.2g} to 60")
-    rig = rig_of(scene.sensor, cache, progress=progress)
+    rig = rig_of(scene.sensor, store, progress=progress)
     shown, found = [], {}
     for frequency_hz in FREQUENCIES_HZ:
         recording = record(bundle, rig, vibration, frequency_hz, progress=progress)
@@ -188,7 +188,7 @@ def run(
 def lacks(scene: Scene) -> str | None:
     """Why a scene cannot show it, in one line; None if it can."""
     try:
-        require(scene, "vibration", (2,))
+        require_simulated(scene, "vibration", (2,))
     except FingertipError as error:
         return str(error)
     return None

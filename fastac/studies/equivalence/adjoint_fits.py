@@ -60,7 +60,7 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
         if start is None:
             rest = training.rest_depth_mm(data)
             start, _ = hyperforce.train(scene, rest, pressed, truth, progress=progress)
-        models[name], _ = hyperforce.refit(scene, start, pressed, truth)
+        models[name], _ = hyperforce.refit_last_layer(scene, start, pressed, truth)
         weights["displacement", name] = training.force_weights(models[name], scene)
     with torch.inference_mode():
         kernels = models["integer"].kernels().double().numpy()
@@ -148,7 +148,7 @@ def accuracies(
                 1e3 * float(error.mean()),
                 1e3 * float(error.max()),
                 float((error.max(axis=0) / np.abs(exact).max(axis=0)).max()),
-                1e3 * float(0.5 * reach * integer.force_n_per_unit.max()),
+                1e3 * float(0.5 * reach * integer.pipeline.force_n_per_unit.max()),
             ),
             (1e3 * noise.std(axis=0)).tolist(),
         )

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import training
-from fastac.flow.build import Build, float_settings
+from fastac.flow.build import Build
+from fastac.flow.settings import float_settings
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.result import Result
@@ -20,9 +21,9 @@ from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels
-from fastac.sensor.redraw import redraw
-from fastac.sensor.samples import take
-from fastac.store.files import content_hash, write_json
+from fastac.sensor.rerender import rerender
+from fastac.sensor.samples import subset
+from fastac.store.files import content_hash, load_arrays, write_json
 from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
 from fastac.studies.reproduce.geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
@@ -68,7 +69,7 @@ def variants(sensor: Sensor) -> dict[str, Sensor]:
 
 def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: bool) -> Dataset:
     """The presses of a dataset as another sensor sees them, in channels."""
-    background, draw = redraw(data, sensor, seed)
+    background, draw = rerender(data, sensor, seed)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         done = pool.map(lambda sample: image_processing.as_channels(draw(sample), sensor), range(len(data)))
         images = np.stack(list(progress_bar(done, total=len(data), desc=label, enabled=progress)))
@@ -96,7 +97,7 @@ class Training:
 
     def errors(self, *, progress: bool) -> dict[str, float]:
         """Of gradients and depth on the test split, all pixels."""
-        arrays = training.load_arrays(self.weights)
+        arrays = load_arrays(self.weights)
         pipeline = training.float_pipeline(arrays, self.data, self.scene)
         return summary(judge(pipeline, self.data, self.data.indices("test"), progress=progress)[0])
 
@@ -133,7 +134,7 @@ def networks(build: Build, folder: Path) -> dict[str, dict]:
     """By experiment: errors of networks trained and judged on the vertical presses, by channels."""
     scene = build.scene
     index = np.sort(np.concatenate([vertical(build.data, split) for split in SPLITS]))
-    data = take(build.data, index)
+    data = subset(build.data, index)
     experiments = {name: (scene, sensor) for name, sensor in variants(scene.sensor).items()}
     experiments[f"{RECORDED}, a network twice as wide"] = (wider(scene), scene.sensor)
     base = [stamped_key(build, "data"), digest_sources(SOURCES)]

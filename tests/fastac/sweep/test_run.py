@@ -177,7 +177,7 @@ def test_a_worker_tells_what_cannot_be_from_what_went_wrong(make_scene, cache, t
         raise KeyError("missing")
 
     monkeypatch.setattr(PointModels, "metrics", broken)
-    assert outcome()["failed"].startswith("KeyError: 'missing' (test_sweep.py:")
+    assert outcome()["failed"].startswith("KeyError: 'missing' (test_run.py:")
 
 
 def test_nothing_to_do(tmp_path, cache):

@@ -8,7 +8,7 @@ import pytest
 from fastac.synth import tools
 from fastac.synth.tools import OutOfTimeError, SynthError
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def test_tool_that_fails(tmp_path, monkeypatch):

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from fastac.cli.main import main
 from fastac.flow import hardware
-from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.emulator.pipeline import Emulator
 from fastac.models.loops.frames import CHUNK
 from fastac.studies.robustness import stability
 
@@ -37,7 +38,7 @@ def test_the_emulator_carries_nothing_over(tiny_bundle, frames):
 
 def test_state_that_is_carried_over_is_found(tiny_bundle, frames, monkeypatch):
     """A pipeline that adds one to a depth once it has seen two batches."""
-    run, seen = IntegerPipeline.run, 0
+    run, seen = Emulator.run, 0
 
     def leaky(self, images, **options):
         nonlocal seen
@@ -49,7 +50,7 @@ def test_state_that_is_carried_over_is_found(tiny_bundle, frames, monkeypatch):
         words[:, 3, 3] += 1
         return replace(result, depth_words=words)
 
-    monkeypatch.setattr(IntegerPipeline, "run", leaky)
+    monkeypatch.setattr(Emulator, "run", leaky)
     found = stability.emulate(tiny_bundle.pipeline, frames, 2 * stability.BATCH, progress=False)
     assert found["mismatches"] == stability.BATCH  # the last batch, which is the first one again
 
@@ -60,7 +61,7 @@ def test_command(tiny_folder, tiny_file, tiny_bundle, tmp_path):
     shutil.copy(tiny_file, folder / "data.h5")
     hardware.write_verilog(tiny_bundle, folder / "verilog", progress=False)
     result = CliRunner().invoke(
-        stability.main, [str(folder), "--frames", "40", "--rtl-frames", "12", "--no-progress"]
+        main, ["study", "stability", str(folder), "--frames", "40", "--rtl-frames", "12", "--no-progress"]
     )
     assert result.exit_code == 0, result.output
     content = json.loads((folder / stability.FILE).read_text())

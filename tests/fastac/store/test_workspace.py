@@ -5,10 +5,9 @@ import time
 import pytest
 
 from fastac.store import sources as store_sources
-from fastac.store import steps as workspace
 from fastac.store.files import content_hash, digest_file, read_or_make, write_json
 from fastac.store.sources import digest_sources
-from fastac.store.steps import Step, Workspace
+from fastac.store.workspace import Step, Workspace
 
 
 class Bench:
@@ -58,7 +57,7 @@ def bench(tmp_path, monkeypatch):
     for folder in ("one", "two"):
         (tmp_path / "project" / folder).mkdir(parents=True)
         (tmp_path / "project" / folder / "x.py").write_text("pass")
-    monkeypatch.setattr(workspace, "ROOT", tmp_path / "project")
+    monkeypatch.setattr(store_sources, "ROOT", tmp_path / "project")
     made = Bench(tmp_path / "build")
     made.folder.mkdir()
     assert made.run() == ["first", "second"]
@@ -144,7 +143,7 @@ def test_a_moved_folder_is_still_up_to_date(bench, tmp_path):
 
 
 def test_digests_depend_on_content_and_names_alone(tmp_path, monkeypatch):
-    monkeypatch.setattr(workspace, "ROOT", tmp_path)
+    monkeypatch.setattr(store_sources, "ROOT", tmp_path)
     (tmp_path / "a.py").write_text("1")
     before = digest_sources(("*.py",))
     time.sleep(0.01)
@@ -162,7 +161,7 @@ def test_the_build_s_own_patterns_match_files():
     from fastac.store.sources import HARDWARE_SOURCES, TRAINING_SOURCES
 
     sources = (*TRAINING_SOURCES, *HARDWARE_SOURCES)
-    for pattern in (*sources, "sim/**/*.py", "fastac/report*.py", "fastac/*.j2"):
+    for pattern in (*sources, "sim/**/*.py", "fastac/report/*.py", "fastac/report/*.j2"):
         assert any(store_sources.ROOT.glob(pattern)), pattern
 
 
