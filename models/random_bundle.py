@@ -13,6 +13,7 @@ from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
 from fastac.scenes.schema import Scene
+from fastac.scenes.solvers import SOLVERS
 
 GOOD = (5, 10, 20, 30, 40)
 """How far the frames that make a bundle's limits differ from the background; larger changes are suspect."""
@@ -46,7 +47,7 @@ def scene(
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
-        clamp = solver != "adjoint"
+        clamp = SOLVERS[solver].can_clamp
     return Scene.model_validate(
         {
             "name": "random_bundle",
