@@ -9,6 +9,7 @@ from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.stream import frame_guard
 from fastac.sim.runner import simulate
 
+BENCHES = ("registers", "registers_results", "registers_calibration")
 SHAPE = {
     "bundle_hash": 0xFEDCBA9876543210,
     "version": 3,
@@ -34,7 +35,7 @@ def test_registers(tmp_path, outputs):
     simulate(
         RegisterBlock(identity),
         "registers",
-        "fastac.sim.benches.registers",
+        ",".join(f"fastac.sim.benches.{name}" for name in BENCHES),
         tmp_path,
         IDENTITY=json.dumps(asdict(identity)),
     )
