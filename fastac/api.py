@@ -191,7 +191,7 @@ class TactileSensor:
         """The dataset in a file of this sensor, RAW10 images processed to channels.
 
         store : the folder of the step store, which keeps processed RAW10 images; nothing else is kept
-        Raises DatasetError where the file is malformed or of another sensor. `docs/recordings.md` tells how to
+        Raises DatasetError where the file is malformed or of another sensor. `docs/recordings.md` says how to
         make one.
 
         >>> data = sensor.read("build/paper/data.h5")
