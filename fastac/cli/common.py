@@ -1,5 +1,6 @@
 """What the commands share: groups whose errors are one line, options, the folders of builds."""
 
+import os
 from pathlib import Path
 
 import click
@@ -23,6 +24,36 @@ class Lanes(click.ParamType):
 
 
 INPUT = click.Path(path_type=Path)
+
+
+class Output(click.ParamType):
+    """A path that will be written: refused before any work if that cannot succeed.
+
+    kind : "file" or "folder"; folders on the way to it need not exist yet
+    """
+
+    name = "path"
+
+    def __init__(self, kind: str):
+        self.kind = kind
+
+    def convert(self, value, parameter, context):
+        path = Path(value)
+        if self.kind == "file" and path.is_dir():
+            raise click.ClickException(f"{path}: is a folder; give the name of a file")
+        if self.kind == "folder" and path.exists() and not path.is_dir():
+            raise click.ClickException(f"{path}: is a file; give the name of a folder")
+        folder = path if path.is_dir() else path.absolute().parent
+        while not folder.exists():
+            folder = folder.parent
+        if not folder.is_dir():
+            raise click.ClickException(f"{path}: {folder} is a file, not a folder")
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise click.ClickException(f"{path}: folder {folder} cannot be written")
+        return path
+
+
+OUTPUT_FILE, OUTPUT_FOLDER = Output("file"), Output("folder")
 SPLITS = click.Choice(["train", "validation", "test", "all"])
 
 
@@ -44,8 +75,10 @@ def progress_option(command):
     )
 
 
-def output_option(default: str, text: str):
-    return click.option("-o", "--output", type=INPUT, default=None, help=f"{text} [default: {default}]")
+def output_option(text: str, kind: Output, default: str | None = None):
+    """The option -o of a command: required unless the help names a default, which the command works out."""
+    text += f" [default: {default}]" if default else ""
+    return click.option("-o", "--output", type=kind, required=default is None, help=text)
 
 
 def cache_option(text: str):

@@ -49,15 +49,14 @@ def calibration(bundle, hardware, with_hardware_force, output):
     background is not part of it: let the hardware capture its own.
     """
     from fastac.gateware import calibration as images
+    from fastac.store.files import write_atomically
 
     model, known = load_bundle(bundle), load_bundle(hardware)
     if with_hardware_force:
         model = images.with_hardware_force(model, known, with_hardware_force)
     words = images.calibration_words(model, known)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    temporary = output.with_name(f".{output.name}.part")
-    temporary.write_bytes(words.astype("<u4").tobytes())
-    temporary.replace(output)
+    with write_atomically(output) as temporary:
+        temporary.write_bytes(words.astype("<u4").tobytes())
     click.echo(f"{output}: {len(words)} words, layout {words[0]:#010x}, sha256 {model.digest}")
 
 

@@ -93,30 +93,23 @@ def predict(bundle, data, use_float, split, output, progress):
     The integers are those of the hardware, bit for bit.
     """
     from fastac import api
+    from fastac.store.files import write_atomically
 
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
     index = sensor_samples.split_indices(samples, split, data)
     arithmetic = "float" if use_float else "integer"
-    output.parent.mkdir(parents=True, exist_ok=True)
-    if output.is_dir():
-        raise IsADirectoryError(f"{output}: is a folder; give the name of a file")
-    temporary = output.with_name(f".{output.name}.part")
-    try:
-        with h5py.File(temporary, "w") as file:  # before the frames, so that a bad path fails now
-            file.attrs["bundle_sha256"] = sensor.digest
-            file.attrs["arithmetic"] = arithmetic
-            file.attrs["pitch_mm"] = samples.pitch_mm
-            file.attrs["force_axes"] = ",".join(sensor.force_axes)
-            file["frame_index"] = index
-            found = sensor.with_background(samples.background).run(
-                samples.frames[index], arithmetic=arithmetic, outputs=sensor.outputs, progress=progress
-            )
-            for name in sensor.outputs:
-                file[name] = np.asarray(getattr(found, name), np.float32)
-        temporary.replace(output)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with write_atomically(output) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["bundle_sha256"] = sensor.digest
+        file.attrs["arithmetic"] = arithmetic
+        file.attrs["pitch_mm"] = samples.pitch_mm
+        file.attrs["force_axes"] = ",".join(sensor.force_axes)
+        file["frame_index"] = index
+        found = sensor.with_background(samples.background).run(
+            samples.frames[index], arithmetic=arithmetic, outputs=sensor.outputs, progress=progress
+        )
+        for name in sensor.outputs:
+            file[name] = np.asarray(getattr(found, name), np.float32)
     click.echo(f"{output}: {', '.join(sorted(sensor.outputs))} of {len(index)} frames")
 
 
@@ -135,7 +128,7 @@ def objects(bundles, load_n, output, progress):
     normals and depth, and objects.json with the errors. The objects are pressed on the elastic layer, which
     is solved at the pixels. All of it is simulated.
     """
-    from fastac.store.files import write_json
+    from fastac.store.files import write_json, write_text
     from fastac.studies.demos import reconstruction as test_objects
     from fastac.studies.demos import reconstruction_figures
 
@@ -143,9 +136,7 @@ def objects(bundles, load_n, output, progress):
     output.mkdir(parents=True, exist_ok=True)
     for item in shown:
         reconstruction_figures.draw(item, output / f"{item.name}.png")
-    temporary = output / ".objects.html.part"
-    temporary.write_text(reconstruction_figures.page(shown), encoding="utf-8")
-    temporary.replace(output / "objects.html")
+    write_text(output / "objects.html", reconstruction_figures.page(shown))
     content = test_objects.summary(shown)
     write_json(output / "objects.json", content)
     click.echo(test_objects.table(content))

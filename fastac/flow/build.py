@@ -193,7 +193,7 @@ class Build:
                 digest_file(folder / synthesis.FILE) if (folder / synthesis.FILE).exists() else None,
                 (
                     "fastac/report/*.py",
-                    "fastac/report/page.html.j2",
+                    "fastac/report/*.j2",
                     "fastac/synth/energy.py",
                     "fastac/report/paper.py",
                 ),

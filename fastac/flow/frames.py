@@ -8,7 +8,6 @@ import dataclasses
 import hashlib
 import json
 import os
-import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from zipfile import BadZipFile
@@ -23,7 +22,7 @@ from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.fingertip import sample
 from fastac.sensor.mechanics.press import PressedSkin
-from fastac.store.files import digest_file
+from fastac.store.files import digest_file, write_atomically
 from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
 
@@ -70,13 +69,5 @@ def _keep(path: Path, data: Dataset, sensor: Sensor, progress: bool) -> None:
         done = pool.map(lambda raw: channels(raw, sensor), data.raw10)
         bar = progress_bar(done, total=len(data), desc="image processing", enabled=progress)
         frames = np.stack(list(bar))
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=path.parent, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, frames=frames, background=channels(data.background, sensor))
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with write_atomically(path) as temporary:
+        np.savez(temporary, frames=frames, background=channels(data.background, sensor))

@@ -17,6 +17,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.result import Result
 from fastac.scenes.schema import AXES
 from fastac.sensor.dataset import Dataset
+from fastac.store.files import write_atomically
 
 DPI = 100
 
@@ -97,9 +98,8 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     draw_cycles(axis, report["latency_cycles_by_formula"]["stage"])
     axis.legend(fontsize=7, ncol=6, loc="upper center", bbox_to_anchor=(0.5, -0.6), frameon=False)
     axis.set_title(heading(report), fontsize=9)
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
-    figure.savefig(temporary, dpi=DPI)
-    temporary.replace(path)
+    with write_atomically(path) as temporary:
+        figure.savefig(temporary, dpi=DPI)
     plt.close(figure)
 
 

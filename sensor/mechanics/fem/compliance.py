@@ -11,8 +11,6 @@ in blocks.
 """
 
 import hashlib
-import os
-import tempfile
 from itertools import pairwise
 from pathlib import Path
 from zipfile import BadZipFile
@@ -27,6 +25,7 @@ from skfem.helpers import ddot, div, sym_grad
 
 from fastac.sensor.mechanics.fem.mesh import GelMesh
 from fastac.sensor.mechanics.press import FemError
+from fastac.store.files import write_atomically
 from fastac.store.progress import progress_bar
 
 COLUMNS = 512
@@ -136,13 +135,6 @@ def cached_unit_compliance(
             )
         return matrix
     matrix = unit_compliance(mesh, poisson_ratio, progress=progress)
-    cache.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=cache, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, compliance_mm_per_n=matrix)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with write_atomically(path) as temporary:
+        np.savez(temporary, compliance_mm_per_n=matrix)
     return matrix
