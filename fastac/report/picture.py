@@ -71,7 +71,7 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     """
     scene = bundle.scene
     shown, held_out = np.array(report["rtl_vs_integer"]["frame_indices"]), data.indices("test")
-    with_force = scene.wants_force and data.knows_force(scene.force_axes)
+    with_force = scene.wants_force and data.has_force(scene.force_axes)
     sample = shown[0]
     if with_force:
         sample = shown[np.abs(data.forces_n(shown, scene.force_axes)).max(axis=1).argmax()]

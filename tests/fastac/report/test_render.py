@@ -22,7 +22,7 @@ def test_a_page_has_the_look_of_the_base_and_its_own_content():
     assert page.startswith("<!doctype html>")
     assert page.rstrip().endswith("</html>")
     assert page.count("<style>") == page.count("<title>") == 1
-    assert "<title>FasTac: the paper&#39;s tables, a&lt;b</title>" in page
+    assert "<title>FasTac: the paper's tables, a&lt;b</title>" in page
     assert "<td>&lt;1</td>" in page
     assert '<p class="note">A note.</p>' in page
     assert '<p class="note">Absent: no force.</p>' in page
