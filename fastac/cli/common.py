@@ -1,4 +1,4 @@
-"""What the commands share: groups whose errors are one line, options, the folders of builds."""
+"""What the commands share: one-line errors, checks of output paths, options, folders of builds."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ import click
 
 
 class Lanes(click.ParamType):
-    """Numbers of pixels a clock, separated by commas."""
+    """Numbers separated by commas, each once: pixels a clock, or worker processes."""
 
     name = "N,N,..."
 
@@ -55,11 +55,10 @@ class Output(click.ParamType):
 
 
 OUTPUT_FILE, OUTPUT_FOLDER = Output("file"), Output("folder")
-SPLITS = click.Choice(["train", "validation", "test", "all"])
 
 
 class Group(click.Group):
-    """Errors that users can mend end in one line, not in a traceback."""
+    """A group of commands whose expected errors are printed as one line instead of a traceback."""
 
     def invoke(self, context):
         try:
@@ -71,9 +70,11 @@ class Group(click.Group):
 
 
 def progress_option(command):
-    return click.option("--progress/--no-progress", default=True, help="Show progress bars on stderr.")(
-        command
-    )
+    return click.option(
+        "--progress/--no-progress",
+        default=True,
+        help="Show progress on standard error: bars on a terminal, a line a minute elsewhere.",
+    )(command)
 
 
 def output_option(text: str, kind: Output, default: str | None = None):
@@ -82,13 +83,24 @@ def output_option(text: str, kind: Output, default: str | None = None):
     return click.option("-o", "--output", type=kind, required=default is None, help=text)
 
 
+def split_option(default: str):
+    """Which samples of a dataset a command takes."""
+    return click.option(
+        "--split",
+        type=click.Choice(["train", "validation", "test", "all"]),
+        default=default,
+        show_default=True,
+        help="Samples of the dataset to take.",
+    )
+
+
 def store_option(text: str):
     return click.option(
         "--store",
         type=INPUT,
         default=Path("build/store"),
         show_default=True,
-        help=f"Folder of the step store, which keeps {text}.",
+        help=f"Folder where results of expensive steps are kept and reused: {text}.",
     )
 
 
@@ -115,20 +127,22 @@ def run_build(scene, folder: Path, data: Path | None, progress: bool, until: str
 
 
 def cad_options(command):
-    """The skin at rest, and where the machine has the sensor's origin."""
+    """Options for the surface of the sensor at rest and for its place in the machine's coordinates."""
     options = [
         click.option(
-            "--cad", type=INPUT, help="STL in mm, or height map .npy in mm. [default: the scene's skin]"
+            "--cad",
+            type=INPUT,
+            help="Surface of the sensor at rest: STL or height map .npy, in mm. [default: the scene's skin]",
         ),
-        click.option("--cad-pitch-mm", type=float, help="Distance of a height map's samples, mm."),
+        click.option("--cad-pitch-mm", type=float, help="Distance between the samples of a height map, mm."),
         click.option(
             "--origin-mm",
             type=float,
             nargs=3,
             default=(0.0, 0.0, 0.0),
             show_default=True,
-            help="x, y, z of the sensor's origin in the machine's coordinates: the image's centre, the lowest"
-            " corner of the skin.",
+            help="Sensor's origin in the machine's coordinates, mm: x and y of the image's centre, z of the"
+            " lowest corner of the skin.",
         ),
     ]
     for option in reversed(options):

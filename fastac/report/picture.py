@@ -75,7 +75,7 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     sample = shown[0]
     if with_force:
         sample = shown[np.abs(data.forces_n(shown, scene.force_axes)).max(axis=1).argmax()]
-    emulator = accuracy.of_dataset(bundle.pipeline, data)
+    emulator = accuracy.with_background_of(bundle.pipeline, data)
     panels = images(data, sample, emulator.run(data.frames[[sample]]), scene.training.labels)
     count = len(panels) + (len(scene.force_axes) if with_force else 0)
     figure = plt.figure(figsize=(2.3 * count, 3.9), layout="constrained")
