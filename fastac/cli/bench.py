@@ -56,7 +56,13 @@ def rig(scene, store, progress):
 @click.argument("spec", type=INPUT)
 @click.option("--points", type=click.IntRange(1), default=40, show_default=True, help="Number of points.")
 @click.option("--workers", type=Lanes(), default="1,2", show_default=True, help="Numbers of workers.")
-@click.option("--cache", type=INPUT, default=Path("build/sweep/cache"), show_default=True)
+@click.option(
+    "--cache",
+    type=INPUT,
+    default=Path("build/sweep/cache"),
+    show_default=True,
+    help="Folder of datasets and trained models that all sweeps share.",
+)
 def sweep(spec, points, workers, cache):
     """Time the points of the sweep SPEC with several numbers of worker processes.
 

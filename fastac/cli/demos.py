@@ -34,7 +34,8 @@ def vibration(bundle, seconds, load_n, amplitude_n, output, store, progress):
 
     A 240 Hz camera records it. Pipelines with the paper's output rates (104, 156 and 240 Hz) and with this
     design's own rate take the newest frame whenever they are free and drop the others. The largest peak of
-    each spectrum is compared with the input frequency and with the alias that the rate implies. Simulated.
+    each spectrum is compared with the input frequency and with the alias that the rate implies. All
+    of it is simulated.
 
     \b
     Example: fastac vibration build/paper
@@ -86,7 +87,7 @@ def grasp(bundle, grip_n, step_deg, stable, margin, output, store, progress):
     Done twice: with a fixed angle between the fingers, and with the paper's feedback, which closes them
     whenever the forces that BUNDLE measures have F_s/F_n > μ_s + d. Whether the bottle slips follows from the
     simulated contact and its friction. BUNDLE's scene needs the output force_xyz, finite elements and
-    friction. Simulated.
+    friction. All of it is simulated.
 
     \b
     Example: fastac grasp build/grasp

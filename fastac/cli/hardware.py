@@ -45,16 +45,22 @@ def verilog(bundle, output, progress):
     "--for", "hardware", type=INPUT, required=True, help="Bundle that the running hardware was made from."
 )
 @click.option(
-    "--keep-force", type=INPUT, help="Keep the hardware's force; the bundle with it goes to this folder."
+    "--keep-force",
+    "with_hardware_force",
+    type=OUTPUT_FOLDER,
+    help="Keep the force weights of the hardware; the bundle that has them is written to this folder.",
 )
 @output_option("The file to write.", OUTPUT_FILE)
 def calibration(bundle, hardware, with_hardware_force, output):
-    """BUNDLE's pixel network, and what follows from it, as words for hardware that already runs.
+    """Write BUNDLE's pixel network and what depends on it as words to load into hardware that already runs.
 
-    The hardware's register CALIBRATION takes them, 32 bits each, little-endian, one after another, while no
-    frame is in flight. What a calibration does not bring must be the same in both bundles: formats, solver,
-    weights of the force, which differ from training to training unless --keep-force takes the hardware's. The
-    background is not part of it: let the hardware capture its own.
+    A driver writes the words, 32 bits each, little-endian, one after another into the hardware's register
+    CALIBRATION while no frame is in flight. All else must be equal in both bundles: word formats, solver and
+    the force weights, which differ from training to training unless --keep-force takes those of the hardware.
+    The background is not included: let the hardware capture it anew.
+
+    \b
+    Example: fastac calibration build/new --for build/paper -o calibration.bin
     """
     from fastac.gateware import calibration as images
     from fastac.store.files import write_atomically

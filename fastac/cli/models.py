@@ -144,7 +144,7 @@ def objects(bundles, load_n, output, progress):
     All BUNDLEs see the same deformed skin, so that one of three channels and one of four can be compared.
     Writes objects.html (point clouds and three-axis forces on the curved surface, interactive), a picture of
     each object's normals and depth, and objects.json with the errors. The skin is the elastic-layer model,
-    solved at every pixel. Simulated.
+    solved at every pixel. All of it is simulated.
 
     \b
     Example: fastac objects build/fingertip -o build/objects
