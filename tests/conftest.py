@@ -120,7 +120,7 @@ def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, tmp_path_factory) -> Path:
 
     folder = tmp_path_factory.mktemp("build") / "tiny_rig"
     data = folder.with_name("tiny_rig.h5")
-    generate(tiny_rig_scene, data, cache=tiny_rig_cache, progress=False, processes=1)
+    generate(tiny_rig_scene, data, store=tiny_rig_cache, progress=False, processes=1)
     Build(tiny_rig_scene, folder, data, progress=False).run(lambda name, current: None, until="bundle")
     return folder
 

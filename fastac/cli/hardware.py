@@ -14,9 +14,9 @@ from fastac.cli.common import (
     progress_option,
     run_build,
 )
+from fastac.report import synthesis_table
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
-from fastac.synth import table
 
 
 @click.command()
@@ -153,5 +153,5 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
         jobs=jobs,
         progress=progress,
     )
-    click.echo(table.table(content, DEVICE))
+    click.echo(synthesis_table.table(content, DEVICE))
     click.echo(f"{output / synthesis.FILE}")

@@ -13,6 +13,7 @@ from fastac.cli.common import (
     progress_option,
     run_build,
 )
+from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
 
@@ -31,13 +32,13 @@ def train(scene, data, output, progress):
 
 
 def print_errors(errors: dict) -> None:
-    click.echo(f"{'':34s} {'float':>12s} {'integer':>12s} {'growth':>9s}")
+    rows = []
     for key, value in errors["float"].items():
         growth = errors["growth_percent"].get(key)
-        change = "" if growth is None else f"{growth:+8.2f}%"
-        click.echo(f"{key:34s} {value:12.6f} {errors['integer'][key]:12.6f} {change:>9s}")
-    for key, count in errors["saturated_values"].items():
-        click.echo(f"{key:34s} {'':12s} {count:12d} values")
+        change = None if growth is None else f"{growth:+.2f}%"
+        rows.append([key, f"{value:.6f}", f"{errors['integer'][key]:.6f}", change])
+    rows += [[key, None, f"{count} values", None] for key, count in errors["saturated_values"].items()]
+    click.echo(text_table(["error", "float", "integer", "growth"], rows))
 
 
 @click.command()

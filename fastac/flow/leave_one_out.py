@@ -12,6 +12,7 @@ from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
 from fastac.models.training import slope_force
 from fastac.models.training.from_forces import background_differences
+from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
@@ -111,11 +112,12 @@ def evaluate(data: Dataset, scene: Scene, path: Path, folder: Path, *, progress:
 
 
 def table(content: dict) -> str:
-    """The errors as text, a line for each group and one for the mean."""
-    width = max(len("left out"), *(len(name) for name in content["groups"]))
-    lines = [f"{'left out':{width}s} {'frames':>8s}" + "".join(f"{f'{model}, N':>14s}" for model in MODELS)]
-    for name, entry in content["groups"].items():
-        values = "".join(f"{entry['mae_n'][model]:14.4f}" for model in MODELS)
-        lines.append(f"{name:{width}s} {entry['frames']:8d}{values}")
-    values = "".join(f"{content['mean_mae_n'][model]:14.4f}" for model in MODELS)
-    return "\n".join([*lines, f"{'mean':{width}s} {'':8s}{values}"])
+    """The errors as text: a row for each group that was left out, and one for the mean."""
+    rows = [(name, entry["frames"], entry["mae_n"]) for name, entry in content["groups"].items()]
+    return text_table(
+        ["left out", "frames", *(f"{model}, N" for model in MODELS)],
+        [
+            [name, frames, *(f"{mae_n[model]:.4f}" for model in MODELS)]
+            for name, frames, mae_n in (*rows, ("mean", None, content["mean_mae_n"]))
+        ],
+    )

@@ -1,8 +1,8 @@
 """A camera with an RGB-IR filter array: from the light of four channels to a 10-bit RAW image.
 
 In order: vignetting, filter array with crosstalk of NIR into the visible pixels, photon noise, read noise,
-black level, dead and hot pixels, 10 bits. The layout is that of the paper's OV2736 (sensor/optics/mosaic.py); its
-data sheet is not public, so that every number here is an assumption, named in `RawCamera`.
+black level, dead and hot pixels, 10 bits. The layout is that of the paper's OV2736 (sensor/optics/mosaic.py);
+its data sheet is not public, so that every number here is an assumption, named in `RawCamera`.
 """
 
 from dataclasses import dataclass

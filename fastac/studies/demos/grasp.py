@@ -92,7 +92,7 @@ def run(
     folder: Path,
     *,
     grasp: Grasp | None = None,
-    cache: Path = frames.CACHE,
+    store: Path = frames.STORE,
     progress: bool = True,
 ) -> dict:
     """The whole experiment: grasp.json and grasp.png in `folder`; returns what the JSON holds.
@@ -105,7 +105,7 @@ def run(
     scene = bundle.scene
     require_friction(scene)
     grasp = (grasp or Grasp()).of_scene(scene)
-    rig = rig_of(scene.sensor, cache, progress=progress)
+    rig = rig_of(scene.sensor, store, progress=progress)
     test = slip_test(bundle, rig, grasp, progress=progress)
     stable, margin = grasp.stable_share * test["found_ratio"], grasp.margin_share * test["found_ratio"]
     latency_s = cycles(scene)["first_pixel_to_force"] / (scene.hardware.clock_mhz * 1e6)

@@ -12,6 +12,7 @@ from pathlib import Path
 import matplotlib
 
 from fastac.models.integer.bundle import load_bundle
+from fastac.report.tables import text_table
 from fastac.scenes.schema import AXES
 
 matplotlib.use("Agg")
@@ -19,7 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac.flow import frames, training
-from fastac.flow.build import float_settings
+from fastac.flow.settings import float_settings
 from fastac.models.floating import displacement_3d
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.training.hyperforce_3d import input_components, train
@@ -28,7 +29,7 @@ from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.samples import SPLITS
-from fastac.store.files import content_hash, digest_file, read_or_make, write_json
+from fastac.store.files import content_hash, digest_file, load_arrays, read_or_make, save_arrays, write_json
 from fastac.store.sources import digest_sources
 
 SOURCES = ("models/**/*.py", "fastac/studies/reproduce/force_ablation.py", "fastac/flow/training.py")
@@ -145,15 +146,18 @@ def table(content: dict) -> str:
     lines = [f"frames: {content['frames']}; ours: {content['source']}; the paper's: its own sensor"]
     for name, found in content["displacements"].items():
         lines += ["", f"{name} displacements: mean absolute error, N, ours (the paper's)"]
-        lines.append(f"  {'kernel':8s} {'inputs':7s}" + "".join(f"{f'F_{axis}':>18s}" for axis in AXES))
-        for (kernel, inputs), paper in FORCE_MAE_N.items():
-            ours = found["results"][f"{kernel} {inputs}"]["mae_n"]
-            cells = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(ours, paper, strict=True))
-            lines.append(f"  {kernel:8s} {inputs:7s}{cells}")
-        full = found["results"]["dynamic xyz"]
-        for key, paper in FORCE_FULL.items():
-            cells = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(full[key], paper, strict=True))
-            lines.append(f"  {'dynamic xyz, ' + key:16s}"[:30].ljust(16) + cells)
+        results, full = found["results"], found["results"]["dynamic xyz"]
+        rows = [(*form, results[" ".join(form)]["mae_n"], paper) for form, paper in FORCE_MAE_N.items()]
+        rows += [("dynamic", f"xyz, {key}", full[key], paper) for key, paper in FORCE_FULL.items()]
+        lines.append(
+            text_table(
+                ["kernel", "inputs", *(f"F_{axis}" for axis in AXES)],
+                [
+                    [*form, *(f"{a:.4f} ({b:.4f})" for a, b in zip(ours, paper, strict=True))]
+                    for *form, ours, paper in rows
+                ],
+            )
+        )
         if any(found.get("lost_frames", {}).values()):
             lines.append(f"  left out, markers lost: {found['lost_frames']}")
     return "\n".join(lines)
@@ -181,7 +185,7 @@ def run(
     path: Path,
     output: Path,
     kinds: tuple[str, ...],
-    cache: Path,
+    store: Path,
     *,
     data: Dataset | None = None,
     progress: bool,
@@ -193,7 +197,7 @@ def run(
     bundle = load_bundle(origin) if origin.is_dir() else None
     scene = bundle.scene if bundle else scenes.load(origin)
     if data is None:
-        data = frames.read(path, scene, cache=cache, progress=progress)
+        data = frames.read(path, scene, store=store, progress=progress)
     require(data, scene, path, "true" in kinds)
     code, digest = digest_sources(SOURCES), digest_file(path)
     runs, content, pairs = output / "runs", {}, {}
@@ -212,12 +216,12 @@ def run(
                 weights.parent.mkdir(parents=True, exist_ok=True)
                 if not weights.exists():
                     training.normals(data, scene, weights, progress=progress)
-                pipeline = training.float_pipeline(training.load_arrays(weights), data, scene)
+                pipeline = training.float_pipeline(load_arrays(weights), data, scene)
             kept = runs / f"displacement-{key}.npz"
             if not kept.exists():
                 kept.parent.mkdir(parents=True, exist_ok=True)
-                training.save_arrays(kept, find_arrays(pipeline, data, progress=progress))
-            parts, known["lost_frames"] = found_fields(training.load_arrays(kept), data)
+                save_arrays(kept, find_arrays(pipeline, data, progress=progress))
+            parts, known["lost_frames"] = found_fields(load_arrays(kept), data)
             known["file"] = str(kept.relative_to(output))
         rest = data.rest_depth_mm.astype(np.float64)
         known["results"], full_n = ablate(scene, rest, parts, runs, f"{kind}-{key}", progress=progress)

@@ -15,13 +15,13 @@ from fastac.sensor.protocol import Station
 
 
 class FemRig:
-    """The gel of a sensor, see `press.Rig`; its compliance is read from the folder `cache`, or computed and
-    stored there."""
+    """The gel of a sensor, see `press.Rig`; its compliance is kept in the step store in the folder
+    `store`."""
 
-    def __init__(self, sensor: Sensor, cache: Path | str, *, progress: bool = True):
+    def __init__(self, sensor: Sensor, store: Path | str, *, progress: bool = True):
         self.sensor = sensor
         elements, layers = sensor.elastomer.elements, sensor.elastomer.layers
-        self.gel = Gel.of_sensor(sensor, cache, elements=elements, layers=layers, progress=progress)
+        self.gel = Gel.of_sensor(sensor, store, elements=elements, layers=layers, progress=progress)
 
     def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
         """The vertical sample of a station and its tangential ones; see `press.Rig`."""

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from fastac.cli.main import main
 from fastac.flow import verify
 from fastac.sensor import samples
 from fastac.studies.robustness import drift, extremes, words, worst_case_hardware
@@ -23,7 +24,7 @@ def folder(tiny_folder, tiny_file, tmp_path_factory):
 @pytest.fixture(scope="module")
 def content(folder):
     """What the command writes, without the hardware."""
-    result = CliRunner().invoke(extremes.main, [str(folder), "--no-rtl", "--no-progress"])
+    result = CliRunner().invoke(main, ["study", "extremes", str(folder), "--no-rtl", "--no-progress"])
     assert result.exit_code == 0, result.output
     assert "every value of every frame is finite: yes" in result.output
     assert (folder / extremes.PLOT).stat().st_size > 10_000
@@ -125,7 +126,7 @@ def test_what_differs_is_counted(tiny_bundle, monkeypatch):
 
 
 def test_no_build_folder(tmp_path):
-    result = CliRunner().invoke(extremes.main, [str(tmp_path)])
+    result = CliRunner().invoke(main, ["study", "extremes", str(tmp_path)])
     assert result.exit_code == 1
     assert result.output.startswith("Error: ")
     assert result.output.count("\n") == 1
