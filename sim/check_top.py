@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from fastac.gateware.bus.register_map import ID
-from fastac.gateware.top_zynq import RasterOutput, TopZynq
+from fastac.gateware.raster_outputs import RASTERS, RasterOutput
+from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import suspects
 from fastac.models.result import Result
+from fastac.scenes.outputs import OUTPUTS
 from fastac.sim.runner import build
 from fastac.store.progress import watched
 
@@ -70,12 +72,13 @@ class Report:
 
 def expected_words(top: TopZynq, result: Result) -> dict[str, np.ndarray]:
     """What the output streams must carry, lane by lane, as the reference computes it."""
-    in_order = {
-        "normals": lambda: result.normal_words,
-        "depth": lambda: result.depth_words,
-        "force_map": lambda: np.moveaxis(result.force_map_raw, 1, -1),
-    }
-    return {output.name: in_order[output.name]()[:, output.row_order] for output in top.outputs}
+    expected = {}
+    for output in top.outputs:
+        words = getattr(result, OUTPUTS[output.name].words)
+        if RASTERS[output.name].axis_planes:
+            words = np.moveaxis(words, 1, -1)
+        expected[output.name] = words[:, output.row_order]
+    return expected
 
 
 def bench_settings(top: TopZynq) -> dict:

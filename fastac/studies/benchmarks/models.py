@@ -19,6 +19,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.result import Result
+from fastac.scenes.outputs import hardware_words, measured
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import evenly_spaced
 from fastac.studies.benchmarks.timing import fastest
@@ -46,19 +47,12 @@ def line(name: str, seconds: tuple[float, float], frames: int) -> str:
     return f"  {name:44s} {wall:8.2f} ms {1e3 / wall:8.0f} frames/s {processor:9.2f} ms of processor time"
 
 
-def put_out(scene: Scene) -> dict[str, tuple[str, ...]]:
-    """What of all results a scene puts out, in the emulator's words and in the float pipeline's units."""
-    words, units = ["validity"], []
-    for wanted, word, unit in (
-        ("normals" in scene.outputs, "normal_words", "normals"),
-        ("depth" in scene.outputs, "depth_words", "depth_mm"),
-        (scene.wants_force, "force_raw", "force_n"),
-        (scene.wants_force_map, "force_map_raw", "force_map_n"),
-    ):
-        if wanted:
-            words.append(word)
-            units.append(unit)
-    return {"emulator": tuple(words), "float pipeline": tuple(units)}
+def scene_outputs(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """The results that are the scene's outputs: the emulator's in words, the float pipeline's in units."""
+    return {
+        "emulator": ("validity", *hardware_words(scene.outputs)),
+        "float pipeline": tuple(measured(scene.outputs)),
+    }
 
 
 def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
@@ -80,7 +74,7 @@ def measure(folder: Path) -> Iterator[str]:
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
     yield f"{folder}, {' × '.join(map(str, pipeline.background.shape))}"
     for name, model in models.items():
-        wanted = put_out(bundle.scene)[name]
+        wanted = scene_outputs(bundle.scene)[name]
         yield line(f"{name}, all results", fastest(partial(model.run, frames), REPEATS), FRAMES)
         yield (
             line(
