@@ -24,8 +24,6 @@ Where `valid` is true, ground truth is finite and normals are unit vectors with 
 undefined (the importers write NaN there, so that code that ignores `valid` fails visibly).
 """
 
-import os
-import tempfile
 from dataclasses import fields
 from pathlib import Path
 
@@ -34,6 +32,7 @@ import numpy as np
 
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import FORCE_AXES, SPLITS, Dataset, DatasetError, check
+from fastac.store.files import write_atomically
 
 __all__ = ["FORCE_AXES", "SPLITS", "Dataset", "DatasetError", "read", "write"]
 
@@ -118,31 +117,23 @@ def write(
     check(data, None, str(path))
     if not path.parent.is_dir():
         raise DatasetError(f"{path}: {path.parent} is not a folder")
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    os.close(handle)
-    try:
-        with h5py.File(temporary, "w") as file:
-            file.attrs["format_version"] = FORMAT_VERSION
-            file.attrs["pitch_mm"] = pitch_mm
-            file.attrs["channels"] = ",".join(channels)
-            file.attrs["source"] = source
-            if force_n is not None and axes != FORCE_AXES:
-                file.attrs["force_axes"] = ",".join(axes)
-            if left_out:
-                file.attrs["left_out"] = left_out
-            for key, array in arrays.items():
-                packed = {"compression": "lzf", "shuffle": True} if key in CHUNKED else {}
-                chunks = (1, *array.shape[1:]) if key in CHUNKED else None
-                file.create_dataset(key, data=array, chunks=chunks, **packed)
-            for key, text in texts.items():
-                file.create_dataset(key, data=text.tolist(), dtype=h5py.string_dtype())
-            for key, array in (poses or {}).items():
-                file.create_dataset(f"indenter/{key}", data=array)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with write_atomically(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["pitch_mm"] = pitch_mm
+        file.attrs["channels"] = ",".join(channels)
+        file.attrs["source"] = source
+        if force_n is not None and axes != FORCE_AXES:
+            file.attrs["force_axes"] = ",".join(axes)
+        if left_out:
+            file.attrs["left_out"] = left_out
+        for key, array in arrays.items():
+            packed = {"compression": "lzf", "shuffle": True} if key in CHUNKED else {}
+            chunks = (1, *array.shape[1:]) if key in CHUNKED else None
+            file.create_dataset(key, data=array, chunks=chunks, **packed)
+        for key, text in texts.items():
+            file.create_dataset(key, data=text.tolist(), dtype=h5py.string_dtype())
+        for key, array in (poses or {}).items():
+            file.create_dataset(f"indenter/{key}", data=array)
 
 
 def read(path: Path | str, scene: Scene | None = None) -> Dataset:
