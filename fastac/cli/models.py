@@ -16,6 +16,7 @@ from fastac.cli.common import (
 from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
+from fastac.store.files import write_atomically
 
 
 @click.command()
@@ -98,25 +99,20 @@ def predict(bundle, data, use_float, split, output, progress):
     samples = sensor.read(data, progress=progress)
     index = sensor_samples.split_indices(samples, split, data)
     arithmetic = "float" if use_float else "integer"
-    output.parent.mkdir(parents=True, exist_ok=True)
     if output.is_dir():
         raise IsADirectoryError(f"{output}: is a folder; give the name of a file")
-    temporary = output.with_name(f".{output.name}.part")
-    try:
-        with h5py.File(temporary, "w") as file:  # before the frames, so that a bad path fails now
-            file.attrs["bundle_sha256"] = sensor.digest
-            file.attrs["arithmetic"] = arithmetic
-            file.attrs["pitch_mm"] = samples.pitch_mm
-            file.attrs["force_axes"] = ",".join(sensor.force_axes)
-            file["frame_index"] = index
-            found = sensor.with_background(samples.background).run(
-                samples.frames[index], arithmetic=arithmetic, outputs=sensor.outputs, progress=progress
-            )
-            for name in sensor.outputs:
-                file[name] = np.asarray(getattr(found, name), np.float32)
-        temporary.replace(output)
-    finally:
-        temporary.unlink(missing_ok=True)
+    # Opened before the frames are run, so that a path that cannot be written fails at once.
+    with write_atomically(output) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["bundle_sha256"] = sensor.digest
+        file.attrs["arithmetic"] = arithmetic
+        file.attrs["pitch_mm"] = samples.pitch_mm
+        file.attrs["force_axes"] = ",".join(sensor.force_axes)
+        file["frame_index"] = index
+        found = sensor.with_background(samples.background).run(
+            samples.frames[index], arithmetic=arithmetic, outputs=sensor.outputs, progress=progress
+        )
+        for name in sensor.outputs:
+            file[name] = np.asarray(getattr(found, name), np.float32)
     click.echo(f"{output}: {', '.join(sorted(sensor.outputs))} of {len(index)} frames")
 
 
