@@ -26,7 +26,7 @@ Point = tuple[float, float, float]
 
 
 def planned_poses(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) -> list[Pose]:
-    """The poses and loads of a scene's protocol; z is where the ball first touches `cad`, plus `origin_mm`."""
+    """Poses and loads of a scene's protocol; z is where the ball first touches `cad`, plus `origin_mm`."""
     found, ball_mm = [], scene.protocol.ball_mm
     for station in stations(scene):
         touch = cad.first_touch_mm(ball_mm, station.x_mm, station.y_mm)

@@ -85,7 +85,7 @@ class Video:
 
 
 def footage(path: Path) -> Photographs | Video:
-    """The frames at `path`. Raises ImportFailure if the path does not exist or the folder has no photograph."""
+    """The frames at `path`. Raises ImportFailure if there is nothing, or no photograph."""
     if path.is_dir():
         return Photographs.of(path)
     if not path.is_file():
