@@ -1,9 +1,8 @@
 """Frame files of a machine's recording: one file per sample in a folder.
 
 000012.raw      RAW10 image, packed as the camera sends it (sensor/optics/raw10.py)
-000012.npy      RAW10 image unpacked, uint16 (rows, columns); or channels, uint8 (H, W, C) in the scene's
-order 000012.png      channels as an RGB image; where the scene has NIR, with the 8-bit grey image
-000012.nir.png
+000012.npy      RAW10 image unpacked, uint16 (rows, columns); or channels, uint8 (H, W, C) in scene order
+000012.png      channels as an RGB image; where the scene has NIR, with the 8-bit grey 000012.nir.png
 
 `background` in place of the number is the no-contact reference frame. RAW10 images larger than the window of
 4 × 4 raw pixels per pixel are cropped to their centre.
