@@ -12,6 +12,7 @@ from fastac.cli.common import (
     output_option,
     progress_option,
     run_build,
+    store_beside,
 )
 from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
@@ -57,7 +58,7 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
 
     With --leave-one-group-out, of models like BUNDLE's, each trained from the forces of all groups but one;
     beside them a linear ridge on the pixels and a quadratic in the summed difference, which show what the
-    network is worth. The trainings are kept beside the bundle, in leave_one_out, and resumed.
+    network is worth. The trainings are kept in the step store, and resumed.
     """
     from fastac import api
     from fastac.flow import leave_one_out
@@ -66,8 +67,7 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
     if leave_one_group_out:
-        folder = (bundle if (bundle / "bundle").is_dir() else bundle.parent) / "leave_one_out"
-        content = leave_one_out.evaluate(samples, sensor.scene, data, folder, progress=progress)
+        content = leave_one_out.evaluate(samples, sensor.scene, data, store_beside(bundle), progress=progress)
         if json_file:
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))

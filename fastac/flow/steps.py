@@ -81,13 +81,24 @@ def verilog(folder: Path, bundle: Path, *, progress: bool) -> None:
 
 
 def simulate(
-    folder: Path, bundle: Path, verilog: Path, data: Path, count: int, *, store: Path, progress: bool
+    folder: Path,
+    bundle: Path,
+    verilog: Path,
+    data: Path,
+    count: int,
+    *,
+    workplace: Path,
+    store: Path,
+    progress: bool,
 ) -> None:
-    """`count` held-out frames through the Verilog, every value compared with the integer model."""
+    """`count` held-out frames through the Verilog, every value compared with the integer model.
+
+    workplace : where simulator and logs are and stay
+    """
     model = bundles.load(bundle)
     known = frames.read(data, model.scene, store=store, progress=progress)
     index = samples.evenly_spaced(known.indices("test"), count)
-    found = hardware.simulate(model, known, index, verilog, folder / "simulator", progress=progress)
+    found = hardware.simulate(model, known, index, verilog, workplace, progress=progress)
     write_json(folder / SIMULATION, {"frame_indices": np.asarray(index).tolist(), **found})
 
 
