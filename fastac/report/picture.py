@@ -94,9 +94,8 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
         axis.set_axis_off()
         axis.set_anchor("N")
         if title.endswith("mm"):
-            figure.colorbar(drawn, ax=axis, shrink=0.9, pad=0.02, location="bottom").ax.tick_params(
-                labelsize=7
-            )
+            bar = figure.colorbar(drawn, ax=axis, shrink=0.9, pad=0.02, location="bottom", panchor=(0.5, 1))
+            bar.ax.tick_params(labelsize=7)
     if with_force:
         truth = data.forces_n(held_out, scene.force_axes)
         found = emulator.run(data.frames[held_out], wanted=["force_n"]).force_n
