@@ -1,7 +1,5 @@
 """Benchmarks: how fast the models, the virtual rig and a sweep's workers are on this machine."""
 
-from pathlib import Path
-
 import click
 
 from fastac.cli.common import INPUT, Group, Lanes, progress_option, store_option
@@ -48,10 +46,10 @@ def rig(scene, store, progress):
 @click.argument("spec", type=INPUT)
 @click.option("--points", type=click.IntRange(1), default=40, show_default=True)
 @click.option("--workers", type=Lanes(), default="1,2", show_default=True)
-@click.option("--cache", type=INPUT, default=Path("build/sweep/cache"), show_default=True)
-def sweep(spec, points, workers, cache):
+@store_option("trained models")
+def sweep(spec, points, workers, store):
     """Time a sweep's points with several numbers of workers."""
     from fastac.studies.benchmarks import sweep as benchmark
 
-    for line in benchmark.measure(spec, points, workers, cache):
+    for line in benchmark.measure(spec, points, workers, store):
         click.echo(line)

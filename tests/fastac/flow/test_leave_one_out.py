@@ -1,4 +1,3 @@
-
 """From photographs and a force gauge's readings to integers, and what they are worth on groups left out."""
 
 import json
