@@ -97,7 +97,7 @@ class CycleModel(FrameCycles):
         return self.scene.numbers.displacement_bits + self.scene.force.clamp
 
     def _weighted_sum(self) -> Figures:
-        """Figures of WeightedSumStream; a collapsed kernel's words have room for any sum of K² kernel words."""
+        """Figures of WeightedSumStream; a collapsed kernel's words can hold any sum of K² kernel words."""
         scene, kind = self.scene, WeightedSumStream
         rows, columns = scene.inner_px, scene.inner_px
         terms, input_bits = DISPLACEMENT, self._displacement_bits

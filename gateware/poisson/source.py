@@ -101,7 +101,7 @@ class PoissonSourceStream(wiring.Component):
         slopes = Signal(self.i.payload.shape(), reset_less=True)
         m.d.comb += [read.addr.eq(x), read.en.eq(advance)]
 
-        # Input positions that complete a beat of sources; `trails`: one more after a row's last beat.
+        # Input positions that complete an output beat; `trails`: one more after a row's last input.
         inner = (y >= self.rows_ahead) & (y < self.height - 2 + self.rows_ahead)
         completes = inner & (x >= self.beats_ahead) & (x < self.beats + self.beats_ahead)
         trails = inner & (x == row_beats - 1) & (self.beats + self.beats_ahead > row_beats)
