@@ -119,8 +119,8 @@ class PoissonSourceStream(wiring.Component):
                 valid.eq(Cat(complete | late, valid)),
             ]
 
-        # Stage 2: each column's p in the source's row, and its difference of q across that row. A window keeps
-        # the previous columns for the differences of p along the row; the line buffer is updated.
+        # Stage 2: each column's p in the source's row, and its difference of q across that row. The window
+        # keeps the previous columns for the differences of p along the row; the line buffer is updated.
         column = data.StructLayout({"p": slope, "dq": signed(slope.width + 1)})
         newest = Signal(data.ArrayLayout(column, lanes))
         window = Signal(data.ArrayLayout(column, lanes * (self.beats_ahead + 1)), reset_less=True)
