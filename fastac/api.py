@@ -204,7 +204,7 @@ class TactileSensor:
         """
         from fastac.models import accuracy
 
-        return accuracy.compare(self.bundle, data, index, progress=progress)[0]
+        return accuracy.compare_pipelines(self.bundle, data, index, progress=progress)[0]
 
     @cached_property
     def _emulator(self) -> Emulator:

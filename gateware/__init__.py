@@ -1,1 +1,1 @@
-"""The hardware, in Amaranth. It knows the bundle and the integer reference, never torch."""
+"""The hardware, in Amaranth. It imports the bundle and the integer golden model, never torch."""

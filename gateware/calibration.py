@@ -1,10 +1,10 @@
 # amaranth: UnusedElaboratable=no
-"""A calibration: what changes when a sensor's pixel network is trained anew, as words for hardware that runs.
+"""Calibration images: what changes when a sensor's pixel network is retrained, as words for running hardware.
 
-It is the network, what follows from it (the source of the slopes at rest in difference mode, the depth at
-rest in absolute mode where a force is wanted, the adjoint's constants), the limits beyond which frames are
-suspect, and the bundle's hash. All else must
-be as in the bundle that the hardware was made from.
+An image holds the network's parameters, what is computed from them (difference mode: the source offset of the
+slopes at rest; absolute mode with a force: the depth at rest; adjoint: the constants), the limits of the
+plausibility flags, and the bundle's hash. Everything else must equal that of the bundle from which the
+hardware was built.
 """
 
 import dataclasses
@@ -28,15 +28,15 @@ from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import NEAREST
 
 FORMAT_VERSION = 2
-"""Of the images."""
+"""Version of the image format; part of the hardware identifier."""
 
 
 class CalibrationError(ValueError):
-    """A bundle that is no calibration for the hardware; the message is one line that names what differs."""
+    """The bundle cannot be loaded into the hardware; the message is one line that names what differs."""
 
 
 def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
-    """The fields of each class that a calibration brings, or that only explain it."""
+    """For each class the fields that an image contains, or that only document the computation."""
     fields = {Layer: {"weight", "bias"}, Requantisation: {"multiplier", "shift"}, Stage: {"bound_px"}}
     fields[FrameValidity] = {"low", "high"}
     if pipeline.scene.poisson.mode == "difference":
@@ -49,7 +49,7 @@ def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
 
 
 def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
-    """Everything in the hardware that a calibration leaves as it is, by name: plain values and arrays."""
+    """Name and value (plain or array) of everything in the hardware that a calibration cannot change."""
     scene, loaded = pipeline.scene, _loaded_fields(pipeline)
     yield "scene.outputs", sorted(scene.outputs)
     for name in ("height_px", "width_px", "pitch_mm", "channels"):
@@ -83,9 +83,9 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 
 
 def hardware_identifier(pipeline: IntegerPipeline) -> int:
-    """32 bits that tell hardware apart: the hash of everything that a calibration leaves as it is.
+    """32-bit identifier of the hardware: hash of everything that a calibration cannot change.
 
-    Rounding to the nearest is not in it: hardware from before there was a choice stays what it is.
+    Rounding to nearest is left out, so that hardware older than the choice of rounding keeps its identifier.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     for name, value in fixed_content(pipeline):
@@ -99,7 +99,7 @@ def hardware_identifier(pipeline: IntegerPipeline) -> int:
 
 
 def first_difference(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> str | None:
-    """The first thing that keeps a calibration with `pipeline` from the hardware; None if it fits."""
+    """One line about the first fixed value in which `pipeline` and the hardware differ, or None."""
     for (name, new), (_, old) in zip(fixed_content(pipeline), fixed_content(hardware), strict=False):
         if not isinstance(new, np.ndarray):
             if new != old:
@@ -124,7 +124,7 @@ def _require(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> None:
 
 
 def image_layout(path: Datapath) -> ImageLayout:
-    """Of the images for the hardware with `path`, which is loadable."""
+    """Layout of the images for the hardware with the loadable datapath `path`."""
     return ImageLayout(
         hardware_identifier(path.pipeline),
         {name: table for name, (table, _) in path.loadable_tables.items()},
@@ -133,16 +133,16 @@ def image_layout(path: Datapath) -> ImageLayout:
 
 
 def make_loader(path: Datapath, bundle_hash: int) -> CalibrationLoader:
-    """The loader for `path`; it starts with the calibration that `path` was made from."""
+    """The loader for `path`; its initial calibration is that of the bundle which `path` was built from."""
     registers = {name: value for name, (_, value) in path.loadable_registers.items()}
     return CalibrationLoader(image_layout(path), registers, bundle_hash)
 
 
 def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundle:
-    """`bundle` with the force of `hardware`, which a calibration cannot bring; written to `folder`.
+    """`bundle` with the force of the bundle `hardware`, which an image cannot change; saved to `folder`.
 
-    Training fits the force to what its own pixel network finds, so that each training has other weights.
-    Raises CalibrationError where that is not all that keeps `bundle` from the hardware.
+    Training fits the force weights to the outputs of its own pixel network, so every training run has
+    different ones. Raises CalibrationError if anything else also differs from the hardware.
     """
     if hardware.pipeline.force is None:
         raise CalibrationError(f"scene.outputs = {hardware.scene.outputs}: the hardware has no force to keep")
@@ -153,9 +153,9 @@ def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundl
 
 
 def calibration_words(bundle: Bundle, hardware: Bundle) -> np.ndarray:
-    """The image, uint32 words, that makes the hardware of bundle `hardware` compute as `bundle` does.
+    """The image, uint32 words, that makes hardware built from `hardware` compute as `bundle` does.
 
-    Raises CalibrationError, naming the first thing that differs, where a calibration cannot do that.
+    Raises CalibrationError, naming the first difference, if `bundle` differs in something fixed.
     """
     _require(bundle.pipeline, hardware.pipeline)
     path = Datapath(bundle.pipeline)

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""One pass of the orthonormal DST-I along rows, folded into even and odd halves."""
+"""Orthonormal DST-I of the rows of a frame, with the products halved by the sine's symmetry."""
 
 import numpy as np
 from amaranth import Cat, Const, Module, Mux, Signal, signed
@@ -12,24 +12,24 @@ from fastac.models.integer.sine_transform import SineTransform
 
 
 class Dst1Engine(wiring.Component):
-    """Transform rows of N = `transform.size` values, `lanes` values a clock.
+    """Transform rows of N = `transform.size` values, `lanes` values per clock, bit-exact to `transform`.
 
-    The sine's symmetry halves every product: with u_n = x_n + x_{N+1−n} for odd k and v_n = x_n − x_{N+1−n}
-    for even k (all counted from 1), a value is a sum of `half` = ceil(N/2) products. Each lane forms one
-    whole value a clock: `half` multipliers and an adder tree. So no value waits for another, and values leave
-    in natural order without being collected. A multiplier is one DSP48E2 where input_width <= 26 and
-    coefficient_width <= 18.
+    Even and odd symmetry halve the products: with u_n = x_n + x_{N+1−n} for odd k and v_n = x_n − x_{N+1−n}
+    for even k (n, k from 1), each output is a sum of `half` = ceil(N/2) products. Each lane has `half`
+    multipliers and an adder tree and completes one output per clock, so outputs leave in natural order. A
+    multiplier is one DSP48E2 if input_width <= 26 and coefficient_width <= 18.
 
     Members
     -------
     i : stream of `lanes` values, signed(transform.input_width)
     o : stream of `lanes` transformed values, signed(transform.output_width)
 
-    Rows travel in natural order as `interval` = ceil(N/lanes) beats; lanes beyond N in the last beat are
-    void. While a row is transformed the next one is collected: a row every `interval` clocks.
-    `latency` = 5 + ceil(log2(half + 1)) clocks pass from a row's last beat accepted to its first beat out
-    if nothing stalls; its other beats follow one a clock. While `o` stalls, values go on to the queue at the
-    end, and no more set off than that has room for. `i.ready` comes from registers.
+    A row is `interval` = ceil(N/lanes) beats in natural order; the lanes beyond N in its last beat are
+    ignored. While one row is transformed the next is collected: initiation interval `interval` clocks a row.
+    `latency` = 5 + ceil(log2(half + 1)) clocks from the accepted last beat of a row to its first output beat,
+    without back-pressure; the other beats follow in the next clocks. With back-pressure, beats collect in
+    the output queue, and none starts without a free place there (CreditQueue). `i.ready` comes from
+    registers.
     """
 
     def __init__(self, transform: SineTransform, *, lanes: int):
@@ -52,17 +52,17 @@ class Dst1Engine(wiring.Component):
 
     @staticmethod
     def half_of(size: int) -> int:
-        """Products that make up a value of a row of `size`."""
+        """Products per output for rows of `size` values."""
         return (size + 1) // 2
 
     @classmethod
     def levels_of(cls, size: int) -> int:
-        """Of the adder tree, whose leaves are the products and the half unit that rounds, 0 with a floor."""
+        """Levels of the adder tree over the products and the rounding constant (0 if rounding is floor)."""
         return cls.half_of(size).bit_length()
 
     @classmethod
     def latency_of(cls, size: int) -> int:
-        """The row, its folded halves, their products, then the levels of the tree: one register each."""
+        """Registers: the row, the folded operands, the products, and one per level of the adder tree."""
         return 2 + LATENCY + cls.levels_of(size)
 
     @classmethod
@@ -86,8 +86,8 @@ class Dst1Engine(wiring.Component):
         size, last = self.transform.size, self.interval - 1
         word = signed(self.transform.input_width)
 
-        # Collect a row; its last beat goes straight to the operands, when those are free. Registers say which
-        # beat and step is the last: the enables reach too many registers for a comparison before them.
+        # Collect a row; its last beat goes directly to the operand registers when they are free. Whether a
+        # beat or step is the last is registered: the enables' fan-out leaves no time for a comparator.
         beat, last_beat = Signal(range(self.interval)), Signal()
         collected = Signal(data.ArrayLayout(word, last * self.lanes), reset_less=True)
         operands = Signal(data.ArrayLayout(word, size), reset_less=True)
@@ -107,7 +107,7 @@ class Dst1Engine(wiring.Component):
         with m.If(load):
             m.d.sync += operands.eq(row[: size * word.width])
 
-        # One step for each beat out, which the registers behind it never hold up.
+        # One step per output beat; the pipeline after it has no clock enable.
         active = Signal()
         step, last_step = Signal(range(self.interval)), Signal()
         launch = Signal()
@@ -127,7 +127,7 @@ class Dst1Engine(wiring.Component):
             m.d.sync += active.eq(load)
         wiring.connect(m, queue.o, wiring.flipped(self.o))
 
-        # The table's words meet the folded halves at the multipliers' own registers.
+        # The table's read register has the same delay as the folding, so both reach the multipliers together.
         constant = signed(self.transform.coefficient_width)
         m.submodules.table = table = memory.Memory(
             shape=data.ArrayLayout(data.ArrayLayout(constant, self.half), self.lanes),
@@ -138,7 +138,7 @@ class Dst1Engine(wiring.Component):
         words = table.read_port()
         m.d.comb += [words.addr.eq(step), words.en.eq(1)]
 
-        # A single lane alternates between odd and even k; of several, each keeps to one kind.
+        # One lane alternates between odd and even k; with several, each lane always has the same parity.
         kinds = [step[0]] if self.lanes == 1 else [Const(0, 1), Const(1, 1)]
         halves = [self._fold(m, operands, even) for even in kinds]
         for lane in range(self.lanes):
@@ -150,13 +150,13 @@ class Dst1Engine(wiring.Component):
         return m
 
     def _table(self) -> list:
-        """The first `half` coefficients of each value k, by beats and lanes."""
+        """The first `half` coefficients of every output, as (beats, lanes, half)."""
         table = np.zeros((self.interval * self.lanes, self.half), dtype=int)
         table[: self.transform.size] = self.transform.matrix[:, : self.half]
         return table.reshape(self.interval, self.lanes, self.half).tolist()
 
     def _fold(self, m, operands, even) -> list:
-        """Registers of x_n + x_{N+1−n}, or x_n − x_{N+1−n} where `even`; the middle one stands alone."""
+        """Registers of x_n + x_{N+1−n}, or of x_n − x_{N+1−n} if `even`; the middle x has no partner."""
         folded = []
         for n in range(self.half):
             mirror = self.transform.size - 1 - n
@@ -167,7 +167,7 @@ class Dst1Engine(wiring.Component):
         return folded
 
     def _rounded_sum(self, m, terms):
-        """The tree over `terms` and the half unit, a register after each addition."""
+        """Adder tree over `terms` and the rounding constant, a register after each addition."""
         terms = [*terms, Const(self.transform.half_unit)]
         for _ in range(self.levels):
             sums = []

@@ -1,4 +1,8 @@
-"""From displacement rows to the raw force accumulators A of a frame: patches times kernels, summed."""
+"""The force of all axes, F_x, F_y and F_z, despite the file's name: patches times kernels, summed per frame.
+
+Each pixel's K×K displacement patch is multiplied with the pixel's own kernel, one kernel per force axis; the
+sums over the frame are the raw force accumulators A, one per axis.
+"""
 
 import numpy as np
 from amaranth import Module, Shape, Signal, signed
@@ -23,14 +27,14 @@ from fastac.models.integer.words import signed_width
 
 
 def kernel_words(force: PatchForce, lanes: int) -> np.ndarray:
-    """The kernels in the order of the beats: (N · ceil(N/lanes), axes, lanes, K²); void lanes are zero."""
+    """The kernels in beat order: (N · ceil(N/lanes), axes, lanes, K²); unused lanes at a row's end are 0."""
     axes, n, _, k, _ = force.kernel.shape
     by_pixel = force.kernel.transpose(1, 2, 0, 3, 4).reshape(n, n, axes, k * k)
     return raster_beats(by_pixel, lanes).swapaxes(1, 2)
 
 
 class KernelRom(RasterRom):
-    """The kernels of `force`, one word a beat: axes × lanes × K² words of signed(force.kernel_bits).
+    """ROM of the kernels, one word per beat: axes × lanes × K² values of signed(force.kernel_bits).
 
     Members, order and latency are those of `RasterRom`.
     """
@@ -40,15 +44,17 @@ class KernelRom(RasterRom):
 
 
 class PixelResponse(wiring.Component):
-    """The response of each pixel: f(p) = Σ_m k(p, m) · v(p, m), the force map before it is summed.
+    """Multiply each pixel's patch with its kernels: f(p) = Σ_m k(p, m) · v(p, m), the force map.
 
     Members
     -------
     i : stream of `lanes` patches of K·K displacements, Shape(force.displacement_bits, force.signed)
-    o : stream of axes × `lanes` responses, signed(force.pixel_width); 0 in void lanes
+    o : stream of axes × `lanes` responses f(p), signed(force.pixel_width); 0 in the unused lanes of a row's
+        last beat
 
-    `latency` = 5 + ceil(log2(K²)) clocks (ROM 2, product 3, adder tree) pass from a patch to its response.
-    One multiplier per axis, lane and kernel word, with the registers of a DSP slice around it.
+    `latency` = 5 + ceil(log2(K²)) clocks from a patch to its response, without back-pressure: 2 for the ROM,
+    3 for the product, and the adder tree. Initiation interval: 1 clock per beat. There is one multiplier per
+    axis, lane and kernel word, with the registers of a DSP slice around it.
     """
 
     def __init__(self, force: PatchForce, *, lanes: int):
@@ -94,22 +100,23 @@ class PixelResponse(wiring.Component):
 
 
 class PatchForceStream(wiring.Component):
-    """Whole frames of displacement to the accumulators A = Σ_p f(p), bit for bit `force(q)`.
+    """Sum the responses of a whole displacement frame, A = Σ_p f(p), bit-exact to `force(q)`.
 
     Members
     -------
-    i : stream of `lanes` displacements, Shape(force.displacement_bits, force.signed); N rows of
-        B = ceil(N/lanes) beats make a frame, lanes beyond N are void. A signed one is never the lowest word.
-    o : stream of one beat a frame, an accumulator signed(force.width) per axis
-    map : stream of axes × `lanes` responses f(p), signed(force.pixel_width), bit for bit
-        `force.force_map(q)`; N rows of B beats in raster order, 0 in void lanes. Only if `wants_map`.
+    i : stream of `lanes` displacements, Shape(force.displacement_bits, force.signed). A frame is N rows of
+        B = ceil(N/lanes) beats; the lanes beyond N are ignored. A signed displacement must not be the most
+        negative word.
+    o : stream of one beat per frame: one accumulator per axis, signed(force.width)
+    map : stream of axes × `lanes` responses f(p), signed(force.pixel_width), bit-exact to
+        `force.force_map(q)`; N rows of B beats in raster order, 0 in unused lanes. Only if `wants_map`.
 
-    From the last beat of a frame to its force pass, if nothing stalls, `latency` =
-    (K//2)·B + ceil((K//2)/lanes) + 9 + ceil(log2(lanes·K²)) clocks: reach of the patches, 3 of their
-    generator, 5 and a tree for the responses, a tree over the lanes and the accumulator. The map's last beat
-    stands `map_latency` clocks after the frame's. A new frame may begin every `interval` = N·B clocks; the
-    rules of `PatchGenerator` hold for the rest of the previous one. Until a force, or a beat of the map, is
-    taken everything behind it waits.
+    `latency` = (K//2)·B + ceil((K//2)/lanes) + 9 + ceil(log2(lanes·K²)) clocks from a frame's last input beat
+    to its force, without back-pressure: the patches' look-ahead, 3 for the patch generator, 5 and an adder
+    tree for the responses, an adder tree over the lanes and 1 for the accumulator. The map's last beat comes
+    `map_latency` clocks after the last input beat. Initiation interval: `interval` = N·B clocks per frame;
+    what `PatchGenerator` says about the end of the previous frame applies here too. A force or map beat that
+    is not taken stalls the whole pipeline before it.
     """
 
     def __init__(self, force: PatchForce, *, lanes: int, wants_map: bool = False):
@@ -134,7 +141,7 @@ class PatchForceStream(wiring.Component):
 
     @staticmethod
     def map_latency_of(size: int, kernel_size: int, lanes: int) -> int:
-        """`map_latency` for frames of `size` × `size` displacements."""
+        """`map_latency` for frames of `size` × `size` displacements, without building the component."""
         half = kernel_size // 2
         return half * -(-size // lanes) - (-half // lanes) + 8 + tree_levels(kernel_size**2)
 
@@ -144,12 +151,12 @@ class PatchForceStream(wiring.Component):
 
     @staticmethod
     def multipliers_of(axes: int, kernel_size: int, lanes: int, *, input_bits: int, kernel_bits: int) -> int:
-        """DSP48E2: axes · lanes · K², times `dsp_slices` of a displacement and a kernel word, both signed."""
+        """DSP48E2 slices: axes · lanes · K² products of `dsp_slices(input_bits, kernel_bits)` slices each."""
         return axes * lanes * kernel_size**2 * dsp_slices(input_bits, kernel_bits)
 
     @property
     def map_latency(self) -> int:
-        """Clocks from a beat of displacements to the beat of the same pixels' responses."""
+        """Clocks from a beat of displacements to the same pixels' beat of the force map."""
         return self.map_latency_of(self.size, self.force.size, self.lanes)
 
     @property

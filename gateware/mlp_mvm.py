@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The matrix-vector tile of a fully connected layer, fully unrolled, with weights loadable or baked in."""
+"""Matrix-vector product of a fully connected layer, fully unrolled, with loadable or baked-in weights."""
 
 from functools import cached_property
 
@@ -23,19 +23,19 @@ from fastac.models.integer.words import signed_width
 
 
 def tile_latency(inputs: int) -> int:
-    """Of a tile, in either weight mode: input, product, the levels of the adder tree, the bias."""
+    """Latency of a tile in clocks, loadable or baked: input register, product, adder tree, bias."""
     return 1 + PRODUCT_STAGES + (inputs - 1).bit_length() + 1
 
 
 def tile_multipliers(neurons: int, inputs: int, *, packed: bool) -> int:
-    """Of a loadable tile: one for each input and neuron, or pair of neurons where products are packed."""
+    """DSP slices of a loadable tile: one per input and neuron, or per pair of neurons if `packed`."""
     return -(-neurons // (2 if packed else 1)) * inputs
 
 
 def tile_layouts(
     layer: Layer, *, input_width: int, input_signed: bool
 ) -> tuple[data.ArrayLayout, data.ArrayLayout]:
-    """Layouts of the inputs and of the accumulators of `layer`; refuses limits that no input can reach."""
+    """Layouts of the inputs and accumulators of `layer`; ValueError if a limit exceeds the inputs' width."""
     neurons, inputs = layer.weight.shape
     largest = 1 << (input_width - 1) if input_signed else (1 << input_width) - 1
     if layer.input_limit.max() > largest:
@@ -47,25 +47,25 @@ def tile_layouts(
 
 
 class MvmCore(wiring.Component):
-    """`layer.weight @ i + layer.bias`, one vector a clock, without a handshake.
+    """Compute `layer.weight @ i + layer.bias` for one vector per clock, without a handshake.
 
     Members
     -------
-    advance : the registers move in clocks in which it is high
+    advance : clock enable of all registers
     i : inputs, Shape(input_width, input_signed) each, |i[j]| <= layer.input_limit[j]
-    o : biased accumulators, signed(layer.accumulator_width) each
-    parameters : the tables, as `parameter_image` gives them; constant while vectors are under way. Only if
-        `layer.loadable`.
+    o : accumulators with their biases, signed(layer.accumulator_width) each
+    parameters : weights and biases, unsigned(parameter_bits), as `parameter_image` packs them; constant while
+        data is in flight. Only if `layer.loadable`.
 
-    Loadable: two neurons share a multiplier of 27×18 bits where `packing` finds that their products fit, and
-    a neuron left over, or each where they do not, has its own. The operands (A, B), the product (M, P) and
-    every sum are registered. Products are summed in packed words as far as these hold them, then split, where
-    the first also get the biases, then summed neuron by neuron.
-    Baked: each product is a sum of its weight's signed digits, without a multiplier; weights of 0 are absent.
+    Loadable: two neurons share a 27×18-bit multiplier if `best_packing` finds that both products fit;
+    otherwise, and for an odd neuron, there is one multiplier per weight. Operands (A, B), products (M, P) and
+    every sum are registered. Packed products are summed as long as the sums fit their fields, then split into
+    the two neurons' sums, which get the biases, and then summed on for each neuron.
+    Baked: a product is a sum of its weight's signed digits, without multipliers; weights of 0 cost nothing.
 
-    A product or sum has signed_width(Σ|w|·input_limit) bits, over its own weights only; loadable ones are
-    any up to layer.weight_limit. There is one addition between registers.
-    The accumulators stand in `o` after `latency` = 5 + ceil(log2(inputs)) advances in either mode.
+    A product or sum has signed_width(Σ|w|·input_limit) bits, with its own weights if they are baked, with
+    layer.weight_limit if they are loadable. There is one addition between two registers.
+    `latency` = 5 + ceil(log2(inputs)) clocks with `advance` high in either mode.
     """
 
     def __init__(self, layer: Layer, *, input_width: int, input_signed: bool):
@@ -80,19 +80,19 @@ class MvmCore(wiring.Component):
 
     @cached_property
     def packing(self) -> Packing | None:
-        """How pairs of neurons share multipliers; None where they do not."""
+        """How pairs of neurons share multipliers; None if two products do not fit."""
         width = self.input_width if self.input_signed else self.input_width + 1
         return best_packing(self.layer.weight_limit, self.layer.input_limit, width)
 
     @property
     def units(self) -> list[tuple[int, ...]]:
-        """The neurons that share multipliers: pairs, and what is left over."""
+        """Groups of neurons that share multipliers: pairs, and single ones."""
         neurons = len(self.layer.weight)
         together = 2 if self.packing else 1
         return [tuple(range(k, min(k + together, neurons))) for k in range(0, neurons, together)]
 
     def word_width(self, unit: tuple[int, ...]) -> int:
-        """Bits of a multiplier's weight operand."""
+        """Bits of the weight operand of the multipliers of `unit`."""
         return self.packing.width if len(unit) == 2 else self.layer.weight_bits
 
     @property
@@ -101,7 +101,7 @@ class MvmCore(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        """Multipliers, each one DSP48E2; 0 if the weights are baked in."""
+        """DSP48E2 slices; 0 if the weights are baked in."""
         if not self.layer.loadable:
             return 0
         return tile_multipliers(*self.layer.weight.shape, packed=self.packing is not None)
@@ -115,9 +115,10 @@ class MvmCore(wiring.Component):
         return inputs * sum(map(self.word_width, self.units)) + neurons * self.bias_width
 
     def parameter_image(self, layer: Layer) -> int:
-        """What `parameters` is for `layer`, which may be any of the same shape and limits.
+        """The value of `parameters` for `layer`, of the same shape and limits as the hardware's.
 
-        From bit 0: unit by unit a word for each input, then the biases. Raises ValueError for other layers.
+        From bit 0: for each of `units` a word per input, then the biases. Raises ValueError if shape or
+        limits differ.
         """
         own = self.layer
         if not own.loadable or not layer.loadable:
@@ -162,7 +163,7 @@ class MvmCore(wiring.Component):
         return (self.layer.weight.shape[1] - 1).bit_length()
 
     def _loadable(self, m: Module, platform, inputs: list[Term], register: Register) -> list[Term]:
-        """Every neuron's accumulator, from `parameters`."""
+        """Every neuron's accumulator, with the weights and biases of `parameters`."""
         low = 0
 
         def parameter(width: int) -> Value:
@@ -189,7 +190,7 @@ class MvmCore(wiring.Component):
         return accumulators
 
     def _baked(self, inputs: list[Term], register: Register) -> list[Term]:
-        """Every neuron's accumulator, from constants."""
+        """Every neuron's accumulator, with constant weights and biases."""
         taps = [inputs]
         for stage in range(1, PRODUCT_STAGES + 1):
             taps.append([register(x, f"input_{j}_at{stage}") for j, x in enumerate(taps[-1])])
@@ -207,14 +208,14 @@ class MvmCore(wiring.Component):
         return accumulators
 
     def _biased_sum(self, terms: list[Term], bias: Term, register: Register, name: str) -> Term:
-        """A neuron's products, summed over all levels, and its bias."""
+        """The sum of a neuron's products and its bias."""
         if not terms:
             return bias
         [total] = partial_adder_tree(terms, self._levels, register, f"sum_{name}")
         return register(total.plus(bias, total.bound + bias.bound), f"biased_{name}")
 
     def _split_sum(self, terms: list[Term], biases: list[Term], register: Register, name: str) -> list[Term]:
-        """Two neurons' packed products, summed as far as the words hold them, split, and summed on."""
+        """Two neurons' sums: add packed products while the fields can hold the sum, split, add the rest."""
         nothing = Term(Const(0, signed(1)), 0)
         halves = [[], []]
         totals = partial_adder_tree(terms, self.packing.levels, register, f"packed_{name}")
@@ -232,16 +233,15 @@ class MvmCore(wiring.Component):
 
 
 class MvmTile(wiring.Component):
-    """`layer.weight @ i + layer.bias`, one vector a clock: `MvmCore` between two streams.
+    """`MvmCore` between two streams: `layer.weight @ i + layer.bias` for one vector per clock.
 
     Members
     -------
     i : stream of inputs, Shape(input_width, input_signed) each, |i[j]| <= layer.input_limit[j]
-    o : stream of biased accumulators, signed(layer.accumulator_width) each
+    o : stream of accumulators with their biases, signed(layer.accumulator_width) each
     parameters : see MvmCore. Only if `layer.loadable`.
 
-    `latency` = 5 + ceil(log2(inputs)) clocks pass from an accepted vector to its accumulators if nothing
-    stalls.
+    `latency` = 5 + ceil(log2(inputs)) clocks without back-pressure; initiation interval 1.
     """
 
     def __init__(self, layer: Layer, *, input_width: int, input_signed: bool):
@@ -257,7 +257,7 @@ class MvmTile(wiring.Component):
         m = Module()
         m.submodules.core = core = self.core
 
-        # The core never stalls by itself; it moves whenever its last register may move.
+        # Only back-pressure from `o` stalls the core.
         valid = Signal(self.latency)
         m.d.comb += [
             core.advance.eq(self.o.ready | ~self.o.valid),

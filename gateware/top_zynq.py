@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The top-level for the Zynq's programmable logic: AXI in, AXI out, registers and an interrupt."""
+"""Top level for the Zynq's programmable logic: AXI4-Streams in and out, AXI4-Lite registers, interrupt."""
 
 from dataclasses import dataclass
 
@@ -17,22 +17,22 @@ from fastac.gateware.stream.handshake import axis_signature
 from fastac.models.integer.bundle import Bundle
 
 VERSION = 3
-"""Of the hardware and of its register map."""
+"""Version of the hardware and of its register map, in the register VERSION."""
 WORD = 32
 """Bits of one value on the output streams."""
 ROW_BITS = 8
-"""Of a row's address in tuser."""
+"""Bits of the row number in `tuser`."""
 RESULT = {"force": "result_valid", "depth": "depth_done", "normals": "normals_done"}
-"""Of the registers, the pulse with each kind of result."""
+"""Input of RegisterBlock that pulses with a frame's result, for each kind of result."""
 
 
 @dataclass(frozen=True)
 class RasterOutput:
-    """An output stream of images: `rows` × `columns` pixels of `words` values, `lanes` pixels a beat.
+    """Format of an output stream: `rows` × `columns` pixels of `words` values, `lanes` pixels per beat.
 
-    tagged : tuser says, beside the start of frame, whether the frame is bad, which row it is, and whether the
-        frame is suspect
-    rows_reversed : the last row comes first
+    tagged : beside the start of frame, `tuser` has the row's number and the flags "bad" and "suspect" of the
+        frame, and there is a `tkeep`
+    rows_reversed : the last row is sent first
     """
 
     name: str
@@ -45,55 +45,56 @@ class RasterOutput:
 
     @property
     def beats(self) -> int:
-        """Of a row."""
+        """Beats per row."""
         return -(-self.columns // self.lanes)
 
     @property
     def octets(self) -> int:
-        """Of a beat."""
+        """Bytes per beat."""
         return WORD // 8 * self.words * self.lanes
 
     @property
     def void_octets(self) -> int:
-        """Of a row's last beat."""
+        """Unused bytes in a row's last beat."""
         return WORD // 8 * self.words * (self.beats * self.lanes - self.columns)
 
     @property
     def row_order(self) -> list[int]:
+        """The rows' numbers in the order in which they are sent."""
         return list(range(self.rows))[:: -1 if self.rows_reversed else 1]
 
 
 def flattened_ports(prefix: str, signature: wiring.Signature, direction) -> dict[str, wiring.Member]:
-    """The members of a bus as ports of their own, `prefix`_member, as Vivado recognises them."""
+    """A bus as single ports `prefix`_member, the names by which Vivado recognises AXI interfaces."""
     members = signature.members if direction == Out else signature.flip().members
     return {f"{prefix}_{name}": member for name, member in members.items()}
 
 
 class TopZynq(wiring.Component):
-    """A bundle as an IP core.
+    """A bundle as an IP core with AXI interfaces.
 
     Members
     -------
-    s_axis_* : AXI4-Stream of frames; tdata: `lanes` pixels of 8-bit channels in the scene's order, lane 0 and
-        channel 0 lowest; tuser: start of frame; tlast: end of line
-    s_axil_* : AXI4-Lite, the registers of gateware/bus/register_map.py
-    m_axis_depth_* : AXI4-Stream of depth, `lanes` signed 32-bit words, N rows of N values, N = width − 2;
-        tkeep: bytes of lanes that hold a value; tlast: end of row; tuser[0]: start of frame; tuser[1]: the
-        frame is bad; tuser[9:2]: the row, 0 to N − 1; tuser[10]: the frame is not to be trusted, for a reason
-        of FRAME_VALIDITY other than the displacement, on which no depth depends. The tridiagonal solver's
-        rows come last to first. Only if the scene wants depth.
-    m_axis_force_map_* : the same for the pixels' raw responses, a signed 32-bit word per axis and pixel, all
-        axes of a pixel together. Only if the scene wants the force map.
-    m_axis_normals_* : the same for normals: three signed 32-bit words (x, y, z) of any length per pixel,
-        height × width pixels, without tkeep; tuser: start of frame. Only if the scene wants normals.
-    interrupt : level, see the registers
+    s_axis_* : AXI4-Stream slave for the camera's frames. tdata: `lanes` pixels of 8-bit channels in the
+        scene's order, lane 0 and channel 0 in the least significant bits; tuser: start of frame; tlast: end
+        of line.
+    s_axil_* : AXI4-Lite slave, the registers of gateware/bus/register_map.py
+    m_axis_depth_* : AXI4-Stream master of depth maps: `lanes` signed 32-bit words per beat, N rows of N
+        values, N = width − 2. tkeep: bytes of the lanes that hold a value; tlast: end of row; tuser[0]: start
+        of frame; tuser[1]: the frame is bad; tuser[9:2]: the row, 0 to N − 1; tuser[10]: the frame is
+        suspect, that is, FRAME_VALIDITY has a bit other than `displacement`, which does not concern the
+        depth. The tridiagonal solver sends the last row first. Only if the scene has this output.
+    m_axis_force_map_* : the same for the raw responses of the pixels: one signed 32-bit word per axis and
+        pixel, all axes of a pixel adjacent. Only if the scene has this output.
+    m_axis_normals_* : AXI4-Stream master of normals: three signed 32-bit words (x, y, z), not normalised, per
+        pixel, height × width pixels, without tkeep; tuser: start of frame; tlast: end of row. Only if the
+        scene has this output.
+    interrupt : level interrupt, high while an enabled interrupt is pending
 
-    What a frame's stream could not say in time is in STATUS and ERRORS: a bad frame's force is marked there,
-    and in FRAME_VALIDITY why a frame is not to be trusted.
-    With a loadable network, CALIBRATION takes another one between frames, which resets do not touch; see
-    gateware/calibration.py.
-    A soft reset ends the frames under way where they are, also on the output streams, which then begin anew
-    with a start of frame.
+    The force is read from the registers; whether its frame was bad or suspect is in STATUS and
+    FRAME_VALIDITY. If the network is loadable, the register CALIBRATION loads another calibration between
+    frames (gateware/calibration.py); resets do not undo that. A soft reset aborts the frames in flight, also
+    on the output streams, whose next beat is a start of frame.
     """
 
     def __init__(self, bundle: Bundle):
@@ -177,7 +178,7 @@ class TopZynq(wiring.Component):
         if path.loadable:
             m.submodules.calibration = calibration = make_loader(path, self.bundle.hash_word)
             wiring.connect(m, registers.calibration, calibration.host)
-            # A word holds frames back in its own clock already: none can start beside it.
+            # `write` holds frames back too, so that none can start in the clock of an image's first word.
             m.d.comb += path.hold.eq(calibration.host.loading | calibration.host.write)
             m.d.comb += [getattr(path, n).eq(getattr(calibration, n)) for n in path.loadable_registers]
             for name in path.loadable_tables:
@@ -201,7 +202,7 @@ class TopZynq(wiring.Component):
                 tags.append(tag)
             if output.name in ("depth", "normals"):
                 m.d.comb += getattr(registers, f"{output.name}_done").eq(done)
-        # A frame's tag goes to every stream that carries it, or to none yet.
+        # A frame's tag goes to all tagged streams in the same clock.
         m.d.comb += path.tag.ready.eq(Cat(tag.w_rdy for tag in tags).all())
         for tag in tags:
             m.d.comb += [
@@ -211,7 +212,7 @@ class TopZynq(wiring.Component):
         return m
 
     def _raster(self, m, output: RasterOutput, reset) -> tuple[Signal, fifo.SyncFIFO | None]:
-        """Connect an output to its port; returns whole frame taken, and where its frames' tags go."""
+        """Connect an output to its ports; returns (last beat of a frame is taken, FIFO of its tags)."""
         name, source = output.name, getattr(self.datapath, output.name)
         members = ("tdata", "tvalid", "tready", "tlast", "tuser")
         port = {member: getattr(self, f"m_axis_{name}_{member}") for member in members}
@@ -247,7 +248,7 @@ class TopZynq(wiring.Component):
             return done, None
         tags, suspects = (fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT) for _ in range(2))
         m.submodules[f"{name}_tags"] = ResetInserter(reset)(tags)
-        # A frame comes here later than to the tags and leaves with it, so there is room.
+        # A frame's entry comes later than its tag and leaves with it, so the FIFO is never full.
         m.submodules[f"{name}_suspects"] = ResetInserter(reset)(suspects)
         row = Signal(ROW_BITS, name=f"{name}_row")
         keep, full = getattr(self, f"m_axis_{name}_tkeep"), (1 << output.octets) - 1

@@ -12,7 +12,7 @@ from fastac.models.result import Result
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 
-RIM_PX = 4
+LABEL_MARGIN_PX = 4
 """Original pixels inside a labelled contact circle that are left out: the label's own uncertainty."""
 
 
@@ -39,10 +39,12 @@ def normals(result: Result, data: Dataset, index: np.ndarray, pitch_mm: float) -
     }
 
 
-def contact_angle(result: Result, rest: Result, data: Dataset, index: np.ndarray) -> float | None:
+def contact_gradient_angle_rad(
+    result: Result, rest: Result, data: Dataset, index: np.ndarray
+) -> float | None:
     """Mean gradient-angle error in rad inside labelled contact circles, background prediction subtracted.
 
-    Per image the mean of |Δ atan p| and |Δ atan q| over the pixels inside the circle less RIM_PX original
+    Per image the mean of |Δ atan p| and |Δ atan q| over the pixels inside the circle less LABEL_MARGIN_PX original
     pixels, then the mean over images. None where the dataset labels no circles.
     """
     errors = []
@@ -57,7 +59,7 @@ def contact_depth_mae_mm(result: Result, data: Dataset, index: np.ndarray, pitch
     """Mean error of the depth's shape in mm inside labelled contact circles, against the ball's.
 
     Where the skin lies against the ball its height is −√(R² − r²) and a constant that nobody has measured, so
-    the mean over the circle less RIM_PX original pixels is taken from both. Then the mean over images. None
+    the mean over the circle less LABEL_MARGIN_PX original pixels is taken from both. Then the mean over images. None
     where the dataset labels no circles of a known ball.
     """
     if data.indenter is None or "ball_mm" not in data.indenter:
@@ -71,7 +73,7 @@ def contact_depth_mae_mm(result: Result, data: Dataset, index: np.ndarray, pitch
 
 
 def _contacts(data: Dataset, index: np.ndarray):
-    """Of each labelled contact circle: place in `index`, sample, the known pixels inside it less RIM_PX
+    """Of each labelled contact circle: place in `index`, sample, the known pixels inside it less LABEL_MARGIN_PX
     original pixels, and each pixel's distance from its centre in px."""
     if data.indenter is None or "radius_px" not in data.indenter or "scale" not in data.indenter:
         return
@@ -82,7 +84,7 @@ def _contacts(data: Dataset, index: np.ndarray):
         if not np.isfinite(radius):
             continue
         distance = np.hypot(u - centre_u, v - centre_v)
-        inside = known[k] & (distance <= radius - RIM_PX / data.indenter["scale"][sample])
+        inside = known[k] & (distance <= radius - LABEL_MARGIN_PX / data.indenter["scale"][sample])
         if inside.any():
             yield k, sample, inside, distance
 
@@ -127,7 +129,7 @@ def evaluate(
     means_normals = scene.training.labels == "geometry"  # of forces alone the network learns other things
     if means_normals and data.normals is not None and known.any():
         found |= normals(result, data, index, scene.sensor.pitch_mm)
-        angle = contact_angle(result, rest, data, index)
+        angle = contact_gradient_angle_rad(result, rest, data, index)
         if angle is not None:
             found["contact_gradient_angle_mae_rad"] = angle
     if result.depth_mm is not None and data.depth_mm is not None and known[:, 1:-1, 1:-1].any():
@@ -136,12 +138,12 @@ def evaluate(
         shape = contact_depth_mae_mm(result, data, index, scene.sensor.pitch_mm)
         if shape is not None:
             found["contact_depth_mae_mm"] = shape
-    if result.force_n is not None and data.knows_force(scene.force_axes):
+    if result.force_n is not None and data.has_force(scene.force_axes):
         found |= force(result, data, index, scene.force_axes)
     return found
 
 
-def of_dataset(pipeline, data: Dataset):
+def with_background_of(pipeline, data: Dataset):
     """What runs frames with the dataset's own background: each recording is seen against its own rest.
 
     pipeline : a float pipeline, or the tables of an integer one
@@ -150,7 +152,7 @@ def of_dataset(pipeline, data: Dataset):
     return Emulator(own) if isinstance(own, IntegerPipeline) else own
 
 
-def compare(
+def compare_pipelines(
     bundle: Bundle, data: Dataset, index: np.ndarray, *, progress: bool
 ) -> tuple[dict, dict[str, Result]]:
     """Errors of both pipelines on frames `index`; returns {"float": …, "integer": …} and the results.
@@ -158,8 +160,8 @@ def compare(
     "growth_percent" says by how much each error grows from float to integer.
     """
     pipelines = {
-        "float": of_dataset(FloatPipeline.from_bundle(bundle), data),
-        "integer": of_dataset(bundle.pipeline, data),
+        "float": with_background_of(FloatPipeline.from_bundle(bundle), data),
+        "integer": with_background_of(bundle.pipeline, data),
     }
     results = {name: p.run(data.frames[index], progress=progress) for name, p in pipelines.items()}
     errors = {

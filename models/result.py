@@ -35,7 +35,7 @@ class Result:
     validity: np.ndarray | None = None
 
 
-def join(results: list[Result]) -> Result:
+def concatenate(results: list[Result]) -> Result:
     """Results of consecutive frames as one."""
     return Result(
         **{

@@ -16,7 +16,7 @@ from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.geometry import rest_depth_mm
-from fastac.sensor.mechanics.press import ContactError, Pressed, Rig
+from fastac.sensor.mechanics.press import ContactError, PressedSkin, Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.optics.camera import background, render
 from fastac.sensor.optics.mosaic import CELL
@@ -26,7 +26,7 @@ from fastac.sensor.protocol import FingertipError, stations
 from fastac.store.progress import progress_bar
 
 
-def require(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
+def require_simulated(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
     """Raise FingertipError unless the virtual sensor can show `what`, which needs the forces along `axes`."""
     if scene.sensor.source != "simulated":
         raise FingertipError(f"{what}: sensor.source = {scene.sensor.source!r}: expected 'simulated'")
@@ -56,7 +56,7 @@ def _press(task) -> list[dict | None]:
     ]
 
 
-def sample(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> dict:
+def sample(pressed: PressedSkin, sensor: Sensor, rng: np.random.Generator) -> dict:
     """What a dataset holds of one press, with its frame; see `_empty` for the keys."""
     view = render if sensor.frames == "channels" else render_raw10
     arrays = {

@@ -67,7 +67,7 @@ def normals_from_slopes(p: np.ndarray, q: np.ndarray) -> np.ndarray:
     return np.stack([-p / length, -q / length, 1 / length], axis=-1)
 
 
-def slopes_less(displacement_mm: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
+def deformed_slopes(displacement_mm: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
     """p and q, (H, W) each, of the untouched skin, in closed form, less the displacement's derivative by a
     cubic spline."""
     rows = np.arange(sensor.height_px) * sensor.pitch_mm

@@ -50,7 +50,7 @@ class Dataset:
     def __len__(self) -> int:
         return len(self.split)
 
-    def knows_force(self, axes: tuple[int, ...]) -> bool:
+    def has_force(self, axes: tuple[int, ...]) -> bool:
         """Whether the forces along all of `axes`, 0 to 2 for x to z, were measured."""
         return self.force_n is not None and all(FORCE_AXES[axis] in self.force_axes for axis in axes)
 
@@ -60,7 +60,7 @@ class Dataset:
         Raises DatasetError if an axis was not measured.
         """
         for axis in axes:
-            if not self.knows_force((axis,)):
+            if not self.has_force((axis,)):
                 raise DatasetError(f"force_n: {FORCE_AXES[axis]}: not measured")
         return self.force_n[index][:, [self.force_axes.index(FORCE_AXES[axis]) for axis in axes]]
 
@@ -160,7 +160,7 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
         need(close, "pitch_mm", f"{data.pitch_mm:.6g}", f"{sensor.pitch_mm:g} ({scene.name})")
 
 
-def choose(data: Dataset, split: str, path: Path) -> np.ndarray:
+def split_indices(data: Dataset, split: str, path: Path) -> np.ndarray:
     """Frames of a split, or "all"; raises DatasetError where there are none."""
     index = np.arange(len(data)) if split == "all" else data.indices(split)
     if not len(index):
@@ -168,12 +168,12 @@ def choose(data: Dataset, split: str, path: Path) -> np.ndarray:
     return index
 
 
-def spread(index: np.ndarray, count: int) -> np.ndarray:
+def evenly_spaced(index: np.ndarray, count: int) -> np.ndarray:
     """`count` frames spread evenly over `index` (all of it if it is smaller)."""
     return index[np.unique(np.linspace(0, len(index) - 1, count).round().astype(int))]
 
 
-def take(data: Dataset, index: np.ndarray) -> Dataset:
+def subset(data: Dataset, index: np.ndarray) -> Dataset:
     """The samples `index` of a dataset alone."""
     geometry = ("normals", "depth_mm", "valid", "markers_px", "tangential_mm")
     arrays = ("frames", "split", *geometry, "force_n", "group")

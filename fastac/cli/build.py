@@ -14,6 +14,7 @@ from fastac.cli.common import (
     progress_option,
     run_build,
 )
+from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 
 
@@ -21,8 +22,8 @@ def print_summary(folder: Path) -> None:
     from fastac.report.content import summary_rows
 
     report = json.loads((folder / "report.json").read_text())
-    for what, ours, paper, _ in summary_rows(report):
-        click.echo(f"{what:48s} {ours}" + (f"   (paper: {paper})" if paper else ""))
+    rows = [[what, ours, paper] for what, ours, paper, _ in summary_rows(report)]
+    click.echo(text_table(["", "here", "paper"], rows))
     click.echo(f"{folder / 'report.html'}")
 
 
@@ -86,12 +87,18 @@ def reproduce(scene, data, folder, output, progress):
 @click.command()
 @click.argument("folder", type=INPUT)
 @click.option("--data", type=INPUT, help="The dataset of the build. [default: FOLDER/data.h5]")
-def report(folder, data):
+@click.option(
+    "--picture", type=INPUT, help="Draw a frame, what is found in it and the cycles: PNG, SVG or PDF."
+)
+def report(folder, data, picture):
     """Write report.json and report.html of the build in FOLDER again, and print the summary."""
     from fastac.flow.frames import read
     from fastac.report import page as reporting
+    from fastac.report import picture as one_picture
 
     model = load_bundle(folder)
     samples = read(data or folder / "data.h5", model.scene)
     reporting.write(folder, model, samples)
+    if picture:
+        one_picture.write(picture, model, samples, json.loads((folder / "report.json").read_text()))
     print_summary(folder)

@@ -64,7 +64,7 @@ def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, cache, progr
     from fastac.sensor.importers import cnc, poses
 
     scene = scenes.load(scene)
-    rows = cnc.planned(scene, load_cad(scene, cad, cad_pitch_mm), origin_mm)
+    rows = cnc.planned_poses(scene, load_cad(scene, cad, cad_pitch_mm), origin_mm)
     output.parent.mkdir(parents=True, exist_ok=True)
     poses.write(output, rows)
     click.echo(f"{output}: {len(rows)} samples")

@@ -14,9 +14,9 @@ from fastac.cli.common import (
     progress_option,
     run_build,
 )
+from fastac.report import synthesis_table
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
-from fastac.synth import table
 
 
 @click.command()
@@ -96,7 +96,7 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     model = load_bundle(bundle)
     samples = read(data, model.scene, progress=progress)
     count = frames or (1 if trace else model.scene.simulation.frames)
-    index = sensor_samples.spread(sensor_samples.choose(samples, split, data), count)
+    index = sensor_samples.evenly_spaced(sensor_samples.split_indices(samples, split, data), count)
     output = output or bundle / "sim"
     found = hardware.simulate(
         model, samples, index, verilog_folder or bundle / "verilog", output, trace=trace, progress=progress
@@ -153,5 +153,5 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
         jobs=jobs,
         progress=progress,
     )
-    click.echo(table.table(content, DEVICE))
+    click.echo(synthesis_table.table(content, DEVICE))
     click.echo(f"{output / synthesis.FILE}")

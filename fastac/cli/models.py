@@ -13,6 +13,7 @@ from fastac.cli.common import (
     progress_option,
     run_build,
 )
+from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
 
@@ -31,13 +32,13 @@ def train(scene, data, output, progress):
 
 
 def print_errors(errors: dict) -> None:
-    click.echo(f"{'':34s} {'float':>12s} {'integer':>12s} {'growth':>9s}")
+    rows = []
     for key, value in errors["float"].items():
         growth = errors["growth_percent"].get(key)
-        change = "" if growth is None else f"{growth:+8.2f}%"
-        click.echo(f"{key:34s} {value:12.6f} {errors['integer'][key]:12.6f} {change:>9s}")
-    for key, count in errors["saturated_values"].items():
-        click.echo(f"{key:34s} {'':12s} {count:12d} values")
+        change = None if growth is None else f"{growth:+.2f}%"
+        rows.append([key, f"{value:.6f}", f"{errors['integer'][key]:.6f}", change])
+    rows += [[key, None, f"{count} values", None] for key, count in errors["saturated_values"].items()]
+    click.echo(text_table(["error", "float", "integer", "growth"], rows))
 
 
 @click.command()
@@ -71,7 +72,7 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))
         return
-    index = sensor_samples.choose(samples, split, data)
+    index = sensor_samples.split_indices(samples, split, data)
     errors = sensor.errors(samples, index, progress=progress)
     if json_file:
         write_json(json_file, {"data": str(data), "split": split, "frames": len(index), **errors})
@@ -95,7 +96,7 @@ def predict(bundle, data, use_float, split, output, progress):
 
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
-    index = sensor_samples.choose(samples, split, data)
+    index = sensor_samples.split_indices(samples, split, data)
     arithmetic = "float" if use_float else "integer"
     output.parent.mkdir(parents=True, exist_ok=True)
     if output.is_dir():

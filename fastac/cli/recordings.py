@@ -164,7 +164,9 @@ def cnc_recording(
         ball_mm=scene.protocol.ball_mm if ball_mm is None else ball_mm,
         origin_mm=origin_mm,
         raw_size_px=raw_size_px,
-        dots_of=partial(Markers.of_background, sensor=scene.sensor) if scene.sensor.markers else None,
+        marker_finder_of=partial(Markers.of_background, sensor=scene.sensor)
+        if scene.sensor.markers
+        else None,
         skip_lost=skip_lost,
         progress=progress,
     )

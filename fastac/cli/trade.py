@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 
 from fastac.cli.common import INPUT, output_option, progress_option
+from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 from fastac.sweep import pools
 
@@ -140,8 +141,8 @@ def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress
         path = scene_file or output / "picked.toml"
         trading.write_scene(best, path, f"fastac trade --pick {pick!r} --by {by}")
         click.echo(f"{path}: {page.named(best)}")
-        for name in sorted({*by_names, *trading.asked(pick)}):
-            click.echo(f"  {name:32s} {best.metrics[name]:.6g}")
+        shown_names = sorted({*by_names, *trading.asked(pick)})
+        click.echo(text_table(["metric", "value"], [[n, f"{best.metrics[n]:.6g}"] for n in shown_names]))
     for path in page.write(shown, output):
         click.echo(path)
     if different:

@@ -59,7 +59,7 @@ def verify(source, data, split, lanes, frames, output, progress):
     model = load_bundle(folder)
     data = data or folder / "data.h5"
     samples = read(data, model.scene, progress=progress)
-    index = sensor_samples.spread(sensor_samples.choose(samples, split, data), frames)
+    index = sensor_samples.evenly_spaced(sensor_samples.split_indices(samples, split, data), frames)
     output = output or folder / "verify"
     content = campaign.run(model, samples, index, lanes, output, progress=progress)
     click.echo(campaign.table(content))

@@ -87,12 +87,12 @@ class Build:
         training.assemble(self.data, self.scene, self.folder, self.folder / "bundle")
 
     def _evaluate(self) -> None:
-        index = samples.choose(self.data, "test", self.data_path)
-        errors, _ = accuracy.compare(self.bundle, self.data, index, progress=self.progress)
+        index = samples.split_indices(self.data, "test", self.data_path)
+        errors, _ = accuracy.compare_pipelines(self.bundle, self.data, index, progress=self.progress)
         write_json(self.folder / "accuracy.json", {"split": "test", "frames": len(index), **errors})
 
     def _simulate(self) -> None:
-        index = samples.spread(self.data.indices("test"), self.scene.simulation.frames)
+        index = samples.evenly_spaced(self.data.indices("test"), self.scene.simulation.frames)
         found = hardware.simulate(
             self.bundle,
             self.data,

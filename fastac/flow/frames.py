@@ -22,7 +22,7 @@ from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.fingertip import sample
-from fastac.sensor.mechanics.press import Pressed
+from fastac.sensor.mechanics.press import PressedSkin
 from fastac.store.files import digest_file
 from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
@@ -31,7 +31,7 @@ CACHE = Path("build/cache")
 """Where processed frames are kept, unless the caller says otherwise."""
 
 
-def of_press(pressed: Pressed, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
+def of_press(pressed: PressedSkin, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """What the virtual camera sees of a press, as the models take it: (H, W, C) uint8."""
     return as_channels(sample(pressed, sensor, rng)["frame"], sensor)
 

@@ -11,7 +11,8 @@ from fastac.flow import training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
 from fastac.models.training import slope_force
-from fastac.models.training.from_forces import differences
+from fastac.models.training.from_forces import background_differences
+from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
@@ -43,15 +44,15 @@ def linear_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
     """Forces (test frames, axes) of a ridge on the pixels' differences, its weights smooth over the image."""
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
     weights, _ = slope_force.fit(
-        {split: differences(data, index) for split, index in splits.items()},
+        {split: background_differences(data, index) for split, index in splits.items()},
         {split: data.forces_n(index, axes) for split, index in splits.items()},
     )
-    return np.einsum("nijc,aijc->na", differences(data, data.indices("test")), weights)
+    return np.einsum("nijc,aijc->na", background_differences(data, data.indices("test")), weights)
 
 
 def quadratic_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
     """Forces (test frames, axes) of a + b·s + c·s², s the sum of all absolute differences, least squares."""
-    sums = np.array([np.abs(differences(data, [k])).mean() for k in range(len(data))])
+    sums = np.array([np.abs(background_differences(data, [k])).mean() for k in range(len(data))])
     x = sums[:, None] ** np.arange(3)
     seen, test = np.flatnonzero(data.split != "test"), data.indices("test")
     return x[test] @ np.linalg.lstsq(x[seen], data.forces_n(seen, axes), rcond=None)[0]
@@ -73,7 +74,7 @@ def errors(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> dict
     truth = data.forces_n(index, scene.force_axes)
     found = {
         name: value["force_mae_n"]
-        for name, value in accuracy.compare(model, data, index, progress=progress)[0].items()
+        for name, value in accuracy.compare_pipelines(model, data, index, progress=progress)[0].items()
         if name in MODELS
     }
     for name, estimate in (("linear", linear_force_n), ("quadratic", quadratic_force_n)):
@@ -111,11 +112,12 @@ def evaluate(data: Dataset, scene: Scene, path: Path, folder: Path, *, progress:
 
 
 def table(content: dict) -> str:
-    """The errors as text, a line for each group and one for the mean."""
-    width = max(len("left out"), *(len(name) for name in content["groups"]))
-    lines = [f"{'left out':{width}s} {'frames':>8s}" + "".join(f"{f'{model}, N':>14s}" for model in MODELS)]
-    for name, entry in content["groups"].items():
-        values = "".join(f"{entry['mae_n'][model]:14.4f}" for model in MODELS)
-        lines.append(f"{name:{width}s} {entry['frames']:8d}{values}")
-    values = "".join(f"{content['mean_mae_n'][model]:14.4f}" for model in MODELS)
-    return "\n".join([*lines, f"{'mean':{width}s} {'':8s}{values}"])
+    """The errors as text: a row for each group that was left out, and one for the mean."""
+    rows = [(name, entry["frames"], entry["mae_n"]) for name, entry in content["groups"].items()]
+    return text_table(
+        ["left out", "frames", *(f"{model}, N" for model in MODELS)],
+        [
+            [name, frames, *(f"{mae_n[model]:.4f}" for model in MODELS)]
+            for name, frames, mae_n in (*rows, ("mean", None, content["mean_mae_n"]))
+        ],
+    )

@@ -46,7 +46,7 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
     if scene.wants_force and data.force_n is None:
         raise TrainingError(f"{path}: force_n: missing, and scene {scene.name} wants {scene.outputs}")
     for axis in scene.force_axes:
-        if not data.knows_force((axis,)):
+        if not data.has_force((axis,)):
             raise TrainingError(
                 f"{path}: force_n: no {'xyz'[axis]} axis, and scene {scene.name} wants {scene.outputs}"
             )
@@ -77,7 +77,7 @@ def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
 
 def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
     arrays = {}
-    for k, layer in enumerate(network.linears):
+    for k, layer in enumerate(network.linear_layers):
         arrays[f"network.{k}.weight"] = layer.weight.detach().numpy().copy()
         arrays[f"network.{k}.bias"] = layer.bias.detach().numpy().copy()
     return arrays
@@ -102,9 +102,9 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     count = len([k for k in arrays if k.startswith("network.") and k.endswith(".weight")])
     network = float_pipeline(arrays, data, scene).network
     if scene.training.labels == "force":
-        split = from_forces.labelled_by(network, data, seed=scene.training.seed)
+        split = from_forces.distillation_pixels(network, data, seed=scene.training.seed)
     else:
-        split = train_normals.labelled(data, scene.training)
+        split = train_normals.labelled_splits(data, scene.training)
     x, _ = split["train"]
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
     layers = quantise.quantise_layers(
@@ -175,7 +175,7 @@ def _fit_force(
     if start is None:
         fitted, history = slope_force.fit(found, truth, progress=progress)
     else:
-        model, history = hyperforce.refit(scene, start, found, truth)
+        model, history = hyperforce.refit_last_layer(scene, start, found, truth)
         fitted = force_weights(model, scene)
     return {f"force.{name}_weights": fitted.astype(np.float32)} | curve(history, f"force_{name}")
 

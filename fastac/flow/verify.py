@@ -18,6 +18,7 @@ from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle as bundles
 from fastac.models.integer.bundle import Bundle
+from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene, SceneError, describe
 from fastac.sensor.dataset import Dataset
 from fastac.sim.check_top import simulate
@@ -190,14 +191,12 @@ def run(
 def table(content: dict) -> str:
     """The campaign for a terminal; a time beyond its limit is marked with an exclamation mark."""
     head = ("lanes", "weights", "stalls", "frames", "values", "mismatches", "cycles", *LIMITS)
-    lines = [head]
+    rows = []
     for row in content["rows"]:
         times = [
             f"{row[key]:.1f}{'!' * (row[key] > limit)}" if key in row else "" for key, limit in LIMITS.items()
         ]
         counts = [f"{row[key]:,}" for key in ("frames", "values_compared", "mismatches", "cycles")]
-        lines.append((str(row["lanes"]), row["weights"], "random" if row["stalls"] else "", *counts, *times))
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    text = ["  ".join(cell.rjust(width) for cell, width in zip(line, widths, strict=True)) for line in lines]
+        rows.append((str(row["lanes"]), row["weights"], "random" if row["stalls"] else "", *counts, *times))
     notes = {f"{row['lanes']} lanes: {row['note']}": None for row in content["rows"] if row["note"]}
-    return "\n".join([*text, *notes])
+    return "\n".join([text_table(head, rows), *notes])

@@ -6,7 +6,7 @@ from pathlib import Path
 from fastac.gateware.target.device import DEVICE
 from fastac.models.integer.bundle import Bundle
 from fastac.report import paper as paper_figures
-from fastac.synth import energy, table
+from fastac.synth import energy, synthesis_figures
 
 LATENCY_ORIGIN = (
     "counted in the Verilator simulation of the top-level; stages: the design's formulas, whose"
@@ -40,7 +40,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
         ),
         "dsp48e2_by_module": estimated(multipliers, "as dsp48e2"),
     }
-    resources |= table.resources(folder, hardware)
+    resources |= synthesis_figures.resources(folder, hardware)
     return {
         "scene": scene.model_dump(mode="json"),
         "bundle_sha256": bundle.digest,

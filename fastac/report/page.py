@@ -15,6 +15,7 @@ import numpy as np
 
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
+from fastac.report.picture import draw_cycles, rgb
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import write_json
@@ -27,17 +28,12 @@ def _png(figure) -> str:
     return base64.b64encode(buffer.getvalue()).decode()
 
 
-def _picture(frame: np.ndarray) -> np.ndarray:
-    """B, G, R[, NIR] to an RGB picture."""
-    return frame[..., 2::-1]
-
-
 def frames_figure(data: Dataset, index: np.ndarray, results: dict, scene: Scene) -> str:
     """A row per frame: input, NIR, normals, depth found, displacement, depth error, force map."""
     rows = []
     for k, sample in enumerate(index):
         frame = data.frames[sample]
-        panels = [("input (RGB)", _picture(frame), {})]
+        panels = [("input (RGB)", rgb(frame), {})]
         if frame.shape[-1] == 4:
             panels.append(("NIR", frame[..., 3], {"cmap": "gray", "vmin": 0, "vmax": 255}))
         found = results["integer"]
@@ -84,14 +80,8 @@ def force_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tu
 
 def cycles_figure(report: dict) -> str:
     """Where the cycles go, stage by stage."""
-    stages = report["latency_cycles_by_formula"]["stage"]
     figure, axis = plt.subplots(figsize=(8, 1.8))
-    left = 0
-    for k, (name, cycles) in enumerate(stages.items()):
-        axis.barh(0, cycles, left=left, color=plt.cm.tab20(k), label=f"{name}: {cycles:,}")
-        left += cycles
-    axis.set_yticks([])
-    axis.set_xlabel("clock cycles from the first pixel")
+    draw_cycles(axis, report["latency_cycles_by_formula"]["stage"])
     axis.legend(fontsize=6, ncol=4, loc="upper center", bbox_to_anchor=(0.5, -0.35))
     return _png(figure)
 
@@ -134,7 +124,7 @@ def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
     report = content(folder, bundle)
     shown = np.array(report["rtl_vs_integer"]["frame_indices"])
     axes = bundle.scene.force_axes
-    _, results = accuracy.compare(bundle, data, shown, progress=False)
+    _, results = accuracy.compare_pipelines(bundle, data, shown, progress=False)
     figures = [
         ("The frames that went through the hardware", frames_figure(data, shown, results, bundle.scene)),
         ("Where the cycles go", cycles_figure(report)),
@@ -142,7 +132,7 @@ def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
     ]
     if bundle.scene.wants_force:
         index = data.indices("test")
-        _, everything = accuracy.compare(bundle, data, index, progress=False)
+        _, everything = accuracy.compare_pipelines(bundle, data, index, progress=False)
         figures.insert(1, ("Force on the held-out grid", force_figure(data, index, everything, axes)))
     template = jinja2.Environment(
         loader=jinja2.PackageLoader(__package__, "."), autoescape=True, undefined=jinja2.StrictUndefined

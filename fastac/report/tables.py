@@ -1,11 +1,40 @@
-"""Tables as they are shown on pages and in terminals."""
+"""Tables as they are shown on pages, in terminals and in log files."""
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+
+from tabulate import tabulate
+
+_NUMBER = re.compile(r"[-+±]?\d\S*( \w+)?")
+
+
+def text_table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
+    """Aligned columns as plain text: no lines, no colours, never cut, so that files hold it as well.
+
+    Cells are shown as they are, None as nothing; a column of numbers, with or without units, is aligned to
+    the right.
+    """
+    cells = [["" if cell is None else str(cell) for cell in row] for row in rows]
+    numeric = [
+        all(_NUMBER.fullmatch(cell) for cell in column if cell) and any(column)
+        for column in zip(*cells, strict=True)
+    ] or [False] * len(head)
+    text = tabulate(
+        cells,
+        [str(name) for name in head],
+        tablefmt="plain",
+        disable_numparse=True,
+        colalign=["right" if known else "left" for known in numeric],
+        preserve_whitespace=True,
+    )
+    return "\n".join(line.rstrip() for line in text.splitlines())
 
 
 @dataclass(frozen=True)
 class Table:
+    """A table with its title and a note: rows of cells that are text already."""
+
     title: str
     head: Sequence[str]
     rows: Sequence[Sequence[str]]
@@ -13,16 +42,13 @@ class Table:
 
     @property
     def text(self) -> str:
-        """For a terminal."""
-        widths = [max(map(len, column)) for column in zip(self.head, *self.rows, strict=True)]
-        lines = [
-            "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-            for line in (self.head, *self.rows)
-        ]
+        """The title and below it the indented table, for a terminal."""
+        lines = text_table(self.head, self.rows).splitlines()
         return "\n".join([self.title, *(f"  {line}" for line in lines)])
 
 
 def number(value) -> str:
+    """Four significant digits, or all digits of a whole number with separators of thousands."""
     if isinstance(value, float) and not value.is_integer():
         return f"{value:.4g}"
     return f"{value:,.0f}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)

@@ -58,7 +58,7 @@ def confirm(source: Source, row: Row, folder: Path, *, progress: bool) -> Confir
         step.perform()
     bundle = bundles.save(folder / "bundle", models.pipeline, models.floats)
     hardware.write_verilog(bundle, folder / "verilog", progress=progress)
-    index = samples.spread(models.index, FRAMES)
+    index = samples.evenly_spaced(models.index, FRAMES)
     found = hardware.simulate(
         bundle, models.data, index, folder / "verilog", folder / "sim", progress=progress
     )

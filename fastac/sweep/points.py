@@ -108,8 +108,8 @@ class PointModels:
     @cached_property
     def index(self) -> np.ndarray:
         """The frames that are evaluated."""
-        chosen = samples.choose(self.data, self.setting.split, self.data_path)
-        return samples.spread(chosen, self.setting.frames)
+        chosen = samples.split_indices(self.data, self.setting.split, self.data_path)
+        return samples.evenly_spaced(chosen, self.setting.frames)
 
     @cached_property
     def steps(self) -> dict[str, Step]:

@@ -1,4 +1,4 @@
-"""From several words a beat to one sum a frame: adder tree and accumulator, with widths from bounds."""
+"""Sum all values of a frame: adder tree over the words of a beat, then an accumulator; widths from bounds."""
 
 import numpy as np
 from amaranth import Cat, Module, Mux, Signal, signed
@@ -9,15 +9,19 @@ from fastac.models.integer.words import signed_width
 
 
 def tree_levels(terms: int) -> int:
-    """Registers that a value passes in `adder_tree`: ceil(log2(terms))."""
+    """Latency of `adder_tree` in clocks, one register per level: ceil(log2(terms))."""
     return (terms - 1).bit_length()
 
 
 def adder_tree(m: Module, advance, terms: list, bounds: np.ndarray, name: str):
-    """Add a registered tree of two-operand adders over `terms` to `m`; returns the sum.
+    """Build a tree of two-operand adders over `terms`, a register per level, in `m`; returns the sum.
 
-    `bounds` (cases, terms) holds the largest magnitude of each term in each case that can occur (here: with
-    each word of a ROM). A node is as wide as the largest, over the cases, of its terms' sums.
+    advance : clock enable of the registers
+    bounds : (cases, terms), the largest magnitude of each term in each case, here for each word of a ROM
+    name : prefix of the registers' names
+
+    Each node has just the bits for the largest sum of its terms' bounds over all cases.
+    Latency: `tree_levels(len(terms))` clocks.
     """
     for level in range(tree_levels(len(terms))):
         pairs = [terms[k : k + 2] for k in range(0, len(terms), 2)]
@@ -32,15 +36,15 @@ def adder_tree(m: Module, advance, terms: list, bounds: np.ndarray, name: str):
 
 
 def beats_per_frame(rows: int, columns: int, lanes: int) -> int:
-    """Beats of a frame whose rows each take ceil(columns/lanes)."""
+    """Beats of a raster frame whose every row starts with a new beat: rows · ceil(columns/lanes)."""
     return rows * -(-columns // lanes)
 
 
 def dsp_slices(a: int, b: int) -> int:
-    """DSP48E2 for a product of signed words of `a` and `b` bits: 27×18 bits each, signed.
+    """Number of DSP48E2 slices, each a signed 27×18-bit multiplier, for a product of signed `a` × `b` bits.
 
-    A longer word is cut into its signed upper part and unsigned parts of one bit less than the port, so
-    ceil((a − 1)/26) · ceil((b − 1)/17), or the same with the ports exchanged if that is less.
+    A wider operand is cut into a signed upper part and unsigned lower parts one bit narrower than the port:
+    ceil((a − 1)/26) · ceil((b − 1)/17), or with the ports exchanged if that is less (Xilinx UG579).
     """
 
     def parts(width: int, port: int) -> int:
@@ -50,22 +54,23 @@ def dsp_slices(a: int, b: int) -> int:
 
 
 class FrameAccumulator(wiring.Component):
-    """A = constant + the sum of all words of a frame, for each axis.
+    """Sum all words of a frame for each axis: A = constant + Σ words.
 
     Parameters: `bounds` (beats, axes, words), the largest magnitude of each word in each beat of a frame;
-    `constant` (axes,), where the sums start; `width`, the bits of a sum: by default those of |constant| + Σ
-    bounds, the worst axis, and so of every sum on the way.
+    `constant` (axes,), the initial value of each sum; `width`, the bits of a sum, by default the least that
+    hold ±(|constant| + Σ bounds) of the worst axis, hence every partial sum too.
 
     Members
     -------
-    i : stream of axes × words, signed(`word_width`) each; `interval` = beats of them make a frame
-    o : stream of one beat a frame, a sum signed(`width`) per axis
-    start : in place of `constant`, as wide as the sums, and never larger than they allow for. Only with
+    i : stream of axes × words, signed(`word_width`) each, `word_width` = signed_width(max(bounds)); `beats`
+        of them make a frame
+    o : stream of one beat per frame: one sum per axis, signed(`width`)
+    start : replaces `constant`: signed(`width`) per axis, small enough that no sum overflows. Only with
         `loadable`.
 
-    `latency` = ceil(log2(words)) + 1 clocks (adder tree, accumulator) pass from the last beat of a frame to
-    its sums if nothing stalls; the next frame may follow without a gap. The last register is the
-    accumulator: while finished sums stand in it, all before it waits.
+    `latency` = ceil(log2(words)) + 1 clocks (adder tree, accumulator) from a frame's last beat to its sums,
+    without back-pressure. Initiation interval: `interval` = beats clocks per frame, without gaps. The
+    accumulator is also the output register: until the sums are taken, the whole pipeline is stalled.
     """
 
     def __init__(
@@ -99,7 +104,7 @@ class FrameAccumulator(wiring.Component):
         m = Module()
         advance, done = Signal(), Signal()
         valid = Signal(tree_levels(self.words))
-        summed = Cat(self.i.valid, valid)[-1]  # the words' sums stand before the accumulator
+        summed = Cat(self.i.valid, valid)[-1]  # a beat's sum is at the accumulator's input
         m.d.comb += [
             advance.eq(self.o.ready | ~done),
             self.i.ready.eq(advance),
@@ -107,7 +112,7 @@ class FrameAccumulator(wiring.Component):
         ]
 
         beat = Signal(range(self.interval))
-        fresh = Signal(init=1)  # the next sums are the first of a frame
+        fresh = Signal(init=1)  # the next beat is the first of a frame
         last = beat == self.interval - 1
         with m.If(advance):
             m.d.sync += [valid.eq(Cat(self.i.valid, valid)), done.eq(summed & last)]

@@ -1,4 +1,7 @@
-"""Two products with a shared operand in one multiplier: (upper << shift) + lower, times x."""
+"""Two products with a common operand x in one multiplier: ((upper << shift) + lower) · x.
+
+The method is that of Xilinx WP486, "Deep Learning with INT8 Optimization on Xilinx Devices" (2016).
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,15 +11,15 @@ from amaranth import Cat, Const, Value, unsigned
 from fastac.models.integer.words import signed_width
 
 WIDE_PORT, NARROW_PORT = 27, 18
-"""Bits of the two signed operands of a DSP48E2's multiplier."""
+"""Bits of the two signed operands of a DSP48E2's multiplier (Xilinx UG579)."""
 
 
 @dataclass(frozen=True)
 class Packing:
-    """How two weights of at most ±`weight_limit` share a word, and how many products a word can sum.
+    """How two weights of magnitude up to `weight_limit` share one word, and how many products it can sum.
 
-    Sums of 2**`levels` products stay inside the lower field of `shift` bits. That field is signed, so where
-    it is negative it has borrowed one from the upper field, which then needs one more: the correction.
+    The lower field has `shift` bits, enough for the sum of 2**`levels` products. It is signed: a negative
+    lower field borrows 1 from the upper field, and `split` corrects that by adding 1.
     """
 
     weight_limit: int
@@ -25,7 +28,7 @@ class Packing:
 
     @property
     def limit(self) -> int:
-        """The largest magnitude of a packed word."""
+        """Largest magnitude of a packed word."""
         return (self.weight_limit << self.shift) + self.weight_limit
 
     @property
@@ -34,12 +37,13 @@ class Packing:
         return signed_width(self.limit)
 
     def word(self, lower: int, upper: int) -> int:
+        """The two weights packed into one word."""
         return (upper << self.shift) + lower
 
     def split(self, total: Value, lower_bias: Value, upper_bias: Value) -> tuple[Value, Value]:
-        """A sum of packed products as (lower, upper) sum, each with its signed bias: one addition each.
+        """Split a sum of packed products into its (lower, upper) sums and add a signed bias to each.
 
-        The correction is the carry into the upper addition.
+        Costs one addition each: the correction of the borrow is the carry into the upper one.
         """
         lower = total[: self.shift].as_signed()
         carry = Cat(Const(1, unsigned(1)), total[self.shift :]).as_signed()
@@ -48,10 +52,11 @@ class Packing:
 
 
 def best_packing(weight_limit: int, input_limit: Sequence[int], input_width: int) -> Packing | None:
-    """The packing that sums the most products in a word; None where two products do not fit a DSP48E2.
+    """The packing that sums the most products per word, or None if two products do not fit in a DSP48E2.
 
-    input_limit : largest magnitude of each input, in the order in which they are summed
-    input_width : bits of an input with its sign
+    weight_limit : largest magnitude of a weight
+    input_limit : largest magnitude of each input, in the order in which their products are summed
+    input_width : bits of an input including its sign
     """
     if input_width > NARROW_PORT:
         return None

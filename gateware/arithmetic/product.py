@@ -1,17 +1,20 @@
-"""A product in the registers of a DSP slice."""
+"""A pipelined product that synthesis maps to one DSP slice with all its registers."""
 
 from amaranth import Signal
 
 LATENCY = 3
-"""Advances from operands to their product: the operands' registers, the multiplier's and the output's."""
+"""Clocks with `advance` high from operands to product: registers of the operands (A, B), M and P."""
 
 
 def product(m, platform, advance, a, b, *, name: str) -> Signal:
-    """The register that holds `a` · `b`, of values of any sign, `LATENCY` advances later; no reset.
+    """Multiply `a` and `b`, signed or unsigned; returns the product's register, valid after `LATENCY` clocks.
 
-    One DSP48E2 with all its registers where one has at most 27 signed bits and the other 18. A device with
-    narrower multipliers forms the product in its own way, in as many advances: its platform has a method
-    `product` with these parameters.
+    advance : clock enable of all registers; they have no reset
+    name : prefix of the registers' names
+
+    Fits one DSP48E2 if one operand has at most 27 bits including its sign and the other at most 18. For a
+    device with narrower multipliers, `platform` has a method `product` with these parameters and the same
+    latency (see Ecp5).
     """
     if hasattr(platform, "product"):
         return platform.product(m, advance, a, b, name=name)

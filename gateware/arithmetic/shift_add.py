@@ -1,4 +1,7 @@
-"""Products with constants as shifts and additions, one addition or subtraction between registers."""
+"""Multiplication by constants without multipliers: shifts and pipelined additions.
+
+There is at most one addition or subtraction between two registers.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -9,9 +12,10 @@ from fastac.models.integer.words import signed_width
 
 
 def canonical_signed_digits(constant: int) -> list[tuple[int, int]]:
-    """`constant` as (exponent, ±1) of powers of two, lowest first, no two of them neighbours.
+    """The canonical signed-digit form of `constant`: (exponent, ±1) of its non-zero digits, lowest first.
 
-    No other signed-digit form has fewer digits: a constant of n bits with its sign has at most ceil(n/2).
+    No two non-zero digits are adjacent, and no signed-digit form has fewer: at most ceil(n/2) for a signed
+    constant of n bits (G. W. Reitwiesner, "Binary arithmetic", Advances in Computers 1, 1960).
     """
     digits, exponent = [], 0
     while constant:
@@ -26,9 +30,9 @@ def canonical_signed_digits(constant: int) -> list[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Term:
-    """`value << shift`, less than nothing where `negative`; at most `bound` in magnitude.
+    """A term of a sum: `value << shift`, negated if `negative`; its magnitude is at most `bound`.
 
-    A sign that has not been applied costs nothing: the next addition becomes a subtraction.
+    Shift and sign are applied only in the next addition, where the sign makes it a subtraction at no cost.
     """
 
     value: Value
@@ -37,20 +41,21 @@ class Term:
     negative: bool = False
 
     def plus(self, other: "Term", bound: int) -> "Term":
-        """The sum of two terms, at most `bound` in magnitude; one addition or subtraction."""
+        """The sum of two terms, by one addition or subtraction; its magnitude is at most `bound`."""
         first, second = (other, self) if self.negative else (self, other)
         shift = min(first.shift, second.shift)
-        # Amaranth takes the amount of a `<<` for a variable and makes room for the largest of as many bits.
+        # shift_left() instead of `<<`: that would widen the result for the largest amount of as many bits.
         left, right = (term.value.shift_left(term.shift - shift) for term in (first, second))
         subtract = second.negative and not first.negative
         return Term(left - right if subtract else left + right, bound, shift, first.negative)
 
 
 Register = Callable[[Term, str], Term]
+"""Function of a term and a name that returns the term one clock later."""
 
 
 def pipeline_register(m: Module, enable: Value) -> Register:
-    """A function that returns its term one enabled clock later, in the bits that it needs; no reset."""
+    """A function that registers a term: signed(signed_width(bound >> shift)), clock enable, no reset."""
 
     def register(term: Term, name: str) -> Term:
         width = signed_width(term.bound >> term.shift)
@@ -63,7 +68,7 @@ def pipeline_register(m: Module, enable: Value) -> Register:
 
 
 def partial_adder_tree(terms: list[Term], levels: int, register: Register, name: str) -> list[Term]:
-    """The sums of 2**`levels` neighbouring terms, or of what is left; a register at every level."""
+    """Adder tree of `levels` levels, a register each: the sums of every 2**`levels` neighbouring terms."""
     for level in range(levels):
         pairs = [terms[start : start + 2] for start in range(0, len(terms), 2)]
         terms = [
@@ -77,10 +82,14 @@ def partial_adder_tree(terms: list[Term], levels: int, register: Register, name:
 
 
 def constant_product(constant: int, taps: Sequence[Value], limit: int, register: Register, name: str) -> Term:
-    """`constant`, not 0, times x, in time with the last of `taps`: x, then x one register later each.
+    """The product `constant` · x, aligned in time with the last of `taps`.
 
-    |x| <= limit. Taps for ceil(log2(digits)) levels of additions are needed; the sums start as late as they
-    can, because delays of x are shared by all its products.
+    constant : not 0
+    taps : x, then x delayed by 1, 2, … clocks; at least 1 + ceil(log2(digits)) of them, for the levels of
+        additions
+    limit : largest magnitude of x
+
+    Additions happen as late as possible, because all products of x share its delays.
     """
 
     def build(digits: list[tuple[int, int]], time: int) -> Term:

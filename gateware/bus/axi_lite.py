@@ -1,4 +1,4 @@
-"""AXI4-Lite onto a bus of 32-bit registers."""
+"""AXI4-Lite slave in front of a bus of 32-bit registers (Arm IHI 0022)."""
 
 from amaranth import Cat, Module, Signal, unsigned
 from amaranth.lib import enum, wiring
@@ -6,13 +6,15 @@ from amaranth.lib.wiring import In, Out
 
 
 class Response(enum.Enum, shape=unsigned(2)):
+    """AXI response codes, `bresp` and `rresp`."""
+
     OKAY = 0
-    SLVERR = 2  # the register is there but cannot be written
+    SLVERR = 2  # the register exists but refuses the access
     DECERR = 3  # no register at this address
 
 
 def axi_lite_signature(address_width: int) -> wiring.Signature:
-    """AXI4-Lite with 32 bits of data, seen from the master. `awprot` and `arprot` are not read."""
+    """AXI4-Lite with 32 data bits, seen from the master. The slave ignores `awprot` and `arprot`."""
     return wiring.Signature(
         {
             "awaddr": Out(unsigned(address_width)),
@@ -39,12 +41,12 @@ def axi_lite_signature(address_width: int) -> wiring.Signature:
 
 
 def register_bus_signature(address_width: int) -> wiring.Signature:
-    """Registers as AxiLiteSlave sees them; one read and one write may happen in the same clock.
+    """Register bus, seen from AxiLiteSlave; one read and one write may happen in the same clock.
 
-    read, write : high for the one clock in which the access happens
-    read_word, write_word : which register: the byte address / 4
-    write_data, write_mask : 32 bits, and which of them to write
-    read_data, read_response, write_response : answers in that same clock
+    read, write : high for the one clock of the access
+    read_word, write_word : index of the register, its byte address / 4
+    write_data, write_mask : 32 data bits, and a mask of the bits to write
+    read_data, read_response, write_response : the registers' answers, in the same clock
     """
     word = unsigned(address_width - 2)
     return wiring.Signature(
@@ -63,16 +65,16 @@ def register_bus_signature(address_width: int) -> wiring.Signature:
 
 
 class AxiLiteSlave(wiring.Component):
-    """Serve AXI4-Lite reads and writes, independently of one another, one at a time each.
+    """Serve one AXI4-Lite read and one write at a time, independently of each other.
 
     Members
     -------
-    axil : AXI4-Lite, byte addresses of `address_width` bits; the two lowest are ignored
+    axil : AXI4-Lite slave, byte addresses of `address_width` bits, of which the lowest two are ignored
     bus : the registers, see `register_bus_signature`
 
-    Address and data of a write may come in either order and any time apart. Every access is answered, with
-    what the bus answers; an access happens once, before its response is offered. Every output of `axil`
-    comes from a register, so a read or a write takes at least 2 clocks.
+    Address and data of a write may come in either order, any time apart. Every access appears exactly once on
+    the bus, before its response is valid, and gets the bus's response. All outputs of `axil` come from
+    registers, so an access takes at least 2 clocks.
     """
 
     def __init__(self, address_width: int):
@@ -91,7 +93,7 @@ class AxiLiteSlave(wiring.Component):
         axil, bus = self.axil, self.bus
 
         def hold(channel, *payload):
-            """Registers for one request of a channel; returns whether there is one, and its payload."""
+            """Register one request of a channel; returns (register is full, registered payload)."""
             held = Signal(name=f"{channel}_held")
             copies = [Signal.like(signal, reset_less=True, name_suffix="_held") for signal in payload]
             m.d.comb += getattr(axil, f"{channel}ready").eq(~held)

@@ -1,4 +1,4 @@
-"""A calibration's words, as they come from the host, into registers and tables."""
+"""Loader of a calibration image: the host's 32-bit words go to the datapath's registers and tables."""
 
 from dataclasses import dataclass
 
@@ -12,18 +12,19 @@ from fastac.gateware.stream.tables import TableFormat
 WORD = 32
 """Bits of one word of an image."""
 HASH = 64
+"""Bits of a bundle's hash."""
 
 
 def calibration_signature() -> wiring.Signature:
-    """What the registers and the loader have to do with each other, seen from the registers.
+    """Bus between the register block and the loader, seen from the register block.
 
-    write, word : the host writes the next word
-    taken : the answer in the same clock: it is the next word of an image
-    idle : no frame is under way; none may start in a clock with `write`
-    restart : the next word is a first word again
-    loading : from the first word taken until the last one; no frame may start meanwhile
-    received : words of an image that is not complete; 0: none
-    bundle_hash : of the calibration that is in force; 0 while `loading`
+    write, word : the host writes the next word of an image
+    taken : the loader accepts that word, in the same clock
+    idle : no frame is in flight; no frame may start in a clock with `write`
+    restart : discard the words received; the next word is the first of an image
+    loading : high from the first accepted word until the image is complete; no frame may start meanwhile
+    received : number of words received of an incomplete image; 0 if there is none
+    bundle_hash : hash of the active calibration's bundle; 0 while `loading`
     """
     return wiring.Signature(
         {
@@ -41,17 +42,17 @@ def calibration_signature() -> wiring.Signature:
 
 @dataclass(frozen=True)
 class ImageLayout:
-    """Where everything is in an image, which is a sequence of 32-bit words.
+    """Layout of a calibration image, a sequence of 32-bit words.
 
-    First `identifier`, which tells the hardware that the image is for it. Then the tables' values in order,
-    one a word. Then, in as many whole words as they need, lowest bits first, the registers in order and the
-    64 bits of the bundle's hash in the last two words.
+    Word 0 is `identifier`, by which the hardware recognises an image made for it. Then come the tables'
+    values in order, one per word, sign-extended. Then come the registers, packed from the least significant
+    bit on into whole words, and in the last two words the 64-bit hash of the bundle.
     """
 
     identifier: int
     tables: dict[str, TableFormat]
     registers: dict[str, int]
-    """Bits of each."""
+    """Bits of each register."""
 
     def __post_init__(self):
         if not 0 <= self.identifier < 1 << WORD:
@@ -68,20 +69,21 @@ class ImageLayout:
 
     @property
     def chain_words(self) -> int:
-        """Words of the registers and the hash."""
+        """Words of the packed registers and the hash, which the hardware keeps in one shift register."""
         return -(-sum(self.registers.values()) // WORD) + HASH // WORD
 
     @property
     def sections(self) -> list[int]:
-        """Words of each part, in order."""
+        """Number of words of each section, in order: identifier, each table, registers with hash."""
         return [1, *(table.depth * table.fields for table in self.tables.values()), self.chain_words]
 
     @property
     def words(self) -> int:
+        """Number of words of an image."""
         return sum(self.sections)
 
     def chain(self, registers: dict[str, int], bundle_hash: int) -> int:
-        """The registers' values and the hash as they lie in the image's last words."""
+        """The registers' values and the hash, packed into one integer as in the image's last words."""
         chain, low = 0, 0
         for name, bits in self.registers.items():
             if not 0 <= registers[name] < 1 << bits:
@@ -91,7 +93,7 @@ class ImageLayout:
         return chain | bundle_hash << (WORD * self.chain_words - HASH)
 
     def image(self, tables: dict[str, np.ndarray], registers: dict[str, int], bundle_hash: int) -> np.ndarray:
-        """The words, uint32, of tables (depth, fields) and registers' values."""
+        """The image, uint32 (words,), from the tables' values (depth, fields) and the registers' values."""
         parts = [np.array([self.identifier], np.uint32)]
         for name, table in self.tables.items():
             values, limit = np.asarray(tables[name], np.int64), 1 << (table.bits - 1)
@@ -105,20 +107,21 @@ class ImageLayout:
 
 
 class CalibrationLoader(wiring.Component):
-    """Take images of `layout`, word by word, between frames; a half loaded calibration never computes.
+    """Load calibration images of `layout` word by word while no frame is in flight.
 
-    Parameters: `registers` and `bundle_hash`, the values with which the hardware starts.
+    Parameters: `registers` and `bundle_hash`, the values after configuration of the device.
 
     Members
     -------
-    host : see `calibration_signature`. Refused, and without effect, are words while not `idle` and a first
-        word that is not the layout's identifier.
-    one output for each register, unsigned of its bits, which changes only while `host.loading`
-    one write port for each table, see `TableFormat.signature`
+    host : see `calibration_signature`. A word is refused, without effect, while not `idle`, and if a first
+        word is not the layout's identifier.
+    one output per register of the layout, unsigned of its bits; it changes only while `host.loading`
+    one write port per table of the layout, see `TableFormat.signature`
 
-    No reset touches what was loaded, nor how far loading has come: only a complete image ends it. The
-    registers and the hash are one shift register, 32 bits a word, which shifts one clock after the word; then
-    `host.loading` ends. A table's word is written, likewise one clock later, with the last of its values.
+    An incomplete calibration is never used: `host.loading` stays high, and keeps frames out, until an image
+    is complete. A reset changes neither what was loaded nor how much of an image has been received. Registers
+    and hash are one shift register that shifts by 32 bits one clock after each word; `host.loading` falls
+    after the last shift. A table's word is written one clock after the last of its values.
     """
 
     def __init__(self, layout: ImageLayout, registers: dict[str, int], bundle_hash: int):
@@ -139,7 +142,7 @@ class CalibrationLoader(wiring.Component):
         loading = Signal(reset_less=True)
         received = Signal(range(self.layout.words), reset_less=True)
         section = Signal(range(len(sections)), reset_less=True)
-        place = Signal(range(max(sections)), reset_less=True)  # within the section
+        place = Signal(range(max(sections)), reset_less=True)  # word within the section
         last = Signal()
         m.d.comb += [
             host.taken.eq(
@@ -152,7 +155,7 @@ class CalibrationLoader(wiring.Component):
             for k, length in enumerate(sections):
                 with m.Case(k):
                     m.d.comb += last.eq(place == length - 1)
-        # The chain's enable reaches thousands of registers, so it comes from a register of its own.
+        # The shift register's enable has a fan-out of thousands, so it is registered.
         complete, shifts, finished = Signal(), Signal(reset_less=True), Signal(reset_less=True)
         word = Signal(WORD, reset_less=True)
         in_chain = section == len(sections) - 1
@@ -185,7 +188,7 @@ class CalibrationLoader(wiring.Component):
             m.d.comb += getattr(self, name).eq(chain[low : low + bits])
             low += bits
 
-        # The latest values, the newest one highest.
+        # The values received last, the newest in the most significant bits.
         fields = max((table.fields for table in self.layout.tables.values()), default=0)
         values = Signal(WORD * fields, reset_less=True)
         if fields:

@@ -1,4 +1,4 @@
-"""How long frames take, in clocks, measured where they enter and leave."""
+"""Frame counter and latency measurement, in clock cycles, for the host's registers."""
 
 from amaranth import Module, Mux, Signal, unsigned
 from amaranth.lib import data, memory, wiring
@@ -6,33 +6,34 @@ from amaranth.lib.wiring import In, Out
 
 
 class FrameTimer(wiring.Component):
-    """Count frames, number their results and measure their latency.
+    """Count frames, number their results and measure their latency in clock cycles.
 
     Members
     -------
-    accepted, frame_started, frame_done, frame_bad : as FrameGuard sends them
-    result_valid : pulse as a frame's force is taken; the results come in the order of the frames, at least
-        one clock after `frame_done`. Only with `force`.
+    accepted, frame_started, frame_done, frame_bad : the outputs of FrameGuard
+    result_valid : pulse when a frame's force is taken. Results come in the order of the frames, at least one
+        clock after `frame_done`. Only with `force`.
     depth_done : the same for the last beat of a frame's depth. Only with `depth`.
-    flush : forget the frames in flight, of which no result will come; other inputs do not count meanwhile
-    frame_count : unsigned(32), frames done since reset
-    in_flight : unsigned(8), frames that have started and have not given all their results
+    normals_done : the same for the last beat of a frame's normals. Only with `normals`.
+    flush : discard the frames in flight, whose results will not come; the other inputs are ignored meanwhile
+    frame_count : unsigned(32), frames received since reset
+    in_flight : unsigned(8), frames that have started and lack a result
     interval : unsigned(32), clocks between the first beats of the last two frames; 0 until there are two
-    first_to_force, last_to_force : unsigned(32), clocks from the acceptance of the first and of the last beat
-        of the frame to its force. Where the frame's end was made up, the last beat is the last one accepted
-        before that. Only with `force`.
-    force_number : unsigned(32), the frame that gave the last force; the first frame since reset is 1
-    force_bad : whether that frame was bad
-    first_to_depth, depth_bad : the same for the last depth
-    normals_done, first_to_normals, normals_bad : the same for normals. Only with `normals`.
+    first_to_force, last_to_force : unsigned(32), clocks from the acceptance of a frame's first and last beat
+        to its force. If the end of the frame was padded, the last beat is the last one accepted before the
+        padding. Only with `force`.
+    force_number : unsigned(32), number of the frame that gave the last force, from 1 since reset
+    force_bad : that frame was bad
+    first_to_depth, depth_bad : the same for the last depth map
+    first_to_normals, normals_bad : the same for the last normal map
 
-    Outputs change in the clock after the pulse. Times are exact modulo 2**32, and up to `frames` frames may
-    be in flight; with more of them the times of some are wrong, but numbers and order stay right.
+    Outputs change one clock after the pulse. Times are modulo 2**32. With more than `frames` frames in flight
+    some times are wrong, but counts, numbers and order stay right.
     """
 
     def __init__(self, *, force: bool, depth: bool, normals: bool = False, frames: int = 8):
         if not force and not depth and not normals:
-            raise ValueError("force False, depth False: expected at least one to be measured")
+            raise ValueError("force False, depth False, normals False: expected at least one")
         if not 2 <= frames <= 128 or frames & (frames - 1):
             raise ValueError(f"frames {frames}: expected a power of two, 2 to 128")
         self.force, self.frames = force, frames
@@ -55,7 +56,7 @@ class FrameTimer(wiring.Component):
     def elaborate(self, platform):
         m = Module()
 
-        # FrameGuard holds one beat: when a frame starts or ends, that beat is the last one accepted.
+        # FrameGuard registers one beat: the beat that starts or ends a frame is the last one accepted.
         now = Signal(32)
         accepted_at = Signal(32, reset_less=True)
         first = Signal(32, reset_less=True)
@@ -63,7 +64,7 @@ class FrameTimer(wiring.Component):
         with m.If(self.accepted):
             m.d.sync += accepted_at.eq(now)
 
-        # Frame k's stamps lie at k modulo `frames`; each kind of result counts on by itself.
+        # Frame k's time stamps are at address k modulo `frames`; each kind of result has its own counter.
         stamp = data.StructLayout({"first": 32, "last": 32, "bad": 1})
         m.submodules.stamps = stamps = memory.Memory(shape=stamp, depth=self.frames, init=[])
         write = stamps.write_port()

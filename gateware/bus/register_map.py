@@ -1,4 +1,4 @@
-"""The map of the registers, for the hardware, the host's driver and the documentation alike."""
+"""The register map, from which hardware, tests, hardware.json and documentation are made."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -6,6 +6,7 @@ from typing import NamedTuple
 from fastac.models.integer.frame_validity import REASONS
 
 ADDRESS_WIDTH = 8
+"""Bits of a byte address."""
 ID = int.from_bytes(b"FTAC", "big")
 ERRORS = (
     "line_short",
@@ -19,11 +20,12 @@ ERRORS = (
     "calibration_refused",
     "frame_suspect",
 )
+"""Bits of the register ERRORS, from bit 0."""
 AXES = "xyz"
 
 
 class Field(NamedTuple):
-    """Bits `low` to `low + width − 1` of a register."""
+    """Bit field of a register: bits `low` to `low + width − 1`."""
 
     name: str
     low: int
@@ -31,11 +33,11 @@ class Field(NamedTuple):
 
 
 class Register(NamedTuple):
-    """One 32-bit register. `access`: ro read, rw read and write, w1c read and write 1 to clear, wo
-    write, and read as 0.
+    """One 32-bit register at the byte address `offset`.
 
-    `needs` is what the hardware must give for the register to exist: "", force, an axis of it, depth,
-    normals or calibration.
+    access : ro read-only, rw read and write, w1c read and write 1 to clear, wo write-only (reads as 0)
+    needs : what the hardware must have for the register to exist: "" (always), "force", "force_x" and so on,
+        "depth", "normals" or "calibration"
     """
 
     name: str
@@ -50,25 +52,25 @@ _FORCE = [
     Register(f"FORCE_{axis.upper()}_{half}", 0x50 + 8 * k + 4 * upper, "ro", meaning, needs=f"force_{axis}")
     for k, axis in enumerate(AXES)
     for upper, half, meaning in (
-        (0, "LOW", f"{axis} of the last force, raw accumulator, bits 31:0; reading it holds its HIGH"),
-        (1, "HIGH", "bits 63:32, sign-extended, of what LOW was when it was last read"),
+        (0, "LOW", f"last force, axis {axis}: bits 31:0 of the raw accumulator; reading it latches HIGH"),
+        (1, "HIGH", "bits 63:32, sign-extended, latched when LOW was last read"),
     )
 ]
 
 REGISTERS = (
-    Register("ID", 0x00, "ro", f"{ID:#010x}, the text FTAC"),
-    Register("VERSION", 0x04, "ro", "version of the hardware and of this map"),
+    Register("ID", 0x00, "ro", f"constant {ID:#010x}, the ASCII text FTAC"),
+    Register("VERSION", 0x04, "ro", "version of the hardware and of this register map"),
+    Register("BUNDLE_HASH_LOW", 0x08, "ro", "bits 31:0 of the bundle's hash; 0 while STATUS.loading"),
+    Register("BUNDLE_HASH_HIGH", 0x0C, "ro", "bits 63:32 of the bundle's hash; 0 while STATUS.loading"),
     Register(
-        "BUNDLE_HASH_LOW", 0x08, "ro", "bits 31:0 of the bundle's hash; both are 0 while STATUS.loading"
+        "GEOMETRY", 0x10, "ro", "frame size in pixels", (Field("height", 0, 16), Field("width", 16, 16))
     ),
-    Register("BUNDLE_HASH_HIGH", 0x0C, "ro", "bits 63:32 of the bundle's hash"),
-    Register("GEOMETRY", 0x10, "ro", "pixels", (Field("height", 0, 16), Field("width", 16, 16))),
     Register(
         "CAPABILITIES",
         0x14,
         "ro",
-        "channels a pixel, pixels a beat, and what else there is; rows_reversed: depth and force map leave"
-        " last row first",
+        "channels: per pixel. lanes: pixels per beat. rows_reversed: depth and force map are sent last row"
+        " first. The others: this output or function exists",
         (
             Field("channels", 0, 8),
             Field("lanes", 8, 8),
@@ -87,10 +89,10 @@ REGISTERS = (
         "CONTROL",
         0x18,
         "rw",
-        "enable: let frames in, 1 after reset. capture_background: take the next whole frame as background,"
-        " 0 again when that is done and not before; writing 0 changes nothing. soft_reset: reset datapath and"
-        " forget the frames in it, reads as 0. interrupt_enable: pass INTERRUPT_STATUS on to the interrupt."
-        " restart_calibration: the next word of CALIBRATION is a first one again, reads as 0",
+        "enable: accept frames; 1 after reset. capture_background: store the next whole frame as background;"
+        " reads as 1 until that is done, and writing 0 does not cancel it. soft_reset: reset the datapath and"
+        " discard the frames in it; reads as 0. interrupt_enable: drive the interrupt output with"
+        " INTERRUPT_STATUS. restart_calibration: discard the words of CALIBRATION received; reads as 0",
         tuple(
             Field(name, k)
             for k, name in enumerate(
@@ -102,9 +104,10 @@ REGISTERS = (
         "STATUS",
         0x1C,
         "ro",
-        "busy: frames are in flight. result_valid: a result has come since reset or soft reset."
-        " last_frame_bad: the frame of the last result was bad. loading: a calibration is not complete, and"
-        " frames wait. last_frame_suspect: FRAME_VALIDITY is not 0. frames_in_flight: how many",
+        "busy: frames are in flight. result_valid: there has been a result since reset or soft reset."
+        " last_frame_bad: the input of the last result's frame was repaired. loading: a calibration"
+        " is incomplete, and frames wait. last_frame_suspect: FRAME_VALIDITY is not 0. frames_in_flight:"
+        " number of frames that have started and lack a result",
         (
             Field("busy", 0),
             Field("result_valid", 1),
@@ -118,38 +121,62 @@ REGISTERS = (
         "ERRORS",
         0x20,
         "w1c",
-        "what happened since it was cleared. result_overrun: a result came while the last one's interrupt was"
-        " still pending. calibration_refused: a word of CALIBRATION was. frame_suspect: a frame had a"
-        " FRAME_VALIDITY other than 0",
+        "sticky error flags. line_…, frame_short, frame_long, no_start: a line or frame of the wrong length"
+        " or without a start of frame. gradient_saturated, displacement_saturated: a value was clipped."
+        " result_overrun: a result came while the interrupt of the previous one was pending."
+        " calibration_refused: a word of CALIBRATION was refused. frame_suspect: a frame's FRAME_VALIDITY was"
+        " not 0",
         tuple(Field(name, k) for k, name in enumerate(ERRORS)),
     ),
-    Register("INTERRUPT_STATUS", 0x24, "w1c", "a result has come", (Field("result", 0),)),
+    Register("INTERRUPT_STATUS", 0x24, "w1c", "result: there is a new result", (Field("result", 0),)),
     Register("FRAME_COUNT", 0x28, "ro", "frames received since reset"),
-    Register("FRAME_ERRORS", 0x2C, "ro", "bad ones among them"),
+    Register("FRAME_ERRORS", 0x2C, "ro", "bad frames received since reset"),
     Register("INTERVAL", 0x30, "ro", "clocks between the first beats of the last two frames"),
-    Register("LATENCY_FIRST_PIXEL_TO_FORCE", 0x34, "ro", "clocks, of the last force", needs="force"),
-    Register("LATENCY_LAST_PIXEL_TO_FORCE", 0x38, "ro", "clocks, of the last force", needs="force"),
-    Register("LATENCY_FIRST_PIXEL_TO_DEPTH", 0x3C, "ro", "clocks to the last beat of depth", needs="depth"),
+    Register(
+        "LATENCY_FIRST_PIXEL_TO_FORCE",
+        0x34,
+        "ro",
+        "clocks from the first beat of the last force's frame to that force",
+        needs="force",
+    ),
+    Register(
+        "LATENCY_LAST_PIXEL_TO_FORCE",
+        0x38,
+        "ro",
+        "clocks from the last beat of the last force's frame to that force",
+        needs="force",
+    ),
+    Register(
+        "LATENCY_FIRST_PIXEL_TO_DEPTH",
+        0x3C,
+        "ro",
+        "clocks from the first beat of a frame to the last beat of its depth, for the last depth map",
+        needs="depth",
+    ),
     Register(
         "FORCE_SEQUENCE",
         0x40,
         "ro",
-        "which frame gave the last force, from 1 on; 0: none yet. All axes read between two equal readings"
-        " of it belong to one frame",
+        "number of the frame of the last force, from 1; 0: none yet. If it reads the same before and after"
+        " the force registers are read, these belong to one frame",
         needs="force",
     ),
     Register(
-        "LATENCY_FIRST_PIXEL_TO_NORMALS", 0x44, "ro", "clocks to the last beat of normals", needs="normals"
+        "LATENCY_FIRST_PIXEL_TO_NORMALS",
+        0x44,
+        "ro",
+        "clocks from the first beat of a frame to the last beat of its normals, for the last normal map",
+        needs="normals",
     ),
     Register(
         "FRAME_VALIDITY",
         0x48,
         "ro",
-        "why the frame of the last result is not to be trusted: what was beyond the limits that training set;"
-        " 0: nothing. clipped: pixels at 0 or 255. brightness_…: sum of a channel's differences from the"
-        " background. change: sum of all their magnitudes. detail: sum of the steps from pixel to pixel in"
-        " the rows. gradient, displacement: how many saturated. A background that is captured anew is what"
-        " brightness and change are measured from; limits stay. A calibration brings limits of its own",
+        "measures of the last result's frame that were outside the limits found in training, one bit each; 0:"
+        " the frame is plausible. clipped: number of pixels at 0 or 255. brightness_…: sum of a channel's"
+        " differences from the background. change: sum of the magnitudes of all differences. detail: sum of"
+        " the magnitudes of the steps between neighbouring pixels of a row. gradient, displacement: number of"
+        " saturated values. Capturing a background does not change the limits; a calibration has its own",
         tuple(Field(name, k) for k, name in enumerate(REASONS)),
     ),
     *_FORCE,
@@ -157,23 +184,23 @@ REGISTERS = (
         "CALIBRATION",
         0x70,
         "wo",
-        "the next word of a calibration's image. SLVERR, without effect: frames are in flight, a first word"
-        " that is not CALIBRATION_LAYOUT, or not all bytes written",
+        "next word of a calibration image. The write is refused with SLVERR if frames are in flight, if a"
+        " first word is not CALIBRATION_LAYOUT, or if not all bytes are written",
         needs="calibration",
     ),
     Register(
         "CALIBRATION_LAYOUT",
         0x74,
         "ro",
-        "the first word of an image for this hardware",
+        "identifier of this hardware, the first word of its calibration images",
         needs="calibration",
     ),
-    Register("CALIBRATION_WORDS", 0x78, "ro", "words of an image", needs="calibration"),
+    Register("CALIBRATION_WORDS", 0x78, "ro", "number of words of a calibration image", needs="calibration"),
     Register(
         "CALIBRATION_RECEIVED",
         0x7C,
         "ro",
-        "words received of an image that is not complete; 0: none",
+        "words received of an incomplete image; 0: none",
         needs="calibration",
     ),
 )
@@ -181,7 +208,7 @@ REGISTERS = (
 
 @dataclass(frozen=True)
 class Identity:
-    """What the registers say of the hardware, and which of them there are."""
+    """The constants that the registers report about the hardware; they also decide which registers exist."""
 
     bundle_hash: int
     version: int
@@ -189,15 +216,15 @@ class Identity:
     width: int
     channels: int
     lanes: int
-    axes: str  # of force, in order: some of "xyz" or none
+    axes: str  # axes of the force: a subsequence of "xyz", "" without force
     force_width: int = 64  # bits of one raw accumulator
-    depth: bool = True
+    depth: bool = True  # has a depth output
     background_capture: bool = False
     normals: bool = False
     force_map: bool = False
     rows_reversed: bool = False
-    calibration_words: int = 0  # of an image; 0: no calibration can be loaded
-    calibration_layout: int = 0  # an image's first word
+    calibration_words: int = 0  # words of a calibration image; 0: no calibration can be loaded
+    calibration_layout: int = 0  # first word of an image
 
     def __post_init__(self):
         for name, low, high in (
@@ -216,26 +243,26 @@ class Identity:
         if self.axes != "".join(axis for axis in AXES if axis in self.axes):
             raise ValueError(f"axes {self.axes!r}: expected some of {AXES!r}, in this order")
         if not self.axes and not self.depth and not self.normals:
-            raise ValueError("axes '', depth False: expected a force or a depth or normals to come out")
+            raise ValueError("axes '', depth False, normals False: expected at least one output")
 
     @property
     def result(self) -> str:
-        """What counts as a frame's result: its force or, where there is none, its depth, else its normals."""
+        """The output that raises the interrupt: force; without it depth; without both normals."""
         return "force" if self.axes else "depth" if self.depth else "normals"
 
     @property
     def calibration(self) -> bool:
-        """Whether one can be loaded."""
+        """Whether calibrations can be loaded."""
         return self.calibration_words > 0
 
     @property
     def errors(self) -> tuple[str, ...]:
-        """The errors that can happen, in order."""
+        """The errors that this hardware can report, in the order of ERRORS."""
         return tuple(name for name in ERRORS if name != "calibration_refused" or self.calibration)
 
     @property
     def registers(self) -> tuple[Register, ...]:
-        """The registers that exist; any other address answers DECERR."""
+        """The registers of this hardware; accesses to other addresses get the response DECERR."""
         present = {"", *(f"force_{axis}" for axis in self.axes)}
         present |= {"force"} if self.axes else set()
         present |= {"depth"} if self.depth else set()

@@ -1,4 +1,4 @@
-"""The registers a host sees: what the hardware is, what it does, and what it measured."""
+"""Register block for the host: identity, control, status, errors, force and measured latencies."""
 
 from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
@@ -12,11 +12,11 @@ from fastac.gateware.stream.frame_guard import EVENTS
 from fastac.models.integer.frame_validity import REASONS
 
 ERRORS_DETECTED_HERE = ("result_overrun", "calibration_refused", "frame_suspect")
-"""Errors that are not reported from elsewhere."""
+"""Errors that the register block detects itself; the others are inputs."""
 
 
 def capabilities(identity: Identity) -> int:
-    """The word of the register CAPABILITIES."""
+    """The constant value of the register CAPABILITIES."""
     values = {f"force_{axis}": axis in identity.axes for axis in AXES}
     register = next(register for register in REGISTERS if register.name == "CAPABILITIES")
     values |= {f.name: getattr(identity, f.name) for f in register.fields if f.name not in values}
@@ -24,32 +24,33 @@ def capabilities(identity: Identity) -> int:
 
 
 class RegisterBlock(wiring.Component):
-    """The registers of the map that exist for `identity`, behind AXI4-Lite, with the frame timer.
+    """The registers of the register map that `identity` has, behind AXI4-Lite, with the frame timer.
 
     Members
     -------
-    axil : AXI4-Lite with addresses of 8 bits; DECERR without a register, SLVERR on writing a read-only one
+    axil : AXI4-Lite slave with 8-bit byte addresses; DECERR at an address without a register, SLVERR on a
+        write to a read-only one
     accepted, frame_started, frame_done, frame_bad, line_short, line_long, frame_short, frame_long,
-        no_start : from FrameGuard
-    gradient_saturated, displacement_saturated : pulses or levels that set their error
-    force : a raw accumulator of each axis, signed(force_width), of the clock in which `result_valid` is high
-    result_valid : pulse as a frame's force is taken. Only with axes, as `force`.
-    validity : flags of the frame of the result, in the clock of the result, see FRAME_VALIDITY
-    depth_done, normals_done : pulse as a frame's last beat of depth, of normals leaves. Only with them.
-    background_taken : pulse as a frame has been taken as background. Only with background_capture.
-    enable : let frames in
-    capture_background : the next frame is wanted as background. Only with background_capture.
-    calibration : see `calibration_signature`. Only with a calibration that can be loaded.
-    soft_reset : for one clock: reset the datapath, FrameGuard included
-    interrupt : level
+        no_start : the outputs of FrameGuard
+    gradient_saturated, displacement_saturated : set their bit of ERRORS in each clock in which they are high
+    force : raw accumulators, signed(force_width) per axis, sampled with `result_valid`. Only with axes.
+    result_valid : pulse when a frame's force is taken. Only with axes.
+    validity : flags of the result's frame, len(REASONS) bits, sampled with its result; see FRAME_VALIDITY
+    depth_done, normals_done : pulse when the last beat of a frame's depth or normals is taken. Only with
+        that output.
+    background_taken : pulse when a frame has become the background. Only with background_capture.
+    enable : accept frames
+    capture_background : the next frame shall become the background. Only with background_capture.
+    calibration : see `calibration_signature`. Only if a calibration can be loaded.
+    soft_reset : high for one clock: reset the datapath including FrameGuard
+    interrupt : level interrupt, high while INTERRUPT_STATUS and CONTROL.interrupt_enable are set
 
-    A result is a force or, where there is none, a whole depth map, else a whole map of normals. What comes
-    and what is cleared in the same clock stays set. See FrameTimer for what the times mean.
+    A frame's result is its force; without force its depth; without both its normals. A flag that is set and
+    cleared in the same clock stays set. FrameTimer defines the measured times.
     """
 
     def __init__(self, identity: Identity):
         self.identity = identity
-        # What happens elsewhere; the other errors are found here.
         self.reported = [n for n in identity.errors if n not in ERRORS_DETECTED_HERE]
         inputs = [*EVENTS, *self.reported]
         outputs = ["soft_reset", "interrupt"]
@@ -78,8 +79,8 @@ class RegisterBlock(wiring.Component):
         m.submodules.slave = slave = AxiLiteSlave(ADDRESS_WIDTH)
         wiring.connect(m, wiring.flipped(self.axil), slave.axil)
         bus = slave.bus
-        ones = bus.write_data & bus.write_mask  # the ones that are written
-        kept = ~bus.write_mask  # the bits that are not
+        ones = bus.write_data & bus.write_mask  # bits written as 1
+        kept = ~bus.write_mask  # bits not written
 
         def written(name):
             return bus.write & (bus.write_word == offsets[name] >> 2)
@@ -100,9 +101,9 @@ class RegisterBlock(wiring.Component):
         if identity.normals:
             m.d.comb += timer.normals_done.eq(self.normals_done)
         result = self.result_valid if identity.axes else getattr(self, f"{identity.result}_done")
-        result &= ~self.soft_reset  # which forgets its frame
+        result &= ~self.soft_reset  # a soft reset discards the frame
 
-        # CONTROL as it is read and, but for what a write changes, as it stays.
+        # The value of CONTROL as read; the bits that a write does not change keep it.
         interrupt_enable = Signal()
         requested = Const(0, 1)
         if identity.background_capture:

@@ -1,4 +1,4 @@
-"""From displacement rows to the K×K patch of every pixel, with K − 1 rows of memory."""
+"""Line buffers that turn a raster stream of displacements into the K×K patch around every pixel."""
 
 from amaranth import Cat, Module, Mux, Shape, Signal, unsigned
 from amaranth.lib import data, stream, wiring
@@ -8,10 +8,11 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.stream.handshake import check_lanes
 
 KERNEL_SIZES = (1, 3, 5, 7)
+"""Supported K."""
 
 
 def check_patch_size(size: int, kernel_size: int, bits: int, lanes: int) -> None:
-    """Raise ValueError for frames, kernels or lanes that `PatchGenerator` does not build."""
+    """Raise ValueError for frame sizes, kernel sizes or lanes that `PatchGenerator` does not support."""
     check_lanes(lanes)
     if kernel_size not in KERNEL_SIZES:
         raise ValueError(f"kernel_size {kernel_size}: expected one of {KERNEL_SIZES}")
@@ -22,27 +23,27 @@ def check_patch_size(size: int, kernel_size: int, bits: int, lanes: int) -> None
 
 
 class PatchGenerator(wiring.Component):
-    """The neighbourhood of every pixel of N×N frames, in raster order, `lanes` patches a beat.
+    """The K×K neighbourhood of every pixel of N×N frames, in raster order, `lanes` patches per beat.
 
-    Parameters: `size` N, `kernel_size` K, `bits` of a sample and whether it is `signed`, `lanes`. A row takes
+    Parameters: `size` N, `kernel_size` K, `bits` of a sample and whether it is `signed`, `lanes`. A row is
     B = ceil(N/lanes) beats.
 
     Members
     -------
     i : stream of `lanes` samples, Shape(bits, signed)
     o : stream of `lanes` patches of K·K samples; sample K·a + b of lane l is the one `a − K//2` rows below
-        and `b − K//2` columns right of pixel l. Outside the frame it is zero; patches of void lanes are void.
+        and `b − K//2` columns right of pixel l, or 0 outside the frame. The patches of lanes beyond N in a
+        row's last beat are undefined.
 
-    A beat of patches needs the samples of `reach` = (K//2)·B + ceil((K//2)/lanes) beats behind it in raster
-    order. So it leaves `latency` = `reach` + 3 clocks (row memory, window, border) after the beat of the
-    same pixels if nothing stalls. The last `reach` beats of a frame leave with the first beats of the next
-    one; while no beat of a next frame waits, they leave by themselves. A frame thus takes `interval` = N·B
-    clocks, or, if another does not follow, `reach` more. If the next frame begins and pauses before `reach`
-    steps have passed, the rest of the previous one waits with it.
+    A beat of patches needs samples of up to `reach` = (K//2)·B + ceil((K//2)/lanes) beats later, its
+    look-ahead. So `latency` = `reach` + 3 clocks (line buffer, window, border) from a beat to the patches of
+    the same pixels, without back-pressure. Initiation interval: `interval` = N·B clocks per frame. The last
+    `reach` beats of patches of a frame leave together with the first input beats of the next frame or, while
+    none is waiting, on their own. If the next frame begins but pauses during these `reach` steps, the rest of
+    the previous frame waits with it.
 
-    Rows are kept by their distance in steps, not by their number: which neighbours exist follows from the
-    place of the patch alone, and whatever else stands in the memory (zeros, the frame before, half a frame
-    before a reset) is blanked.
+    There are K − 1 line buffers. They hold rows by their age in steps, not by row number, and whatever lies
+    outside the frame (zeros, the previous frame, half a frame from before a reset) is replaced with 0.
     """
 
     def __init__(self, size: int, kernel_size: int, bits: int, *, lanes: int, signed: bool = False):
@@ -63,7 +64,7 @@ class PatchGenerator(wiring.Component):
 
     @property
     def column_delay(self) -> int:
-        """Beats between a beat and the one with the rightmost neighbours of its pixels."""
+        """Beats from a beat to the one that holds the rightmost neighbours of its pixels."""
         return -(-(self.kernel_size // 2) // self.lanes)
 
     @property
@@ -81,8 +82,8 @@ class PatchGenerator(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         advance, step, emit = Signal(), Signal(), Signal()
-        stepped = Signal()  # a step stands behind the row memory
-        valid = Signal(3)  # patches behind the row memory, in the window, at the output
+        stepped = Signal()  # the line buffers' read register holds a step
+        valid = Signal(3)  # patches after the line buffers, in the window, at the output
         m.d.comb += [
             advance.eq(self.o.ready | ~self.o.valid),
             self.i.ready.eq(advance),
@@ -96,7 +97,7 @@ class PatchGenerator(wiring.Component):
         window = self._window(m, advance & stepped, columns)
         rows_inside, columns_inside = self._inside(m, advance, valid[0])
 
-        # Blanked once per sample; patches are overlapping views of the result.
+        # Replace each sample outside the frame with 0 once; the overlapping patches share the result.
         k, width = self.kernel_size, self.lanes + self.kernel_size - 1
         blanked = [
             [Signal(self.bits, reset_less=True, name=f"s_{r}_{c}") for c in range(width)] for r in range(k)
@@ -116,13 +117,15 @@ class PatchGenerator(wiring.Component):
         return m
 
     def _schedule(self, m: Module, advance, step, emit):
-        """When a step is taken, and whether patches complete with it.
+        """Drive `step`, the pipeline takes a beat, and `emit`, a beat of patches is complete with it.
 
-        Steps inside a frame are its beats; the steps after a frame, at most `reach` and only as many as no
-        next frame overtakes, are empty. So `reach` steps behind the input all steps of a frame are in a row.
+        A step takes an input beat or, in the `reach` steps after a frame while no next frame waits, an empty
+        beat. So all steps of a frame are consecutive `reach` steps after the input.
         """
         index = Signal(range(self.interval))  # beats of the current frame already taken
-        owed = Signal(max(1, self.reach.bit_length()))  # beats of patches still to come of the previous frame
+        owed = Signal(
+            max(1, self.reach.bit_length())
+        )  # beats of patches of the previous frame that have not been emitted
         last = index == self.interval - 1
         m.d.comb += [
             step.eq(self.i.valid | ((index == 0) & owed.any())),
@@ -136,10 +139,11 @@ class PatchGenerator(wiring.Component):
                     m.d.sync += owed.eq(self.reach)
 
     def _rows(self, m: Module, advance, step, stepped) -> list:
-        """The samples 0, 1, … K − 1 rows above the last step, oldest row first; a beat each.
+        """Line buffers: one beat of each of the last K rows at the column of the last step, oldest row first.
 
-        One word of the memory holds the K − 1 last rows at one place of the row; a step reads it and, a
-        clock later, writes it back one row older. Places are never the same, as a row has 2 beats or more.
+        One memory word holds the last K − 1 rows' beats of one column position. A step reads it and writes
+        it back one clock later, shifted by one row. Read and write addresses differ, as a row has at least 2
+        beats.
         """
         newest = Signal(self.lanes * self.bits, reset_less=True)
         with m.If(advance & step):
@@ -165,7 +169,7 @@ class PatchGenerator(wiring.Component):
         return [*reversed(rows_above), newest]
 
     def _window(self, m: Module, shift, columns: list) -> list[list]:
-        """The samples around the pixels: for each of K rows, the columns −K//2 … lanes − 1 + K//2."""
+        """Shift registers of the samples around the pixels: K rows of columns −K//2 … lanes − 1 + K//2."""
         half, fresh = self.kernel_size // 2, self.lanes
         kept = half + (self.column_delay + 1) * fresh
         window = []
@@ -178,7 +182,7 @@ class PatchGenerator(wiring.Component):
         return window
 
     def _inside(self, m: Module, advance, emitted) -> tuple[Signal, Signal]:
-        """Which rows and which columns of the window are inside the frame; one clock after `emitted`."""
+        """Which rows and columns of the window are inside the frame; valid one clock after `emitted`."""
         half, beats = self.kernel_size // 2, self.row_beats
         row, beat = Signal(range(self.size)), Signal(range(beats))
         rows = Signal(self.kernel_size, reset_less=True)
@@ -188,7 +192,7 @@ class PatchGenerator(wiring.Component):
             with m.If(beat == beats - 1):
                 m.d.sync += row.eq(Mux(row == self.size - 1, 0, row + 1))
             for r in range(self.kernel_size):
-                above, below = half - r, r - half  # how far this row of the window is from the pixel's
+                above, below = half - r, r - half  # distance of this row of the window from the pixel's row
                 m.d.sync += rows[r].eq((row >= above) if above > 0 else (row < self.size - below))
             for c in range(self.lanes + 2 * half):
                 inside = [0 <= b * self.lanes + c - half < self.size for b in range(beats)]

@@ -1,4 +1,4 @@
-"""From displacements or slopes to the raw force accumulators A of a frame: one weight a value, summed."""
+"""Force as a weighted sum over the frame: one weight per displacement or slope and axis, accumulated."""
 
 import numpy as np
 from amaranth import Cat, Module, Shape, Signal, signed
@@ -15,29 +15,26 @@ from fastac.models.integer.words import signed_width
 
 
 def weight_words(weighted: WeightedSum, lanes: int) -> np.ndarray:
-    """The weights in the order of the beats: (rows · ceil(columns/lanes), axes, lanes · terms).
-
-    Void lanes are zero.
-    """
+    """The weights in beat order: (rows · ceil(columns/lanes), axes, lanes · terms); 0 in unused lanes."""
     beats = raster_beats(np.moveaxis(weighted.weight, 0, 2), lanes)  # (beats, lanes, axes, terms)
     return beats.swapaxes(1, 2).reshape(len(beats), len(weighted.weight), -1)
 
 
 class WeightedSumStream(wiring.Component):
-    """Whole frames of words to A = constant + Σ weight · x, bit for bit `weighted(x)`.
+    """Sum a frame with weights, A = constant + Σ weight · x, bit-exact to `weighted(x)`.
 
     Members
     -------
-    i : stream of `lanes` pixels, each one word, or an array of `terms` where there are several, of
-        Shape(weighted.input_width, weighted.input_signed); `rows` of ceil(columns/lanes) beats make a frame,
-        lanes beyond `columns` are void. A signed word is never the lowest of its format.
-    o : stream of one beat a frame, an accumulator signed(weighted.width) per axis
-    constant : in place of the weighted sum's own, still while a frame is inside. Only with `loadable`.
+    i : stream of `lanes` pixels, each a value, or an array of `terms` values if there are several, of
+        Shape(weighted.input_width, weighted.input_signed). A frame is `rows` rows of ceil(columns/lanes)
+        beats; the lanes beyond `columns` are ignored. A signed value must not be the most negative word.
+    o : stream of one beat per frame: one accumulator per axis, signed(weighted.width)
+    constant : replaces `weighted.constant`; constant while a frame is in flight. Only with `loadable`.
 
-    From the last beat of a frame to its force pass, if nothing stalls, `latency` =
-    6 + ceil(log2(lanes·terms)) clocks: 2 of the weights' ROM, 3 of the products, a tree over lanes and terms,
-    and the accumulator. The next frame may follow without a gap: one begins every `interval` =
-    rows · ceil(columns/lanes) clocks. Until a force is taken everything behind it waits.
+    `latency` = 6 + ceil(log2(lanes·terms)) clocks from a frame's last beat to its force, without
+    back-pressure: 2 for the ROM of the weights, 3 for the products, an adder tree over lanes and terms, 1 for
+    the accumulator. Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per frame, without
+    gaps. A force that is not taken stalls the whole pipeline before it.
     """
 
     def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False):
@@ -64,7 +61,7 @@ class WeightedSumStream(wiring.Component):
 
     @staticmethod
     def multipliers_of(axes: int, terms: int, lanes: int, *, input_bits: int, weight_bits: int) -> int:
-        """DSP48E2: axes · lanes · terms, times `dsp_slices` of a weight and an input as signed words."""
+        """DSP48E2 slices: axes · lanes · terms products of `dsp_slices(…)` slices each."""
         return axes * lanes * terms * dsp_slices(input_bits, weight_bits)
 
     @property

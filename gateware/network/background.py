@@ -1,4 +1,4 @@
-"""From pixels to features: differences from the background, and where the pixel is."""
+"""Background subtraction: from pixels to the network's features, ΔI of every channel and the coordinates."""
 
 import numpy as np
 from amaranth import Module, Mux, Signal, signed, unsigned
@@ -19,22 +19,22 @@ def _check_coordinates(name: str, codes: np.ndarray, size: int) -> None:
 
 
 class BackgroundSubtraction(wiring.Component):
-    """Features of `lanes` pixels a clock, bit for bit `models.features.integer_features`.
+    """Subtract the stored background and add the coordinates, bit-exact to `integer_features`.
 
     Members
     -------
-    i : stream of `lanes` pixels of `channels` unsigned(8), whole frames in raster order
-    o : stream of `lanes` feature vectors, signed(9) each: ΔI = pixel − background of every channel, then
-        coordinate_u of the pixel's column, then coordinate_v of its row
-    capture : sampled with the first accepted beat of a frame; if high, this frame is the new background:
-        its own ΔI are zero, and the next frames' are differences from it
-    captured : high as the last beat of such a frame is accepted. Of a frame that a reset cuts short it never
-        is; its beats are then in the background, until a whole frame is taken
+    i : stream of `lanes` pixels of `channels` × unsigned(8), whole frames in raster order
+    o : stream of `lanes` feature vectors of channels + 2 values, signed(9) each: ΔI = pixel − background of
+        every channel, then coordinate_u of the pixel's column, then coordinate_v of its row
+    capture : sampled with the first accepted beat of a frame; if high, this frame becomes the background: its
+        own ΔI are zero, and those of later frames are differences from it
+    captured : high in the clock in which the last beat of such a frame is accepted. If a reset cuts the frame
+        short, the background holds part of it, and `captured` stays low, until a whole frame is captured.
 
-    The background is a block RAM of one word a beat, height·width/lanes words of 8·channels·lanes bits; it
-    holds `background` until a frame is captured, also through a reset.
-    `latency` = 3 clocks (memory, its output register, difference) pass from an accepted beat to its features
-    if nothing stalls.
+    The background is a block RAM with one word per beat: height·width/lanes words of 8·channels·lanes bits.
+    Its initial content is `background`; a reset does not restore that.
+    `latency` = 3 clocks (memory read, its output register, difference) without back-pressure; initiation
+    interval 1.
     """
 
     latency = 3
@@ -77,10 +77,10 @@ class BackgroundSubtraction(wiring.Component):
         height, width, channels = self.background.shape
         beats = width // self.lanes
 
-        # All registers, those in and behind the memories too, move with `advance`: they wait together.
+        # One clock enable for all registers, also those of the memories: all stages stall together.
         advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
-        # Where the next beat lies.
+        # Position of the next beat.
         address, beat, row = Signal(range(height * beats)), Signal(range(beats)), Signal(range(height))
         line_ends, first, last = Signal(), Signal(), Signal()
         accept, own, capturing = Signal(), Signal(), Signal()
@@ -101,7 +101,7 @@ class BackgroundSubtraction(wiring.Component):
             with m.If(line_ends):
                 m.d.sync += row.eq(Mux(last, 0, row + 1))
 
-        # One word a beat; a word written is read no sooner than a frame later.
+        # One word per beat; a captured word is first read a frame later.
         words = [row.tobytes() for row in self.background.reshape(height * beats, -1)]
         m.submodules.background = background = Memory(
             shape=unsigned(8 * channels * self.lanes),
@@ -122,7 +122,7 @@ class BackgroundSubtraction(wiring.Component):
         )
         m.submodules.v = v = Memory(shape=signed(WIDTH), depth=height, init=self.coordinate_v.tolist())
 
-        # The memories' reads, their output registers, and beside them the pixels.
+        # The memories' read and output registers, and the pixels delayed by as many clocks.
         stages = [(self.i.payload, own)]
         for k in range(2):
             pixels = Signal(self.i.payload.shape(), reset_less=True, name=f"pixels_{k}")

@@ -1,4 +1,4 @@
-"""From surface normals to slopes: p = −n_x/n_z, q = −n_y/n_z, by pipelined restoring division."""
+"""Surface normals to slopes, p = −n_x/n_z and q = −n_y/n_z, by pipelined restoring division."""
 
 from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
@@ -9,22 +9,23 @@ from fastac.models.integer.network import GradientRatio
 
 
 class GradientDivider(wiring.Component):
-    """Divide `lanes` normals a clock, bit for bit `ratio`; no normal is forbidden.
+    """Divide `lanes` normals per clock, bit-exact to `ratio` for every input, also n_z <= 0.
 
     Members
     -------
-    i : stream of `lanes` normals (x, y, z) of any length, signed(ratio.normal_width) each
-    o : stream of `lanes` slopes (p, q), signed(ratio.width) each
+    i : stream of `lanes` normals (x, y, z), not necessarily unit vectors, signed(ratio.normal_width) each
+    o : stream of `lanes` slopes (p, q), signed(ratio.width) each, of ratio.fraction fractional bits
     saturated : high while `o` offers a beat in which a slope saturates or an n_z is not positive
-    over : which of the slopes in the beat that `o` offers do
+    over : one bit per slope of the offered beat (lane by lane, p then q): it saturates or its n_z is not
+        positive
 
-    A slope is the quotient Q = floor(2**(fraction+1)·|n| / n_z), of `ratio.width` bits, rounded by
-    (Q + 1) >> 1. Each stage of the division brings down one bit of the numerator and finds one bit of Q, so
-    the remainder stays below n_z: normal_width − 1 bits. Q overflows if |n| >> (width − 1 − fraction) >= n_z,
-    which is known before the division.
+    The quotient Q = floor(2**(fraction+1)·|n| / n_z) has `ratio.width` bits and is rounded by (Q + 1) >> 1.
+    Each stage brings down one bit of the numerator and finds one bit of Q, most significant first; the
+    remainder stays below n_z, so it has normal_width − 1 bits. Q overflows if
+    |n| >> (width − 1 − fraction) >= n_z, which is tested before the division.
 
-    `latency` = ratio.width + 2 clocks (magnitudes, one per quotient bit, rounding) pass from an accepted
-    beat to its slopes if nothing stalls.
+    `latency` = ratio.width + 2 clocks (magnitudes, one stage per bit of Q, rounding) without back-pressure;
+    initiation interval 1.
     """
 
     def __init__(self, ratio: GradientRatio, *, lanes: int):
@@ -52,7 +53,7 @@ class GradientDivider(wiring.Component):
 
     @staticmethod
     def latency_of(width: int) -> int:
-        """Of slopes in words of `width` bits."""
+        """`latency` for slopes of `width` bits."""
         return width + 2
 
     @property
@@ -72,13 +73,13 @@ class GradientDivider(wiring.Component):
         return m
 
     def _divide(self, m: Module, advance: Signal, normal, lane: str) -> tuple[list[Signal], list[Signal]]:
-        """The registers of one lane; returns its slopes and the flags of their saturation."""
+        """Build one lane; returns its slopes and their saturation flags."""
         ratio = self.ratio
-        whole = ratio.width - 1 - ratio.fraction  # bits before a slope's point, and bits of |n| to bring down
+        whole = ratio.width - 1 - ratio.fraction  # integer bits of a slope = bits of |n| still to bring down
         remainder_width = ratio.normal_width - 1
 
         def register(value, name: str, shape=None) -> Signal:
-            """`value` one advance later; data has no reset."""
+            """`value` delayed by one register without a reset."""
             signal = Signal(value.shape() if shape is None else shape, reset_less=True, name=f"{lane}_{name}")
             with m.If(advance):
                 m.d.sync += signal.eq(value)
@@ -86,18 +87,18 @@ class GradientDivider(wiring.Component):
 
         n_z = normal[2]
         void = register(n_z <= 0, "void")
-        # Where n_z <= 0 the largest divisor stands in, by which 0 divides to 0.
+        # For n_z <= 0 divide by the largest divisor instead, so that a numerator of 0 gives 0.
         divisor = register(Mux(n_z <= 0, (1 << remainder_width) - 1, n_z), "divisor", remainder_width)
         axes = []
         for axis, n in zip("pq", normal, strict=False):
             negate = register(n >= 0, f"{axis}_negate")
             magnitude = register(Mux(n < 0, -n, n), f"{axis}_magnitude", ratio.normal_width)
             over = Mux(void, magnitude != 0, magnitude[whole:] >= divisor)
-            # Remainder above, then the bits to bring down; below them 0, and the quotient as it grows.
+            # Initial remainder, then the bits still to bring down (zeros after those), and the quotient.
             axes.append((negate, over, magnitude[whole:], list(magnitude[:whole]), []))
 
         for k in range(ratio.width):
-            more = k < ratio.width - 1  # the last remainder is nobody's
+            more = k < ratio.width - 1  # nothing uses the last remainder
             for j, (axis, state) in enumerate(zip("pq", axes, strict=True)):
                 negate, over, remainder, rest, quotient = state
                 brought = Cat(rest.pop() if rest else Const(0, 1), remainder)
@@ -118,7 +119,7 @@ class GradientDivider(wiring.Component):
 
         slopes, saturated = [], []
         for axis, (negate, over, _, _, quotient) in zip("pq", axes, strict=True):
-            # ±((Q + 1) >> 1) by one adder: −a − b = ~a + (1 − b). A Q of ones would round beyond the limit.
+            # ±((Q + 1) >> 1) with one adder: −a − b = ~a + (1 − b). Q of all ones would round past the limit.
             odd, half = quotient[0], Cat(bit ^ negate for bit in (*quotient[1:], 0))
             rounded = half.as_signed() + (odd ^ negate)
             beyond = over | Cat(quotient).all()

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The pixel network: features to surface normals, a chain of tiles for every lane."""
+"""The pixel network (MLP): from features to surface normals, one pipeline of layers for every lane."""
 
 from collections.abc import Sequence
 from itertools import pairwise
@@ -35,20 +35,20 @@ def _check_chain(layers: Sequence[Layer]) -> None:
 
 
 class NormalMlp(wiring.Component):
-    """`lanes` pixels a clock through all layers: matrix-vector tile, requantisation, …, last tile.
+    """Evaluate all layers for `lanes` pixels per clock: matrix-vector tile, requantisation, …, last tile.
 
     Members
     -------
-    i : stream of `lanes` feature vectors, signed(input_width) each, |i[lane][j]| <= layers[0].input_limit[j]
-    o : stream of `lanes` normals (x, y, z) of any length, signed(layers[-1].accumulator_width) each
+    i : stream of `lanes` feature vectors, signed(input_width) per feature, |i[lane][j]| <=
+        layers[0].input_limit[j]
+    o : stream of `lanes` normals (x, y, z), not normalised, signed(layers[-1].accumulator_width) each
+    parameters : weights, biases and scales of all layers, unsigned(parameter_bits), as `parameter_image`
+        packs them; constant while pixels are in flight. Only if the layers are loadable.
 
-    parameters : tables of all layers, as `parameter_image` gives them; constant while pixels are under way.
-        Only if the layers are loadable.
-
-    Every lane has tiles of its own; they share the parameters. All move with one `advance`, so the lanes are
-    in lockstep and `ready` passes a single gate, whatever the number of layers.
-    `latency` = Σ over layers of (5 + ceil(log2(inputs))) + 6·(layers − 1) clocks pass from an accepted beat
-    to its normals if nothing stalls, in either weight mode.
+    Every lane has its own tiles, which share the parameters. One clock enable drives all of them, so the
+    lanes run in lockstep, and the path of `ready` is one gate deep for any number of layers.
+    `latency` = Σ over layers of (5 + ceil(log2(inputs))) + 6·(layers − 1) clocks without back-pressure,
+    loadable or baked; initiation interval 1.
     """
 
     def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int):
@@ -70,7 +70,7 @@ class NormalMlp(wiring.Component):
 
     @staticmethod
     def latency_of(inputs: Sequence[int]) -> int:
-        """Of layers with so many inputs each."""
+        """`latency` of layers with these numbers of inputs."""
         return sum(map(tile_latency, inputs)) + (len(inputs) - 1) * RequantiseCore.latency
 
     @property
@@ -84,10 +84,10 @@ class NormalMlp(wiring.Component):
         return sum(core.parameter_bits for core in self.cores[0].values())
 
     def parameter_image(self, layers: Sequence[Layer]) -> int:
-        """What `parameters` is for `layers`, which may be any of the same shapes and limits.
+        """The value of `parameters` for `layers`, of the same shapes and limits as the hardware's.
 
-        From bit 0: layer by layer what MvmCore takes, then what RequantiseCore takes.
-        Raises ValueError for other layers.
+        From bit 0: for each layer the parameters of its MvmCore, then those of its RequantiseCore.
+        Raises ValueError if the shapes or limits differ.
         """
         if len(layers) != len(self.layers):
             raise ValueError(f"{len(layers)} layers: expected {len(self.layers)}")
@@ -118,7 +118,7 @@ class NormalMlp(wiring.Component):
         return m
 
     def _lane(self) -> dict[str, MvmCore | RequantiseCore]:
-        """One lane's cores by name, in order."""
+        """One lane's cores by submodule name, in the order of the data."""
         cores, width, signed_input = {}, self.input_width, True
         for k, layer in enumerate(self.layers):
             cores[f"fc{k}"] = MvmCore(layer, input_width=width, input_signed=signed_input)

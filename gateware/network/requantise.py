@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""From a layer's accumulators to the next layer's activations, with multipliers loadable or baked in."""
+"""Requantisation: a layer's accumulators, scaled and clipped, become the next layer's activations."""
 
 from amaranth import Cat, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
@@ -11,32 +11,31 @@ from fastac.models.integer.network import Requantisation
 
 MULTIPLIER_BITS, SHIFT_BITS = 17, 6
 COARSE = 3
-"""Low bits of the shift that its second stage is left with."""
+"""Low bits of the shift amount that the second shift stage applies; the first applies the others."""
 SCALE_STAGES = 4
-"""Registers of product and shift: two each, or levels of additions."""
+"""Pipeline stages of scaling: product and shift, or the levels of additions of a baked multiplier."""
 
 
 def unsigned_value(term: Term) -> Value:
-    """A term that is never negative, without its sign."""
+    """The value of a non-negative term, without its sign bit."""
     return (term.value << term.shift)[:-1]
 
 
 class RequantiseCore(wiring.Component):
-    """Requantise one accumulator of every neuron a clock, without a handshake.
+    """ReLU, scale and clip: min((max(a, 0) · multiplier) >> shift, 2**bits − 1), without a handshake.
 
     Members
     -------
-    advance : the registers move in clocks in which it is high
-    i : `len(scale.multiplier)` accumulators, signed(width)
+    advance : clock enable of all registers
+    i : `len(scale.multiplier)` accumulators, one per neuron, signed(width)
     o : as many activations, unsigned(scale.bits)
-    parameters : multipliers and shift, as `parameter_image` gives them; constant while accumulators are under
-        way. Only if `loadable`.
+    parameters : multipliers and shift, unsigned(17 · neurons + 6), as `parameter_image` packs them; constant
+        while data is in flight. Only if `loadable`.
 
-    Loadable: a multiplier for every neuron, one DSP48E2 where width <= 27, with the registers before (A, B)
-    and behind it (M, P); then the positive part's shift by multiples of 8, and by 0 … 7. Baked: the product
-    is a sum of the multiplier's signed digits, and the shift a choice of bits.
-    The activations stand in `o` after `latency` = 6 advances in either mode: the operand, four registers of
-    product and shift, the clip.
+    Loadable: one DSP48E2 per neuron if width <= 27, with its registers A, B, M and P; then the shift, first
+    by a multiple of 8, then by 0 … 7. Baked: the product is a sum of the multiplier's signed digits, and the
+    shift is wiring.
+    `latency` = 6 clocks with `advance` high in either mode: operand, 4 of product and shift, clip.
     """
 
     latency = 2 + SCALE_STAGES
@@ -55,7 +54,7 @@ class RequantiseCore(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        """Multipliers; 0 if they are baked in."""
+        """DSP48E2 slices; 0 if the multipliers are baked in."""
         return len(self.scale.multiplier) if self.loadable else 0
 
     @property
@@ -64,9 +63,9 @@ class RequantiseCore(wiring.Component):
         return MULTIPLIER_BITS * len(self.scale.multiplier) + SHIFT_BITS if self.loadable else 0
 
     def parameter_image(self, scale: Requantisation) -> int:
-        """What `parameters` is for `scale`, of as many neurons and bits: the multipliers, then the shift.
+        """The value of `parameters` for `scale`: the multipliers from bit 0, then the shift.
 
-        Raises ValueError for others.
+        Raises ValueError if `scale` has another number of neurons or bits than the hardware's.
         """
         if not self.loadable:
             raise ValueError("loadable False: expected True, baked multipliers are no parameters")
@@ -97,14 +96,14 @@ class RequantiseCore(wiring.Component):
         return m
 
     def _shifted(self, k: int, whole: Signal, bound: int, register: Register) -> Value:
-        """Neuron `k`'s product, its positive part shifted."""
+        """Loadable mode: neuron `k`'s product, 0 if negative, shifted right."""
         shift = self.parameters[-SHIFT_BITS:]
         coarse = Mux(whole < 0, 0, whole[:-1] >> (shift[COARSE:] << COARSE))
         coarse = register(Term(coarse, bound), f"coarse_{k}")
         return unsigned_value(register(Term(unsigned_value(coarse) >> shift[:COARSE], bound), f"shifted_{k}"))
 
     def _baked(self, k: int, positive: Term, register: Register) -> Value:
-        """Neuron `k`'s positive part, multiplied and shifted."""
+        """Baked mode: neuron `k`'s accumulator, 0 if negative, multiplied and shifted right."""
         taps = [positive]
         for stage in range(1, SCALE_STAGES + 1):
             taps.append(register(taps[-1], f"positive_{k}_at{stage}"))
@@ -116,7 +115,7 @@ class RequantiseCore(wiring.Component):
 
 
 class Requantise(wiring.Component):
-    """Requantise one accumulator of every neuron a clock: `RequantiseCore` between two streams.
+    """`RequantiseCore` between two streams: one vector of accumulators per clock.
 
     Members
     -------
@@ -124,7 +123,7 @@ class Requantise(wiring.Component):
     o : stream of as many activations, unsigned(scale.bits)
     parameters : see RequantiseCore. Only if `loadable`.
 
-    `latency` clocks pass from an accepted vector to its activations if nothing stalls.
+    `latency` = 6 clocks without back-pressure; initiation interval 1.
     """
 
     latency = RequantiseCore.latency
@@ -144,7 +143,7 @@ class Requantise(wiring.Component):
         m = Module()
         m.submodules.core = core = self.core
 
-        # The core never stalls by itself; it moves whenever its last register may move.
+        # Only back-pressure from `o` stalls the core.
         valid = Signal(self.latency)
         m.d.comb += [
             core.advance.eq(self.o.ready | ~self.o.valid),

@@ -1,4 +1,4 @@
-"""One stream to several readers."""
+"""Fork: one stream copied to several consumers."""
 
 from amaranth import Module, Mux, Signal
 from amaranth.lib import stream, wiring
@@ -6,16 +6,17 @@ from amaranth.lib.wiring import In, Out
 
 
 class Fork(wiring.Component):
-    """Deliver every beat exactly once to each of `ways` outputs, which may take it at different times.
+    """Copy every beat exactly once to each of `ways` outputs, which may accept it in different clocks.
 
     Members
     -------
     i : stream of `shape`
     o : `ways` streams of `shape`, `o[0]` … `o[ways − 1]`
 
-    `latency` is 0: an output offers a beat in the clock in which the input does, and no longer after it has
-    taken it; the input is taken in the clock in which the last output takes it. No `valid` depends on any
-    `ready` of this component; `i.ready` depends on every output's. One beat a clock passes if all are ready.
+    `latency` = 0: an output is valid in the same clock as the input, until it has accepted the beat. The
+    input beat is accepted in the clock in which the last output accepts it. No `valid` depends
+    combinationally on a `ready` of this component; `i.ready` depends on the `ready` of every output.
+    Initiation interval: 1 clock if all outputs are ready.
     """
 
     latency = 0
@@ -33,8 +34,8 @@ class Fork(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        taken = Signal(self.ways)  # outputs that have already taken the offered beat
-        served = Signal(self.ways)  # and those that take it now
+        taken = Signal(self.ways)  # outputs that accepted the current beat in an earlier clock
+        served = Signal(self.ways)  # those and the outputs that accept it now
         m.d.comb += self.i.ready.eq(served.all())
         for k, o in enumerate(self.o):
             m.d.comb += [

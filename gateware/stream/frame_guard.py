@@ -1,4 +1,4 @@
-"""Whole frames of H × W pixels from whatever a camera sends."""
+"""Repair of the video input: whole frames of H × W pixels, whatever arrives on the AXI4-Stream."""
 
 from amaranth import Cat, Module, Mux, Signal, unsigned
 from amaranth.lib import data, enum, stream, wiring
@@ -7,53 +7,53 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.stream.handshake import axis_signature
 
 FRAMES_IN_FLIGHT = 8
-"""Depth of the queues that keep a word for each frame until its results come; no datapath holds so many."""
-
-
+"""Depth of the FIFOs with one word per frame in flight; every datapath holds fewer frames than this."""
 FRAME_FAULTS = ("line_short", "line_long", "frame_short", "frame_long", "no_start")
+"""Outputs of FrameGuard that pulse when the input breaks the frame format."""
 EVENTS = ("accepted", "frame_started", "frame_done", "frame_bad")
+"""Outputs of FrameGuard from which FrameTimer counts and times the frames."""
 
 
 class State(enum.Enum):
-    WAIT = 0  # between frames: for the next start of frame
-    LINE = 1  # inside a line
-    DROP = 2  # behind a line that is complete but has not ended: until its end
-    PAD = 3  # in a line that ended early: to its end
-    FILL = 4  # in a frame that ended early: to its end
+    WAIT = 0  # between frames, waiting for a start of frame
+    LINE = 1  # inside a line, forwarding beats
+    DROP = 2  # the line is complete but `tlast` has not come: drop beats until it comes
+    PAD = 3  # the line ended early: pad it with its last pixel
+    FILL = 4  # the frame ended early: pad it with its last pixel
 
 
 class FrameGuard(wiring.Component):
-    """Turn an AXI4-Stream of video lines into whole frames; never hang, never lose synchronism.
+    """Turn an AXI4-Stream of video lines into frames of exactly H lines, repairing and reporting faulty ones.
 
     Members
     -------
-    axis : AXI4-Stream in, `tdata` unsigned(8 · channels · lanes) with lane 0 and channel 0 lowest, `tlast`
-        at the end of each line, `tuser` at the first beat of each frame
-    enable : counts as `axis` takes a start of frame: where it is low, that frame is dropped whole, without
-        a flag of its own
-    hold : a frame that has not left yet waits with its start, and `axis` waits behind it
-    o : stream of `lanes` pixels of `channels` unsigned(8), exactly `beats` beats for each frame
-    tag : stream of one unsigned(1) a frame, offered in the clock after the frame's last beat left `o`: 1 if
-        the frame is bad. It holds back the last beat of the next frame, not more, until it is taken.
-    accepted : high in each clock in which `axis` takes a beat
-    frame_started : pulse as a frame's first beat moves on towards `o`
-    frame_done : pulse as a frame's last beat, received or made up, moves on towards `o`
-    frame_bad : with `frame_done`: the frame is bad
-    line_short : pulse: `tlast` before the line was complete. The rest of the line repeats its last pixel.
-    line_long : pulse: a line's last beat without `tlast`. Beats up to the next `tlast` are dropped.
-    frame_short : pulse: start of frame inside a frame, in whatever line. The old frame is completed with
-        its last pixel; the beat that starts the new one waits meanwhile.
-    frame_long : pulse: a beat that is no start of frame where one belongs; once for all beats up to the
-        next start of frame, which are dropped
+    axis : AXI4-Stream slave. `tdata`: unsigned(8 · channels · lanes), lane 0 and channel 0 in the least
+        significant bits; `tlast`: last beat of each line; `tuser`: first beat of each frame.
+    enable : sampled with each start of frame that `axis` accepts; if low, that whole frame is dropped, and no
+        fault is reported for it
+    hold : while high, no frame starts: its first beat waits here and `axis` is stalled
+    o : stream of `lanes` pixels of `channels` unsigned(8), exactly `beats` = H · W/lanes beats per frame
+    tag : stream of one unsigned(1) per frame, valid in the clock after the frame's last beat left `o`: 1 if
+        the frame is bad. While it is not taken, the last beat of the next frame waits; earlier beats do not.
+    accepted : high in each clock in which `axis` accepts a beat
+    frame_started : pulse when a frame's first beat moves to the output register
+    frame_done : pulse when a frame's last beat, received or padded, moves to the output register
+    frame_bad : valid with `frame_done`: the frame is bad
+    line_short : pulse: `tlast` came before the line was complete. The line is padded with its last pixel.
+    line_long : pulse: the line was complete without `tlast`. Beats up to the next `tlast` are dropped.
+    frame_short : pulse: a start of frame came inside a frame. The old frame is padded with its last pixel;
+        the beat that starts the new one waits until then.
+    frame_long : pulse: a beat that is not a start of frame came after a complete frame. It and the following
+        beats are dropped up to the next start of frame; they are reported once.
     no_start : the same before the first frame since reset
 
-    A frame is bad if `line_short`, `line_long` or `frame_short` came in it. Beats behind a frame's last
-    line cannot change what was said of it: `frame_long` is reported by its flag alone, and so does not
-    depend on timing. A line that lacks `tlast` and meets a start of frame ends there.
+    A frame is bad if `line_short`, `line_long` or `frame_short` occurred in it. `frame_long` does not make
+    the frame before it bad, since that frame may already have left; so what is marked does not depend on
+    timing. A line without `tlast` also ends at the next start of frame.
 
-    `latency` clocks pass from a beat accepted to the same beat leaving `o`, if nothing stalls, and as long as
-    frames are good a beat moves every clock, also from frame to frame. No path leads through from an input
-    of `axis` to an output of `axis`. Padding costs one beat a clock; entering it costs one clock.
+    `latency` = 2 clocks from an accepted beat to the same beat at `o`, without back-pressure. Initiation
+    interval: 1 clock per beat, also between frames, while frames are good. Padding takes one clock per padded
+    beat and one clock to begin. There is no combinational path from inputs to outputs of `axis`.
     """
 
     latency = 2
@@ -82,7 +82,7 @@ class FrameGuard(wiring.Component):
     def elaborate(self, platform):
         m = Module()
 
-        # One beat is held here, so that what it is decides what happens and `tready` needs no look at it.
+        # Input register: decisions depend on the beat held here, so `tready` does not depend on `tdata` etc.
         held = Signal()
         last = Signal(reset_less=True)
         start = Signal(reset_less=True)
@@ -102,7 +102,7 @@ class FrameGuard(wiring.Component):
                 pixels.eq(self.axis.tdata),
             ]
 
-        # The place of the next beat to leave, and whether it may leave now.
+        # Position (x, y) of the next beat to send, and whether the output has room for it.
         x = Signal(range(self.line_beats))
         y = Signal(range(self.height))
         line_ends = Signal()
@@ -117,7 +117,7 @@ class FrameGuard(wiring.Component):
         state = Signal(State)
         send = Signal()
         made_up = Signal()
-        reported = Signal()  # surplus beats were
+        reported = Signal()  # the surplus beats since the last frame have been reported
         seen = Signal()  # a frame has started since reset
         with m.Switch(state):
             with m.Case(State.WAIT):
@@ -142,7 +142,7 @@ class FrameGuard(wiring.Component):
                 with m.Else():
                     m.d.comb += [send.eq(held & room), take.eq(send)]
             with m.Case(State.DROP):
-                # The place has moved on to the next line, or to the next frame.
+                # (x, y) is already the start of the next line, or of the next frame if y is 0.
                 with m.If(held & start):
                     with m.If(y == 0):
                         m.d.sync += state.eq(State.WAIT)
@@ -187,7 +187,7 @@ class FrameGuard(wiring.Component):
         with m.Elif(Cat(self.line_short, self.line_long, self.frame_short).any()):
             m.d.sync += bad.eq(1)
 
-        # The last register also keeps the pixel that padding repeats.
+        # The output register also keeps the last pixel, which padding repeats.
         closes = Signal()
         closes_bad = Signal(reset_less=True)
         with m.If(~self.o.valid | self.o.ready):

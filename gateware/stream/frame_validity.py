@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Which frames can be trusted: counted beside the stream, which neither waits for it nor is any longer."""
+"""Plausibility flags of every frame, measured beside the datapath without stalling or delaying it."""
 
 import numpy as np
 from amaranth import Cat, Const, Module, Mux, Signal, signed, unsigned
@@ -13,22 +13,27 @@ from fastac.models.integer.features import WIDTH
 
 
 class FrameValidity(wiring.Component):
-    """Flags of every frame, bit for bit `models.validity.FrameValidity.flags`, REASONS[0] lowest.
+    """Compare measures of each frame with limits; flags bit-exact to `models.integer.frame_validity`.
 
     Members
     -------
-    pixels, pixels_taken : `lanes` pixels of C unsigned(8), and whether they move on in this clock
-    features, features_taken : the same for the features behind the background, ΔI first
-    slopes_over, slopes_taken : which of `lanes` × 2 slopes saturate. Only with `validity.slopes`.
-    displacements_over, displacements_taken : the same for `lanes` displacements, rows of ceil(N/lanes) beats.
-        Only with `validity.displacements`.
-    suspect_valid, suspect : pulse, and whether the frame whose slopes (or, without slopes, features) were the
-        last to be complete has a flag; displacements, which are not known yet, set none
-    verdict : stream of the flags, one a frame, in order
-    limits : `limits_image` of other limits, still while a frame is inside. Only with `loadable`.
+    pixels, pixels_taken : `lanes` pixels of C × unsigned(8), and whether this beat moves in this clock
+    features, features_taken : the same for the features after the background subtraction: `lanes` vectors of
+        C differences ΔI and 2 coordinates, signed(9) each
+    slopes_over, slopes_taken : one bit for each of `lanes` × 2 slopes: it saturates. Only with
+        `validity.slopes`.
+    displacements_over, displacements_taken : one bit for each of `lanes` displacements: it saturates; rows of
+        ceil(N/lanes) beats. Only with `validity.displacements`.
+    suspect_valid, suspect : `suspect_valid` pulses once per frame, after its last slopes (without slopes: its
+        last features); `suspect` then tells whether any flag is set, except that for displacements, which is
+        not known yet
+    verdict : stream of one word of flags per frame, in order, bit k for REASONS[k]; a bit set means a measure
+        is outside its limits
+    limits : the word of `limits_image`, constant while a frame is in flight. Only with `loadable`.
 
-    What is taken is only looked at. `latency` clocks after the last displacements (slopes, features: whatever
-    is there last) of a frame were taken its verdict is offered; `suspect` comes one clock earlier.
+    All inputs are only observed. `latency` = 4 + ceil(log2(values per beat)) clocks from a frame's last beat
+    at the last observed stage (displacements, else slopes, else features) to its `verdict`: input register,
+    adder tree, sum, comparison and FIFO. Without displacements, `suspect_valid` comes a clock earlier.
     """
 
     def __init__(self, validity: model.FrameValidity, *, lanes: int, loadable: bool = False):
@@ -43,14 +48,14 @@ class FrameValidity(wiring.Component):
             "suspect": Out(1),
             "verdict": Out(stream.Signature(len(model.REASONS))),
         }
-        self.watched = ["pixels", "features"]
+        self.observed = ["pixels", "features"]
         if validity.slopes:
-            self.watched.append("slopes")
+            self.observed.append("slopes")
             members["slopes_over"] = In(2 * lanes)
         if validity.displacements:
-            self.watched.append("displacements")
+            self.observed.append("displacements")
             members["displacements_over"] = In(lanes)
-        members |= {f"{name}_taken": In(1) for name in self.watched}
+        members |= {f"{name}_taken": In(1) for name in self.observed}
         if loadable:
             members["limits"] = In(self.limits_bits)
         super().__init__(members)
@@ -64,7 +69,7 @@ class FrameValidity(wiring.Component):
         return zip(self.validity.names, self.validity.widths, strict=True)
 
     def limits_image(self, validity: model.FrameValidity) -> int:
-        """Limits for frames of this shape as one word: of each measure `low`, if it has one, then `high`."""
+        """The limits of `validity` in one word, from bit 0: of each measure `low`, if any, then `high`."""
         image, place = 0, 0
         for k, (name, width) in enumerate(self._measures):
             limits = (validity.low[k], validity.high[k]) if name in model.TWO_SIDED else (validity.high[k],)
@@ -74,16 +79,16 @@ class FrameValidity(wiring.Component):
         return image
 
     def _words(self, measure: str) -> int:
-        """How many values of a measure a beat brings."""
+        """How many values of `measure` one beat contributes."""
         if measure in ("change", "detail"):
             return self.lanes * self.channels
         return 2 * self.lanes if measure == "gradient" else self.lanes
 
     @property
     def latency(self) -> int:
-        """Registers of the values, their tree and sum, the comparison and the queue."""
+        """Input register, adder tree, accumulator, comparison and FIFO."""
         last = {"features": "change", "slopes": "gradient", "displacements": "displacement"}
-        return 4 + tree_levels(self._words(last[self.watched[-1]]))
+        return 4 + tree_levels(self._words(last[self.observed[-1]]))
 
     def elaborate(self, platform):
         m = Module()
@@ -97,7 +102,7 @@ class FrameValidity(wiring.Component):
                     place += width
 
         def count(name: str, taken, values: list, largest: int, beats: int = beats):
-            """Sum `values` of the beats that are taken: (done, beyond its limits), both registers."""
+            """Sum `values` over a frame; returns the registers (sum complete, sum outside its limits)."""
             bounds = np.full((beats, 1, len(values)), largest)
             m.submodules[f"{name}_count"] = counter = FrameAccumulator(bounds, np.zeros(1, np.int64))
             held = Signal(name=f"{name}_held")
@@ -123,11 +128,11 @@ class FrameValidity(wiring.Component):
             _, flags[name] = count(name, self.features_taken, [pixel[c] for pixel in difference], 255)
         magnitudes = [Mux(value < 0, -value, value) for pixel in difference for value in pixel]
         done, flags["change"] = count("change", self.features_taken, magnitudes, 255)
-        # The pixels' flags are older by the stages between, far less than a frame.
+        # The pixels' flags were set a few stages earlier; the next frame cannot have changed them yet.
         known = Cat(flags.get(name, 0) for name in model.REASONS)
 
         def join(stage: str, taken, over, beats: int):
-            """Flags of the frames before this stage, each with the stage's own once that is known."""
+            """Queue each frame's earlier flags until this stage's own flag is known, and add it."""
             m.submodules[f"{stage}_queue"] = queue = fifo.SyncFIFO(
                 width=len(model.REASONS), depth=FRAMES_IN_FLIGHT
             )
@@ -154,7 +159,7 @@ class FrameValidity(wiring.Component):
         return m
 
     def _of_pixels(self, m: Module):
-        """Name, values of a beat and their largest magnitude, of what needs no background."""
+        """The measures that need no background: (name, values of a beat, largest magnitude of a value)."""
         beats = self.width // self.lanes
         beat, before = Signal(range(beats)), Signal.like(self.pixels[0], reset_less=True)
         with m.If(self.pixels_taken):

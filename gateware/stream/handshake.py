@@ -1,4 +1,4 @@
-"""What every pipelined component does between its streams: how it moves, and how many pixels at once."""
+"""The valid/ready handshake of a pipeline, the AXI4-Stream signature, and the allowed numbers of lanes."""
 
 from amaranth import Cat, Module, Signal, unsigned
 from amaranth.lib import wiring
@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 
 def axis_signature(width: int) -> wiring.Signature:
-    """An AXI4-Stream of `width` bits of data, seen from the side that sends."""
+    """AXI4-Stream with `width` bits of `tdata` and one bit of `tuser`, seen from the master."""
     return wiring.Signature(
         {
             "tdata": Out(unsigned(width)),
@@ -19,7 +19,7 @@ def axis_signature(width: int) -> wiring.Signature:
 
 
 LANES = (1, 2, 4)
-"""Pixels a clock that the hardware is built for."""
+"""The numbers of pixels per clock that the hardware can be built for."""
 
 
 def check_lanes(lanes: int) -> None:
@@ -29,10 +29,10 @@ def check_lanes(lanes: int) -> None:
 
 
 def pipeline_handshake(m: Module, i, o, latency: int) -> Signal:
-    """Connect valid and ready of a core of `latency` registers between the streams `i` and `o`.
+    """Add valid bits and back-pressure for a pipeline of `latency` registers between the streams `i` and `o`.
 
-    Returns `advance`: the core's registers move in clocks in which it is high. The core never stalls by
-    itself; it moves whenever its last register may move.
+    Returns `advance`, the clock enable of all the pipeline's registers: high while `o` is ready or its
+    register is empty. So only back-pressure from `o` stalls the pipeline, and all stages stall together.
     """
     advance = Signal()
     valid = Signal(latency)

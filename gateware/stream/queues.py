@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The end of a pipeline that never rests: what the output cannot take waits here."""
+"""Queues: a skid buffer that cuts the `ready` path, and credit-based flow control for a whole pipeline."""
 
 from amaranth import Module, Mux, Signal, Value
 from amaranth.lib import fifo, stream, wiring
@@ -7,7 +7,14 @@ from amaranth.lib.wiring import In, Out
 
 
 class SkidBuffer(wiring.Component):
-    """Two beats deep, `latency` 1: `ready` and `valid` on both sides come from registers alone."""
+    """Skid buffer: a FIFO of two beats that cuts the combinational path of `ready`.
+
+    Members
+    -------
+    i, o : streams of `payload`
+
+    `latency` = 1 clock, initiation interval 1; `i.ready` and `o.valid` come from registers.
+    """
 
     latency = 1
 
@@ -29,21 +36,21 @@ class SkidBuffer(wiring.Component):
 
 
 class CreditQueue(wiring.Component):
-    """Let beats set off into a pipeline only while there is room for all that are under way.
+    """Output FIFO of a pipeline without clock enables, with credit-based flow control.
 
-    So the pipeline's registers need no enable, which would reach every one of them from `o.ready` within one
-    clock. Credit-based flow control: W. J. Dally, B. Towles, Principles and Practices of Interconnection
-    Networks (2004), ch. 13.
+    A beat may enter the pipeline only while the FIFO has a free place for it and for every beat already
+    inside. The pipeline itself therefore never stalls, and `o.ready` needs no path to all of its registers.
+    W. J. Dally, B. Towles, Principles and Practices of Interconnection Networks (2004), ch. 13.
 
     Members
     -------
-    room : high if a beat may set off; from a register
-    launch : high for one clock for each beat that sets off
+    room : high while a credit is free, that is, a beat may enter the pipeline; from a register
+    launch : high for one clock for each beat that enters the pipeline; must be low while `room` is low
     i, i_valid : the pipeline's last register, and whether it holds a beat
-    o : stream of the beats
+    o : stream of `payload`
 
-    Without a stall a beat goes from `i` to `o` in the same clock, `latency` = 0, and a pipeline of fewer than
-    `depth` registers takes a beat a clock. No beat is ever lost while `launch` heeds `room`.
+    `latency` = 0: without back-pressure a beat goes from `i` to `o` in the same clock. A pipeline of fewer
+    than `depth` registers accepts one beat per clock. No beat is lost.
     """
 
     latency = 0
@@ -64,7 +71,7 @@ class CreditQueue(wiring.Component):
 
     @staticmethod
     def depth_of(registers: int) -> int:
-        """The least power of two above a pipeline's `registers`."""
+        """FIFO depth for one beat per clock: the smallest power of two above the pipeline's `registers`."""
         return 1 << registers.bit_length()
 
     def elaborate(self, platform):

@@ -1,4 +1,4 @@
-"""Tables beside a stream: ROMs read in raster order, and write ports for the host."""
+"""Per-pixel constants beside a stream: memories read in raster order, which the host may be able to write."""
 
 from typing import NamedTuple
 
@@ -10,7 +10,7 @@ from amaranth.lib.wiring import In, Out
 
 
 class TableFormat(NamedTuple):
-    """A memory of `depth` words of `fields` signed values of `bits`, field 0 lowest."""
+    """Format of a memory: `depth` words of `fields` signed values of `bits` bits, field 0 in the LSBs."""
 
     depth: int
     fields: int
@@ -18,7 +18,7 @@ class TableFormat(NamedTuple):
 
     @property
     def signature(self) -> wiring.Signature:
-        """Its write port, seen from the side that writes."""
+        """The memory's write port, seen from the writer."""
         return wiring.Signature(
             {
                 "en": Out(1),
@@ -29,20 +29,20 @@ class TableFormat(NamedTuple):
 
 
 class RasterRom(wiring.Component):
-    """A table read in raster order, one word a beat, in block RAM; after the last word the first follows.
+    """Table in block RAM that is read word by word, one word per beat, and starts again after the last word.
 
-    Parameters: `table`, integers (words, …) whose last axes are the fields of a word, C order, field 0
-    lowest; `bits`, the signed width of a field.
+    Parameters: `table`, integers (words, …) whose trailing axes are the fields of a word in C order, field 0
+    in the least significant bits; `bits`, the signed width of a field.
 
     Members
     -------
-    advance : the pipeline around the table moves
-    take : the beat that enters the pipeline consumes a word
+    advance : clock enable of the pipeline beside the table
+    take : a beat enters the pipeline and uses the next word; counts only while `advance` is high
     word : nested ArrayLayouts of signed(bits), of the shape of `table[0]`
-    write : write port, not to be used while a table is read; see `TableFormat`. Only if `loadable`.
+    write : write port, see `TableFormat`; must not be used while a frame is being read. Only if `loadable`.
 
-    The word of a taken beat stands in `word` after `latency` = 2 advances: the memory's read, and its
-    output register.
+    `latency` = 2 clocks with `advance` high from `take` to the word at `word`: the memory's read register
+    and its output register.
     """
 
     latency = 2
@@ -59,7 +59,7 @@ class RasterRom(wiring.Component):
 
     @property
     def words(self) -> list[int]:
-        """The memory's contents, one unsigned integer a word."""
+        """The memory's initial contents, one unsigned integer per word."""
         fields = self.table.reshape(len(self.table), -1, 1).astype(np.int64)
         ones = (fields >> np.arange(self.bits)) & 1
         octets = np.packbits(ones.astype(np.uint8).reshape(len(fields), -1), axis=1, bitorder="little")
@@ -97,6 +97,6 @@ class RasterRom(wiring.Component):
 
 
 def raster_beats(table: np.ndarray, lanes: int) -> np.ndarray:
-    """A table (rows, columns, …) to beats (rows · ceil(columns/lanes), lanes, …); void lanes are zero."""
+    """Cut a table (rows, columns, …) into beats (rows · ceil(columns/lanes), lanes, …), padded with zeros."""
     padded = np.pad(table, [(0, 0), (0, -table.shape[1] % lanes)] + [(0, 0)] * (table.ndim - 2))
     return padded.reshape(-1, lanes, *table.shape[2:])

@@ -1,4 +1,4 @@
-"""What the XCZU19EG holds, and designs that need more refused in one line."""
+"""Resources of the target device, the XCZU19EG, and the check that a design fits."""
 
 DEVICE = {
     "part": "xczu19eg-ffvc1760-2-i",
@@ -8,15 +8,15 @@ DEVICE = {
     "ramb36": 984,
     "uram288": 128,
 }
-"""The part as Vivado writes it, and what it holds."""
+"""Part number in Vivado's notation and number of each resource (Xilinx DS891)."""
 
 
 class DeviceError(ValueError):
-    """A design that the device cannot hold; the message is one line."""
+    """The design needs more resources than the device has; the message is one line."""
 
 
 def check_multipliers(by_stage: dict[str, int]) -> None:
-    """Raise DeviceError if the DSP48E2 of all stages, {stage: number}, are more than the device has."""
+    """Raise DeviceError if all stages' DSP48E2 slices, {stage: number}, exceed the device's."""
     _check(
         "DSP48E2",
         by_stage,
@@ -25,10 +25,10 @@ def check_multipliers(by_stage: dict[str, int]) -> None:
 
 
 def check_block_rams(by_stage: dict[str, float]) -> None:
-    """Raise DeviceError if the RAMB36 of all stages, {stage: number}, are more than the device has.
+    """Raise DeviceError if all stages' RAMB36 blocks, {stage: number}, exceed the device's.
 
-    UltraRAM is not counted on: it takes no initial values (Xilinx UG573), and the tables, such as those of
-    the force kernels, are nothing else.
+    UltraRAM cannot replace them: it has no initial values (Xilinx UG573), which ROMs such as those of the
+    force kernels need.
     """
     _check(
         "RAMB36",
@@ -39,7 +39,7 @@ def check_block_rams(by_stage: dict[str, float]) -> None:
 
 
 def _check(block: str, by_stage: dict[str, float], remedy: str) -> None:
-    """Raise DeviceError if the stages need more of a kind of block than the device has."""
+    """Raise DeviceError if the stages need more of `block` than the device has; `remedy` ends the message."""
     needed, held = sum(by_stage.values()), DEVICE[block.lower()]
     if needed > held:
         stages = ", ".join(f"{name} {number:,g}" for name, number in by_stage.items())

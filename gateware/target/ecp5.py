@@ -1,18 +1,20 @@
-"""The ECP5 as a platform: products in its 18×18 multipliers, with the registers that are in them."""
+"""Lattice ECP5 as an elaboration platform: products in its registered 18×18-bit multipliers."""
 
 from amaranth import ClockSignal, Instance, Module, Signal, signed
 
 OPERAND_BITS = 18
+"""Bits of each operand of a MULT18X18D, signed."""
 
 
 class Ecp5:
-    """Gives `gateware.product.product` the form that an ECP5 has room for.
+    """Platform whose method `product` replaces `gateware.arithmetic.product.product` on an ECP5.
 
-    A wide operand is cut into 17 unsigned bits and the rest. Both parts' products leave the multipliers'
-    output registers and are added behind them, so that the whole has the clocks of one DSP48E2.
+    An operand wider than 18 bits is cut into its 17 lowest bits, unsigned, and the rest. The two products
+    are added after the multipliers' output registers. The latency is that of one DSP48E2: 3 clocks.
     """
 
     def product(self, m: Module, advance: Signal, a, b, *, name: str) -> Signal:
+        """As `gateware.arithmetic.product.product`; ValueError beyond signed 35×18 bits."""
         if len(a) < len(b):
             a, b = b, a
         low_bits = OPERAND_BITS - 1
@@ -31,7 +33,7 @@ class Ecp5:
         return held
 
     def multiplier(self, m: Module, advance: Signal, a, b, *, name: str) -> Signal:
-        """The output of one MULT18X18D, 2 advances later: its operands and its output are registered."""
+        """One MULT18X18D with registered operands and output: the product 2 clocks later."""
         bits = range(OPERAND_BITS)
         left, right = (Signal(signed(OPERAND_BITS), name=f"{name}_{k}") for k in "ab")
         output = Signal(signed(2 * OPERAND_BITS), name=f"{name}_m")

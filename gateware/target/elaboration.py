@@ -1,14 +1,11 @@
-"""Elaboration of a design to Verilog or RTLIL.
+"""Elaborate an Amaranth design to Verilog or RTLIL (Yosys' intermediate language).
 
-Amaranth's netlist of a top at four pixels per clock has a million nets, each a Python object that lives until
-the text is written. Python's cyclic garbage collector walks them all again and again and finds nothing to
-free, a third of the time. It is paused meanwhile; reference counts still free what they can.
+Three differences from Amaranth's own `verilog.convert`:
 
-Amaranth would elaborate and write identical components, such as the lanes' tiles, one by one.
-`shared_instances` makes them instances of one module.
-
-Where in the sources a net comes from is left out: those are paths of this machine, and the text is to follow
-from the design alone.
+- Python's cyclic garbage collector is paused. A top-level at four pixels per clock is a netlist of a million
+  objects that all stay alive; scanning them again and again would take a third of the time.
+- Identical components, such as the lanes' tiles, become instances of one module (`shared_instances`).
+- Source locations are left out, so that the text depends on the design alone, not on where it lies on disk.
 """
 
 import gc
@@ -22,13 +19,13 @@ from amaranth.hdl import ClockSignal, Const, Elaboratable, Instance, Value
 from amaranth.lib.wiring import Component, In
 
 TOP_ATTRIBUTE = "attribute \\top 1\n"
-"""In RTLIL, of the module that a text is written for."""
+"""RTLIL attribute of the top module; shared modules must not have it."""
 RESET = re.compile(r"^(?!  wire |    connect \\rst 1'0$).*\\rst\b", re.MULTILINE)
-"""A use of the reset in RTLIL, neither its declaration nor one that is never given."""
+"""A use of `rst` in RTLIL other than its declaration or a connection to constant 0."""
 
 
 class SharedModules:
-    """The modules that a design shares, named after it, and those of them whose text is still to write."""
+    """The shared modules of one design: their names, and those whose text is still to be written."""
 
     def __init__(self, design: str):
         self.design = design
@@ -36,7 +33,7 @@ class SharedModules:
         self.waiting: list[tuple[str, Component]] = []
 
     def add(self, name: str, component: Component) -> str:
-        """The module name of `component`; raises ValueError if another one has it."""
+        """Register `component` as a module; returns the module's name. ValueError if `name` is taken."""
         module = f"{self.design}.shared.{name}"
         if module in self.names:
             raise ValueError(f"shared module {name}: expected a name that is not taken yet")
@@ -46,14 +43,16 @@ class SharedModules:
 
 
 _shared_modules: ContextVar[SharedModules | None] = ContextVar("shared", default=None)
-"""Of the design whose text is being written; None elsewhere, as in Amaranth's simulator."""
+"""Those of the design being written; None otherwise, for example in Amaranth's simulator."""
 
 
 def shared_instances(components: Sequence[Component], name: str) -> list[Elaboratable]:
-    """What to make submodules of in place of `components`, which do the same, each for its own signals.
+    """Submodules to add instead of the identical `components`, each connected to its component's own ports.
 
-    Where a text is written, several are instances of one module `name`, elaborated from the first. Registers
-    in it are of domain sync and without a reset: a `ResetInserter` around an instance would not reach them.
+    In `to_verilog` and `to_rtlil` they are instances of one module `name`, elaborated from the first
+    component; elsewhere, or if there is only one, they are the components themselves. The module may use
+    only the clock domain sync and registers without reset, which a `ResetInserter` around an instance could
+    not reach.
     """
     shared = _shared_modules.get()
     if shared is None or len(components) == 1:
@@ -71,16 +70,13 @@ def shared_instances(components: Sequence[Component], name: str) -> list[Elabora
 
 
 def to_verilog(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
-    """Verilog of `design` as module `name`, its components elaborated for `platform`.
-
-    What Amaranth raises of a faulty design passes through.
-    """
-    # What verilog.convert() calls, which takes one design; Amaranth's release is pinned.
+    """The Verilog of `design` as module `name`, elaborated for `platform`; Amaranth's errors pass through."""
+    # verilog.convert() calls this too, but takes a design, not RTLIL text; Amaranth's version is pinned.
     return verilog._convert_rtlil_text(to_rtlil(design, name=name, platform=platform))
 
 
 def to_rtlil(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
-    """RTLIL of `design`, Yosys' own form, as module `name`, and of what it shares; else as `to_verilog`."""
+    """The RTLIL of `design` as module `name`, followed by its shared modules; otherwise as `to_verilog`."""
     shared = SharedModules(name)
     outer = _shared_modules.set(shared)
     try:
@@ -99,7 +95,7 @@ def to_rtlil(design: Elaboratable, *, name: str = "top", platform: object = None
 
 @contextmanager
 def garbage_collection_paused() -> Iterator[None]:
-    """No cyclic garbage collection within; as it was before afterwards."""
+    """Pause the cyclic garbage collector inside the block; restore its previous state afterwards."""
     enabled = gc.isenabled()
     gc.disable()
     try:

@@ -1,9 +1,9 @@
-"""The XCZU19EG-2FFVC1760I as a target, without a board: an IP core beside the processing system.
+"""Vivado project for the XCZU19EG-2FFVC1760I: an IP core beside the processing system, without a board.
 
-The datapath gets its clock (`pl_clk0`), its reset and its AXI buses from the processing system of the same
-device, so it has no package pins, and none are named here. What Vivado gets is the core out of context: part,
-Verilog, the clock's period, and a script that synthesises, places and routes it and writes reports and a
-checkpoint. Paths from and to the core's ports are not constrained; they end in the block design around it.
+Clock (`pl_clk0`), reset and AXI buses come from the processing system on the same device, so the core has no
+package pins and no pin constraints. Vivado gets the part, the Verilog, the clock period, and a script that
+synthesises the core out of context, places and routes it, and writes reports and a checkpoint. Paths from and
+to the core's ports are not constrained; they end in the surrounding block design.
 """
 
 import re
@@ -16,15 +16,15 @@ from amaranth.vendor import XilinxPlatform
 
 from fastac.gateware.target.elaboration import to_verilog
 
-MAXIMUM_CLOCK_MHZ = 775  # a fully registered DSP48E2 of this speed grade
+MAXIMUM_CLOCK_MHZ = 775  # of a fully registered DSP48E2 in speed grade -2 (Xilinx DS925)
 
 
 class XCZU19EGPlatform(XilinxPlatform):
-    """Device, package and speed grade; a clock of `clock_mhz` at the port `clk` is the only constraint.
+    """Amaranth platform of the device; its only constraint is a clock of `clock_mhz` at the port `clk`.
 
-    `prepare(top, name)` takes an Amaranth component, whose members become the ports beside `clk` and `rst`,
-    or the text of a Verilog module `name`, and gives a build plan with these files and Amaranth's scripts
-    that call Vivado on them: `<name>.v`, `<name>.xdc`, `build.tcl`.
+    `prepare(design, name)` takes an Amaranth component, whose members become ports beside `clk` and `rst`, or
+    the text of a Verilog module `name`. It returns a build plan: `<name>.v`, `<name>.xdc`, `build.tcl` and
+    Amaranth's scripts that call Vivado on them.
     """
 
     device = "xczu19eg"
@@ -76,7 +76,7 @@ class XCZU19EGPlatform(XilinxPlatform):
 
     @property
     def part(self) -> str:
-        """The part as Vivado writes it."""
+        """Part number in Vivado's notation."""
         return f"{self.device}-{self.package}-{self.speed}"
 
     @property
@@ -92,16 +92,16 @@ class XCZU19EGPlatform(XilinxPlatform):
             raise ValueError(f"name {name!r}: expected a module of this name in the Verilog")
         if not re.search(r"\bclk\b", module[1]):
             raise ValueError(f"name {name!r}: expected this module to have a port clk")
-        # The ports are those of the Verilog, not of pins, so there is nothing more to elaborate.
+        # The Verilog is complete and has no pins, so an empty module is elaborated.
         return super().prepare(Module(), name, verilog=text, **kwargs)
 
 
 def write_vivado_project(
     design: Elaboratable | str, folder: Path, clock_mhz: float, *, name: str = "top"
 ) -> list[Path]:
-    """Write what Vivado needs for `design`, a component or Verilog text; no tool runs. Returns the files.
+    """Write a Vivado project for `design`, a component or Verilog text; returns the files. Runs no tool.
 
-    Run it with `vivado -mode batch -source build.tcl` in `folder`, or with the script `build_<name>.sh`.
+    Run it in `folder` with `vivado -mode batch -source build.tcl`, or with the script `build_<name>.sh`.
     """
     plan = XCZU19EGPlatform(clock_mhz).prepare(design, name)
     folder = Path(folder)

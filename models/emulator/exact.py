@@ -20,7 +20,7 @@ from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.tridiagonal import TridiagonalSolver
 from fastac.models.loops.frames import CHUNK
-from fastac.models.loops.network import PixelTiles
+from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.pixels import (
     AHEAD,
     depth_and_displacement,
@@ -98,7 +98,7 @@ class _Worker:
     def __init__(self, emulator: ExactTables, outputs: frozenset[str]):
         self.emulator, self.pipeline = emulator, emulator.pipeline
         height, width, _ = self.pipeline.background.shape
-        self.network = PixelTiles(emulator.tables, self.pipeline.background, requantise=emulator.requantise)
+        self.network = FrameNetwork(emulator.tables, self.pipeline.background, requantise=emulator.requantise)
         self.slopes = np.empty((2, height, width))
 
         def wants(*names: str) -> bool:

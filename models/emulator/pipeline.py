@@ -10,7 +10,7 @@ from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exactness import NotExactError
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.loops.frames import Outputs, choose, over_frames, require_frames
+from fastac.models.loops.frames import Outputs, choose_outputs, over_frames, require_frames
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
 
@@ -45,7 +45,7 @@ class Emulator:
 
         Equal to `direct.loop` on every value.
         """
-        outputs = choose(self.outputs, wanted)
+        outputs = choose_outputs(self.outputs, wanted)
         require_frames(frames, self.pipeline.background)
         found = over_frames(
             partial(self._worker, frozenset(outputs)),

@@ -50,7 +50,7 @@ class MarkerField:
         field = TangentialField(detector.detect(pipeline.background), height, width)
         return cls(detector, field, sensor.markers.spacing_mm / sensor.pitch_mm)
 
-    def find_px(self, frame: np.ndarray) -> tuple[np.ndarray | None, int]:
+    def tangential_px(self, frame: np.ndarray) -> tuple[np.ndarray | None, int]:
         """The field (H, W, 2) of one frame (H, W, C) uint8, and how many markers are lost.
 
         Each frame is a press of its own, so the dots are looked for from where they rest. None where more
@@ -63,10 +63,12 @@ class MarkerField:
         lost = len(rest) - len(seen)
         if lost > MAX_LOST * len(rest):
             return None, lost
-        return self.field.of_seen(seen).dense_px(found[matched[seen]] - rest[seen]), lost
+        return self.field.for_markers(seen).dense_px(found[matched[seen]] - rest[seen]), lost
 
 
-def find(pipeline: FloatPipeline, frames: np.ndarray, *, progress: bool = False) -> Displacements:
+def displacement_fields(
+    pipeline: FloatPipeline, frames: np.ndarray, *, progress: bool = False
+) -> Displacements:
     """Displacements in frames (frames, H, W, C) uint8; the scene has markers and finds depth."""
     require_frames(frames, pipeline.background)
     markers = MarkerField.of_background(pipeline)
@@ -75,7 +77,7 @@ def find(pipeline: FloatPipeline, frames: np.ndarray, *, progress: bool = False)
 
     def work(part: np.ndarray, out: dict[str, np.ndarray]) -> None:
         for k, frame in enumerate(part):
-            dense_px, out["lost"][k] = markers.find_px(frame)
+            dense_px, out["lost"][k] = markers.tangential_px(frame)
             if dense_px is not None:
                 out["tangential_mm"][k] = pitch_mm * dense_px[1:-1, 1:-1].transpose(2, 0, 1)
 

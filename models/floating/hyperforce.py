@@ -43,7 +43,7 @@ class HyperForce(nn.Module):
         weights = self.layers(self.coordinate) * self.unit
         return weights.reshape(self.size, self.size, self.axes, k, k).permute(2, 0, 1, 3, 4)
 
-    def start_from(self, displacement: torch.Tensor, force_n: torch.Tensor) -> None:
+    def set_force_unit(self, displacement: torch.Tensor, force_n: torch.Tensor) -> None:
         """Choose the unit so that weights of order one give forces of the order of `force_n`."""
         volume = displacement.abs().flatten(1).sum(dim=1).mean()
         unit = float(force_n.abs().mean() / volume.clamp(min=1e-9))

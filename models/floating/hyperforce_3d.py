@@ -85,7 +85,7 @@ class HyperForce3D(HyperForce):
         return torch.cat(parts, dim=1).numpy()
 
     @torch.no_grad()
-    def set_last(self, weights: np.ndarray) -> None:
+    def set_last_layer(self, weights: np.ndarray) -> None:
         """Give the last layer the weights (features, axes), in N per unit of `features`."""
         last = self.layers[-1]
         found = torch.from_numpy(weights.T / self.unit.item()).to(last.weight.dtype)

@@ -12,7 +12,7 @@ from torch import nn
 from fastac.models.integer.features import HIDDEN, scales
 
 
-class Unit(torch.nn.Module):
+class UnitLength(torch.nn.Module):
     """Vectors to unit length."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
@@ -37,7 +37,7 @@ class PixelNetwork(nn.Module):
         return self.layers(x)
 
     @property
-    def linears(self) -> list[nn.Linear]:
+    def linear_layers(self) -> list[nn.Linear]:
         return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
 
 

@@ -14,8 +14,8 @@ from fastac.models.floating.threads import single_thread
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.features import scales
 from fastac.models.integer.laplacian import boundary_term, eigenvalues, sine_matrix
-from fastac.models.loops.frames import Outputs, choose, over_frames, require_frames
-from fastac.models.loops.network import PixelTiles
+from fastac.models.loops.frames import Outputs, choose_outputs, over_frames, require_frames
+from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.pixels import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
 from fastac.models.loops.sines import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
 from fastac.models.result import Result
@@ -44,7 +44,7 @@ class FloatPipeline:
             weights[0].shape[1], tuple(len(weight) for weight in weights[:-1])
         )
         with torch.no_grad():
-            for k, (layer, weight) in enumerate(zip(network.linears, weights, strict=True)):
+            for k, (layer, weight) in enumerate(zip(network.linear_layers, weights, strict=True)):
                 layer.weight.copy_(weight)
                 layer.bias.copy_(torch.from_numpy(arrays[f"network.{k}.bias"]))
         return cls(scene, network, background, rest_depth_mm, arrays.get("force.float_weights"))
@@ -58,7 +58,7 @@ class FloatPipeline:
     def _tables(self) -> list[np.ndarray]:
         """The network's layers (neurons, inputs + 1), the features' scales and the bias in them."""
         scale, tables = scales(self.background.shape[-1]), []
-        for layer in self.network.linears:
+        for layer in self.network.linear_layers:
             weight = layer.weight.detach().numpy() * scale
             bias = layer.bias.detach().numpy()
             tables.append(np.column_stack([weight, bias]).astype(np.float32))
@@ -130,7 +130,7 @@ class FloatPipeline:
         self, frames: np.ndarray, *, wanted: Iterable[str] | None = None, progress: bool = False
     ) -> Result:
         """Frames (frames, H, W, C) uint8 to all that the scene wants, or to the fields `wanted`."""
-        outputs = choose(self.outputs, wanted)
+        outputs = choose_outputs(self.outputs, wanted)
         require_frames(frames, self.background)
         after = None if outputs.keys() <= {"normals", "slopes"} else self._after
         with single_thread():
@@ -223,7 +223,7 @@ class _Worker:
     """One thread's scratch memory; called with a chunk of frames and the places of its outputs."""
 
     def __init__(self, pipeline: FloatPipeline, after: _AfterSlopes | None = None):
-        self.network = PixelTiles(pipeline._tables, pipeline.background)
+        self.network = FrameNetwork(pipeline._tables, pipeline.background)
         self.limit, self.after = pipeline.scene.numbers.slope_limit, after
         self.planes = np.empty((2, *pipeline.background.shape[:2]), np.float32)
         self.slopes = np.moveaxis(self.planes, 0, -1)

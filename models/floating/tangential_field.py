@@ -11,7 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import cdist
 
-from fastac.models.vision.markers import MarkerError, Tracked
+from fastac.models.vision.markers import MarkerError, TrackedMarkers
 
 MINIMUM = 3
 """Markers that shift, rotation and stretch of a plane take at least."""
@@ -65,7 +65,7 @@ class TangentialField:
         dense = self.matrix @ displacement_px
         return dense.reshape(*displacement_px.shape[:-2], self.height_px, self.width_px, 2)
 
-    def tracked_px(self, tracked: Tracked) -> np.ndarray:
+    def tracked_px(self, tracked: TrackedMarkers) -> np.ndarray:
         """The field (H, W, 2) of one frame, in pixels, from the markers that are seen in it.
 
         Where markers are lost, the field of the remaining ones, whose matrix is kept for the next frame.
@@ -76,9 +76,9 @@ class TangentialField:
             raise MarkerError(
                 f"markers: {len(kept)} of {len(tracked.lost)} left: the displacement field needs {MINIMUM}"
             )
-        return self.of_seen(kept).dense_px(tracked.displacement_px[kept])
+        return self.for_markers(kept).dense_px(tracked.displacement_px[kept])
 
-    def of_seen(self, kept: np.ndarray) -> "TangentialField":
+    def for_markers(self, kept: np.ndarray) -> "TangentialField":
         """The field of the markers with these indices, whose matrix is kept for the next frame."""
         return self if len(kept) == len(self.centre_px) else self._of_subset(tuple(kept.tolist()))
 

@@ -36,7 +36,7 @@ class TorchPipeline:
         self.unit = here(unit[:channels])
         self.layers = [
             (layer.weight.detach().to(self.device), layer.bias.detach().to(self.device))
-            for layer in pipeline.network.linears
+            for layer in pipeline.network.linear_layers
         ]
         self.sine = here(sine_matrix(size))
         self.reciprocal = here(-self.pitch_mm / eigenvalues(size))
@@ -82,10 +82,10 @@ class TorchPipeline:
         found = {"normals": self.normals, "depth": self.depth}
         return found if self.weight is None else found | {"force": self.force}
 
-    def put(self, frame: np.ndarray) -> torch.Tensor:
+    def to_device(self, frame: np.ndarray) -> torch.Tensor:
         return torch.from_numpy(frame).to(self.device)
 
-    def wait(self) -> None:
+    def synchronise(self) -> None:
         """Until the device has done what it was given."""
         if self.device.type == "cuda":
             torch.cuda.synchronize(self.device)

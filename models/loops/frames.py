@@ -29,7 +29,7 @@ def threads() -> int:
     return int(stated) if stated.isdecimal() and int(stated) else os.cpu_count() or 1
 
 
-def choose(outputs: Outputs, wanted: Iterable[str] | None) -> Outputs:
+def choose_outputs(outputs: Outputs, wanted: Iterable[str] | None) -> Outputs:
     """The outputs that are wanted, or all; raises ValueError for one that there is not."""
     if wanted is None:
         return outputs

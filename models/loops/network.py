@@ -9,7 +9,7 @@ from fastac.models.integer.features import coordinate_codes
 from fastac.models.loops.network_kernel import forward, packed
 
 
-class PixelTiles:
+class FrameNetwork:
     """The scratch memory of one thread, called on one frame after another.
 
     tables : of each layer (neurons, inputs + 1), the bias last: the hidden layers' of one element type, the

@@ -3,7 +3,7 @@
 import numpy as np
 import torch
 
-from fastac.models.floating.network import PixelNetwork, Unit
+from fastac.models.floating.network import PixelNetwork, UnitLength
 from fastac.models.integer.features import scales
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.training.normals import Fit, ScaledNetwork, _tensors
@@ -116,7 +116,7 @@ def finetune(
     if not settings.finetune_epochs:
         return layers, []
     x, y = pixels["train"]
-    teacher = torch.nn.Sequential(ScaledNetwork(network, scales(x.shape[1] - 2)), Unit())
+    teacher = torch.nn.Sequential(ScaledNetwork(network, scales(x.shape[1] - 2)), UnitLength())
     model = BitTrueNetwork(layers, hidden_weights=settings.finetune_weights)
     history = Fit(
         settings.finetune_epochs,

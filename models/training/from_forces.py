@@ -14,7 +14,7 @@ import copy
 import numpy as np
 import torch
 
-from fastac.models.floating.network import PixelNetwork, Unit
+from fastac.models.floating.network import PixelNetwork, UnitLength
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import (
     DIFFERENCE_SCALE,
@@ -31,14 +31,14 @@ from fastac.store.progress import progress_bar
 
 LEAST_PX = 32
 """Averaged frames keep at least so many pixels along each side."""
-STEEPEST = 1.0
+INITIAL_SLOPE = 1.0
 """The linear model's slopes reach this in one pixel of ten thousand: a quarter of the default limit."""
 LEAST_N_Z = 1e-2
 DISTILLED_PX = 1 << 20
 """Pixels of the training frames from which the integers learn the float network."""
 
 
-def differences(data: Dataset, index: np.ndarray) -> np.ndarray:
+def background_differences(data: Dataset, index: np.ndarray) -> np.ndarray:
     """Frames `index` less the background, (frames, H, W, C) float32."""
     return data.frames[index].astype(np.float32) - data.background
 
@@ -54,10 +54,10 @@ def linear_fields(
     return fields, min(history, key=lambda entry: entry["validation_mae_n"])["cosines"]
 
 
-def mixtures_of(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
+def channel_mixtures(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
     """The two mixtures of channels (2, C) that carry most of Σ fields · change, by reduced-rank regression.
 
-    fields (axes, H, W, C); change (frames, H, W, C). A mixture reaches STEEPEST in one pixel of ten thousand.
+    fields (axes, H, W, C); change (frames, H, W, C). A mixture reaches INITIAL_SLOPE in one pixel of ten thousand.
     Source: Izenman, "Modern Multivariate Statistical Techniques", section 6.3.
     """
     channels = fields.shape[-1]
@@ -67,7 +67,7 @@ def mixtures_of(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
     root = np.linalg.cholesky(covariance)
     right = np.linalg.svd(fields.reshape(-1, channels) @ root, full_matrices=False).Vh[:2]
     mixtures = right @ np.linalg.inv(root)
-    return mixtures * STEEPEST / np.quantile(np.abs(flat @ mixtures.T), 1 - 1e-4, axis=0)[:, None]
+    return mixtures * INITIAL_SLOPE / np.quantile(np.abs(flat @ mixtures.T), 1 - 1e-4, axis=0)[:, None]
 
 
 def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> PixelNetwork:
@@ -78,7 +78,7 @@ def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> Pi
     """
     network = PixelNetwork(mixtures.shape[1] + 2, hidden)
     halves = torch.tensor(np.stack([mixtures[0], -mixtures[0], mixtures[1], -mixtures[1]]))
-    first, *middle, last = network.linears
+    first, *middle, last = network.linear_layers
     with torch.no_grad():
         for layer in (first, *middle):
             layer.weight[:4] = 0
@@ -91,7 +91,7 @@ def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> Pi
     return network
 
 
-def block_of(height: int, width: int) -> int:
+def block_size(height: int, width: int) -> int:
     """Pixels along each side of the blocks that are averaged."""
     block = 1
     while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < LEAST_PX):
@@ -99,7 +99,7 @@ def block_of(height: int, width: int) -> int:
     return block
 
 
-def averaged(images: np.ndarray, block: int) -> np.ndarray:
+def block_averages(images: np.ndarray, block: int) -> np.ndarray:
     """Images (..., H, W, terms) averaged over blocks, (..., H / block, W / block, terms)."""
     *outer, height, width, terms = images.shape
     split = images.reshape(*outer, height // block, block, width // block, block, terms)
@@ -113,15 +113,15 @@ class ForceFromPixels(torch.nn.Module):
         """fields (axes, m, m, 2): the lowest cosines of the slopes' weights, in N; shape (H, W, C)."""
         super().__init__()
         height, width, channels = shape
-        block = block_of(height, width)
+        block = block_size(height, width)
         self.network, self.limit = network, limit
         self.unit = float(np.abs(fields).mean()) * block**2
         self.fields = torch.nn.Parameter(torch.tensor(fields * block**2 / self.unit, dtype=torch.float32))
         codes = np.stack(np.meshgrid(coordinate_codes(width), coordinate_codes(height)), axis=-1)
-        buffers = {"codes": averaged(codes, block), "scales": scales(channels)}
+        buffers = {"codes": block_averages(codes, block), "scales": scales(channels)}
         for name, size in (("rows", height), ("columns", width)):
             buffers[name] = (
-                slope_force.waves(size, fields.shape[1]).reshape(-1, block, fields.shape[1]).mean(1)
+                slope_force.cosine_basis(size, fields.shape[1]).reshape(-1, block, fields.shape[1]).mean(1)
             )
         for name, values in buffers.items():
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
@@ -140,16 +140,16 @@ class ForceFromPixels(torch.nn.Module):
         return torch.einsum("nijt,aijt->na", slopes[:-1] - slopes[-1:], weights)
 
 
-def start(data: Dataset, scene: Scene, *, progress: bool = False) -> ForceFromPixels:
+def initial_model(data: Dataset, scene: Scene, *, progress: bool = False) -> ForceFromPixels:
     """The linear model, of the two best mixtures of channels, as a network and fields."""
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
-    change = {split: differences(data, index) for split, index in splits.items()}
+    change = {split: background_differences(data, index) for split, index in splits.items()}
     force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
     fields, _ = linear_fields(change, force, progress=progress)
-    mixtures = mixtures_of(fields, change["train"])
+    mixtures = channel_mixtures(fields, change["train"])
     mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
     fields, cosines = linear_fields(mixed, force, progress=progress)
-    lowest = slope_force.spectra(fields, cosines)
+    lowest = slope_force.lowest_cosines(fields, cosines)
     network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32), scene.network.hidden)
     return ForceFromPixels(network, lowest, data.background.shape, scene.numbers.slope_limit)
 
@@ -163,11 +163,12 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     settings = scene.training
     torch.manual_seed(settings.seed)
     generator = torch.Generator().manual_seed(settings.seed)
-    model = start(data, scene, progress=progress)
-    block = block_of(*data.frames.shape[1:3])
+    model = initial_model(data, scene, progress=progress)
+    block = block_size(*data.frames.shape[1:3])
     splits = {split: data.indices(split) for split in ("train", "validation")}
     change = {
-        split: torch.from_numpy(averaged(differences(data, index), block)) for split, index in splits.items()
+        split: torch.from_numpy(block_averages(background_differences(data, index), block))
+        for split, index in splits.items()
     }
     force = {
         split: torch.from_numpy(data.forces_n(index, scene.force_axes)) for split, index in splits.items()
@@ -223,14 +224,14 @@ def _error(model: ForceFromPixels, change: dict, force: dict) -> float:
         return (found - force["validation"]).abs().sum(dim=1).mean().item()
 
 
-def labelled_by(
+def distillation_pixels(
     network: PixelNetwork, data: Dataset, *, limit: int = DISTILLED_PX, seed: int = 0
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Features (pixels, inputs) and the normals that the network finds there, by split name.
 
     Up to `limit` pixels of a split, as many from each frame: the integers learn from the float network.
     """
-    teacher = torch.nn.Sequential(ScaledNetwork(network, scales(data.frames.shape[-1])), Unit())
+    teacher = torch.nn.Sequential(ScaledNetwork(network, scales(data.frames.shape[-1])), UnitLength())
     height, width = data.frames.shape[1:3]
     rng = np.random.default_rng(seed)
     found = {}

@@ -44,7 +44,7 @@ def train(
     force = {k: torch.from_numpy(v.astype(np.float32)) for k, v in force_n.items()}
     torch.manual_seed(settings.seed)
     model = build(scene, rest_depth_mm, axes=force["train"].shape[1])
-    model.start_from(pressed["train"], force["train"])
+    model.set_force_unit(pressed["train"], force["train"])
     epochs, rate = settings.force_epochs, settings.force_learning_rate
     optimiser = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=settings.force_weight_decay)
     count = len(pressed["train"])
@@ -79,7 +79,7 @@ def train(
     return model, history
 
 
-def refit(
+def refit_last_layer(
     scene: Scene, model: HyperForce, displacement_mm: dict[str, np.ndarray], force_n: dict[str, np.ndarray]
 ) -> tuple[HyperForce, list[dict]]:
     """The hypernetwork's last layer anew, by ridge regression, and the errors of all that was tried.
@@ -99,7 +99,7 @@ def refit(
 
     pressed = _pressed(scene, displacement_mm)
     x = {split: np.array([features(frame) for frame in frames]) for split, frames in pressed.items()}
-    history = ridge.attempts(x, force_n)
+    history = ridge.validation_errors(x, force_n)
     found = ridge.fit(x["train"], force_n["train"], ridge.best(history)) / model.unit.item()
     weights = (
         found.reshape(hidden.shape[1], k * k, model.axes).transpose(2, 1, 0).reshape(-1, hidden.shape[1])

@@ -30,7 +30,7 @@ WARM_UP = 0.1
 MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 
 
-def select(scene: Scene, field_mm: np.ndarray, inputs: str) -> torch.Tensor:
+def input_components(scene: Scene, field_mm: np.ndarray, inputs: str) -> torch.Tensor:
     """The components of displacements (frames, 3, N, N) that a model sees, float32.
 
     d_z is clamped at zero if the scene says so; d_x and d_y have both signs.
@@ -63,10 +63,10 @@ def train(
     for split in ("train", "validation"):
         if not len(field_mm.get(split, ())):
             raise ValueError(f"split: no frame is in {split!r}: training stops early by the validation split")
-    x = {split: select(scene, field_mm[split], inputs) for split in ("train", "validation")}
+    x = {split: input_components(scene, field_mm[split], inputs) for split in ("train", "validation")}
     force = {split: torch.from_numpy(force_n[split].astype(np.float32)) for split in x}
     run = _Run(scene, rest_depth_mm, x["train"], force["train"], inputs, dynamic)
-    start = refit(run.model, x, force_n)
+    start = refit_last_layer(run.model, x, force_n)
     first = {"epoch": 0} | _errors(start, x, force)
     if checkpoint is not None and checkpoint.exists():
         run.load(checkpoint)
@@ -82,7 +82,7 @@ def train(
         bar.set_postfix(mae=f"{run.best_n:.4f} N")
     bar.close()
     run.model.load_state_dict(run.best_state)
-    end = refit(run.model, x, force_n)
+    end = refit_last_layer(run.model, x, force_n)
     last = {"epoch": len(run.history) + 1} | _errors(end, x, force)
     tried = [
         (first["validation_mae_n"], start),
@@ -92,11 +92,13 @@ def train(
     return min(tried, key=lambda pair: pair[0])[1], [first, *run.history, last]
 
 
-def refit(model: HyperForce3D, x: dict[str, torch.Tensor], force_n: dict[str, np.ndarray]) -> HyperForce3D:
+def refit_last_layer(
+    model: HyperForce3D, x: dict[str, torch.Tensor], force_n: dict[str, np.ndarray]
+) -> HyperForce3D:
     """The last layer anew, by ridge regression, strength by the validation split; `model` stays as it is."""
     features = {split: model.features(frames) for split, frames in x.items()}
     fitted = copy.deepcopy(model)
-    fitted.set_last(ridge.choose(features, force_n)[0])
+    fitted.set_last_layer(ridge.best_weights(features, force_n)[0])
     return fitted
 
 
@@ -124,7 +126,7 @@ class _Run:
             dynamic=dynamic,
             axes=force_n.shape[1],
         )
-        self.model.start_from(x, force_n)
+        self.model.set_force_unit(x, force_n)
         self.optimiser = torch.optim.AdamW(
             self.model.parameters(),
             lr=settings.force_learning_rate,

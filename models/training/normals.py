@@ -152,7 +152,7 @@ class ScaledNetwork(torch.nn.Module):
         return self.network(x * self.scales)
 
 
-def labelled(data: Dataset, settings: Training) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def labelled_splits(data: Dataset, settings: Training) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """The labelled pixels, features and normals, that the network is trained on, by split name.
 
     The validation split is a fixed sample, or absent where there is none.
@@ -181,7 +181,7 @@ def train(
 
     hidden : neurons of its hidden layers
     """
-    pixels = labelled(data, settings)
+    pixels = labelled_splits(data, settings)
     x, y = pixels["train"]
     unit = scales(x.shape[1] - 2)
     validation = _tensors(pixels)

@@ -27,7 +27,7 @@ def solve(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.
     return vh.T @ (damped[..., None] * (u.T @ force_n)) / spread[:, None]
 
 
-def attempts(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
+def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
     """The error of every regularisation on unseen frames; x (frames, features) and force_n by split name.
 
     Raises ValueError where there are too few frames to hold any out, or no force to learn.
@@ -39,8 +39,8 @@ def attempts(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[d
     return _try_all(x, force_n)[0]
 
 
-def choose(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> tuple[np.ndarray, list[dict]]:
-    """The weights (features, axes) of the best attempt, and all `attempts`; with a validation split one
+def best_weights(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> tuple[np.ndarray, list[dict]]:
+    """The weights (features, axes) of the best attempt, and all `validation_errors`; with a validation split one
     decomposition serves both."""
     history, weights = _try_all(x, force_n)
     if "validation" in x:
@@ -49,7 +49,7 @@ def choose(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> tuple[np
 
 
 def _try_all(x, force_n) -> tuple[list[dict], np.ndarray]:
-    """The attempts, and the weights of each, from the frames that were not held out."""
+    """The validation_errors, and the weights of each, from the frames that were not held out."""
     if "validation" in x:
         seen, unseen = (x["train"], force_n["train"]), (x["validation"], force_n["validation"])
     else:

@@ -16,12 +16,12 @@ SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
 """Cosines along each axis that are tried."""
 
 
-def waves(length: int, size: int) -> np.ndarray:
+def cosine_basis(length: int, size: int) -> np.ndarray:
     """The lowest cosines over `length` pixels, (length, size)."""
     return idct(np.eye(length)[:, :size], axis=0, norm="ortho")
 
 
-def spectra(change: np.ndarray, size: int) -> np.ndarray:
+def lowest_cosines(change: np.ndarray, size: int) -> np.ndarray:
     """The lowest cosines of slopes' differences (frames, H, W, terms): (frames, size, size, terms)."""
     return np.stack([dctn(frame, axes=(0, 1), norm="ortho")[:size, :size] for frame in change])
 
@@ -36,11 +36,11 @@ def fit(
     """
     height, width, terms = change["train"].shape[1:]
     sizes = [size for size in SIZES if size <= min(height, width)]
-    x = {split: spectra(values, sizes[-1]) for split, values in change.items()}
+    x = {split: lowest_cosines(values, sizes[-1]) for split, values in change.items()}
     history = []
     for size in progress_bar(sizes, desc="force, slopes", unit="basis", enabled=progress):
         part = {split: values[:, :size, :size].reshape(len(values), -1) for split, values in x.items()}
-        history += [{"cosines": size, **entry} for entry in ridge.attempts(part, force_n)]
+        history += [{"cosines": size, **entry} for entry in ridge.validation_errors(part, force_n)]
     chosen = ridge.best(history)
     size = chosen["cosines"]
     kept = x["train"][:, :size, :size].reshape(len(x["train"]), -1)

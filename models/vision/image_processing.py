@@ -120,7 +120,7 @@ def correct_dead_pixels(raw: np.ndarray, threshold_dn: float) -> np.ndarray:
     A pixel counts as dead where it leaves the range of its eight neighbours by more than the threshold.
     Beyond an edge stands what lies two cells inwards: never the pixel itself.
     """
-    padded = continued(raw, CELL, 2 * CELL)
+    padded = pad_periodically(raw, CELL, 2 * CELL)
     inside = slice(CELL, -CELL), slice(CELL, -CELL)
     highest = cv2.dilate(padded, SAME_FILTER)[inside].astype(np.float32)
     lowest = cv2.erode(padded, SAME_FILTER)[inside].astype(np.float32)
@@ -132,7 +132,7 @@ def correct_dead_pixels(raw: np.ndarray, threshold_dn: float) -> np.ndarray:
     return corrected
 
 
-def continued(mosaic: np.ndarray, margin: int, period: int) -> np.ndarray:
+def pad_periodically(mosaic: np.ndarray, margin: int, period: int) -> np.ndarray:
     """(H, W) with a margin of pixels that repeat those one period inwards, so that filters stay in place."""
     indices = []
     for size in mosaic.shape:
@@ -167,7 +167,7 @@ def to_bggr(visible: np.ndarray) -> np.ndarray:
     R pixels become B, the mean of the four nearest B, two pixels away along the axes.
     """
     bayer = visible.copy()
-    padded = continued(visible, 2, CELL)
+    padded = pad_periodically(visible, 2, CELL)
     height, width = visible.shape
 
     def shifted(v: int, u: int, dv: int, du: int) -> np.ndarray:

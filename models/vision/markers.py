@@ -115,7 +115,7 @@ def associate(expected_px: np.ndarray, found_px: np.ndarray, max_step_px: float)
 
 
 @dataclass(frozen=True)
-class Tracked:
+class TrackedMarkers:
     position_px: np.ndarray
     """(M, 2) where each marker of the reference is; of a lost one, where it was last seen."""
     displacement_px: np.ndarray
@@ -140,7 +140,7 @@ class Tracker:
         self.reference_px, self.max_step_px = reference_px, max_step_px
         self.position_px = reference_px.copy()
 
-    def update(self, found_px: np.ndarray) -> Tracked:
+    def update(self, found_px: np.ndarray) -> TrackedMarkers:
         """The markers in the next frame, from the centres (K, 2) that a detector found in it.
 
         Raises MarkerError where not one marker is found.
@@ -152,7 +152,7 @@ class Tracker:
         self.position_px = self.position_px.copy()
         self.position_px[~lost] = found_px[matched[~lost]]
         new = np.setdiff1d(np.arange(len(found_px)), matched)
-        return Tracked(self.position_px, self.position_px - self.reference_px, lost, found_px[new])
+        return TrackedMarkers(self.position_px, self.position_px - self.reference_px, lost, found_px[new])
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ class Markers:
         Tracker(reference, step)
         return cls(sensor, detector, reference, step)
 
-    def find(self, image: np.ndarray) -> Tracked:
+    def find(self, image: np.ndarray) -> TrackedMarkers:
         """In a camera's frame; each is a press of its own, so dots are looked for from where they rest."""
         found = self.detector.detect(as_channels(image, self.sensor))
         return Tracker(self.reference_px, self.max_step_px).update(found)

@@ -17,7 +17,7 @@ from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_d
 from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.mechanics.indenter import Ball
 
-FINER = 8
+SEARCH_POINTS_PER_PIXEL = 8
 """Points along each side of a pixel that are searched for the first touch."""
 
 
@@ -46,7 +46,7 @@ class Cad:
         Searched at every pixel below the ball, then between those around the first to touch.
         """
         half, at, reach, step = (
-            half_mm(self.sensor),
+            half_extent_mm(self.sensor),
             np.array([x_mm, y_mm]),
             ball_mm / 2,
             self.sensor.pitch_mm,
@@ -57,11 +57,11 @@ class Cad:
             x, y = np.meshgrid(*map(np.linspace, low, high, counts))
             touch = self.depth_at_mm(x, y) - Ball(ball_mm).surface(x - x_mm, y - y_mm)[0]
             first = np.unravel_index(touch.argmax(), touch.shape)
-            at, reach, step = np.array([x[first], y[first]]), 2 * step, step / FINER
+            at, reach, step = np.array([x[first], y[first]]), 2 * step, step / SEARCH_POINTS_PER_PIXEL
         return float(touch.max())
 
 
-def half_mm(sensor: Sensor) -> np.ndarray:
+def half_extent_mm(sensor: Sensor) -> np.ndarray:
     """x and y of the outermost pixels' centres, (2,)."""
     return np.array([sensor.width_px - 1, sensor.height_px - 1]) * sensor.pitch_mm / 2
 
@@ -104,7 +104,7 @@ def read_array(path: Path) -> np.ndarray:
 
 def _of_samples(sensor: Sensor, path: Path, x: np.ndarray, y: np.ndarray, height: np.ndarray) -> Cad:
     """A cubic spline through heights at x (columns,), y (rows,); zero at the lowest corner of the image."""
-    half = half_mm(sensor)
+    half = half_extent_mm(sensor)
     for key, axis, need in (("x", x, half[0]), ("y", y, half[1])):
         if axis[-1] < need - 1e-9:
             raise ImportFailure(f"{path}: {key} = ±{axis[-1]:g} mm: the image needs ±{need:g} mm")
@@ -138,7 +138,7 @@ def _stl_heights(sensor: Sensor, path: Path) -> tuple[np.ndarray, np.ndarray, np
         raise ImportFailure(f"{path}: not a readable STL file: {error!r}") from None
     if not len(corners) or not np.isfinite(corners).all():
         raise ImportFailure(f"{path}: not a readable STL file: no triangles, or corners that are not finite")
-    half = half_mm(sensor)
+    half = half_extent_mm(sensor)
     x, y = (
         np.arange(-2, n + 2) * sensor.pitch_mm - side
         for n, side in ((sensor.width_px, half[0]), (sensor.height_px, half[1]))

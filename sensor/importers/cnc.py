@@ -24,7 +24,7 @@ POSES = "poses.csv"
 Point = tuple[float, float, float]
 
 
-def planned(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) -> list[Pose]:
+def planned_poses(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) -> list[Pose]:
     """The poses and loads of a scene's protocol, z where the ball first touches `cad`, plus `origin_mm`."""
     found, ball_mm = [], scene.protocol.ball_mm
     for station in stations(scene):
@@ -61,7 +61,7 @@ def write_recording(
     poses.write(folder / POSES, rows)
 
 
-class Dots(Protocol):
+class MarkerFinder(Protocol):
     """What finds the dots of one gel in its frames; `models.vision.markers.Markers` does."""
 
     reference_px: np.ndarray
@@ -80,14 +80,14 @@ def import_recording(
     ball_mm: float,
     origin_mm: Point = (0.0, 0.0, 0.0),
     raw_size_px: tuple[int, int] | None = None,
-    dots_of: Callable[[np.ndarray], Dots] | None = None,
+    marker_finder_of: Callable[[np.ndarray], MarkerFinder] | None = None,
     skip_lost: bool = False,
     progress: bool = True,
 ) -> None:
     """Import the recording in `folder` into the dataset `output`.
 
     origin_mm : the sensor's origin in the machine's coordinates
-    dots_of : makes what follows the gel's dots from the background frame; None where the skin has none.
+    marker_finder_of : makes what follows the gel's dots from the background frame; None where the skin has none.
         Raises ValueError where the background shows no dots.
     skip_lost : leave samples out, and count them, in which a marker is not found; else that is an error
 
@@ -101,7 +101,7 @@ def import_recording(
     rows = poses.read(folder / POSES, measured=True)
     background = frames.read(BACKGROUND)
     try:
-        dots = dots_of(background) if dots_of else None
+        dots = marker_finder_of(background) if marker_finder_of else None
     except ValueError as error:
         raise ImportFailure(f"{folder}: {BACKGROUND}: {error}") from None
 
@@ -149,7 +149,7 @@ def import_recording(
     )
 
 
-def _positions(dots: Dots, image: np.ndarray, where: str, skip_lost: bool) -> np.ndarray | None:
+def _positions(dots: MarkerFinder, image: np.ndarray, where: str, skip_lost: bool) -> np.ndarray | None:
     """Where the dots are in a frame, (M, 2); None for a frame to skip."""
     try:
         found = dots.find(image)

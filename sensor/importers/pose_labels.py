@@ -9,7 +9,7 @@ which gives way less, farther out. So what is deeper than a larger share than th
 import numpy as np
 
 from fastac.sensor.geometry import ball_slopes, normals_from_slopes, pixel_centres_mm
-from fastac.sensor.importers.cad import Cad, half_mm
+from fastac.sensor.importers.cad import Cad, half_extent_mm
 from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.importers.poses import Pose
 from fastac.sensor.mechanics.indenter import Ball
@@ -39,7 +39,7 @@ def labels(cad: Cad, pose: Pose, ball_mm: float, where: str) -> tuple[np.ndarray
 
 def check(cad: Cad, pose: Pose, ball_mm: float, where: str) -> None:
     """Raise ImportFailure where no gel could be pressed so."""
-    half = half_mm(cad.sensor)
+    half = half_extent_mm(cad.sensor)
     for key, value, limit in (("x_mm", pose.x_mm, half[0]), ("y_mm", pose.y_mm, half[1])):
         if abs(value) > limit:
             raise ImportFailure(f"{where}: {key} = {value:g}: outside the skin, ±{limit:g} mm")

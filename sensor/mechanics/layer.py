@@ -25,7 +25,7 @@ GAP_TOLERANCE = 1e-6
 """Largest |gap| where pressed, relative to the approach: 1 nm at 1 mm. The most exact depth solver of the
 project is off by 19 nm (design, section 4), so the ground truth must not be what limits it."""
 MAX_ITERATIONS = 500
-STIFF = 0.05
+RIM_MODULATION = 0.05
 """Modulation below which a pixel counts as rim: it is 400 times stiffer than the layer and cannot be in
 contact."""
 
@@ -145,7 +145,7 @@ class Layer:
         # Only pixels under the body can touch it, so the solver works in their bounding box.
         v, u = np.nonzero(under)
         rows, columns = slice(v.min(), v.max() + 1), slice(u.min(), u.max() + 1)
-        allowed = under & (self.modulation > STIFF)
+        allowed = under & (self.modulation > RIM_MODULATION)
         pressure = np.zeros_like(free_gap)
         pressure[rows, columns] = self._solve(
             self._window_operator(rows, columns),
@@ -154,11 +154,11 @@ class Layer:
             load_n / self.sensor.pitch_mm**2,
         )
         displacement = self.displacement_mm(pressure)
-        touching = pressure > 0
-        approach = float((free_gap + displacement)[touching].mean())
+        in_contact = pressure > 0
+        approach = float((free_gap + displacement)[in_contact].mean())
         gap = free_gap + displacement - approach
         self._check(gap, approach, where)
-        area = touching.sum() * self.sensor.pitch_mm**2
+        area = in_contact.sum() * self.sensor.pitch_mm**2
         return Contact(displacement, pressure, gap, approach, float(np.sqrt(area / np.pi)))
 
     def _check(self, gap: np.ndarray, approach: float, where: str) -> None:
@@ -182,19 +182,19 @@ class Layer:
         previous = 1.0
         conjugate = False
         for _ in range(MAX_ITERATIONS):
-            touching = pressure > 0
+            in_contact = pressure > 0
             gap = apply(pressure) + np.where(allowed, free_gap, 0.0)
-            approach = gap[touching].mean()
+            approach = gap[in_contact].mean()
             gap -= approach
-            overlap = allowed & ~touching & (gap < 0)
-            if np.abs(gap[touching | overlap]).max() < GAP_TOLERANCE * approach:
+            overlap = allowed & ~in_contact & (gap < 0)
+            if np.abs(gap[in_contact | overlap]).max() < GAP_TOLERANCE * approach:
                 return pressure
-            norm = np.sum(gap[touching] ** 2)
-            direction = np.where(touching, gap + (norm / previous if conjugate else 0) * direction, 0.0)
+            norm = np.sum(gap[in_contact] ** 2)
+            direction = np.where(in_contact, gap + (norm / previous if conjugate else 0) * direction, 0.0)
             previous = norm
             curvature = apply(direction)
-            curvature -= curvature[touching].mean()
-            step = np.sum((gap * direction)[touching]) / np.sum((curvature * direction)[touching])
+            curvature -= curvature[in_contact].mean()
+            step = np.sum((gap * direction)[in_contact]) / np.sum((curvature * direction)[in_contact])
             pressure = np.maximum(pressure - step * direction, 0.0)
             overlap = allowed & (pressure == 0) & (gap < 0)
             conjugate = not overlap.any()

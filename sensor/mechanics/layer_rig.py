@@ -3,9 +3,9 @@
 import numpy as np
 
 from fastac.scenes.sensor_schema import Sensor
-from fastac.sensor.geometry import ball_slopes, normals_from_slopes, slopes_less
+from fastac.sensor.geometry import ball_slopes, deformed_slopes, normals_from_slopes
 from fastac.sensor.mechanics.layer import Contact, Layer
-from fastac.sensor.mechanics.press import Pressed
+from fastac.sensor.mechanics.press import PressedSkin
 from fastac.sensor.protocol import Station
 
 
@@ -14,9 +14,11 @@ def surface(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: f
 
     Where the skin touches the ball its slopes are the ball's own.
     """
-    p, q = slopes_less(contact.displacement_mm, layer.sensor)
-    touching = contact.pressure_mpa > 0
-    p[touching], q[touching] = ball_slopes(layer.x_mm[touching] - x_mm, layer.y_mm[touching] - y_mm, ball_mm)
+    p, q = deformed_slopes(contact.displacement_mm, layer.sensor)
+    in_contact = contact.pressure_mpa > 0
+    p[in_contact], q[in_contact] = ball_slopes(
+        layer.x_mm[in_contact] - x_mm, layer.y_mm[in_contact] - y_mm, ball_mm
+    )
     return normals_from_slopes(p, q), layer.rest_depth_mm - contact.displacement_mm
 
 
@@ -26,9 +28,9 @@ def contact_force_n(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ba
     Without friction the pressure acts along the surface's normal: a pressure P on the image's plane gives
     (−p, −q, 1)·P, with the ball's slopes p, q. On a tilted skin a vertical press so has tangential forces.
     """
-    touching = contact.pressure_mpa > 0
-    p, q = ball_slopes(layer.x_mm[touching] - x_mm, layer.y_mm[touching] - y_mm, ball_mm)
-    pressure = contact.pressure_mpa[touching] * layer.sensor.pitch_mm**2
+    in_contact = contact.pressure_mpa > 0
+    p, q = ball_slopes(layer.x_mm[in_contact] - x_mm, layer.y_mm[in_contact] - y_mm, ball_mm)
+    pressure = contact.pressure_mpa[in_contact] * layer.sensor.pitch_mm**2
     return np.array([-(p * pressure).sum(), -(q * pressure).sum(), pressure.sum()])
 
 
@@ -36,7 +38,7 @@ class LayerRig:
     def __init__(self, sensor: Sensor):
         self.layer = Layer(sensor)
 
-    def presses(self, station: Station, ball_mm: float) -> list[Pressed]:
+    def presses(self, station: Station, ball_mm: float) -> list[PressedSkin]:
         """One sample: a layer has no friction, and a scene with it no tangential loads."""
         x_mm, y_mm = station.x_mm, station.y_mm
         contact = self.layer.press(x_mm, y_mm, ball_mm=ball_mm, load_n=station.load_n)
@@ -49,7 +51,7 @@ class LayerRig:
             "contact_radius_mm": contact.contact_radius_mm,
         }
         force = contact_force_n(contact, self.layer, x_mm, y_mm, ball_mm)
-        return [Pressed(normals, depth_mm, contact.pressure_mpa > 0, force, pose)]
+        return [PressedSkin(normals, depth_mm, contact.pressure_mpa > 0, force, pose)]
 
 
 class LayerProbe:
@@ -58,6 +60,6 @@ class LayerProbe:
     def __init__(self, rig: LayerRig, ball_mm: float, x_mm: float, y_mm: float):
         self._rig, self._ball_mm, self._at = rig, ball_mm, (x_mm, y_mm)
 
-    def at_load(self, load_n: float) -> Pressed:
+    def at_load(self, load_n: float) -> PressedSkin:
         (pressed,) = self._rig.presses(Station("test", *self._at, load_n), self._ball_mm)
         return pressed

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastac.sensor.geometry import normals_from_slopes, slopes_less
+from fastac.sensor.geometry import deformed_slopes, normals_from_slopes
 from fastac.sensor.mechanics.indenter import HeightMap
 from fastac.sensor.mechanics.layer import Layer
-from fastac.sensor.mechanics.press import Pressed
+from fastac.sensor.mechanics.press import PressedSkin
 
 
 @dataclass(frozen=True)
 class ObjectPress:
-    pressed: Pressed
+    pressed: PressedSkin
     force_map_n: np.ndarray
     """(H, W, 3) force of each pixel's skin on the object; its sum is the resultant."""
 
@@ -28,12 +28,12 @@ def press_object(layer: Layer, height_map: HeightMap, name: str, load_n: float) 
     """
     z, p_object, q_object = height_map.surface(layer.x_mm, layer.y_mm)
     contact = layer.press_surface(z, load_n=load_n, what=name)
-    p, q = slopes_less(contact.displacement_mm, layer.sensor)
-    touching = contact.pressure_mpa > 0
-    p[touching], q[touching] = p_object[touching], q_object[touching]
+    p, q = deformed_slopes(contact.displacement_mm, layer.sensor)
+    in_contact = contact.pressure_mpa > 0
+    p[in_contact], q[in_contact] = p_object[in_contact], q_object[in_contact]
     force = contact.pressure_mpa * layer.sensor.pitch_mm**2
     force_map = np.stack([-p * force, -q * force, force], axis=-1)
     pose = {"approach_mm": contact.approach_mm, "load_n": load_n}
     depth = layer.rest_depth_mm - contact.displacement_mm
-    pressed = Pressed(normals_from_slopes(p, q), depth, touching, force_map.sum(axis=(0, 1)), pose)
+    pressed = PressedSkin(normals_from_slopes(p, q), depth, in_contact, force_map.sum(axis=(0, 1)), pose)
     return ObjectPress(pressed, force_map)

@@ -17,14 +17,14 @@ class ContactError(ValueError):
 
 
 @dataclass(frozen=True)
-class Pressed:
+class PressedSkin:
     """The skin under a ball."""
 
     normals: np.ndarray
     """(H, W, 3) float64 outward unit normals."""
     depth_mm: np.ndarray
     """(H, W) float64, z."""
-    touching: np.ndarray
+    in_contact: np.ndarray
     """(H, W) bool: the skin lies against the ball, and its slopes are the ball's."""
     force_n: np.ndarray
     """(3,) the skin's force on the ball, z positive in compression."""
@@ -35,7 +35,7 @@ class Pressed:
 
 
 class Rig(Protocol):
-    def presses(self, station: Station, ball_mm: float) -> list[Pressed | ContactError]:
+    def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
         """The samples of a station, in its order; an error in place of one that friction cannot carry.
 
         Raises ContactError where the vertical load is already too much.
@@ -43,7 +43,7 @@ class Rig(Protocol):
 
 
 class Probe(Protocol):
-    def at_load(self, load_n: float) -> Pressed:
+    def at_load(self, load_n: float) -> PressedSkin:
         """The next state: led along z until F_z = load_n; the pose has `approach_mm`, from first touch.
 
         Raises ContactError for a load that cannot be carried.

@@ -22,7 +22,7 @@ def _gain(sensor: Sensor) -> np.ndarray:
     return sensor.light.brightest_dn / at_rest.max(axis=(0, 1))
 
 
-def exposure(
+def noise_free_image(
     normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor, tangential_mm: np.ndarray | None = None
 ) -> np.ndarray:
     """The noise-free image in digital numbers, (H, W, C) float64, not yet clipped to 8 bits.
@@ -65,12 +65,12 @@ def render(
     shape = (*depth_mm.shape, len(sensor.channel_names))
     with ThreadPoolExecutor(1) as beside:
         normal = beside.submit(rng.standard_normal, shape)
-        image = exposure(normals, depth_mm, sensor, tangential_mm)
+        image = noise_free_image(normals, depth_mm, sensor, tangential_mm)
     return _expose(image, sensor, normal.result())
 
 
 def background(sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """The untouched skin (H, W, C) uint8: the rounded mean of several frames."""
-    image = exposure(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
+    image = noise_free_image(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
     frames = [_expose(image, sensor, rng.standard_normal(image.shape)) for _ in range(BACKGROUND_EXPOSURES)]
     return np.rint(np.mean(frames, axis=0)).astype(np.uint8)

@@ -8,7 +8,7 @@ import numpy as np
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
-from fastac.sensor.optics.camera import BACKGROUND_EXPOSURES, exposure
+from fastac.sensor.optics.camera import BACKGROUND_EXPOSURES, noise_free_image
 from fastac.sensor.optics.mosaic import CELL
 from fastac.sensor.optics.raw_camera import MAXIMUM, RawCamera
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels
@@ -27,7 +27,7 @@ def window_light(
     The camera behind the filter array sees all four colours, whichever of them the scene keeps.
     """
     plain = sensor.model_copy(update={"channels": "bgr+nir", "markers": None})
-    light = exposure(normals, depth_mm, plain, tangential_mm).astype(np.float32)
+    light = noise_free_image(normals, depth_mm, plain, tangential_mm).astype(np.float32)
     size = sensor.width_px * CELL, sensor.height_px * CELL
     window = cv2.resize(light, size, interpolation=cv2.INTER_LINEAR) * np.float32(sensor.raw10.exposure / 255)
     if sensor.markers is not None:

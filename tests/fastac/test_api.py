@@ -227,7 +227,10 @@ class TestDatasets:
         data = sensor.read(tiny_file)
         np.testing.assert_array_equal(data.frames, tiny_data.frames)
         index = data.indices("test")
-        assert sensor.errors(data, index) == accuracy.compare(tiny_bundle, data, index, progress=False)[0]
+        assert (
+            sensor.errors(data, index)
+            == accuracy.compare_pipelines(tiny_bundle, data, index, progress=False)[0]
+        )
 
 
 class TestLazyImport:

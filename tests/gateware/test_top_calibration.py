@@ -11,7 +11,7 @@ from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.random_bundle import frames, random_bundle, recalibrated, scene
-from fastac.models.result import join
+from fastac.models.result import concatenate
 from fastac.sim.check_top import bench_settings, expected_words
 from fastac.sim.runner import QUICK, build
 
@@ -41,7 +41,7 @@ def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
     for name in ("normal_words", "depth_words", "force_raw"):
         found = [getattr(result, name) for result in results]
         assert found[0] is None or (found[0] != found[1]).any(axis=tuple(range(1, found[0].ndim))).all()
-    result = join(results)
+    result = concatenate(results)
     archive = {"frames": np.concatenate([images, images]), **expected_words(top, result)}
     np.savez(tmp_path / "frames.npz", **archive, force=result.force_raw, validity=result.validity)
     assert (results[0].validity != results[1].validity).any()

@@ -12,7 +12,7 @@ from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.random_bundle import frames, random_bundle, scene
-from fastac.models.result import join
+from fastac.models.result import concatenate
 from fastac.sim.check_top import Report, bench_settings, expected_words, simulate
 from fastac.sim.runner import QUICK, build
 
@@ -210,7 +210,7 @@ def check_faults(hardware: Hardware) -> None:
     results.append(Emulator(pipeline.replace(background=mild[1])).run(np.array(mild[1:4])))
     assert not results[1].gradient_saturated.any()
     assert not results[1].validity.any()
-    result = join(results)
+    result = concatenate(results)
     archive = {"frames": images, "validity": result.validity, **expected_words(hardware.top, result)}
     if pipeline.scene.wants_force:
         archive["force"] = result.force_raw

@@ -87,7 +87,9 @@ class TestContactAngle:
     def test_by_hand(self):
         """|atan(0.25 − 0.05) − atan(0.75)| and |atan(0.1 + 0.3) − 0|, averaged."""
         rest = result(FLAT, (0.05, -0.3), 1)
-        found = accuracy.contact_angle(result(FLAT, (0.25, 0.1)), rest, self.labelled(8), np.arange(2))
+        found = accuracy.contact_gradient_angle_rad(
+            result(FLAT, (0.25, 0.1)), rest, self.labelled(8), np.arange(2)
+        )
         assert found == pytest.approx((np.arctan(0.75) - np.arctan(0.2) + np.arctan(0.4)) / 2, rel=1e-5)
 
     def test_counts_only_the_circle_less_its_rim(self):
@@ -97,10 +99,10 @@ class TestContactAngle:
         v, u = np.indices((SIZE, SIZE))
         inside = np.hypot(u - 9, v - 6) <= 3
         predicted.slopes[:, ~inside] = 50
-        assert accuracy.contact_angle(predicted, rest, self.labelled(5), np.arange(2)) < 1e-6
+        assert accuracy.contact_gradient_angle_rad(predicted, rest, self.labelled(5), np.arange(2)) < 1e-6
         predicted.slopes[0, 6, 12] = (0, 0)  # on the edge, in one of two images
         expected = np.arctan(0.75) / 2 / inside.sum() / 2
-        found = accuracy.contact_angle(predicted, rest, self.labelled(5), np.arange(2))
+        found = accuracy.contact_gradient_angle_rad(predicted, rest, self.labelled(5), np.arange(2))
         assert found == pytest.approx(expected, rel=1e-4)
 
     def test_images_without_a_circle_or_with_nothing_in_it_do_not_count(self):
@@ -109,15 +111,17 @@ class TestContactAngle:
         data.indenter["radius_px"][1] = 1.5  # smaller than the rim
         rest = result(FLAT, (0, 0), 1)
         predicted = result(FLAT, (0, 0), 3)
-        found = accuracy.contact_angle(predicted, rest, data, np.arange(3))
+        found = accuracy.contact_gradient_angle_rad(predicted, rest, data, np.arange(3))
         assert found == pytest.approx(np.arctan(0.75) / 2, rel=1e-5)
-        assert accuracy.contact_angle(predicted, rest, data, np.array([0, 1])) is None
+        assert accuracy.contact_gradient_angle_rad(predicted, rest, data, np.array([0, 1])) is None
 
     def test_no_circles_no_figure(self):
         rest = result(FLAT, (0, 0), 1)
-        assert accuracy.contact_angle(result(FLAT, (0, 0)), rest, dataset(), np.arange(2)) is None
+        assert (
+            accuracy.contact_gradient_angle_rad(result(FLAT, (0, 0)), rest, dataset(), np.arange(2)) is None
+        )
         poses = dataset(indenter={"x_mm": np.zeros(2)})
-        assert accuracy.contact_angle(result(FLAT, (0, 0)), rest, poses, np.arange(2)) is None
+        assert accuracy.contact_gradient_angle_rad(result(FLAT, (0, 0)), rest, poses, np.arange(2)) is None
 
 
 class TestContactDepth:
@@ -239,14 +243,14 @@ class TestEvaluate:
 
 def test_each_recording_is_seen_against_its_own_rest(tiny_bundle, tiny_data):
     brighter = replace(tiny_data, background=tiny_data.background + 5)
-    pipeline = accuracy.of_dataset(tiny_bundle.pipeline, brighter)
-    np.testing.assert_array_equal(pipeline.background, tiny_data.background + 5)
-    assert pipeline.layers is tiny_bundle.pipeline.layers
+    pipeline = accuracy.with_background_of(tiny_bundle.pipeline, brighter)
+    np.testing.assert_array_equal(pipeline.pipeline.background, tiny_data.background + 5)
+    assert pipeline.pipeline.layers is tiny_bundle.pipeline.layers
 
 
 def test_compare_runs_both_pipelines_on_the_same_frames(tiny_bundle, tiny_data):
     index = tiny_data.indices("test")[[4, 1]]
-    errors, results = accuracy.compare(tiny_bundle, tiny_data, index, progress=False)
+    errors, results = accuracy.compare_pipelines(tiny_bundle, tiny_data, index, progress=False)
     pipelines = {"float": FloatPipeline.from_bundle(tiny_bundle), "integer": Emulator(tiny_bundle.pipeline)}
     for name, pipeline in pipelines.items():
         alone = pipeline.run(tiny_data.frames[index])
@@ -265,7 +269,7 @@ def test_saturated_values_are_counted(tiny_bundle, tiny_data):
     frames = tiny_data.frames.copy()
     frames[0], frames[1] = 0, 255
     wild = replace(tiny_data, frames=frames)
-    errors, results = accuracy.compare(tiny_bundle, wild, np.array([0, 1]), progress=False)
+    errors, results = accuracy.compare_pipelines(tiny_bundle, wild, np.array([0, 1]), progress=False)
     found = results["integer"]
     assert errors["saturated_values"] == {
         "gradient_saturated": found.gradient_saturated.sum(),
@@ -276,7 +280,7 @@ def test_saturated_values_are_counted(tiny_bundle, tiny_data):
 def test_equal_loads_leave_strict_json(tiny_bundle, tiny_data):
     """One load only: R² does not exist, and nothing is NaN."""
     index = np.flatnonzero((tiny_data.split == "test") & (tiny_data.force_n[:, 2] < 0.04))
-    errors, _ = accuracy.compare(tiny_bundle, tiny_data, index, progress=False)
+    errors, _ = accuracy.compare_pipelines(tiny_bundle, tiny_data, index, progress=False)
     assert "force_r2" not in errors["float"]
     assert "force_nmae_percent" in errors["integer"]
     json.dumps(errors, allow_nan=False)

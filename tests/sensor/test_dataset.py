@@ -219,8 +219,8 @@ class TestForceAxes:
         write(tmp_path / "z.h5", **self.of_z())
         data = read(tmp_path / "z.h5")
         np.testing.assert_array_equal(data.forces_n([1], (2,)), data.force_n[[1]])
-        assert data.knows_force((2,))
-        assert not data.knows_force((0, 1, 2))
+        assert data.has_force((2,))
+        assert not data.has_force((0, 1, 2))
         with pytest.raises(DatasetError, match="force_n: y: not measured"):
             data.forces_n([1], (2, 1))
 

@@ -8,13 +8,13 @@ from fastac.sensor.dataset import DatasetError
 
 
 def test_choose_takes_a_split_or_all(tiny_data, tmp_path):
-    np.testing.assert_array_equal(samples.choose(tiny_data, "all", tmp_path), np.arange(34))
-    chosen = samples.choose(tiny_data, "validation", tmp_path)
+    np.testing.assert_array_equal(samples.split_indices(tiny_data, "all", tmp_path), np.arange(34))
+    chosen = samples.split_indices(tiny_data, "validation", tmp_path)
     assert set(tiny_data.split[chosen]) == {"validation"}
     assert len(chosen) == 8
     train_only = replace(tiny_data, split=np.full(34, "train"))
     with pytest.raises(DatasetError, match=f"{tmp_path}: split: no frame is in 'test'"):
-        samples.choose(train_only, "test", tmp_path)
+        samples.split_indices(train_only, "test", tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -23,4 +23,4 @@ def test_choose_takes_a_split_or_all(tiny_data, tmp_path):
 )
 def test_spread_reaches_from_the_first_to_the_last(size, count, expected):
     index = np.arange(size) * 10 + 3
-    np.testing.assert_array_equal(samples.spread(index, count), index[expected])
+    np.testing.assert_array_equal(samples.evenly_spaced(index, count), index[expected])

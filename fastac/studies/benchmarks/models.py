@@ -20,7 +20,7 @@ from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
-from fastac.sensor.samples import spread
+from fastac.sensor.samples import evenly_spaced
 from fastac.studies.benchmarks.timing import fastest
 
 FRAMES, REPEATS = 64, 20
@@ -36,7 +36,7 @@ def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
     frames[::8] = rng.integers(0, 256, frames[::8].shape)
     if (folder / "data.h5").exists():
         data = read(folder / "data.h5", bundle.scene)
-        chosen = data.frames[spread(np.arange(len(data)), FRAMES * 3 // 8)]
+        chosen = data.frames[evenly_spaced(np.arange(len(data)), FRAMES * 3 // 8)]
         frames[1 : 1 + 2 * len(chosen) : 2][: len(chosen)] = chosen
     return frames
 

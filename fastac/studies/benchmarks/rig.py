@@ -47,7 +47,7 @@ def measure(scene: Scene, cache: Path, progress: bool) -> list[str]:
         )
         times.setdefault("vertical contact", []).append(fastest(press, REPEATS))
         if drags:
-            spent = np.array(fastest(partial(press, drags_n=drags), REPEATS)) / (1 + len(drags))
+            spent = np.array(fastest(partial(press, tangential_loads_n=drags), REPEATS)) / (1 + len(drags))
             times.setdefault("contact, mean of all loads", []).append(tuple(spent))
         contact: GelContact = press()[0]
         pixels = partial(skin_of, contact, sensor, ball, station.x_mm, station.y_mm)

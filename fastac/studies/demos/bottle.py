@@ -17,7 +17,7 @@ from fastac.sensor.mechanics.fem.contact import Load
 from fastac.sensor.mechanics.fem.probe import FemProbe
 from fastac.sensor.mechanics.fem.rig import FemRig
 from fastac.sensor.mechanics.indenter import Cylinder
-from fastac.sensor.mechanics.press import Pressed
+from fastac.sensor.mechanics.press import PressedSkin
 from fastac.sensor.protocol import FingertipError
 
 LENGTHS, REACH = 20, 0.4
@@ -97,7 +97,7 @@ class HeldBottle:
         bottle = Cylinder(grasp.bottle_mm, LENGTHS * sensor.width_px * sensor.pitch_mm)
         self.probe = FemProbe(rig, bottle, 0.0, 0.0, reach_mm=REACH * sensor.elastomer.thickness_mm)
         self.probe.at_load(grasp.grip_n)
-        self.grip_z_mm = float(self.probe.way_mm[2])
+        self.grip_z_mm = float(self.probe.indenter_displacement_mm[2])
         """Displacement of the bottle along z, against the fingertip, at the initial grip."""
         self.push_start_mm: float | None = None
         """Position of the bottle when the present push began; None between pushes."""
@@ -108,9 +108,9 @@ class HeldBottle:
     @property
     def lowered_mm(self) -> float:
         """Downward displacement of the bottle since it was gripped: the skin's shear and slip together."""
-        return float(self.probe.way_mm[0])
+        return float(self.probe.indenter_displacement_mm[0])
 
-    def step(self, push_n: float, tightened_deg: float) -> Pressed:
+    def step(self, push_n: float, tightened_deg: float) -> PressedSkin:
         """Advance by one frame and return the contact's state.
 
         push_n : force of the hand had the bottle not moved since the push began; it sets the hand's position
@@ -137,5 +137,7 @@ class HeldBottle:
 
     def _solve(self, down_n: float, bottle_z_mm: float, spring_n_per_mm: float) -> np.ndarray:
         """Move the bottle to equilibrium; returns how far (3,) in mm it has slipped."""
-        value, forced = np.array([-down_n, 0.0, bottle_z_mm]), np.array([True, False, False])
-        return self.probe.lead(Load(np.eye(3), forced, value, np.array([spring_n_per_mm, 0.0, 0.0])))
+        value, force_controlled = np.array([-down_n, 0.0, bottle_z_mm]), np.array([True, False, False])
+        return self.probe.apply_load(
+            Load(np.eye(3), force_controlled, value, np.array([spring_n_per_mm, 0.0, 0.0]))
+        )

@@ -18,7 +18,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
-from fastac.sensor.fingertip import require
+from fastac.sensor.fingertip import require_simulated
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
@@ -63,7 +63,7 @@ def run_control_loop(
 
 def require_friction(scene: Scene) -> None:
     """Raise FingertipError unless the scene is simulated with friction and has all three axes of force."""
-    require(scene, "grasp", (0, 1, 2))
+    require_simulated(scene, "grasp", (0, 1, 2))
     if not scene.sensor.elastomer.friction:
         raise FingertipError("grasp: sensor.elastomer.friction = 0: expected more, and mechanics 'fem'")
 

@@ -13,6 +13,7 @@ from fastac.flow import frames
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.models.result import Result
+from fastac.report.tables import text_table
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.layer import Layer
 from fastac.sensor.mechanics.object_press import ObjectPress, press_object
@@ -34,8 +35,8 @@ class Reconstruction:
     """The integer model's outputs, of one frame."""
 
     def errors(self, truth: ObjectPress) -> dict[str, float]:
-        """Mean absolute errors of normals (degrees) and depth (mm) in contact, and of depth on all inner pixels."""
-        touching = truth.pressed.touching
+        """Mean absolute errors of normals (degrees) and depth (mm) in contact, of depth on inner pixels too."""
+        touching = truth.pressed.in_contact
         cosine = np.einsum("hwi,hwi->hw", self.result.normals[0], truth.pressed.normals)
         depth = np.abs(self.result.depth_mm[0] - truth.pressed.depth_mm)
         return {
@@ -115,9 +116,13 @@ def summary(shown: list[ObjectResult]) -> dict:
 
 
 def table(content: dict) -> str:
+    """The errors as text: a row for each object and bundle."""
     keys = ("contact_normal_mae_deg", "contact_depth_mae_mm", "depth_mae_mm")
-    lines = [f"{'object':14s}{'bundle':28s}" + "".join(f"{key:>25s}" for key in keys)]
-    for name, found in content["objects"].items():
-        for bundle, errors in found.items():
-            lines.append(f"{name:14s}{bundle:28s}" + "".join(f"{errors[key]:25.4f}" for key in keys))
-    return "\n".join(lines)
+    return text_table(
+        ["object", "bundle", *keys],
+        [
+            [name, bundle, *(f"{errors[key]:.4f}" for key in keys)]
+            for name, found in content["objects"].items()
+            for bundle, errors in found.items()
+        ],
+    )

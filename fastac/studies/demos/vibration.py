@@ -20,7 +20,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
-from fastac.sensor.fingertip import require
+from fastac.sensor.fingertip import require_simulated
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import probe_of, rig_of
 from fastac.sensor.protocol import FingertipError
@@ -156,7 +156,7 @@ def run(
     from fastac.studies.demos import time_figures
 
     scene, vibration = bundle.scene, vibration or Vibration()
-    require(scene, "vibration", (2,))
+    require_simulated(scene, "vibration", (2,))
     ends_n, services = vibration.ends_n(scene), service_s(scene)
     slowest = max(services.values())
     if not 8 * slowest <= vibration.seconds <= 60:
@@ -198,7 +198,7 @@ def run(
 def lacks(scene: Scene) -> str | None:
     """One line that says why the scene does not allow this experiment; None if it does."""
     try:
-        require(scene, "vibration", (2,))
+        require_simulated(scene, "vibration", (2,))
     except FingertipError as error:
         return str(error)
     return None

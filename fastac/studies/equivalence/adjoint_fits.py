@@ -60,7 +60,7 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
         if start is None:
             rest = training.rest_depth_mm(data)
             start, _ = hyperforce.train(scene, rest, pressed, truth, progress=progress)
-        models[name], _ = hyperforce.refit(scene, start, pressed, truth)
+        models[name], _ = hyperforce.refit_last_layer(scene, start, pressed, truth)
         weights["displacement", name] = training.force_weights(models[name], scene)
     with torch.inference_mode():
         kernels = models["integer"].kernels().double().numpy()

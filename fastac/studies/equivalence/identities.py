@@ -20,6 +20,7 @@ from fastac.models.floating.poisson import solve, source_of
 from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.integer.laplacian import boundary_term
+from fastac.report.tables import text_table
 from fastac.store.progress import progress_bar
 from fastac.studies.equivalence import adjoint_fits
 from fastac.studies.equivalence.variants import integer_variant, slope_words, variant
@@ -135,11 +136,13 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     words = slope_words(bundle.pipeline, frames, progress=progress)
 
     yield "\n(a) integer solution from float64's, same integer slopes; words: total bits.fractional bits"
-    yield f"{'mode':12s}{'solver':13s}{'mean, µm':>10s}{'largest, µm':>13s}  words"
-    for row in solver_errors(bundle, words, progress=progress):
-        yield (
-            f"{row.mode:12s}{row.solver:13s}{row.mean_um:10.4f}{row.largest_um:13.4f}  {', '.join(row.words)}"
-        )
+    yield text_table(
+        ["mode", "solver", "mean, µm", "largest, µm", "words"],
+        [
+            [row.mode, row.solver, f"{row.mean_um:.4f}", f"{row.largest_um:.4f}", ", ".join(row.words)]
+            for row in solver_errors(bundle, words, progress=progress)
+        ],
+    )
     if not scene.wants_force:
         return
 
@@ -151,22 +154,23 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     yield f"{found.frames} frames, {found.accumulators} accumulators, {found.mismatches} mismatches"
 
     yield "\n(c) adjoint against the depth path without clamp, float64, largest relative difference of force"
-    for mode, error in identity_errors(bundle, fits.kernels, words).items():
-        yield f"{mode:12s}{error:10.1e}"
+    found = identity_errors(bundle, fits.kernels, words)
+    yield text_table(["mode", "difference"], [[mode, f"{error:.1e}"] for mode, error in found.items()])
 
     bits, axes = scene.numbers.slope_weight_bits, ["xyz"[axis] for axis in scene.force_axes]
     rows = list(adjoint_fits.accuracies(bundle, data, fits, words, progress=progress))
     yield f"\ninteger adjoint ({bits}-bit weights) from its float weights, same integer slopes"
-    yield f"{'fitted to':14s}{'mean, mN':>10s}{'largest, mN':>13s}{'bound, mN':>11s}{'relative':>10s}"
-    for row in rows:
-        error = row.rounding
-        yield (
-            f"{row.fit:14s}{error.mean_mn:10.4f}{error.largest_mn:13.4f}{error.bound_mn:11.3f}"
-            f"{error.largest_relative:10.1e}"
-        )
+    errors = [(row.fit, row.rounding) for row in rows]
+    yield text_table(
+        ["fitted to", "mean, mN", "largest, mN", "bound, mN", "relative"],
+        [
+            [fit, f"{e.mean_mn:.4f}", f"{e.largest_mn:.4f}", f"{e.bound_mn:.3f}", f"{e.largest_relative:.1e}"]
+            for fit, e in errors
+        ],
+    )
     yield "\nforce NMAE, %, on the slopes that were fitted (float, integer, true); what noise adds, mN"
     columns = [f"{name} {axis}" for name in (*rows[0].nmae_percent, "noise") for axis in axes]
-    yield f"{'fitted to':14s}" + "".join(f"{column:>11s}" for column in columns)
-    for row in rows:
-        values = [*(v for part in row.nmae_percent.values() for v in part), *row.noise_mn]
-        yield f"{row.fit:14s}" + "".join(f"{value:11.3f}" for value in values)
+    values = [
+        (row.fit, [*(v for part in row.nmae_percent.values() for v in part), *row.noise_mn]) for row in rows
+    ]
+    yield text_table(["fitted to", *columns], [[fit, *(f"{v:.3f}" for v in own)] for fit, own in values])

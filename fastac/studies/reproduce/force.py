@@ -51,7 +51,7 @@ def run(build: Build, folder: Path) -> dict:
     pipelines = {"float": FloatPipeline.from_bundle(build.bundle), "integer": build.bundle.pipeline}
     own = {}
     for name, pipeline in pipelines.items():
-        seen = accuracy.of_dataset(pipeline, data)
+        seen = accuracy.with_background_of(pipeline, data)
         found_n = seen.run(data.frames[index], wanted=("force_n",), progress=build.progress).force_n
         own[name] = force_ablation.errors(found_n, truth_n)
     return {**content, "build": {"axes": [AXES[axis] for axis in axes], **own}}

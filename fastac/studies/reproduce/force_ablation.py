@@ -12,6 +12,7 @@ from pathlib import Path
 import matplotlib
 
 from fastac.models.integer.bundle import load_bundle
+from fastac.report.tables import text_table
 from fastac.scenes.schema import AXES
 
 matplotlib.use("Agg")
@@ -22,7 +23,7 @@ from fastac.flow import frames, training
 from fastac.flow.build import float_settings
 from fastac.models.floating import displacement_3d
 from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.training.hyperforce_3d import select, train
+from fastac.models.training.hyperforce_3d import input_components, train
 from fastac.report.paper import FORCE_FULL, FORCE_MAE_N
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
@@ -45,7 +46,7 @@ def require(data: Dataset, scene: Scene, path: Path, wants_truth: bool) -> None:
     for key, array in needed.items():
         if array is None:
             raise DatasetError(f"{path}: {key}: missing, and the displacement needs it")
-    if not data.knows_force((0, 1, 2)):
+    if not data.has_force((0, 1, 2)):
         raise DatasetError(f"{path}: force_n: expected all of x, y, z")
     if wants_truth and data.valid is not None and not data.valid.all():
         raise DatasetError(f"{path}: valid: geometry is known in parts only: expected the whole skin")
@@ -71,7 +72,9 @@ def find_arrays(pipeline: FloatPipeline, data: Dataset, *, progress: bool) -> di
     """What the frames show: of each split the displacements `.field_mm` of the frames that are `.kept`."""
     arrays = {}
     for split in SPLITS:
-        found = displacement_3d.find(pipeline, data.frames[data.indices(split)], progress=progress)
+        found = displacement_3d.displacement_fields(
+            pipeline, data.frames[data.indices(split)], progress=progress
+        )
         arrays |= {f"{split}.field_mm": found.field_mm, f"{split}.kept": found.kept}
     return arrays
 
@@ -127,7 +130,7 @@ def ablate(
                 checkpoint=path.with_suffix(".npz"),
                 progress=progress,
             )
-            found_n = model(select(scene, fields["test"], inputs)).detach().double()
+            found_n = model(input_components(scene, fields["test"], inputs)).detach().double()
             return {"force_n": found_n.tolist(), "history": history}
 
         kept = read_or_make(path, finished)
@@ -143,15 +146,18 @@ def table(content: dict) -> str:
     lines = [f"frames: {content['frames']}; ours: {content['source']}; the paper's: its own sensor"]
     for name, found in content["displacements"].items():
         lines += ["", f"{name} displacements: mean absolute error, N, ours (the paper's)"]
-        lines.append(f"  {'kernel':8s} {'inputs':7s}" + "".join(f"{f'F_{axis}':>18s}" for axis in AXES))
-        for (kernel, inputs), paper in FORCE_MAE_N.items():
-            ours = found["results"][f"{kernel} {inputs}"]["mae_n"]
-            cells = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(ours, paper, strict=True))
-            lines.append(f"  {kernel:8s} {inputs:7s}{cells}")
-        full = found["results"]["dynamic xyz"]
-        for key, paper in FORCE_FULL.items():
-            cells = "".join(f"{a:9.4f} ({b:.4f})" for a, b in zip(full[key], paper, strict=True))
-            lines.append(f"  {'dynamic xyz, ' + key:16s}"[:30].ljust(16) + cells)
+        results, full = found["results"], found["results"]["dynamic xyz"]
+        rows = [(*form, results[" ".join(form)]["mae_n"], paper) for form, paper in FORCE_MAE_N.items()]
+        rows += [("dynamic", f"xyz, {key}", full[key], paper) for key, paper in FORCE_FULL.items()]
+        lines.append(
+            text_table(
+                ["kernel", "inputs", *(f"F_{axis}" for axis in AXES)],
+                [
+                    [*form, *(f"{a:.4f} ({b:.4f})" for a, b in zip(ours, paper, strict=True))]
+                    for *form, ours, paper in rows
+                ],
+            )
+        )
         if any(found.get("lost_frames", {}).values()):
             lines.append(f"  left out, markers lost: {found['lost_frames']}")
     return "\n".join(lines)

@@ -12,11 +12,11 @@ import torch
 
 from fastac.flow import training
 from fastac.flow.build import Build, float_settings
-from fastac.models.accuracy import of_dataset
+from fastac.models.accuracy import with_background_of
 from fastac.models.floating.hyperforce import coordinates
 from fastac.models.floating.hyperforce_3d import HyperForce3D
 from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.training.hyperforce_3d import refit, select
+from fastac.models.training.hyperforce_3d import input_components, refit_last_layer
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.store.files import content_hash, read_or_make
@@ -45,10 +45,10 @@ def closed_form(scene: Scene, rest_depth_mm: np.ndarray, parts: Fields) -> dict[
         hidden=scene.force.hidden,
         axes=3,
     )
-    x = {split: select(scene, fields[split], "xyz") for split in ("train", "validation")}
-    model.start_from(x["train"], torch.from_numpy(forces["train"].astype(np.float32)))
-    fitted = refit(model, x, {split: forces[split] for split in x})
-    found_n = fitted(select(scene, fields["test"], "xyz")).detach().double().numpy()
+    x = {split: input_components(scene, fields[split], "xyz") for split in ("train", "validation")}
+    model.set_force_unit(x["train"], torch.from_numpy(forces["train"].astype(np.float32)))
+    fitted = refit_last_layer(model, x, {split: forces[split] for split in x})
+    found_n = fitted(input_components(scene, fields["test"], "xyz")).detach().double().numpy()
     return force_ablation.errors(found_n, forces["test"])
 
 
@@ -82,7 +82,7 @@ def noiseless(build: Build) -> Fields:
     scene, data = build.scene, build.data
     sensor, label = variants(scene.sensor)[NOISELESS], f"frames, {NOISELESS}"
     still = seen_by(sensor, data, scene.protocol.seed, label=label, progress=build.progress)
-    pipeline = of_dataset(FloatPipeline.from_bundle(build.bundle), still)
+    pipeline = with_background_of(FloatPipeline.from_bundle(build.bundle), still)
     arrays = force_ablation.find_arrays(pipeline, still, progress=build.progress)
     return force_ablation.found_fields(arrays, still)[0]
 

@@ -20,8 +20,8 @@ from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels
-from fastac.sensor.redraw import redraw
-from fastac.sensor.samples import take
+from fastac.sensor.rerender import rerender
+from fastac.sensor.samples import subset
 from fastac.store.files import content_hash, write_json
 from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
@@ -68,7 +68,7 @@ def variants(sensor: Sensor) -> dict[str, Sensor]:
 
 def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: bool) -> Dataset:
     """The presses of a dataset as another sensor sees them, in channels."""
-    background, draw = redraw(data, sensor, seed)
+    background, draw = rerender(data, sensor, seed)
     with ThreadPoolExecutor(os.cpu_count()) as pool:
         done = pool.map(lambda sample: image_processing.as_channels(draw(sample), sensor), range(len(data)))
         images = np.stack(list(progress_bar(done, total=len(data), desc=label, enabled=progress)))
@@ -133,7 +133,7 @@ def networks(build: Build, folder: Path) -> dict[str, dict]:
     """By experiment: errors of networks trained and judged on the vertical presses, by channels."""
     scene = build.scene
     index = np.sort(np.concatenate([vertical(build.data, split) for split in SPLITS]))
-    data = take(build.data, index)
+    data = subset(build.data, index)
     experiments = {name: (scene, sensor) for name, sensor in variants(scene.sensor).items()}
     experiments[f"{RECORDED}, a network twice as wide"] = (wider(scene), scene.sensor)
     base = [stamped_key(build, "data"), digest_sources(SOURCES)]

@@ -22,13 +22,13 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from fastac.flow.build import Build
-from fastac.models.accuracy import of_dataset
+from fastac.models.accuracy import with_background_of
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.threads import single_thread
 from fastac.models.floating.torch_pipeline import TorchPipeline
 from fastac.report.paper import STAGES
 from fastac.report.tables import Table, number
-from fastac.sensor.samples import spread
+from fastac.sensor.samples import evenly_spaced
 from fastac.studies.benchmarks.rapl import NoCounters, PackageCounters
 from fastac.studies.benchmarks.timing import fastest
 from fastac.studies.reproduce.section import stamped_key
@@ -87,20 +87,20 @@ def _each(stages: dict[str, Callable], *inputs) -> dict[str, Stage]:
 def on_device(pipeline: TorchPipeline, frames: np.ndarray) -> dict[str, Stage]:
     """The same on a torch device: stages on what already is there, the whole from and to this side."""
     stages = pipeline.stages()
-    images = [pipeline.put(frame) for frame in frames]
+    images = [pipeline.to_device(frame) for frame in frames]
     slopes = [stages["normals"](image) for image in images]
     displacements = [stages["depth"](slope) for slope in slopes]
 
     def waiting(stage: Callable) -> Callable:
         def run(x) -> None:
             stage(x)
-            pipeline.wait()
+            pipeline.synchronise()
 
         return run
 
     def whole() -> None:
         for frame in frames:
-            stages["force"](stages["depth"](stages["normals"](pipeline.put(frame)))).cpu()
+            stages["force"](stages["depth"](stages["normals"](pipeline.to_device(frame)))).cpu()
 
     waited = {name: waiting(stage) for name, stage in stages.items()}
     return _each(waited, images, slopes, displacements) | {"image_to_force": whole}
@@ -144,8 +144,8 @@ def processor() -> str:
 
 
 def run(build: Build, folder: Path) -> dict:
-    data, pipeline = build.data, of_dataset(FloatPipeline.from_bundle(build.bundle), build.data)
-    index = spread(data.indices("test"), FRAMES)
+    data, pipeline = build.data, with_background_of(FloatPipeline.from_bundle(build.bundle), build.data)
+    index = evenly_spaced(data.indices("test"), FRAMES)
     frames, report = data.frames[index], json.loads((build.folder / "report.json").read_text())
     errors, clock_mhz = report["accuracy"], build.scene.hardware.clock_mhz
     axes = build.scene.force_axes

@@ -9,7 +9,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
-from fastac.sensor.samples import take
+from fastac.sensor.samples import subset
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
@@ -112,10 +112,10 @@ def measure(
     index : the held-out frames that the faults are done to; progress : wraps the list of faults
     """
     models = {
-        "float": accuracy.of_dataset(FloatPipeline.from_bundle(bundle), data),
-        "integer": accuracy.of_dataset(bundle.pipeline, data),
+        "float": accuracy.with_background_of(FloatPipeline.from_bundle(bundle), data),
+        "integer": accuracy.with_background_of(bundle.pipeline, data),
     }
-    good = take(data, index)
+    good = subset(data, index)
     cases = of_frames(bundle.scene, float(data.background.mean()))
     for fault in progress(cases):
         for level in fault.levels:
@@ -126,7 +126,7 @@ def measure(
         loads = loads_n(bundle.scene)
         each = np.tile(np.arange(len(loads)), len(pressed) // len(loads))
         for k, load in enumerate(loads):
-            yield _row("load", "N", float(load), models, take(pressed, np.flatnonzero(each == k)), bundle)
+            yield _row("load", "N", float(load), models, subset(pressed, np.flatnonzero(each == k)), bundle)
 
 
 def figure(rows: list[dict], file: Path) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.integer.frame_validity import REASONS
+from fastac.report.tables import text_table
 from fastac.sensor import samples
 from fastac.sensor.dataset import Dataset, read
 from fastac.store.files import write_json
@@ -22,7 +23,7 @@ FILE, PLOT = "extremes.json", "extremes.png"
 DRIFT_FRAMES = 48
 
 
-def table(rows: list[dict], *columns: str) -> Iterator[str]:
+def table(rows: list[dict], *columns: str) -> str:
     """The columns of rows for a terminal; what a row lacks stays empty."""
 
     def cell(value) -> str:
@@ -32,17 +33,16 @@ def table(rows: list[dict], *columns: str) -> Iterator[str]:
             return " ".join(value)
         return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
 
-    lines = [[column.replace("_", " ") for column in columns]]
-    lines += [[cell(row.get(column, "")) for column in columns] for row in rows]
-    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
-    for line in lines:
-        yield "  ".join(c.ljust(w) for c, w in zip(line, widths, strict=True)).rstrip()
+    return text_table(
+        [column.replace("_", " ") for column in columns],
+        [[cell(row.get(column, "")) for column in columns] for row in rows],
+    )
 
 
 def judged(bundle: Bundle, data: Dataset, *, progress: bool) -> dict:
     """How many frames of each split are flagged, and for what: all of them are good."""
     found = {}
-    pipeline = accuracy.of_dataset(bundle.pipeline, data)
+    pipeline = accuracy.with_background_of(bundle.pipeline, data)
     for split in ("train", "validation", "test"):
         if len(index := data.indices(split)):
             flags = pipeline.run(data.frames[index], wanted=["validity"], progress=progress).validity
@@ -68,23 +68,23 @@ def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
     write_json(file, content)
     yield "Every word at its worst case; the range is what the stage's own inputs allow for"
     columns = ("stage", "word", "width_bits", "bound", "range_bound", "reached", "percent_of_range_bound")
-    yield from table(content["words"], *columns, "percent_of_bound", "head_room_bits", "rtl_beats", "note")
+    yield table(content["words"], *columns, "percent_of_bound", "head_room_bits", "rtl_beats", "note")
 
     content["special_frames"] = frames.images(bundle)
     content["boundary_prior"] = frames.deepest_prior(bundle)
     write_json(file, content)
     yield "\nFrames that no camera sends"
-    yield from table(content["special_frames"], *content["special_frames"][0])
+    yield table(content["special_frames"], *content["special_frames"][0])
     if content["boundary_prior"]:
         yield "\nThe deepest boundary prior that absolute mode holds"
-        yield from table([content["boundary_prior"]], *content["boundary_prior"])
+        yield table([content["boundary_prior"]], *content["boundary_prior"])
 
     content["good_frames"] = judged(bundle, data, progress=progress)
     yield "\nFrames of the dataset, all good, that are flagged"
     rows = [{"split": split, **row} for split, row in content["good_frames"].items()]
-    yield from table(rows, "split", "frames", "flagged", "reasons")
+    yield table(rows, "split", "frames", "flagged", "reasons")
 
-    index = samples.spread(data.indices("test"), DRIFT_FRAMES)
+    index = samples.evenly_spaced(data.indices("test"), DRIFT_FRAMES)
     content["drift_frame_indices"] = index.tolist()
     bar = partial(progress_bar, desc="faults", enabled=progress, leave=True)
     content["drift"] = list(drift.measure(bundle, data, index, place, progress=bar))
@@ -99,6 +99,6 @@ def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
     ]
     errors = [f"{model}_{key}" for key in drift.ERRORS for model in ("float", "integer")]
     errors = [key for key in errors if any(key in row for row in rows)]
-    yield from table(rows, "fault", "level", "unit", "frames", *errors, "flagged_percent", "reasons")
+    yield table(rows, "fault", "level", "unit", "frames", *errors, "flagged_percent", "reasons")
     finite = all(row[model]["finite"] for row in content["drift"] for model in ("float", "integer"))
     yield f"\nevery value of every frame is finite: {'yes' if finite else 'NO'}"

@@ -38,7 +38,7 @@ class Load:
     """What is given along the indenter's three axes, the rows of `axes`, unit vectors."""
 
     axes: np.ndarray
-    forced: np.ndarray
+    force_controlled: np.ndarray
     """(3,) bool: whether the force is given along an axis; else the way."""
     value: np.ndarray
     """(3,) the skin's force on the indenter in N, or the indenter's way from first touch in mm."""
@@ -51,7 +51,7 @@ class Load:
 class State:
     force: np.ndarray
     """(m, 3) nodal forces in N: pressure, and traction along both tangents."""
-    way_mm: np.ndarray
+    indenter_displacement_mm: np.ndarray
     """(3,) of the indenter from first touch, along x, y and z."""
     slip_mm: np.ndarray
     """(m, 2) of each node relative to the indenter, from first touch."""
@@ -78,7 +78,7 @@ class ContactProblem:
         self.gap_mm, self.friction = np.asarray(gap_mm, float), friction
         self.scale = 1 / self.compliance.diagonal().reshape(m, 3)
 
-    def rest(self) -> State:
+    def unloaded(self) -> State:
         m = len(self.gap_mm)
         return State(np.zeros((m, 3)), np.zeros(3), np.zeros((m, 2)), np.zeros(m, bool))
 
@@ -90,12 +90,12 @@ class ContactProblem:
         """The skin's force on the indenter, (3,)."""
         return -self.forces_n(state).sum(axis=0)
 
-    def follow(self, start: State, load: Load, steps: int) -> State:
+    def apply_load(self, start: State, load: Load, steps: int) -> State:
         """From one equilibrium to another, the load changing evenly in `steps` steps or more.
 
         Raises NotConvergedError where a step of 1/64 of the given ones still has no solution.
         """
-        before = self._given(load, self.resultant_n(start), start.way_mm)
+        before = self._given(load, self.resultant_n(start), start.indenter_displacement_mm)
         state, done, size = start, 0.0, 1 / steps
         while done < 1 - 1e-12:
             share = min(done + size, 1.0)
@@ -114,55 +114,57 @@ class ContactProblem:
     def _given(load: Load, resultant: np.ndarray, way: np.ndarray) -> np.ndarray:
         """What `load.value` gives, (3,), of a resultant and a way."""
         along = load.axes @ way
-        return np.where(load.forced, load.axes @ resultant - load.spring_n_per_mm * along, along)
+        return np.where(load.force_controlled, load.axes @ resultant - load.spring_n_per_mm * along, along)
 
     def _relative(self, force: np.ndarray, way: np.ndarray) -> np.ndarray:
         """The skin's movement relative to the indenter in each node's frame, (m, 3)."""
         return (self.compliance @ force.ravel()).reshape(-1, 3) - self.frame @ way
 
     def _step(self, start: State, load: Load) -> State:
-        force, way = start.force, start.way_mm
-        touching = force[:, 0] > 0
-        if not touching.any():
-            touching[np.argsort(self.gap_mm, kind="stable")[:SEEDS]] = True
-            free = np.zeros_like(touching)
+        force, way = start.force, start.indenter_displacement_mm
+        in_contact = force[:, 0] > 0
+        if not in_contact.any():
+            in_contact[np.argsort(self.gap_mm, kind="stable")[:SEEDS]] = True
+            free = np.zeros_like(in_contact)
             none = np.zeros_like(start.slip_mm)
-            force, way = self._newton(start, load, touching, free, none, np.zeros(len(force)))
+            force, way = self._newton(start, load, in_contact, free, none, np.zeros(len(force)))
         elif self.friction and not start.sticking.any():
             # From where all slide, with no spring, no way is the solution: begin as if the load held them.
             none = np.zeros_like(start.slip_mm)
-            force, way = self._newton(start, load, touching, touching, none, np.zeros(len(force)))
+            force, way = self._newton(start, load, in_contact, in_contact, none, np.zeros(len(force)))
         for _ in range(MAX_ITERATIONS):
             relative = self._relative(force, way)
             gap, slip = self.gap_mm + relative[:, 0], relative[:, 1:] - start.slip_mm
             found = conditions(gap, slip, force, self.scale, self.friction)
             if self._settled(load, force, way, found):
                 return State(force, way, relative[:, 1:], found.sticking)
-            if not found.touching.any():
+            if not found.in_contact.any():
                 raise NotConvergedError
-            nodes = found.touching, found.sticking, found.direction, found.share
+            nodes = found.in_contact, found.sticking, found.direction, found.share
             force, way = self._newton(start, load, *nodes)
         raise NotConvergedError
 
     def _settled(self, load: Load, force: np.ndarray, way: np.ndarray, found: Conditions) -> bool:
         """Whether every condition of contact, friction and load holds."""
         small = FORCE_TOLERANCE * np.abs(force).max()
-        if not (small > 0 and found.pull_n <= small and found.off_n <= small):
+        if not (small > 0 and found.tension_n <= small and found.sliding_error_n <= small):
             return False
-        if max(found.overlap_mm, found.open_mm, found.slip_mm) > GAP_TOLERANCE_MM:
+        if max(found.penetration_mm, found.separation_mm, found.slip_mm) > GAP_TOLERANCE_MM:
             return False
         given = self._given(load, -np.einsum("ia,iab->b", force, self.frame), way)
-        return bool((np.abs(given - load.value) <= np.where(load.forced, small, GAP_TOLERANCE_MM)).all())
+        return bool(
+            (np.abs(given - load.value) <= np.where(load.force_controlled, small, GAP_TOLERANCE_MM)).all()
+        )
 
-    def _newton(self, start, load, touching, sticking, direction, share):
+    def _newton(self, start, load, in_contact, sticking, direction, share):
         """New forces and way: the equations of the nodes' present conditions, linearised, and of the load."""
-        nodes, forced = np.flatnonzero(touching), np.flatnonzero(load.forced)
-        given = load.axes[~load.forced].T @ load.value[~load.forced]
-        axes, spring = load.axes[forced], load.spring_n_per_mm[forced]
+        nodes, force_controlled = np.flatnonzero(in_contact), np.flatnonzero(load.force_controlled)
+        given = load.axes[~load.force_controlled].T @ load.value[~load.force_controlled]
+        axes, spring = load.axes[force_controlled], load.spring_n_per_mm[force_controlled]
         state = nodes, sticking, direction, share
         model = self.compliance, self.frame, self.gap_mm, start.slip_mm, self.scale, self.friction
         matrix, side = linearised(*model, *state, axes, spring, given)
-        side[3 * len(nodes) :] = load.value[forced]
+        side[3 * len(nodes) :] = load.value[force_controlled]
         # LAPACK's columns are the rows here.
         factors, pivots, failed = dgetrf(matrix.T, overwrite_a=True)
         if failed:

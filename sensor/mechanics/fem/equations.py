@@ -12,29 +12,29 @@ from numba import njit
 class Conditions(NamedTuple):
     """What each node does, by the augmented forces of Alart and Curnier, and how far it is from it."""
 
-    touching: np.ndarray
+    in_contact: np.ndarray
     """(m,) bool."""
     sticking: np.ndarray
-    """(m,) bool: touching, and its trial traction is within the friction's bound."""
+    """(m,) bool: in_contact, and its trial traction is within the friction's bound."""
     direction: np.ndarray
     """(m, 2) of the trial traction, zero if there is none."""
     share: np.ndarray
     """(m,) the bound over the trial traction."""
-    pull_n: float
+    tension_n: float
     """Largest pull at a node, and any force at one that does not touch."""
-    overlap_mm: float
-    open_mm: float
+    penetration_mm: float
+    separation_mm: float
     """Largest gap, of either sign, of a touching node."""
     slip_mm: float
     """Largest slip of a sticking node along a tangent."""
-    off_n: float
+    sliding_error_n: float
     """Largest difference of a sliding node's traction from μ n along `direction`."""
 
 
 @njit(cache=True, nogil=True)
 def _conditions(gap_mm, slip_mm, force, scale, friction):
     count = len(gap_mm)
-    touching, sticking = np.zeros((2, count), np.bool_)
+    in_contact, sticking = np.zeros((2, count), np.bool_)
     direction, share = np.zeros((count, 2)), np.zeros(count)
     pull = overlap = opened = slipped = off = 0.0
     for i in range(count):
@@ -43,13 +43,13 @@ def _conditions(gap_mm, slip_mm, force, scale, friction):
         trial_1 = force[i, 1] - stiffness * slip_mm[i, 0]
         trial_2 = force[i, 2] - stiffness * slip_mm[i, 1]
         size, bound = np.sqrt(trial_1 * trial_1 + trial_2 * trial_2), friction * max(pressed, 0.0)
-        touching[i] = pressed > 0
-        sticking[i] = touching[i] and size < bound
+        in_contact[i] = pressed > 0
+        sticking[i] = in_contact[i] and size < bound
         if size > 0:
             direction[i, 0], direction[i, 1] = trial_1 / size, trial_2 / size
             share[i] = bound / size
         pull, overlap = max(pull, -force[i, 0]), max(overlap, -gap_mm[i])
-        if not touching[i]:
+        if not in_contact[i]:
             pull = max(pull, abs(force[i, 0]), abs(force[i, 1]), abs(force[i, 2]))
             continue
         opened = max(opened, abs(gap_mm[i]))
@@ -58,7 +58,7 @@ def _conditions(gap_mm, slip_mm, force, scale, friction):
                 slipped = max(slipped, abs(slip_mm[i, axis]))
             else:
                 off = max(off, abs(force[i, 1 + axis] - friction * force[i, 0] * direction[i, axis]))
-    return touching, sticking, direction, share, pull, overlap, opened, slipped, off
+    return in_contact, sticking, direction, share, pull, overlap, opened, slipped, off
 
 
 def conditions(gap_mm, slip_mm, force, scale, friction: float) -> Conditions:

@@ -25,14 +25,14 @@ from fastac.sensor.mechanics.fem.pressed_gel import GelContact
 from fastac.sensor.mechanics.indenter import Indenter
 from fastac.sensor.mechanics.press import ContactError
 
-STEEPEST = 4.0
+MAX_FACE_SLOPE = 4.0
 """Slope of an indenter beyond which it is a side, not a face: small displacements say nothing there."""
-FINER = 4
+SEARCH_POINTS_PER_ELEMENT = 4
 """Points along each side of an element that are searched for the first touch."""
 
 
 @dataclass(frozen=True)
-class Meeting:
+class ContactSetup:
     """An indenter over the skin: what may touch, before anything does."""
 
     indenter: Indenter
@@ -54,7 +54,10 @@ class Gel:
         unit = cached_unit_compliance(mesh, elastomer.poisson_ratio, cache, progress=progress)
         self._unit = unit
         y, x = mesh.skin_mm[:, 0, 1], mesh.skin_mm[0, :, 0]
-        fine = [np.interp(np.arange(0, len(n) - 1 + 1e-9, 1 / FINER), np.arange(len(n)), n) for n in (y, x)]
+        fine = [
+            np.interp(np.arange(0, len(n) - 1 + 1e-9, 1 / SEARCH_POINTS_PER_ELEMENT), np.arange(len(n)), n)
+            for n in (y, x)
+        ]
         self._fine_y_mm, self._fine_x_mm = fine
         self._fine_z_mm = RectBivariateSpline(y, x, mesh.skin_mm[..., 2])(*fine)
 
@@ -81,7 +84,7 @@ class Gel:
         skin or on its rim, and for a load that friction, the indenter's face or the thickness cannot carry.
         """
         drags = () if tangential_n is None else (tangential_n,)
-        keys = {"load_n": load_n, "friction": friction, "drags_n": drags, "steps": steps}
+        keys = {"load_n": load_n, "friction": friction, "tangential_loads_n": drags, "steps": steps}
         contact = self.presses(indenter, x_mm, y_mm, **keys)[-1]
         if isinstance(contact, ContactError):
             raise contact
@@ -95,10 +98,10 @@ class Gel:
         *,
         load_n: float,
         friction: float = 0.0,
-        drags_n: Sequence[tuple[float, float]] = (),
+        tangential_loads_n: Sequence[tuple[float, float]] = (),
         steps: int = 4,
     ) -> list[GelContact | ContactError]:
-        """`press` without a drag, then each of `drags_n` (F_x, F_y) from there, as `press` would alone.
+        """`press` without a drag, then each of `tangential_loads_n` (F_x, F_y) from there, as `press` would alone.
 
         In place of a drag that cannot be carried is its error. Raises ContactError as `press` does where the
         vertical load cannot.
@@ -106,15 +109,15 @@ class Gel:
         where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm with {load_n:g} N"
         if not load_n > 0:
             raise ContactError(f"{where}: expected a load of more than 0")
-        meeting = self._meet(indenter, x_mm, y_mm, friction, self.elastomer.thickness_mm, where)
-        problem = meeting.problem
+        setup = self._contact_setup(indenter, x_mm, y_mm, friction, self.elastomer.thickness_mm, where)
+        problem = setup.problem
         down = self._press_down(problem, load_n, steps, where)
-        found: list[GelContact | ContactError] = [self.contact(meeting, down, where)]
-        for drag in drags_n:
+        found: list[GelContact | ContactError] = [self.contact(setup, down, where)]
+        for drag in tangential_loads_n:
             dragged = f"{where} and {drag[0]:g}, {drag[1]:g} N sideways"
             try:
                 state = self._drag(problem, down, load_n, drag, steps, dragged)
-                found.append(self.contact(meeting, state, dragged))
+                found.append(self.contact(setup, state, dragged))
             except ContactError as error:
                 found.append(error)
         return found
@@ -126,18 +129,20 @@ class Gel:
         touch = self._fine_z_mm - indenter.surface(*np.meshgrid(x - x_mm, y - y_mm))[0]
         return float(touch.max())
 
-    def meet(
+    def set_up_contact(
         self, indenter: Indenter, x_mm: float, y_mm: float, *, friction: float, reach_mm: float
-    ) -> Meeting:
+    ) -> ContactSetup:
         """The contact problem of an indenter with its axis at x, y, to be led from load to load.
 
         reach_mm : how far at most it will sink, for nodes farther from it at first touch are left out
         Raises ContactError for an indenter beside the skin or on its rim.
         """
         where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm"
-        return self._meet(indenter, x_mm, y_mm, friction, min(reach_mm, self.elastomer.thickness_mm), where)
+        return self._contact_setup(
+            indenter, x_mm, y_mm, friction, min(reach_mm, self.elastomer.thickness_mm), where
+        )
 
-    def _meet(self, indenter, x_mm, y_mm, friction, reach_mm, where) -> Meeting:
+    def _contact_setup(self, indenter, x_mm, y_mm, friction, reach_mm, where) -> ContactSetup:
         if not 0 <= friction <= 10:
             raise ContactError(f"{where}: friction = {friction:g}: expected 0 to 10")
         touch_mm = self._first_touch_mm(indenter, x_mm, y_mm, where)
@@ -148,7 +153,7 @@ class Gel:
         gap = np.maximum(z + touch_mm - skin[..., 2], 0)
         inner = (slice(1, -1), slice(1, -1))
         flat, slopes = gap[inner].ravel(), np.hypot(p, q)[inner].ravel()
-        candidates = np.flatnonzero((flat < reach_mm) & (slopes < STEEPEST))
+        candidates = np.flatnonzero((flat < reach_mm) & (slopes < MAX_FACE_SLOPE))
         other_gap = gap.copy()
         row, column = np.unravel_index(candidates, self.mesh.shape)
         other_gap[row + 1, column + 1] = np.inf
@@ -159,13 +164,13 @@ class Gel:
         dofs = (3 * candidates[:, None] + np.arange(3)).ravel()
         compliance = self._unit[np.ix_(dofs, dofs)] / self.elastomer.modulus_mpa
         problem = ContactProblem(compliance, flat[candidates] * normals[:, 2], normals, friction)
-        return Meeting(indenter, x_mm, y_mm, problem, candidates, other_gap, touch_mm)
+        return ContactSetup(indenter, x_mm, y_mm, problem, candidates, other_gap, touch_mm)
 
     @staticmethod
     def _press_down(problem: ContactProblem, load_n: float, steps: int, where: str) -> State:
         down = Load(np.eye(3), np.array([False, False, True]), np.array([0.0, 0.0, load_n]))
         try:
-            return problem.follow(problem.rest(), down, steps)
+            return problem.apply_load(problem.unloaded(), down, steps)
         except NotConvergedError:
             raise ContactError(f"{where}: no equilibrium: more than the contact can carry") from None
 
@@ -178,19 +183,19 @@ class Gel:
         axes = np.stack([along, np.cross((0, 0, 1), along), (0, 0, 1)])
         load = Load(axes, np.array([True, False, True]), np.array([size, 0.0, load_n]))
         try:
-            state = problem.follow(start, load, steps)
+            state = problem.apply_load(start, load, steps)
         except NotConvergedError:
             raise ContactError(f"{where}: no equilibrium: more than the contact can carry") from None
         if not state.sticking.any():
             raise ContactError(f"{where}: slides, a friction of {problem.friction:g} is too little")
         return state
 
-    def contact(self, meeting: Meeting, state: State, where: str) -> GelContact:
-        """What a state of the meeting's problem makes of the skin; `where` begins errors.
+    def contact(self, setup: ContactSetup, state: State, where: str) -> GelContact:
+        """What a state of the setup's problem makes of the skin; `where` begins errors.
 
         Raises ContactError where nodes beside the candidates for contact overlap, or the gel is too thin.
         """
-        problem, candidates = meeting.problem, meeting.candidates
+        problem, candidates = setup.problem, setup.candidates
         ny, nx = self.mesh.shape
         inner = np.zeros((ny * nx, 3))
         inner[candidates] = problem.forces_n(state)
@@ -203,17 +208,22 @@ class Gel:
             mask[candidates[chosen]] = True
             fields.append(mask.reshape(ny, nx))
         whole = [np.pad(field, ((1, 1), (1, 1), (0, 0))[: field.ndim]) for field in fields]
-        touch_mm, way_mm = meeting.first_touch_mm, state.way_mm
-        contact = GelContact(self.mesh, *whole, problem.resultant_n(state), touch_mm, way_mm)
-        self._check(contact, meeting.other_gap_mm, where)
+        touch_mm, indenter_displacement_mm = setup.first_touch_mm, state.indenter_displacement_mm
+        contact = GelContact(
+            self.mesh, *whole, problem.resultant_n(state), touch_mm, indenter_displacement_mm
+        )
+        self._check(contact, setup.other_gap_mm, where)
         return contact
 
     def _check(self, contact: GelContact, other_gap: np.ndarray, where: str) -> None:
-        overlap = other_gap + contact.way_mm[2] - contact.displacement_mm[..., 2] < -GAP_TOLERANCE_MM
+        overlap = (
+            other_gap + contact.indenter_displacement_mm[2] - contact.displacement_mm[..., 2]
+            < -GAP_TOLERANCE_MM
+        )
         if overlap[1:-1, 1:-1].any():
             raise ContactError(f"{where}: the skin reaches the indenter's side")
         if overlap.any():
             raise ContactError(f"{where}: the contact reaches the fixed rim")
-        sunk, thickness = -contact.way_mm[2], self.elastomer.thickness_mm
+        sunk, thickness = -contact.indenter_displacement_mm[2], self.elastomer.thickness_mm
         if sunk > thickness:
             raise ContactError(f"{where}: sinks {sunk:.2f} mm into {thickness:g} mm of elastomer")

@@ -22,15 +22,15 @@ class GelContact:
     """(ny, nx, 3) x, y, z displacement of each node of the skin; pressing is negative z."""
     nodal_force_n: np.ndarray
     """(ny, nx, 3) force on each node of the skin."""
-    touching: np.ndarray
+    in_contact: np.ndarray
     """(ny, nx) bool."""
     sticking: np.ndarray
-    """(ny, nx) bool: touching, and at rest on the indenter in the last step of the load."""
+    """(ny, nx) bool: in_contact, and at rest on the indenter in the last step of the load."""
     force_n: np.ndarray
     """(3,) the skin's force on the indenter."""
     first_touch_mm: float
     """z of the indenter's lowest point when it first touches the skin, which may be between nodes."""
-    way_mm: np.ndarray
+    indenter_displacement_mm: np.ndarray
     """(3,) how far the indenter moved from there."""
 
     def pressure_mpa(self) -> np.ndarray:
@@ -66,7 +66,7 @@ class GelContact:
         for nodes, pixels in ((skin[:, 0, 1], y_mm), (skin[0, :, 0], x_mm)):
             hats = np.stack([np.interp(pixels, nodes, row) for row in np.eye(len(nodes))], axis=-1)
             shared.append(hats / np.where(hats.sum(axis=0) > 0, hats.sum(axis=0), np.nan))
-        rows, columns = self.touching.any(axis=1), self.touching.any(axis=0)
+        rows, columns = self.in_contact.any(axis=1), self.in_contact.any(axis=0)
         force = -self.nodal_force_n[rows][:, columns]
         image = np.einsum("vj,jia,ui->vua", shared[0][:, rows], force, shared[1][:, columns])
         if not np.isfinite(image).all():

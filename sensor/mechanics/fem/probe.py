@@ -10,7 +10,7 @@ from fastac.sensor.mechanics.fem.contact import GAP_TOLERANCE_MM, Load, NotConve
 from fastac.sensor.mechanics.fem.rig import FemRig
 from fastac.sensor.mechanics.fem.skin import skin_of
 from fastac.sensor.mechanics.indenter import Indenter
-from fastac.sensor.mechanics.press import ContactError, Pressed
+from fastac.sensor.mechanics.press import ContactError, PressedSkin
 
 FIRST_STEPS = 4
 """Steps of the first load, from where nothing touches."""
@@ -29,21 +29,23 @@ class FemProbe:
         elastomer = rig.sensor.elastomer
         reach_mm = elastomer.thickness_mm if reach_mm is None else reach_mm
         with threadpool_limits(1):
-            self._meeting = rig.gel.meet(indenter, x_mm, y_mm, friction=elastomer.friction, reach_mm=reach_mm)
+            self._setup = rig.gel.set_up_contact(
+                indenter, x_mm, y_mm, friction=elastomer.friction, reach_mm=reach_mm
+            )
         self._rig = rig
-        self.state = self._meeting.problem.rest()
+        self.state = self._setup.problem.unloaded()
         """May be set to an earlier one, to go on from there."""
 
     @property
-    def way_mm(self) -> np.ndarray:
+    def indenter_displacement_mm(self) -> np.ndarray:
         """(3,) of the indenter from first touch."""
-        return self.state.way_mm
+        return self.state.indenter_displacement_mm
 
-    def at_load(self, load_n: float) -> Pressed:
-        self.lead(Load(np.eye(3), VERTICAL, np.array([0.0, 0.0, load_n])))
+    def at_load(self, load_n: float) -> PressedSkin:
+        self.apply_load(Load(np.eye(3), VERTICAL, np.array([0.0, 0.0, load_n])))
         return self.pressed()
 
-    def lead(self, load: Load) -> np.ndarray:
+    def apply_load(self, load: Load) -> np.ndarray:
         """To the next state, under any load; returns how far the indenter slid, (3,) in mm.
 
         That is the least that any node slid, of those that touched before and after, along the indenter's way
@@ -54,37 +56,39 @@ class FemProbe:
         with threadpool_limits(1):  # or the sums' order, and so the last bits, would depend on the machine
             try:
                 steps = 1 if before.force.any() else FIRST_STEPS
-                self.state = self._meeting.problem.follow(before, load, steps)
+                self.state = self._setup.problem.apply_load(before, load, steps)
             except NotConvergedError:
                 raise ContactError(f"{self._where}: no equilibrium: more than it can carry") from None
         return self._slid(before, self.state)
 
-    def pressed(self) -> Pressed:
+    def pressed(self) -> PressedSkin:
         """The skin in the present state. Raises ContactError where the gel's thickness cannot carry it."""
-        meeting, sensor, way_mm = self._meeting, self._rig.sensor, self.way_mm
+        setup, sensor, indenter_displacement_mm = self._setup, self._rig.sensor, self.indenter_displacement_mm
         with threadpool_limits(1):
-            contact = self._rig.gel.contact(meeting, self.state, self._where)
-            skin = skin_of(contact, sensor, meeting.indenter, meeting.x_mm, meeting.y_mm)
+            contact = self._rig.gel.contact(setup, self.state, self._where)
+            skin = skin_of(contact, sensor, setup.indenter, setup.x_mm, setup.y_mm)
         pose = {
-            "x_mm": meeting.x_mm + way_mm[0],
-            "y_mm": meeting.y_mm + way_mm[1],
-            "z_mm": contact.first_touch_mm + way_mm[2],
-            "approach_mm": -way_mm[2],
+            "x_mm": setup.x_mm + indenter_displacement_mm[0],
+            "y_mm": setup.y_mm + indenter_displacement_mm[1],
+            "z_mm": contact.first_touch_mm + indenter_displacement_mm[2],
+            "approach_mm": -indenter_displacement_mm[2],
         }
-        return Pressed(skin.normals, skin.depth_mm, skin.touching, contact.force_n, pose, skin.tangential_mm)
+        return PressedSkin(
+            skin.normals, skin.depth_mm, skin.in_contact, contact.force_n, pose, skin.tangential_mm
+        )
 
     @property
     def _where(self) -> str:
-        meeting = self._meeting
-        return f"{type(meeting.indenter).__name__} at x = {meeting.x_mm:g} mm, y = {meeting.y_mm:g} mm"
+        setup = self._setup
+        return f"{type(setup.indenter).__name__} at x = {setup.x_mm:g} mm, y = {setup.y_mm:g} mm"
 
     def _slid(self, before: State, after: State) -> np.ndarray:
-        moved = after.way_mm - before.way_mm
+        moved = after.indenter_displacement_mm - before.indenter_displacement_mm
         moved[2] = 0
         length = np.linalg.norm(moved)
         both = (before.force[:, 0] > 0) & (after.force[:, 0] > 0)
         if not length or not both.any():
             return np.zeros(3)
         slip = (after.slip_mm - before.slip_mm)[both]  # of the skin relative to the indenter
-        along = -np.einsum("ik,ikb,b->i", slip, self._meeting.problem.frame[both, 1:], moved / length)
+        along = -np.einsum("ik,ikb,b->i", slip, self._setup.problem.frame[both, 1:], moved / length)
         return (along.min() if along.min() > GAP_TOLERANCE_MM else 0.0) * moved / length

@@ -10,7 +10,7 @@ from fastac.sensor.mechanics.fem.gel import Gel
 from fastac.sensor.mechanics.fem.pressed_gel import GelContact
 from fastac.sensor.mechanics.fem.skin import skin_of
 from fastac.sensor.mechanics.indenter import Ball
-from fastac.sensor.mechanics.press import ContactError, Pressed
+from fastac.sensor.mechanics.press import ContactError, PressedSkin
 from fastac.sensor.protocol import Station
 
 
@@ -22,7 +22,7 @@ class FemRig:
         elements, layers = sensor.elastomer.elements, sensor.elastomer.layers
         self.gel = Gel.of_sensor(sensor, cache, elements=elements, layers=layers, progress=progress)
 
-    def presses(self, station: Station, ball_mm: float) -> list[Pressed | ContactError]:
+    def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
         """The vertical sample of a station and its tangential ones; see sensor.rig.Rig."""
         with threadpool_limits(1):  # or the sums' order, and so the last bits, would depend on the machine
             contacts = self.gel.presses(
@@ -31,7 +31,7 @@ class FemRig:
                 station.y_mm,
                 load_n=station.load_n,
                 friction=self.sensor.elastomer.friction,
-                drags_n=station.tangential_n,
+                tangential_loads_n=station.tangential_n,
             )
             return [
                 contact
@@ -40,20 +40,22 @@ class FemRig:
                 for contact, target in zip(contacts, station.targets_n, strict=True)
             ]
 
-    def _pressed(self, contact: GelContact, station: Station, ball_mm: float, target_n) -> Pressed:
+    def _pressed(self, contact: GelContact, station: Station, ball_mm: float, target_n) -> PressedSkin:
         skin = skin_of(contact, self.sensor, Ball(ball_mm), station.x_mm, station.y_mm)
-        way_x, way_y, way_z = contact.way_mm
+        way_x, way_y, way_z = contact.indenter_displacement_mm
         pose = {
             "x_mm": station.x_mm + way_x,
             "y_mm": station.y_mm + way_y,
             "z_mm": contact.first_touch_mm + way_z,
             "ball_mm": ball_mm,
             "approach_mm": -way_z,
-            "contact_radius_mm": np.sqrt(skin.touching.sum() * self.sensor.pitch_mm**2 / np.pi),
+            "contact_radius_mm": np.sqrt(skin.in_contact.sum() * self.sensor.pitch_mm**2 / np.pi),
             "grid_x_mm": station.x_mm,
             "grid_y_mm": station.y_mm,
             "load_n": station.load_n,
             "tangential_x_n": target_n[0],
             "tangential_y_n": target_n[1],
         }
-        return Pressed(skin.normals, skin.depth_mm, skin.touching, contact.force_n, pose, skin.tangential_mm)
+        return PressedSkin(
+            skin.normals, skin.depth_mm, skin.in_contact, contact.force_n, pose, skin.tangential_mm
+        )

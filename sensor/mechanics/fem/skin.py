@@ -15,7 +15,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.ndimage import map_coordinates, spline_filter1d
 
 from fastac.scenes.sensor_schema import Sensor
-from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm, slopes_less
+from fastac.sensor.geometry import deformed_slopes, normals_from_slopes, pixel_centres_mm, rest_depth_at_mm
 from fastac.sensor.mechanics.fem.pressed_gel import REMAPPINGS, GelContact
 from fastac.sensor.mechanics.indenter import Indenter
 
@@ -24,7 +24,7 @@ ITERATIONS, CLOSE_PX = 5, 1e-3
 LEAST_AREA = 0.4
 """Area of compressed skin over that at rest that Newton's steps reckon with, at least."""
 TOUCHING_MM = 3e-3
-"""Gap below which a pixel counts as touching: nodes touch to 2 µm where nothing slides."""
+"""Gap below which a pixel counts as in_contact: nodes touch to 2 µm where nothing slides."""
 BEYOND_PX = 8
 """Pixels beyond the image to which splines go on, so that the filter that ends there is not felt inside."""
 SHARPEST_MM = 0.6
@@ -38,7 +38,7 @@ class Skin:
     """(H, W, 3) float64."""
     depth_mm: np.ndarray
     """(H, W) float64."""
-    touching: np.ndarray
+    in_contact: np.ndarray
     """(H, W) bool."""
     tangential_mm: np.ndarray
     """(H, W, 2) displacement in x and y of the skin that is at each pixel at rest."""
@@ -57,16 +57,18 @@ def skin_of(contact: GelContact, sensor: Sensor, indenter: Indenter, x_mm: float
     from_v, from_u, sunk_px = _above(coefficients, moved, *np.gradient(moved[:2], axis=(1, 2)))
     from_x, from_y = (from_u - (sensor.width_px - 1) / 2), (from_v - (sensor.height_px - 1) / 2)
     depth = rest_depth_at_mm(sensor, from_x * pitch, from_y * pitch) + sunk_px * pitch
-    p, q = slopes_less(rest_depth_at_mm(sensor, x, y) - depth, sensor)
+    p, q = deformed_slopes(rest_depth_at_mm(sensor, x, y) - depth, sensor)
 
-    z, ball_p, ball_q = indenter.surface(x - x_mm - contact.way_mm[0], y - y_mm - contact.way_mm[1])
-    z = z + contact.first_touch_mm + contact.way_mm[2]
+    z, ball_p, ball_q = indenter.surface(
+        x - x_mm - contact.indenter_displacement_mm[0], y - y_mm - contact.indenter_displacement_mm[1]
+    )
+    z = z + contact.first_touch_mm + contact.indenter_displacement_mm[2]
     near = depth > z - (nodes_x[1] - nodes_x[0]) ** 2 / (8 * SHARPEST_MM)
-    touching = near & _filled(_between_touching(contact, from_v, from_u) | (depth > z - TOUCHING_MM))
-    p[touching], q[touching] = ball_p[touching], ball_q[touching]
-    depth = np.where(touching, z, np.minimum(depth, z))
+    in_contact = near & _filled(_between_touching(contact, from_v, from_u) | (depth > z - TOUCHING_MM))
+    p[in_contact], q[in_contact] = ball_p[in_contact], ball_q[in_contact]
+    depth = np.where(in_contact, z, np.minimum(depth, z))
     tangential = np.ascontiguousarray(np.moveaxis(moved[:2], 0, -1)) * pitch
-    return Skin(normals_from_slopes(p, q), depth, touching, tangential)
+    return Skin(normals_from_slopes(p, q), depth, in_contact, tangential)
 
 
 @lru_cache
@@ -91,10 +93,10 @@ def _filled(mask: np.ndarray) -> np.ndarray:
 def _between_touching(contact: GelContact, from_v: np.ndarray, from_u: np.ndarray) -> np.ndarray:
     """Whether the skin above each pixel, (H, W), lies in an element whose four nodes touch; nodes span the
     pixels' centres evenly."""
-    last = [size - 1 for size in contact.touching.shape]
+    last = [size - 1 for size in contact.in_contact.shape]
     height, width = from_v.shape
     at = [from_v * last[0] / (height - 1), from_u * last[1] / (width - 1)]
-    return map_coordinates(contact.touching.astype(float), at, order=1, mode="nearest") > 1 - 1e-9
+    return map_coordinates(contact.in_contact.astype(float), at, order=1, mode="nearest") > 1 - 1e-9
 
 
 @njit(cache=True, nogil=True)

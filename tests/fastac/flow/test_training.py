@@ -61,7 +61,7 @@ def test_network_arrays_are_copies():
         "network.1.bias": (3,),
     }
     arrays["network.0.bias"][:] = 9
-    assert not (network.linears[0].bias == 9).any()
+    assert not (network.linear_layers[0].bias == 9).any()
 
 
 def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_data):

@@ -6,7 +6,6 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from fastac.models.integer import assemble
@@ -241,10 +240,3 @@ class TestPage:
         with pytest.raises(FileNotFoundError, match=r"sim\.json"):
             report.write(folder, tiny_bundle, tiny_data)
         assert not (folder / "report.json").exists()
-
-
-def test_pictures_are_red_green_blue():
-    frame = np.zeros((1, 1, 4), np.uint8)
-    frame[0, 0] = (1, 2, 3, 99)  # B, G, R, NIR
-    np.testing.assert_array_equal(report._picture(frame)[0, 0], [3, 2, 1])
-    np.testing.assert_array_equal(report._picture(frame[..., :3])[0, 0], [3, 2, 1])

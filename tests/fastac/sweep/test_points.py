@@ -36,8 +36,8 @@ def test_the_integers_are_those_of_the_build(tiny, tiny_bundle):
 
 
 def test_the_errors_are_those_of_evaluate(tiny, tiny_bundle, tiny_data):
-    index = samples.spread(tiny_data.indices("test"), 5)
-    expected, _ = accuracy.compare(tiny_bundle, tiny_data, index, progress=False)
+    index = samples.evenly_spaced(tiny_data.indices("test"), 5)
+    expected, _ = accuracy.compare_pipelines(tiny_bundle, tiny_data, index, progress=False)
     found = tiny.metrics()
     for name, value in expected["integer"].items():
         assert found[name] == value

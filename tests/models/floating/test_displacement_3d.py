@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from fastac.models.floating.displacement_3d import MAX_LOST, find
+from fastac.models.floating.displacement_3d import MAX_LOST, displacement_fields
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.vision.markers import MarkerError
@@ -42,7 +42,7 @@ def shifted(dx, dy):
 
 def test_the_markers_motion_and_the_pipeline_s_depth(pipeline):
     frames = np.stack([shifted(1.5, -0.5), picture(GRID), shifted(0, 2)])
-    found = find(pipeline, frames)
+    found = displacement_fields(pipeline, frames)
     assert found.field_mm.shape == (3, 3, SIZE - 2, SIZE - 2)
     assert found.field_mm.dtype == np.float32
     assert found.kept.all()
@@ -57,7 +57,7 @@ def test_the_markers_motion_and_the_pipeline_s_depth(pipeline):
 
 
 def test_nothing_moves_at_rest(pipeline):
-    assert not find(pipeline, picture(GRID)[None]).field_mm.any()
+    assert not displacement_fields(pipeline, picture(GRID)[None]).field_mm.any()
 
 
 def test_frames_without_their_markers_are_left_out(pipeline):
@@ -67,7 +67,7 @@ def test_frames_without_their_markers_are_left_out(pipeline):
     frames = np.stack(
         [picture(GRID[few] + 1), picture(GRID[some] + 1), picture(np.empty((0, 2))), shifted(1, 1)]
     )
-    found = find(pipeline, frames)
+    found = displacement_fields(pipeline, frames)
     assert found.kept.tolist() == [False, True, False, True]
     assert found.lost.tolist() == [18, 1, 36, 0]
     assert 1 <= MAX_LOST * len(GRID) < 18
@@ -78,9 +78,9 @@ def test_frames_without_their_markers_are_left_out(pipeline):
 
 def test_all_frames_lost(pipeline):
     with pytest.raises(MarkerError, match="too many lost in each of 2 frames"):
-        find(pipeline, np.stack([picture(np.empty((0, 2)))] * 2))
+        displacement_fields(pipeline, np.stack([picture(np.empty((0, 2)))] * 2))
 
 
 def test_a_scene_without_markers(make_pipeline):
     with pytest.raises(MarkerError, match=r"scene tiny: sensor.markers: missing"):
-        find(make_pipeline(markers=None), picture(GRID)[None])
+        displacement_fields(make_pipeline(markers=None), picture(GRID)[None])

@@ -52,7 +52,7 @@ def test_the_force_is_linear_in_the_features(kernel_size, inputs, dynamic):
     made, d = model(kernel_size, inputs, dynamic), torch.from_numpy(displacement(inputs))
     x = made.features(d).astype(np.float64)
     weights = np.random.default_rng(3).normal(size=(x.shape[1], 3))
-    made.set_last(weights)
+    made.set_last_layer(weights)
     np.testing.assert_allclose(made(d).detach(), x @ weights, atol=1e-4 * np.abs(x @ weights).max())
 
 

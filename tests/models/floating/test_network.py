@@ -56,9 +56,9 @@ def test_loss_by_hand():
 
 def test_network_has_the_paper_s_layers_and_starts_flat():
     network = PixelNetwork(6)
-    shapes = [tuple(layer.weight.shape) for layer in network.linears]
+    shapes = [tuple(layer.weight.shape) for layer in network.linear_layers]
     assert shapes == [(16, 6), (16, 16), (16, 16), (3, 16)]
-    np.testing.assert_array_equal(network.linears[-1].bias.detach(), [0, 0, 1])
+    np.testing.assert_array_equal(network.linear_layers[-1].bias.detach(), [0, 0, 1])
 
 
 def test_predict_equals_the_layers_written_out():
@@ -67,7 +67,9 @@ def test_predict_equals_the_layers_written_out():
     features = np.random.default_rng(3).integers(-255, 256, (2, 3, 4, 5), dtype=np.int16)
     found = predict(network, features)
     assert found.shape == (2, 3, 4, 3)
-    weights = [(layer.weight.detach().double(), layer.bias.detach().double()) for layer in network.linears]
+    weights = [
+        (layer.weight.detach().double(), layer.bias.detach().double()) for layer in network.linear_layers
+    ]
     for index in np.ndindex(2, 3, 4):
         x = features[index] * scales(3)
         for k, (weight, bias) in enumerate(weights):

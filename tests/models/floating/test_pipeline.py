@@ -143,7 +143,7 @@ def test_the_modes_differ_by_what_the_network_gets_wrong_at_rest(pair, tiny_data
 
 def test_from_bundle_has_the_bundle_s_parts(tiny_bundle, tiny_data):
     pipeline = FloatPipeline.from_bundle(tiny_bundle)
-    for k, layer in enumerate(pipeline.network.linears):
+    for k, layer in enumerate(pipeline.network.linear_layers):
         np.testing.assert_array_equal(layer.weight.detach(), tiny_bundle.floats[f"network.{k}.weight"])
         np.testing.assert_array_equal(layer.bias.detach(), tiny_bundle.floats[f"network.{k}.bias"])
     assert pipeline.force_weights.shape == (1, 14, 14, 5, 5)

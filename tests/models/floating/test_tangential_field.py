@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from fastac.models.floating.tangential_field import TangentialField, displacement_mm
-from fastac.models.vision.markers import MarkerError, Tracked
+from fastac.models.vision.markers import MarkerError, TrackedMarkers
 
 GRID = np.stack(np.meshgrid(np.arange(4, 64, 8.0), np.arange(4, 48, 8.0)), axis=-1).reshape(-1, 2)
 
@@ -59,7 +59,7 @@ def test_lost_markers_are_left_out_and_their_matrix_is_kept():
 
 
 def tracked(displacement, lost):
-    return Tracked(GRID + displacement, displacement, lost, np.empty((0, 2)))
+    return TrackedMarkers(GRID + displacement, displacement, lost, np.empty((0, 2)))
 
 
 def test_displacement_of_all_axes():

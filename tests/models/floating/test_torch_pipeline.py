@@ -25,20 +25,20 @@ def test_every_stage_is_the_float_pipeline_s(pipelines, tiny_data, divergence, c
     whole, there = pipelines(poisson={"divergence": divergence}, force={"clamp": clamp})
     result = whole.run(tiny_data.frames[:4])
     for k, frame in enumerate(tiny_data.frames[:4]):
-        slopes = there.normals(there.put(frame))
+        slopes = there.normals(there.to_device(frame))
         displacement = there.depth(slopes)
         np.testing.assert_allclose(slopes.numpy(), result.slopes[k], atol=1e-5)
         np.testing.assert_allclose(displacement.numpy(), result.displacement_mm[k], atol=1e-5)
         np.testing.assert_allclose(there.force(displacement).numpy(), result.force_n[k], rtol=1e-4, atol=1e-6)
     assert list(there.stages()) == list(whole.stages())
-    there.wait()
+    there.synchronise()
 
 
 def test_normals_that_face_away_are_as_steep_as_slopes_can_be(tiny_bundle, tiny_data):
     whole = FloatPipeline.from_bundle(tiny_bundle)
     with torch.no_grad():
-        whole.network.linears[-1].bias[2] -= 10
+        whole.network.linear_layers[-1].bias[2] -= 10
     there = TorchPipeline(whole, "cpu")
-    slopes = there.normals(there.put(tiny_data.frames[0])).numpy()
+    slopes = there.normals(there.to_device(tiny_data.frames[0])).numpy()
     assert (np.abs(slopes) == whole.scene.numbers.slope_limit).all()
     np.testing.assert_array_equal(slopes, whole.run(tiny_data.frames[:1], wanted=["slopes"]).slopes[0])

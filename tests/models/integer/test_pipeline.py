@@ -7,7 +7,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import assemble, quantise
 from fastac.models.integer.laplacian import divergence_of
 from fastac.models.loops.frames import CHUNK
-from fastac.models.result import Result, join
+from fastac.models.result import Result, concatenate
 
 STAGES = ("source", "solver", "depth", "quantiser", "force", "force_n_per_unit")
 
@@ -161,7 +161,7 @@ def test_chunks_change_nothing(build, tiny_data):
 
 def test_join_keeps_what_is_absent_absent():
     one = Result(normals=np.ones((2, 3)), slopes=np.zeros((2, 2)), force_n=np.ones((2, 1)))
-    found = join([one, one, one])
+    found = concatenate([one, one, one])
     assert found.normals.shape == (6, 3)
     assert found.force_n.shape == (6, 1)
     assert found.depth_mm is None

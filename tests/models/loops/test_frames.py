@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fastac.models.loops import frames as module
-from fastac.models.loops.frames import CHUNK, choose, over_frames, require_frames
+from fastac.models.loops.frames import CHUNK, choose_outputs, over_frames, require_frames
 
 OUTPUTS = {"double": ((2,), np.int64), "index": ((), np.int32)}
 
@@ -82,10 +82,10 @@ def test_no_frames():
 
 
 def test_choose():
-    assert choose(OUTPUTS, None) == OUTPUTS
-    assert choose(OUTPUTS, ("index",)) == {"index": ((), np.int32)}
+    assert choose_outputs(OUTPUTS, None) == OUTPUTS
+    assert choose_outputs(OUTPUTS, ("index",)) == {"index": ((), np.int32)}
     with pytest.raises(ValueError, match="wanted 'depth_mm': expected some of double, index"):
-        choose(OUTPUTS, iter(["index", "depth_mm"]))
+        choose_outputs(OUTPUTS, iter(["index", "depth_mm"]))
 
 
 def test_require_frames():

@@ -5,7 +5,7 @@ import pytest
 
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.network import Requantisation
-from fastac.models.loops.network import PixelTiles
+from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.network_kernel import BLOCK, packed
 from fastac.models.loops.vector_tile import NEURONS
 
@@ -37,7 +37,7 @@ def test_integers(shape, hidden, real, weight_limit, bits):
     background = rng.integers(0, 256, shape, dtype=np.uint8)
     tables, shift = network(shape[2] + 2, hidden, weight_limit), 20 if real == np.float32 else 30
     steps = [Requantisation(rng.integers(1, 1 << 12, n), shift, bits) for n in hidden]
-    found = PixelTiles(
+    found = FrameNetwork(
         [*(table.astype(real) for table in tables[:-1]), tables[-1].astype(np.float64)],
         background,
         requantise=[(s.multiplier * 2.0**-s.shift, (1 << s.bits) - 1) for s in steps],
@@ -65,7 +65,7 @@ def test_products_next_to_an_integer():
     first[:, -1] = sums
     scale = np.full(len(sums), multiplier * 2.0**-shift)
     last = np.column_stack([np.eye(len(sums)), np.zeros(len(sums))])
-    found = PixelTiles([first, last], background, requantise=[(scale, top)])(background)
+    found = FrameNetwork([first, last], background, requantise=[(scale, top)])(background)
     np.testing.assert_array_equal(found[:, 0], expected)
 
 
@@ -73,7 +73,7 @@ def test_products_next_to_an_integer():
 def test_floats(shape):
     background = np.random.default_rng(3).integers(0, 256, shape, dtype=np.uint8)
     tables = [table / 128 for table in network(shape[2] + 2, (16, 7), 127)]
-    found = PixelTiles([table.astype(np.float32) for table in tables], background)
+    found = FrameNetwork([table.astype(np.float32) for table in tables], background)
     for frame in frames_of(background):
         x = integer_features(frame, background).reshape(-1, shape[2] + 2).astype(float)
         for k, table in enumerate(tables):

@@ -9,7 +9,12 @@ import torch
 from fastac.models.floating.network import predict, slopes_of
 from fastac.models.integer.features import integer_features
 from fastac.models.training import from_forces, slope_force
-from fastac.models.training.from_forces import ForceFromPixels, labelled_by, linear_network, mixtures_of
+from fastac.models.training.from_forces import (
+    ForceFromPixels,
+    channel_mixtures,
+    distillation_pixels,
+    linear_network,
+)
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
 
@@ -43,7 +48,7 @@ def test_a_linear_network_has_the_mixtures_for_slopes():
     slopes = slopes_of(predict(network, integer_features(frames, background)), 1e6)
     expected = (frames.astype(float) - background) / 64 @ mixtures.T
     np.testing.assert_allclose(slopes, expected, atol=1e-5)
-    assert all(layer.weight[4:].any() for layer in network.linears[:-1])
+    assert all(layer.weight[4:].any() for layer in network.linear_layers[:-1])
 
 
 def test_mixtures_span_what_fields_of_rank_two_use():
@@ -51,15 +56,15 @@ def test_mixtures_span_what_fields_of_rank_two_use():
     truth = rng.normal(size=(2, 3))
     fields = rng.normal(size=(1, 8, 8, 2)) @ truth
     change = rng.normal(size=(50, 8, 8, 3)) * (10, 3, 1)
-    mixtures = mixtures_of(fields, change)
+    mixtures = channel_mixtures(fields, change)
     np.testing.assert_allclose(truth @ np.linalg.pinv(mixtures) @ mixtures, truth, atol=1e-4)
     steepest = np.quantile(np.abs(change.reshape(-1, 3) @ mixtures.T), 1 - 1e-4, axis=0)
-    np.testing.assert_allclose(steepest, from_forces.STEEPEST)
+    np.testing.assert_allclose(steepest, from_forces.INITIAL_SLOPE)
 
 
 def test_blocks_leave_enough_of_a_frame():
     sizes = [(16, 16), (64, 64), (128, 128), (256, 256), (96, 128), (100, 128), (66, 66)]
-    assert [from_forces.block_of(*size) for size in sizes] == [1, 2, 4, 8, 2, 2, 2]
+    assert [from_forces.block_size(*size) for size in sizes] == [1, 2, 4, 8, 2, 2, 2]
 
 
 class TestForceFromPixels:
@@ -74,7 +79,7 @@ class TestForceFromPixels:
 
     def test_rest_is_no_force(self, model):
         with torch.no_grad():
-            for layer in model.network.linears:
+            for layer in model.network.linear_layers:
                 layer.weight += 0.1
             assert not model(torch.zeros(1, 32, 32, 3)).any()
             assert model(torch.ones(1, 32, 32, 3)).any()
@@ -85,10 +90,10 @@ class TestForceFromPixels:
         coarse = np.random.default_rng(2).integers(80, 120, (3, 32, 32, 3), dtype=np.uint8)
         frames = coarse.repeat(2, axis=1).repeat(2, axis=2)
         slopes = slopes_of(predict(model.network, integer_features(frames, background)), 1e3)
-        waves = slope_force.waves(64, 4)
+        waves = slope_force.cosine_basis(64, 4)
         fields = model.fields.detach().numpy() * model.unit / 4
         weights = np.einsum("ik,jl,aklt->aijt", waves, waves, fields)
-        change = from_forces.averaged(frames.astype(np.float32) - background, 2)
+        change = from_forces.block_averages(frames.astype(np.float32) - background, 2)
         np.testing.assert_array_equal(change, coarse.astype(np.float32) - 100)
         with torch.inference_mode():
             found = model(torch.from_numpy(change)).numpy()
@@ -120,10 +125,10 @@ def test_the_best_on_validation_is_kept(forces_only, scene):
         update={"training": scene.training.model_copy(update={"normals_learning_rate": 10.0})}
     )
     torch.manual_seed(wild.training.seed)
-    begin = from_forces.start(forces_only, wild)
+    begin = from_forces.initial_model(forces_only, wild)
     network, history = from_forces.train(forces_only, wild)
     assert min(history, key=lambda entry: entry["validation_mae_n"])["epoch"] == 0
-    for a, b in zip(network.linears, begin.network.linears, strict=True):
+    for a, b in zip(network.linear_layers, begin.network.linear_layers, strict=True):
         torch.testing.assert_close(a.weight, b.weight)
 
 
@@ -146,7 +151,7 @@ def test_without_validation_the_last_is_kept(forces_only, scene):
 def test_integers_learn_from_what_the_network_finds(forces_only):
     torch.manual_seed(1)
     network = linear_network(np.random.default_rng(1).normal(size=(2, 3)).astype(np.float32))
-    pixels = labelled_by(network, forces_only, limit=100 * 50)
+    pixels = distillation_pixels(network, forces_only, limit=100 * 50)
     assert set(pixels) == {"train", "validation"}
     x, y = pixels["train"]
     assert x.shape == (100 * 50, 5)

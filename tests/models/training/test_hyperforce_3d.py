@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from fastac.models.training import hyperforce_3d
-from fastac.models.training.hyperforce_3d import error_n, refit, select, train
+from fastac.models.training.hyperforce_3d import error_n, input_components, refit_last_layer, train
 
 N = 14
 
@@ -44,7 +44,7 @@ def test_learns_a_stiffness_that_depends_on_the_place(make_scene, parts):
     for inputs, dynamic in (("xyz", True), ("xyz", False), ("z", True)):
         model, _ = fit(make_scene, parts, inputs=inputs, dynamic=dynamic)
         scene = make_scene()
-        x = select(scene, parts[0]["validation"], inputs)
+        x = input_components(scene, parts[0]["validation"], inputs)
         found[inputs, dynamic] = error_n(model, x, torch.from_numpy(parts[1]["validation"]))
     assert found["xyz", True] < 0.2 * found["xyz", False]
     assert found["xyz", True] < 0.1 * found["z", True]
@@ -53,7 +53,7 @@ def test_learns_a_stiffness_that_depends_on_the_place(make_scene, parts):
 def test_keeps_the_best_and_both_closed_forms_are_better_than_a_few_epochs(make_scene, parts):
     model, history = fit(make_scene, parts)
     assert [entry["epoch"] for entry in history] == list(range(8))
-    x = select(make_scene(), parts[0]["validation"], "xyz")
+    x = input_components(make_scene(), parts[0]["validation"], "xyz")
     error = error_n(model, x, torch.from_numpy(parts[1]["validation"].astype(np.float32)))
     assert error == pytest.approx(min(entry["validation_mae_n"] for entry in history), rel=1e-5)
     descent = min(entry["validation_mae_n"] for entry in history[1:-1])
@@ -114,9 +114,9 @@ def test_only_d_z_is_clamped(make_scene):
     field = -np.ones((2, 3, N, N), np.float32)
     signs = {"xyz": [-1, -1, 0], "xy": [-1, -1], "z": [0]}
     for inputs, expected in signs.items():
-        chosen = select(make_scene(force={"clamp": True}), field, inputs)
+        chosen = input_components(make_scene(force={"clamp": True}), field, inputs)
         np.testing.assert_array_equal(chosen[0, :, 0, 0], expected)
-        signed = select(make_scene(force={"clamp": False}), field, inputs)
+        signed = input_components(make_scene(force={"clamp": False}), field, inputs)
         assert (signed == -1).all()
     assert (field == -1).all()
 
@@ -124,8 +124,8 @@ def test_only_d_z_is_clamped(make_scene):
 def test_refit_leaves_the_model_as_it_is(make_scene, parts):
     model, _ = fit(make_scene, parts, training={"force_epochs": 1})
     before = weights(model)
-    x = {split: select(make_scene(), frames, "xyz") for split, frames in parts[0].items()}
-    refit(model, x, {k: 2 * v for k, v in parts[1].items()})
+    x = {split: input_components(make_scene(), frames, "xyz") for split, frames in parts[0].items()}
+    refit_last_layer(model, x, {k: 2 * v for k, v in parts[1].items()})
     np.testing.assert_array_equal(weights(model), before)
 
 

@@ -9,7 +9,7 @@ from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.integer.quantise import quantise_layers
 from fastac.models.training.bit_true import BitTrueNetwork, finetune
-from fastac.models.training.normals import labelled, labelled_pixels, train
+from fastac.models.training.normals import labelled_pixels, labelled_splits, train
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:
@@ -137,7 +137,7 @@ class TestTrain:
     def test_the_seed_decides_everything(self, tiny_data, make_scene):
         def weights(**changes):
             settings = make_scene(training={"normals_epochs": 1, "input_noise": 0.1, **changes}).training
-            return train(tiny_data, settings)[0].linears[0].weight.detach().numpy()
+            return train(tiny_data, settings)[0].linear_layers[0].weight.detach().numpy()
 
         torch.manual_seed(99)  # what others drew before must not matter
         first = weights()
@@ -280,7 +280,7 @@ class TestFinetune:
         network, _ = train(data, settings)
         x, _ = labelled_pixels(data, "train")
         arrays = [
-            [getattr(layer, name).detach().numpy() for layer in network.linears]
+            [getattr(layer, name).detach().numpy() for layer in network.linear_layers]
             for name in ("weight", "bias")
         ]
         words = {"weight_bits": 8, "activation_bits": 7, "last_weight_bits": 12, **bits}
@@ -290,7 +290,7 @@ class TestFinetune:
         learn = {"finetune_epochs": 15, "finetune_weights": True, "finetune_learning_rate": 0.05}
         settings = make_scene(training=learn).training
         network, before = self.quantised(tiny_data, settings, weight_bits=3)
-        after, history = finetune(labelled(tiny_data, settings), before, network, settings)
+        after, history = finetune(labelled_splits(tiny_data, settings), before, network, settings)
         x, y = pixels(tiny_data, "validation")
         found = loss_of(by_integers(after, x), y)
         assert found < 0.8 * loss_of(by_integers(before, x), y)
@@ -302,7 +302,7 @@ class TestFinetune:
         wild = {"finetune_epochs": 2, "finetune_weights": True, "finetune_learning_rate": 3000.0}
         settings = make_scene(training=wild).training
         network, before = self.quantised(tiny_data, settings)
-        after, history = finetune(labelled(tiny_data, settings), before, network, settings)
+        after, history = finetune(labelled_splits(tiny_data, settings), before, network, settings)
         x, y = pixels(tiny_data, "validation")
         loss = loss_of(by_integers(before, x), y)
         assert min(entry["validation_loss"] for entry in history) > loss
@@ -314,7 +314,7 @@ class TestFinetune:
         settings = make_scene(training=tune).training
         network, before = self.quantised(tiny_data, settings, weight_bits=5, last_weight_bits=8)
         split = np.where(tiny_data.split == "validation", "train", tiny_data.split)
-        pixels = labelled(replace(tiny_data, split=split), settings)
+        pixels = labelled_splits(replace(tiny_data, split=split), settings)
         after, _ = finetune(pixels, before, network, settings)  # keeps the last epoch
         moved = [(a.weight != b.weight).any() for a, b in zip(before, after, strict=True)]
         assert moved == [weights] * 3 + [True]
@@ -324,13 +324,15 @@ class TestFinetune:
     def test_no_epochs_change_nothing(self, tiny_data, make_scene):
         settings = make_scene(training={"normals_epochs": 1, "finetune_epochs": 0}).training
         network, layers = self.quantised(tiny_data, settings)
-        after, history = finetune(labelled(tiny_data, settings), layers, network, settings)
+        after, history = finetune(labelled_splits(tiny_data, settings), layers, network, settings)
         assert after is layers
         assert history == []
 
     def test_integers_are_about_as_good_as_the_float_network(self, tiny_data, tiny_scene):
         network, before = self.quantised(tiny_data, tiny_scene.training)
-        layers, _ = finetune(labelled(tiny_data, tiny_scene.training), before, network, tiny_scene.training)
+        layers, _ = finetune(
+            labelled_splits(tiny_data, tiny_scene.training), before, network, tiny_scene.training
+        )
         x, y = pixels(tiny_data, "test")
         assert loss_of(by_integers(layers, x), y) < 1.05 * loss_of(predict(network, x), y)
 
@@ -339,8 +341,8 @@ class TestFinetune:
         settings = make_scene(training={"finetune_epochs": 1}).training
         network, layers = self.quantised(tiny_data, settings)
         mirrored = replace(tiny_data, normals=tiny_data.normals * np.float32([-1, -1, 1]))
-        _, from_these = finetune(labelled(mirrored, settings), layers, network, settings)
-        _, from_those = finetune(labelled(tiny_data, settings), layers, network, settings)
+        _, from_these = finetune(labelled_splits(mirrored, settings), layers, network, settings)
+        _, from_those = finetune(labelled_splits(tiny_data, settings), layers, network, settings)
         assert from_these[0]["train_loss"] == from_those[0]["train_loss"]
         x, _ = pixels(tiny_data, "train")
         target = predict(network, x)
@@ -351,4 +353,4 @@ class TestFinetune:
 
 def test_the_width_of_the_hidden_layers(tiny_data, make_scene):
     network, _ = train(tiny_data, make_scene(training={"normals_epochs": 1}).training, (5, 6, 7))
-    assert [len(layer.weight) for layer in network.linears] == [5, 6, 7, 3]
+    assert [len(layer.weight) for layer in network.linear_layers] == [5, 6, 7, 3]

@@ -75,7 +75,7 @@ def splits(noise: float):
 
 def test_errors_are_those_of_the_weights_on_the_validation_split():
     x, force = splits(noise=0.5)
-    history = ridge.attempts(x, force)
+    history = ridge.validation_errors(x, force)
     assert [entry["regularisation"] for entry in history] == ridge.REGULARISATION.tolist()
     for entry in history:
         weights = ridge.fit(x["train"], force["train"], entry)
@@ -84,7 +84,9 @@ def test_errors_are_those_of_the_weights_on_the_validation_split():
 
 
 def test_noise_asks_for_more_regularisation():
-    weak, strong = (ridge.best(ridge.attempts(*splits(noise)))["regularisation"] for noise in (0.0, 5.0))
+    weak, strong = (
+        ridge.best(ridge.validation_errors(*splits(noise)))["regularisation"] for noise in (0.0, 5.0)
+    )
     assert weak == ridge.REGULARISATION[0]
     assert strong > 1e3 * weak
 
@@ -94,8 +96,8 @@ def test_what_is_chosen_is_the_best_attempt_fitted_to_all_training_frames(valida
     x, force = splits(noise=0.5)
     if not validation:
         x, force = {"train": x["train"]}, {"train": force["train"]}
-    weights, history = ridge.choose(x, force)
-    assert history == ridge.attempts(x, force)
+    weights, history = ridge.best_weights(x, force)
+    assert history == ridge.validation_errors(x, force)
     expected = ridge.fit(x["train"], force["train"], ridge.best(history))
     np.testing.assert_allclose(weights, expected, rtol=1e-9)
 
@@ -109,16 +111,16 @@ def test_without_a_validation_split_every_fifth_frame_is_held_out():
     x, force, _ = problem(23, 6, noise=0.3)
     held = np.zeros(23, bool)
     held[[4, 9, 14, 19]] = True
-    expected = ridge.attempts(
+    expected = ridge.validation_errors(
         {"train": x[~held], "validation": x[held]}, {"train": force[~held], "validation": force[held]}
     )
-    assert ridge.attempts({"train": x}, {"train": force}) == expected
+    assert ridge.validation_errors({"train": x}, {"train": force}) == expected
 
 
 def test_what_cannot_be_fitted_is_refused():
     x, force = np.ones((4, 2)), np.ones((4, 1))
     with pytest.raises(ValueError, match="split: 4 training frames without validation: expected 5"):
-        ridge.attempts({"train": x}, {"train": force})
+        ridge.validation_errors({"train": x}, {"train": force})
     both = {"train": x, "validation": x}
     with pytest.raises(ValueError, match="force_n: zero in every training frame"):
-        ridge.attempts(both, {"train": 0 * force, "validation": force})
+        ridge.validation_errors(both, {"train": 0 * force, "validation": force})

@@ -9,7 +9,7 @@ H, W = 12, 14
 def fields(size: int, *, axes: int = 3, terms: int = 2, seed: int = 1) -> np.ndarray:
     """Weights (axes, H, W, terms) of the lowest size × size cosines."""
     spectrum = np.random.default_rng(seed).normal(size=(axes, size, size, terms))
-    v, u = (slope_force.waves(length, size) for length in (H, W))
+    v, u = (slope_force.cosine_basis(length, size) for length in (H, W))
     return np.einsum("im,jn,amnt->aijt", v, u, spectrum)
 
 
@@ -33,7 +33,7 @@ def problem(weights: np.ndarray, *, noise: float = 0.0, validation: bool = True)
 
 @pytest.mark.parametrize(("length", "size"), [(12, 12), (16, 4), (5, 1)])
 def test_waves_are_orthonormal_cosines(length, size):
-    found = slope_force.waves(length, size)
+    found = slope_force.cosine_basis(length, size)
     np.testing.assert_allclose(found.T @ found, np.eye(size), atol=1e-12)
     middles = (np.arange(length) + 0.5) / length
     cosines = np.cos(np.pi * np.outer(middles, np.arange(size)))
@@ -42,9 +42,9 @@ def test_waves_are_orthonormal_cosines(length, size):
 
 def test_spectra_are_the_products_with_the_waves():
     change = frames(3)
-    v, u = slope_force.waves(H, 4), slope_force.waves(W, 4)
+    v, u = slope_force.cosine_basis(H, 4), slope_force.cosine_basis(W, 4)
     expected = np.einsum("im,jn,fijt->fmnt", v, u, change)
-    np.testing.assert_allclose(slope_force.spectra(change, 4), expected, atol=1e-12)
+    np.testing.assert_allclose(slope_force.lowest_cosines(change, 4), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("validation", [True, False])
@@ -76,6 +76,6 @@ def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
     found, history = slope_force.fit(change, truth)
     chosen = ridge.best(history)
     size = chosen["cosines"]
-    x = slope_force.spectra(change["train"], size).reshape(80, -1)
+    x = slope_force.lowest_cosines(change["train"], size).reshape(80, -1)
     spectrum = ridge.fit(x, truth["train"], chosen)
     np.testing.assert_allclose(force(change["train"], found), x @ spectrum, atol=1e-9)

@@ -64,8 +64,14 @@ def recording(scene, own, tmp_path):
 
 
 def imported(scene, folder, output, **keys):
-    dots_of = partial(Markers.of_background, sensor=scene.sensor) if scene.sensor.markers else None
-    keys = {"dots_of": dots_of, "ball_mm": 8.0, "origin_mm": ORIGIN, "progress": False, **keys}
+    marker_finder_of = partial(Markers.of_background, sensor=scene.sensor) if scene.sensor.markers else None
+    keys = {
+        "marker_finder_of": marker_finder_of,
+        "ball_mm": 8.0,
+        "origin_mm": ORIGIN,
+        "progress": False,
+        **keys,
+    }
     cnc.import_recording(scene, folder, keys.pop("cad", of_scene(scene.sensor)), output, **keys)
     return dataset.read(output, scene)
 
@@ -116,7 +122,7 @@ def test_the_skin_may_come_from_a_height_map(scene, own, recording, tmp_path):
 
 
 def test_what_the_machine_is_told(scene):
-    rows = cnc.planned(scene, of_scene(scene.sensor), ORIGIN)
+    rows = cnc.planned_poses(scene, of_scene(scene.sensor), ORIGIN)
     assert [row.index for row in rows] == list(range(6 * 2 * 5))
     assert [row.split for row in rows[:40]] == ["train"] * 40
     assert (rows[0].x_mm, rows[0].y_mm) == pytest.approx((100 - 3.855, -20 - 3.855))

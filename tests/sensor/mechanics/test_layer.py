@@ -109,28 +109,28 @@ def test_hertz():
 @pytest.mark.parametrize(("x", "y", "load"), [(0.0, 0.0, 0.5), (4.9, -4.9, 1.5), (-3.3, 4.9, 1.0)])
 def test_contact_is_an_equilibrium_without_overlap(x, y, load):
     contact = Layer(CURVED).press(x, y, ball_mm=5.0, load_n=load)
-    touching = contact.pressure_mpa > 0
+    in_contact = contact.pressure_mpa > 0
     assert contact.pressure_mpa.min() == 0
     assert contact.pressure_mpa.sum() * CURVED.pitch_mm**2 == pytest.approx(load, rel=1e-12)
     assert contact.gap_mm.min() > -2e-6 * contact.approach_mm
-    assert np.abs(contact.gap_mm[touching]).max() < 2e-6 * contact.approach_mm
+    assert np.abs(contact.gap_mm[in_contact]).max() < 2e-6 * contact.approach_mm
     np.testing.assert_array_equal(
         contact.displacement_mm, Layer(CURVED).displacement_mm(contact.pressure_mpa)
     )
     for edge in (0, -1):
         np.testing.assert_array_equal(contact.displacement_mm[edge], 0)
         np.testing.assert_array_equal(contact.displacement_mm[:, edge], 0)
-    assert contact.displacement_mm[touching].min() > 0
+    assert contact.displacement_mm[in_contact].min() > 0
     assert contact.displacement_mm.min() < 0, "a nearly incompressible gel bulges beside the ball"
 
 
 def test_pressed_skin_is_the_ball():
     contact = Layer(CURVED).press(1.0, 2.0, ball_mm=5.0, load_n=1.0)
-    touching = contact.pressure_mpa > 0
+    in_contact = contact.pressure_mpa > 0
     x, y = pixel_centres_mm(CURVED)
     skin = rest_depth_mm(CURVED) - contact.displacement_mm
-    ball = -np.sqrt(6.25 - (x[touching] - 1) ** 2 - (y[touching] - 2) ** 2)
-    assert np.ptp(skin[touching] - ball) < 1e-5
+    ball = -np.sqrt(6.25 - (x[in_contact] - 1) ** 2 - (y[in_contact] - 2) ** 2)
+    assert np.ptp(skin[in_contact] - ball) < 1e-5
 
 
 def test_more_load_sinks_deeper_and_the_soft_end_deepest():

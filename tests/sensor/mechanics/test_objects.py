@@ -65,11 +65,11 @@ def test_the_skin_takes_the_object_s_shape_and_force(layer, name):
     pressed = found.pressed
     assert pressed.force_n[2] == pytest.approx(4.0)
     np.testing.assert_allclose(found.force_map_n.sum(axis=(0, 1)), pressed.force_n)
-    np.testing.assert_array_equal(found.force_map_n[~pressed.touching], 0)
+    np.testing.assert_array_equal(found.force_map_n[~pressed.in_contact], 0)
     q, p = np.gradient(pressed.depth_mm, SENSOR.pitch_mm)
     slopes = -pressed.normals[..., :2] / pressed.normals[..., 2:]
     assert np.abs(slopes - np.stack([p, q], -1))[1:-1, 1:-1].mean() < 0.04
-    patches = label(pressed.touching)[1]
+    patches = label(pressed.in_contact)[1]
     assert patches >= (9 if name == "led_pads" else 1)
 
 

@@ -3,7 +3,7 @@ import pytest
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
-from fastac.sensor.optics.camera import background, exposure, render
+from fastac.sensor.optics.camera import background, noise_free_image, render
 
 
 def sensor(**keys):
@@ -27,7 +27,9 @@ def test_background_uses_the_range_without_saturating(geometry):
 def test_channels_are_those_of_the_scene_in_order():
     four, three = sensor(channels="bgr+nir"), sensor(channels="bgr")
     normals, depth = at_rest(four)
-    np.testing.assert_array_equal(exposure(normals, depth, four)[..., :3], exposure(normals, depth, three))
+    np.testing.assert_array_equal(
+        noise_free_image(normals, depth, four)[..., :3], noise_free_image(normals, depth, three)
+    )
 
 
 def test_noise_has_the_scene_s_deviation_and_the_seed_decides_it():
@@ -36,7 +38,7 @@ def test_noise_has_the_scene_s_deviation_and_the_seed_decides_it():
     frame = render(normals, depth, noisy, np.random.default_rng(5))
     np.testing.assert_array_equal(frame, render(normals, depth, noisy, np.random.default_rng(5)))
     assert (frame != render(normals, depth, noisy, np.random.default_rng(6))).any()
-    clean = exposure(normals, depth, noisy)
+    clean = noise_free_image(normals, depth, noisy)
     error = frame - clean
     # Read noise, photon noise of that many electrons, rounding to whole numbers.
     expected = np.sqrt(9 + clean / noisy.electrons_per_dn + 1 / 12)
@@ -47,17 +49,17 @@ def test_noise_has_the_scene_s_deviation_and_the_seed_decides_it():
 def test_grain_is_a_fixed_pattern_common_to_all_channels():
     painted, plain = sensor(grain=0.05), sensor(grain=0.0)
     normals, depth = at_rest(plain)
-    albedo = exposure(normals, depth, painted) / exposure(normals, depth, plain)
+    albedo = noise_free_image(normals, depth, painted) / noise_free_image(normals, depth, plain)
     np.testing.assert_allclose(albedo, np.broadcast_to(albedo[..., :1], albedo.shape), rtol=1e-12)
     assert albedo.std() == pytest.approx(0.05, rel=0.1)
     np.testing.assert_array_equal(
-        exposure(normals, depth, painted), exposure(normals, depth, sensor(grain=0.05))
+        noise_free_image(normals, depth, painted), noise_free_image(normals, depth, sensor(grain=0.05))
     )
 
 
 def test_averaging_leaves_less_noise_in_the_background():
     noisy = sensor(noise_dn=4.0)
-    clean = exposure(*at_rest(noisy), noisy)
+    clean = noise_free_image(*at_rest(noisy), noisy)
     error = background(noisy, np.random.default_rng(1)) - clean
     photon = clean.mean() / noisy.electrons_per_dn
     assert error.std() == pytest.approx(np.sqrt((16 + photon) / 16 + 1 / 12), rel=0.1)
@@ -74,7 +76,7 @@ def test_clips_to_eight_bits():
 def test_a_frame_is_the_rounded_sum_of_light_and_noise():
     noisy = sensor(noise_dn=60.0)
     normals, depth = at_rest(noisy)
-    image = exposure(normals, depth, noisy)
+    image = noise_free_image(normals, depth, noisy)
     deviation = np.sqrt(60.0**2 + image / noisy.electrons_per_dn)
     drawn = np.random.default_rng(5).standard_normal(image.shape)
     want = np.clip(np.rint(image + deviation * drawn), 0, 255)

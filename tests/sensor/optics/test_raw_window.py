@@ -4,7 +4,7 @@ import numpy as np
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
-from fastac.sensor.optics.camera import exposure
+from fastac.sensor.optics.camera import noise_free_image
 from fastac.sensor.optics.raw_window import background_raw10, raw_camera, render_raw10, window_light
 from fastac.sensor.optics.skin_paint import marker_pixels
 
@@ -31,7 +31,7 @@ def test_a_cell_has_the_light_of_its_pixel():
     light = window_light(*rest(plain), plain)
     assert light.shape == (128, 96, 4)
     cells = light.reshape(32, 4, 24, 4, 4).mean(axis=(1, 3))
-    wanted = exposure(*rest(plain), plain) / 255 * 0.75
+    wanted = noise_free_image(*rest(plain), plain) / 255 * 0.75
     np.testing.assert_allclose(cells[1:-1, 1:-1], wanted[1:-1, 1:-1], rtol=2e-3)
 
 

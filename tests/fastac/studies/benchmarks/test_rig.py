@@ -2,17 +2,18 @@
 
 from click.testing import CliRunner
 
-from fastac.studies.benchmarks import models, rig
+from fastac.cli.main import main
+from fastac.studies.benchmarks import rig, timing
 
 
 def test_it_times_every_part(tiny_toml, tmp_path, monkeypatch):
-    monkeypatch.setattr(models, "PAUSE_S", 0)
+    monkeypatch.setattr(timing, "PAUSE_S", 0)
     monkeypatch.setattr(rig, "REPEATS", 1)
     gel = 'thickness_mm = 2.0, mechanics = "fem", friction = 0.8, elements = 8, layers = 1 }'
     text = tiny_toml.replace("thickness_mm = 2.0 }", gel).replace('"force_z"]', '"force_xyz"]')
     (tmp_path / "s.toml").write_text(text.replace("pitch_mm", 'frames = "raw10"\npitch_mm'))
     arguments = [str(tmp_path / "s.toml"), "--cache", str(tmp_path / "cache"), "--no-progress"]
-    result = CliRunner().invoke(rig.main, arguments)
+    result = CliRunner().invoke(main, ["bench", "rig", *arguments])
     assert result.exit_code == 0, result.output
     for part in ("vertical contact", "all loads", "skin at the pixels", "RAW10 frame", "image processing"):
         assert part in result.output
@@ -20,6 +21,6 @@ def test_it_times_every_part(tiny_toml, tmp_path, monkeypatch):
 
 def test_it_needs_finite_elements(tiny_toml, tmp_path):
     (tmp_path / "s.toml").write_text(tiny_toml)
-    result = CliRunner().invoke(rig.main, [str(tmp_path / "s.toml")])
+    result = CliRunner().invoke(main, ["bench", "rig", str(tmp_path / "s.toml")])
     assert result.exit_code == 1
     assert "mechanics = 'layer': expected 'fem'" in result.output

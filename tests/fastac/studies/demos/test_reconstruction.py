@@ -34,7 +34,7 @@ def test_every_object_is_reconstructed(shown, tiny_bundle):
         assert errors["contact_normal_mae_deg"] < 15
         assert errors["depth_mae_mm"] < 0.1
         depth = np.abs(found.result.depth_mm[0] - item.truth.pressed.depth_mm)
-        assert errors["contact_depth_mae_mm"] == pytest.approx(depth[item.truth.pressed.touching].mean())
+        assert errors["contact_depth_mae_mm"] == pytest.approx(depth[item.truth.pressed.in_contact].mean())
     assert reconstruction.reconstruct({ONE: tiny_bundle}, None, progress=False)[0].truth.pressed.force_n[
         2
     ] == pytest.approx(3 * 0.06)

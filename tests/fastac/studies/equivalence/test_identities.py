@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from fastac.cli.main import main
 from fastac.flow import training
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
@@ -183,7 +184,7 @@ def test_accuracies(tiny_bundle, tiny_data, fits, words, frames):
 class TestCommand:
     @staticmethod
     def run(*arguments):
-        return CliRunner().invoke(identities.main, [*map(str, arguments), "--no-progress"])
+        return CliRunner().invoke(main, ["study", "identities", *map(str, arguments), "--no-progress"])
 
     def test_prints_all_three(self, folder):
         result = self.run(folder)

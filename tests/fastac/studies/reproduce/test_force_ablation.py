@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from fastac.cli.main import main
 from fastac.models.training import hyperforce_3d
 from fastac.report.paper import FORCE_MAE_N
 from fastac.scenes import schema
@@ -96,7 +97,7 @@ def written(drawn, tmp_path_factory):
 
 def invoke(drawn, output, *options):
     arguments = [str(drawn[0]), "--data", str(drawn[1]), "-o", str(output), "--no-progress", *options]
-    return CliRunner().invoke(force_ablation.main, arguments)
+    return CliRunner().invoke(main, ["study", "force-ablation", *arguments])
 
 
 def test_all_six_forms_on_both_displacements(written):
@@ -131,7 +132,7 @@ def test_a_second_run_trains_nothing(written, drawn, monkeypatch):
 
     monkeypatch.setattr(hyperforce_3d._Run, "epoch", epoch)
     monkeypatch.setattr(force_ablation.training, "normals", epoch)
-    monkeypatch.setattr(force_ablation.displacement, "find", epoch)
+    monkeypatch.setattr(force_ablation.displacement_3d, "displacement_fields", epoch)
     assert invoke(drawn, output).output == first.output
 
 

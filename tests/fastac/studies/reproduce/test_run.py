@@ -15,7 +15,7 @@ from fastac.cli.main import main
 from fastac.flow import hardware, training
 from fastac.flow.build import Build
 from fastac.gateware.cycle_model import cycles
-from fastac.models.accuracy import compare
+from fastac.models.accuracy import compare_pipelines
 from fastac.report.paper import FORCE_MAE_N, STAGES
 from fastac.report.tables import Table
 from fastac.scenes import schema as scenes
@@ -123,7 +123,7 @@ def test_gradients_and_depth_are_those_of_the_build_s_evaluation(build, content)
     geometry = content["sections"]["geometry"]
     index = vertical(build.data, "test")
     assert geometry["frames"] == len(index) == 3
-    errors = compare(build.bundle, build.data, index, progress=False)[0]["float"]
+    errors = compare_pipelines(build.bundle, build.data, index, progress=False)[0]["float"]
     nir = geometry["channels"]["bgr+nir"]
     assert nir["gradient_mae_mm_per_px"]["total"] == pytest.approx(errors["gradient_mae_mm_per_px"])
     assert nir["depth_mae_mm"]["prior"] == pytest.approx(errors["depth_mae_mm"])

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from fastac.cli.main import main
 from fastac.flow import verify
 from fastac.sensor import samples
 from fastac.studies.robustness import drift, extremes, words, worst_case_hardware
@@ -23,7 +24,7 @@ def folder(tiny_folder, tiny_file, tmp_path_factory):
 @pytest.fixture(scope="module")
 def content(folder):
     """What the command writes, without the hardware."""
-    result = CliRunner().invoke(extremes.main, [str(folder), "--no-rtl", "--no-progress"])
+    result = CliRunner().invoke(main, ["study", "extremes", str(folder), "--no-rtl", "--no-progress"])
     assert result.exit_code == 0, result.output
     assert "every value of every frame is finite: yes" in result.output
     assert (folder / extremes.PLOT).stat().st_size > 10_000
@@ -125,14 +126,14 @@ def test_what_differs_is_counted(tiny_bundle, monkeypatch):
 
 
 def test_no_build_folder(tmp_path):
-    result = CliRunner().invoke(extremes.main, [str(tmp_path)])
+    result = CliRunner().invoke(main, ["study", "extremes", str(tmp_path)])
     assert result.exit_code == 1
     assert result.output.startswith("Error: ")
     assert result.output.count("\n") == 1
 
 
 def test_take_keeps_samples_together(tiny_data):
-    chosen = samples.take(tiny_data, np.array([5, 2]))
+    chosen = samples.subset(tiny_data, np.array([5, 2]))
     assert len(chosen) == 2
     assert np.array_equal(chosen.frames, tiny_data.frames[[5, 2]])
     assert np.array_equal(chosen.indenter["x_mm"], tiny_data.indenter["x_mm"][[5, 2]])

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from fastac.cli.main import main
 from fastac.flow import hardware
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.loops.frames import CHUNK
@@ -60,7 +61,7 @@ def test_command(tiny_folder, tiny_file, tiny_bundle, tmp_path):
     shutil.copy(tiny_file, folder / "data.h5")
     hardware.write_verilog(tiny_bundle, folder / "verilog", progress=False)
     result = CliRunner().invoke(
-        stability.main, [str(folder), "--frames", "40", "--rtl-frames", "12", "--no-progress"]
+        main, ["study", "stability", str(folder), "--frames", "40", "--rtl-frames", "12", "--no-progress"]
     )
     assert result.exit_code == 0, result.output
     content = json.loads((folder / stability.FILE).read_text())

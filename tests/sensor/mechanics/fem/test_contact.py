@@ -41,7 +41,7 @@ def thick(tmp_path_factory):
 def test_hertz(thick):
     contact = thick.press(Ball(BALL_MM), 0.0, 0.0, load_n=LOAD_N, steps=1)
     areas, skin = thick.mesh.areas_mm2(), thick.mesh.skin_mm
-    assert np.sqrt(areas[contact.touching].sum() / np.pi) == pytest.approx(RADIUS, rel=0.1)
+    assert np.sqrt(areas[contact.in_contact].sum() / np.pi) == pytest.approx(RADIUS, rel=0.1)
     peak = 3 * LOAD_N / (2 * np.pi * RADIUS**2)
     pressure = contact.pressure_mpa()[..., 2]
     assert pressure.max() == pytest.approx(peak, rel=0.03)
@@ -54,7 +54,7 @@ def test_hertz(thick):
         return 1 - layer_compliance(np.array([x / h]), thick.elastomer)[0] * STIFFNESS * x / h / 2
 
     base = LOAD_N / (np.pi * STIFFNESS * h) * quad(lost, 1e-9, 60)[0]
-    assert -contact.way_mm[2] == pytest.approx(RADIUS**2 / (BALL_MM / 2) - base, rel=0.03)
+    assert -contact.indenter_displacement_mm[2] == pytest.approx(RADIUS**2 / (BALL_MM / 2) - base, rel=0.03)
 
 
 @pytest.mark.parametrize("share", [0.3, 0.7])
@@ -67,14 +67,14 @@ def test_cattaneo_and_mindlin(thick, share):
     )
     shear = HERTZ.modulus_mpa / (2 * (1 + nu))
     way = 3 * friction * LOAD_N * (2 - nu) / (16 * shear * RADIUS) * (1 - (1 - share) ** (2 / 3))
-    assert contact.way_mm[1] == pytest.approx(way, rel=0.1)
+    assert contact.indenter_displacement_mm[1] == pytest.approx(way, rel=0.1)
     stuck = np.sqrt(thick.mesh.areas_mm2()[contact.sticking].sum() / np.pi)
     assert stuck == pytest.approx(RADIUS * (1 - share) ** (1 / 3), rel=0.15)
     np.testing.assert_allclose(contact.force_n, (0, -size, LOAD_N), atol=1e-7)
 
 
-def whole_mesh_contact(gel, touch_mm, way_mm, *, stuck):
-    """The skin under a ball at (1, −1), from first touch by way_mm: Lagrange multipliers on the whole mesh.
+def whole_mesh_contact(gel, touch_mm, indenter_displacement_mm, *, stuck):
+    """The skin under a ball at (1, −1), from first touch by indenter_displacement_mm: Lagrange multipliers on the whole mesh.
 
     Returns displacements, the resultant on the skin, and which nodes touch.
     """
@@ -91,7 +91,7 @@ def whole_mesh_contact(gel, touch_mm, way_mm, *, stuck):
         nodes = np.flatnonzero(active)
         rows = np.eye(3)[None].repeat(len(nodes), 0) if stuck else normals[nodes, None]
         # The gap closes where n·u = n·way + gap; along the tangents a stuck node goes with the ball.
-        sides = np.einsum("nab,b->na", rows, way_mm)
+        sides = np.einsum("nab,b->na", rows, indenter_displacement_mm)
         if stuck:
             unit = normals[nodes] / np.linalg.norm(normals[nodes], axis=1, keepdims=True)
             sides = sides + gap[nodes, None] * unit[:, 2:] * unit
@@ -107,7 +107,7 @@ def whole_mesh_contact(gel, touch_mm, way_mm, *, stuck):
         moved = found[first : len(dofs)].reshape(-1, 3)
         multiplier = found[len(dofs) :].reshape(len(nodes), -1)
         push = (multiplier * (normals[nodes] if stuck else 1)).sum(axis=1)
-        overlap = gap + ((way_mm - moved) * normals).sum(axis=1) < -1e-10
+        overlap = gap + ((indenter_displacement_mm - moved) * normals).sum(axis=1) < -1e-10
         before, active = active, overlap & np.isfinite(gap)
         active[nodes[push > 0]] = True
         if np.array_equal(before, active):
@@ -119,8 +119,10 @@ def whole_mesh_contact(gel, touch_mm, way_mm, *, stuck):
 @pytest.mark.parametrize(("friction", "stuck"), [(0.0, False), (10.0, True)])
 def test_equals_an_independent_solve_of_the_whole_mesh(curved, friction, stuck):
     contact = curved.press(Ball(5.0), 1.0, -1.0, load_n=0.8, friction=friction, steps=1)
-    moved, force, active = whole_mesh_contact(curved, contact.first_touch_mm, contact.way_mm, stuck=stuck)
-    np.testing.assert_array_equal(contact.touching[1:-1, 1:-1], active)
+    moved, force, active = whole_mesh_contact(
+        curved, contact.first_touch_mm, contact.indenter_displacement_mm, stuck=stuck
+    )
+    np.testing.assert_array_equal(contact.in_contact[1:-1, 1:-1], active)
     np.testing.assert_allclose(contact.displacement_mm[1:-1, 1:-1], moved, atol=1e-7)
     np.testing.assert_allclose(-force, contact.force_n, atol=1e-6)
 
@@ -137,16 +139,18 @@ def test_conditions_of_contact_and_friction(curved, friction, tangential):
     normals = np.stack([-p, -q, np.ones_like(p)], axis=-1)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     free_gap = np.where(near, z + contact.first_touch_mm - skin[..., 2], 0)
-    gap = free_gap * normals[..., 2] + ((contact.way_mm - contact.displacement_mm) * normals).sum(axis=-1)
+    gap = free_gap * normals[..., 2] + (
+        (contact.indenter_displacement_mm - contact.displacement_mm) * normals
+    ).sum(axis=-1)
     pressure = -(contact.nodal_force_n * normals).sum(axis=-1)
     traction = contact.nodal_force_n + pressure[..., None] * normals
     assert gap[near].min() > -1e-7
-    assert np.abs(gap[contact.touching]).max() < 1e-7
+    assert np.abs(gap[contact.in_contact]).max() < 1e-7
     assert pressure.min() >= -1e-8
-    np.testing.assert_array_equal(pressure[~contact.touching], 0)
+    np.testing.assert_array_equal(pressure[~contact.in_contact], 0)
     size, bound = np.linalg.norm(traction, axis=-1), friction * pressure
     assert (size - bound).max() < 1e-7
-    sliding = contact.touching & ~contact.sticking
+    sliding = contact.in_contact & ~contact.sticking
     np.testing.assert_allclose(size[sliding], bound[sliding], atol=1e-7)
     assert (size < bound)[contact.sticking].all()
     np.testing.assert_allclose(-contact.nodal_force_n.sum(axis=(0, 1)), contact.force_n)
@@ -154,5 +158,5 @@ def test_conditions_of_contact_and_friction(curved, friction, tangential):
     if tangential:
         along = np.array(tangential) / np.hypot(*tangential)
         assert contact.force_n[:2] @ along == pytest.approx(np.hypot(*tangential))
-        assert contact.way_mm[:2] @ along < 0, "dragged against the force on the indenter"
-        assert contact.way_mm[:2] @ (-along[1], along[0]) == pytest.approx(0, abs=1e-12)
+        assert contact.indenter_displacement_mm[:2] @ along < 0, "dragged against the force on the indenter"
+        assert contact.indenter_displacement_mm[:2] @ (-along[1], along[0]) == pytest.approx(0, abs=1e-12)

@@ -15,33 +15,33 @@ def one(gap_mm, slip_mm, force):
 
 def test_a_node_above_the_indenter_is_free():
     found = one(0.1, [0.0, 0.0], [0.0, 0.0, 0.0])
-    assert not found.touching[0]
+    assert not found.in_contact[0]
     assert found[4:] == (0, 0, 0, 0, 0)
 
 
 def test_what_a_free_node_bears_or_pulls_and_overlaps_is_an_error():
-    assert one(0.1, [0.0, 0.0], [0.1, -0.15, 0.0]).pull_n == 0.15
-    assert one(0.1, [0.0, 0.0], [-0.3, 0.0, 0.0]).pull_n == 0.3
-    assert one(-0.2, [0.0, 0.0], [0.0, 0.0, 0.0]).overlap_mm == 0.2
+    assert one(0.1, [0.0, 0.0], [0.1, -0.15, 0.0]).tension_n == 0.15
+    assert one(0.1, [0.0, 0.0], [-0.3, 0.0, 0.0]).tension_n == 0.3
+    assert one(-0.2, [0.0, 0.0], [0.0, 0.0, 0.0]).penetration_mm == 0.2
 
 
 def test_a_node_sticks_below_the_friction_s_bound():
     found = one(0.0, [0.0, 1e-3], [1.0, 0.3, 0.0])
-    assert found.touching[0]
+    assert found.in_contact[0]
     assert found.sticking[0]
     assert found.slip_mm == 1e-3
-    assert found.off_n == 0
+    assert found.sliding_error_n == 0
 
 
 def test_a_node_slides_beyond_it():
     """Trial traction (0.3, 0) − 4 N/mm · (−0.1, 0.1) mm = (0.7, −0.4) N, of 0.5 N that friction gives."""
     found = one(0.0, [-0.1, 0.1], [1.0, 0.3, 0.0])
     size = np.hypot(0.7, 0.4)
-    assert found.touching[0]
+    assert found.in_contact[0]
     assert not found.sticking[0]
     np.testing.assert_allclose(found.direction[0], [0.7 / size, -0.4 / size])
     assert found.share[0] == pytest.approx(0.5 / size)
-    assert found.off_n == pytest.approx(max(abs(0.3 - 0.5 * 0.7 / size), 0.5 * 0.4 / size))
+    assert found.sliding_error_n == pytest.approx(max(abs(0.3 - 0.5 * 0.7 / size), 0.5 * 0.4 / size))
 
 
 def test_no_traction_has_no_direction():

@@ -36,7 +36,7 @@ def curved(tmp_path_factory):
 def test_every_indenter_reaches_its_load(curved, indenter, friction):
     contact = curved.press(indenter, 0.5, 1.0, load_n=1.0, friction=friction)
     assert contact.force_n[2] == pytest.approx(1.0)
-    assert contact.touching.sum() >= 4
+    assert contact.in_contact.sum() >= 4
     assert contact.displacement_mm[..., 2].min() < -0.1
     assert np.isfinite(contact.displacement_mm).all()
     np.testing.assert_array_equal(contact.displacement_mm[[0, -1]], 0)
@@ -52,7 +52,7 @@ def test_the_paper_s_tangential_loads(curved, direction, share):
     contact = curved.press(Ball(5.0), 1.0, 2.0, load_n=load, friction=1.0, tangential_n=tuple(target))
     assert contact.force_n[:2] @ direction == pytest.approx(share * load)
     assert contact.force_n[2] == pytest.approx(load)
-    dragged = contact.displacement_mm[contact.touching][:, :2].mean(axis=0) @ direction
+    dragged = contact.displacement_mm[contact.in_contact][:, :2].mean(axis=0) @ direction
     assert dragged < 0, "the skin goes with the indenter, against the force on it"
 
 
@@ -79,9 +79,9 @@ def test_first_touch_is_that_of_the_surfaces_not_of_the_nodes(curved):
 
 
 def test_more_load_sinks_deeper_and_friction_stiffens(curved):
-    ways = [-curved.press(Ball(5.0), 0.0, 0.0, load_n=f).way_mm[2] for f in (0.5, 1.0, 1.5)]
+    ways = [-curved.press(Ball(5.0), 0.0, 0.0, load_n=f).indenter_displacement_mm[2] for f in (0.5, 1.0, 1.5)]
     assert 0.3 < ways[0] < ways[1] < ways[2] < 1.5
-    rough = -curved.press(Ball(5.0), 0.0, 0.0, load_n=1.0, friction=1.0).way_mm[2]
+    rough = -curved.press(Ball(5.0), 0.0, 0.0, load_n=1.0, friction=1.0).indenter_displacement_mm[2]
     assert rough < ways[1]
 
 
@@ -103,11 +103,11 @@ def test_the_deformed_skin_lies_on_the_ball(flat):
     x, y = pixel_centres_mm(FLAT)
     depth = contact.depth_at(x, y, lambda x, y: np.zeros_like(x))
     skin = contact.mesh.skin_mm
-    moved = (skin + contact.displacement_mm)[contact.touching]
+    moved = (skin + contact.displacement_mm)[contact.in_contact]
     np.testing.assert_allclose(
         contact.depth_at(moved[:, 0], moved[:, 1], lambda x, y: np.zeros_like(x)), moved[:, 2], atol=1e-4
     )
-    ball = contact.way_mm[2] + Ball(6.0).surface(x, y - 1)[0]
+    ball = contact.indenter_displacement_mm[2] + Ball(6.0).surface(x, y - 1)[0]
     inside = np.hypot(x, y - 1) < 0.8
     np.testing.assert_allclose(depth[inside], ball[inside], atol=0.05)
     assert np.abs(depth[:4]).max() < 0.02

@@ -23,8 +23,8 @@ def rig(tmp_path_factory):
 
 def sideways(force_n: float, way_z_mm: float, spring_n_per_mm: float = 0.0) -> Load:
     """The skin's force on the indenter along x, which is held along y and at its height."""
-    value, forced = np.array([force_n, 0.0, way_z_mm]), np.array([True, False, False])
-    return Load(np.eye(3), forced, value, np.array([spring_n_per_mm, 0.0, 0.0]))
+    value, force_controlled = np.array([force_n, 0.0, way_z_mm]), np.array([True, False, False])
+    return Load(np.eye(3), force_controlled, value, np.array([spring_n_per_mm, 0.0, 0.0]))
 
 
 @pytest.fixture
@@ -38,45 +38,47 @@ def test_the_first_load_is_a_press(rig):
     pressed = FemProbe(rig, Ball(5.0), 1.0, -0.5).at_load(LOAD_N)
     contact = rig.gel.press(Ball(5.0), 1.0, -0.5, load_n=LOAD_N, friction=FRICTION)
     np.testing.assert_array_equal(pressed.force_n, contact.force_n)
-    assert pressed.pose["approach_mm"] == -contact.way_mm[2]
-    assert pressed.touching.any()
+    assert pressed.pose["approach_mm"] == -contact.indenter_displacement_mm[2]
+    assert pressed.in_contact.any()
 
 
 def test_a_spring_carries_what_its_way_leaves(bottle):
-    way_z, spring = bottle.way_mm[2], 0.4
-    assert not bottle.lead(sideways(-0.2, way_z, spring)).any()
-    assert bottle.pressed().force_n[0] == pytest.approx(-0.2 + spring * bottle.way_mm[0], abs=1e-7)
-    assert 0 < bottle.way_mm[0] < 0.2 / spring
-    assert bottle.way_mm[2] == pytest.approx(way_z)
+    way_z, spring = bottle.indenter_displacement_mm[2], 0.4
+    assert not bottle.apply_load(sideways(-0.2, way_z, spring)).any()
+    assert bottle.pressed().force_n[0] == pytest.approx(
+        -0.2 + spring * bottle.indenter_displacement_mm[0], abs=1e-7
+    )
+    assert 0 < bottle.indenter_displacement_mm[0] < 0.2 / spring
+    assert bottle.indenter_displacement_mm[2] == pytest.approx(way_z)
 
 
 def test_friction_is_the_most_that_is_carried_and_beyond_it_slides(bottle):
-    way_z, spring = bottle.way_mm[2], 0.4
-    slid = sum(bottle.lead(sideways(-hand, way_z, spring)) for hand in np.linspace(0.05, 0.6, 12))
+    way_z, spring = bottle.indenter_displacement_mm[2], 0.4
+    slid = sum(bottle.apply_load(sideways(-hand, way_z, spring)) for hand in np.linspace(0.05, 0.6, 12))
     force = bottle.pressed().force_n
     assert np.hypot(*force[:2]) == pytest.approx(FRICTION * force[2], rel=0.02)
     assert np.hypot(*force[:2]) <= FRICTION * force[2] * (1 + 1e-6) + 0.01
-    assert 0.1 < slid[0] < bottle.way_mm[0]
+    assert 0.1 < slid[0] < bottle.indenter_displacement_mm[0]
     assert not bottle.state.sticking.any()
-    before = bottle.way_mm[0]
-    more = bottle.lead(sideways(-0.7, way_z, spring))
+    before = bottle.indenter_displacement_mm[0]
+    more = bottle.apply_load(sideways(-0.7, way_z, spring))
     # Every node slides: skin and force stay, and the whole of the way is slip.
-    assert more[0] == pytest.approx(bottle.way_mm[0] - before, rel=1e-3)
+    assert more[0] == pytest.approx(bottle.indenter_displacement_mm[0] - before, rel=1e-3)
     assert bottle.pressed().force_n == pytest.approx(force, abs=2e-3)
 
 
 def test_what_slid_stays_where_it_slid_to(bottle):
-    way_z, spring = bottle.way_mm[2], 0.4
-    slid = sum(bottle.lead(sideways(-hand, way_z, spring))[0] for hand in np.linspace(0.05, 0.6, 12))
+    way_z, spring = bottle.indenter_displacement_mm[2], 0.4
+    slid = sum(bottle.apply_load(sideways(-hand, way_z, spring))[0] for hand in np.linspace(0.05, 0.6, 12))
     for carried in (0.2, 0.1, 0.0):
-        assert not bottle.lead(sideways(-carried, way_z)).any()
-    assert bottle.way_mm[0] > 0.9 * slid
+        assert not bottle.apply_load(sideways(-carried, way_z)).any()
+    assert bottle.indenter_displacement_mm[0] > 0.9 * slid
 
 
 def test_without_a_spring_too_much_is_an_error_and_changes_nothing(bottle):
     before = bottle.state
     with pytest.raises(ContactError, match=r"Cylinder at x = 0 mm, y = 0 mm: no equilibrium"):
-        bottle.lead(sideways(-2 * FRICTION * LOAD_N, bottle.way_mm[2]))
+        bottle.apply_load(sideways(-2 * FRICTION * LOAD_N, bottle.indenter_displacement_mm[2]))
     assert bottle.state is before
 
 

@@ -23,7 +23,7 @@ def gel(tmp_path_factory):
 
 @pytest.fixture(scope="module", params=DRAGS, ids=["vertical", "dragged"])
 def pressed(gel, request):
-    contact = gel.presses(BALL, X, Y, load_n=1.0, friction=1.0, drags_n=request.param)[-1]
+    contact = gel.presses(BALL, X, Y, load_n=1.0, friction=1.0, tangential_loads_n=request.param)[-1]
     return contact, skin_of(contact, SENSOR, BALL, X, Y)
 
 
@@ -35,19 +35,19 @@ def test_rest_depth_anywhere_is_that_of_the_pixels():
 def test_in_contact_skin_and_ball_are_one(pressed):
     contact, skin = pressed
     x, y = pixel_centres_mm(SENSOR)
-    x, y = x - X - contact.way_mm[0], y - Y - contact.way_mm[1]
-    inside = skin.touching
+    x, y = x - X - contact.indenter_displacement_mm[0], y - Y - contact.indenter_displacement_mm[1]
+    inside = skin.in_contact
     assert inside.sum() > 60
     slopes = -skin.normals[..., :2] / skin.normals[..., 2:]
     np.testing.assert_allclose(
         slopes[inside], np.stack(ball_slopes(x[inside], y[inside], 5.0), -1), atol=1e-9
     )
-    ball = BALL.surface(x, y)[0] + contact.first_touch_mm + contact.way_mm[2]
+    ball = BALL.surface(x, y)[0] + contact.first_touch_mm + contact.indenter_displacement_mm[2]
     np.testing.assert_allclose(skin.depth_mm[inside], ball[inside], atol=1e-12)
     assert (skin.depth_mm <= ball).all(), "nothing goes through the ball"
     # The pixels' contact and the nodes' have about the same middle.
-    nodes = contact.mesh.skin_mm[contact.touching] + contact.displacement_mm[contact.touching]
-    middle = np.array([x[inside].mean() + X, y[inside].mean() + Y]) + contact.way_mm[:2]
+    nodes = contact.mesh.skin_mm[contact.in_contact] + contact.displacement_mm[contact.in_contact]
+    middle = np.array([x[inside].mean() + X, y[inside].mean() + Y]) + contact.indenter_displacement_mm[:2]
     np.testing.assert_allclose(middle, nodes[:, :2].mean(axis=0), atol=0.3)
 
 
@@ -56,9 +56,9 @@ def test_depth_is_that_of_the_nodes_spline(pressed):
     x, y = pixel_centres_mm(SENSOR)
     depth = contact.depth_at(x, y, lambda x, y: rest_depth_at_mm(SENSOR, x, y))
     error = np.abs(depth - skin.depth_mm)
-    assert error[~skin.touching].max() < 0.15  # a bend over an element of 0.8 mm
-    assert np.quantile(error[~skin.touching], 0.98) < 1e-3
-    assert error[skin.touching].max() < 0.12  # the spline between nodes 0.8 mm apart
+    assert error[~skin.in_contact].max() < 0.15  # a bend over an element of 0.8 mm
+    assert np.quantile(error[~skin.in_contact], 0.98) < 1e-3
+    assert error[skin.in_contact].max() < 0.12  # the spline between nodes 0.8 mm apart
     np.testing.assert_allclose(skin.tangential_mm, contact.displacement_at(x, y)[..., :2], atol=1e-9)
 
 
@@ -72,7 +72,7 @@ def test_normals_are_the_slopes_of_the_depth(pressed):
 
 
 def test_a_fold_of_the_skin_leaves_every_depth_finite_and_below_the_ball(gel):
-    contact = gel.presses(BALL, -4.0, 3.0, load_n=1.5, friction=1.5, drags_n=[(0.0, -0.9)])[-1]
+    contact = gel.presses(BALL, -4.0, 3.0, load_n=1.5, friction=1.5, tangential_loads_n=[(0.0, -0.9)])[-1]
     skin = skin_of(contact, SENSOR, BALL, -4.0, 3.0)
     displaced = skin.depth_mm - rest_depth_mm(SENSOR)
     assert np.isfinite(skin.normals).all()

@@ -14,7 +14,7 @@ from fastac.sensor.optics.camera import background, render
 from fastac.sensor.optics.raw_window import background_raw10, render_raw10
 
 
-def redraw(data: Dataset, sensor: Sensor, seed: int) -> tuple[np.ndarray, Callable[[int], np.ndarray]]:
+def rerender(data: Dataset, sensor: Sensor, seed: int) -> tuple[np.ndarray, Callable[[int], np.ndarray]]:
     """The background and what draws the frame of any sample, as the sensor gives them: channels or RAW10.
 
     The dataset knows normals and depth everywhere, and the tangential displacement unless nothing moves.
