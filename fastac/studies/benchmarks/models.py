@@ -1,8 +1,9 @@
-"""Times of the software models on all cores: float pipeline, emulator, and the int64 loop that it must equal.
+"""Speed of the software models on all cores: float pipeline, emulator, and the int64 reference loop.
 
-    python -m fastac.studies.benchmarks.models BUILD_FOLDER…
+    fastac bench models BUILD_FOLDER…
 
-Frames are random changes of the background and, where the build folder has its dataset, frames from that.
+The emulator must equal the int64 loop on every value. The frames are random perturbations of the background
+and, where the build folder has its dataset, frames of that.
 """
 
 import os
@@ -25,11 +26,12 @@ from fastac.studies.benchmarks.timing import fastest
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2
-"""Those of the int64 loop, which takes ten times as long."""
+"""The same for the int64 loop, which takes ten times as long per frame."""
 
 
-def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
-    """Half the frames small changes, an eighth arbitrary ones; the rest from the dataset if there is one."""
+def benchmark_frames(bundle: Bundle, folder: Path) -> np.ndarray:
+    """FRAMES frames (frames, H, W, C) uint8: an eighth is uniform noise; up to 3/8 come from the folder's
+    dataset, if any; the others are the background with small noise."""
     background, rng = bundle.pipeline.background, np.random.default_rng(1)
     noise = background + rng.integers(-20, 21, (FRAMES, *background.shape))
     frames = np.clip(noise, 0, 255).astype(np.uint8)
@@ -42,12 +44,14 @@ def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
 
 
 def line(name: str, seconds: tuple[float, float], frames: int) -> str:
+    """One line of the result: per frame, of (wall clock, processor time) in s for `frames` frames."""
     wall, processor = (1e3 * value / frames for value in seconds)
     return f"  {name:44s} {wall:8.2f} ms {1e3 / wall:8.0f} frames/s {processor:9.2f} ms of processor time"
 
 
-def put_out(scene: Scene) -> dict[str, tuple[str, ...]]:
-    """What of all results a scene puts out, in the emulator's words and in the float pipeline's units."""
+def scene_outputs(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """By model, the fields of `Result` that the scene asks for: integer words of the emulator, physical units
+    of the float pipeline."""
     words, units = ["validity"], []
     for wanted, word, unit in (
         ("normals" in scene.outputs, "normal_words", "normals"),
@@ -61,8 +65,8 @@ def put_out(scene: Scene) -> dict[str, tuple[str, ...]]:
     return {"emulator": tuple(words), "float pipeline": tuple(units)}
 
 
-def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
-    """How many values there are in all outputs; raises ValueError where one is not the loop's."""
+def require_equal(found: Result, loop: dict[str, np.ndarray]) -> int:
+    """Number of values compared. Raises ValueError for an output that differs from the int64 loop's."""
     for name, values in loop.items():
         different = int((getattr(found, name) != values).sum())
         if different:
@@ -71,16 +75,18 @@ def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
 
 
 def measure(folder: Path) -> Iterator[str]:
-    """Times of a build folder's models, a line each, as they are found."""
+    """Time the models of a build folder; yields one line of text per result."""
     bundle = load_bundle(folder)
-    pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
+    pipeline, frames = bundle.pipeline, benchmark_frames(bundle, folder)
     models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": Emulator(pipeline)}
-    ExactTables(pipeline)  # refuses tables that only the loop can compute
+    ExactTables(
+        pipeline
+    )  # raises where float64 is not exact, so that the emulator would fall back on the loop
     few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
     yield f"{folder}, {' × '.join(map(str, pipeline.background.shape))}"
     for name, model in models.items():
-        wanted = put_out(bundle.scene)[name]
+        wanted = scene_outputs(bundle.scene)[name]
         yield line(f"{name}, all results", fastest(partial(model.run, frames), REPEATS), FRAMES)
         yield (
             line(
@@ -88,9 +94,10 @@ def measure(folder: Path) -> Iterator[str]:
             )
         )
     yield line("int64 loop", fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS), LOOP_FRAMES)
-    count = compare(Emulator(pipeline).run(few), loop)
+    count = require_equal(Emulator(pipeline).run(few), loop)
     yield f"  emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames"
 
 
 def heading() -> str:
+    """The line above all results."""
     return f"For each frame, the fastest of {REPEATS} runs over {FRAMES} frames on {os.cpu_count()} cores:"

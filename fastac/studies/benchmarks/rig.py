@@ -1,8 +1,8 @@
-"""Times of the virtual rig on one core: a contact, its pixels, a frame, the frame's processing.
+"""Speed of the virtual rig on one core: contact mechanics, skin at the pixels, rendering, image processing.
 
-    python -m fastac.studies.benchmarks.rig SCENE [--cache FOLDER]
+    fastac bench rig SCENE [--cache FOLDER]
 
-The compliance is computed first, or read from the cache; nothing of that is counted.
+The gel's compliance is computed first, or read from the cache; that time is not counted.
 """
 
 from functools import partial
@@ -25,14 +25,17 @@ STATIONS, REPEATS = 5, 5
 
 
 def line(name: str, times: list[tuple[float, float]]) -> str:
-    """Mean and largest over the stations, of the fastest run at each."""
+    """One line of the result: mean and maximum over the stations of (wall clock, processor time) in s."""
     wall, processor = 1e3 * np.array(times).T
     spread = f"{wall.mean():8.2f} ms, at most {wall.max():8.2f}"
     return f"  {name:28s} {spread}; {processor.mean():8.2f} ms of processor time"
 
 
 def measure(scene: Scene, cache: Path, progress: bool) -> list[str]:
-    """A line for each part, at a few stations spread over the protocol."""
+    """Time each part at a few stations spread over the protocol; returns one line of text per part.
+
+    Raises SceneError unless the scene's elastomer is modelled by finite elements.
+    """
     sensor, ball = scene.sensor, Ball(scene.protocol.ball_mm)
     if sensor.elastomer.mechanics != "fem":
         raise SceneError(f"{scene.name}: sensor.elastomer.mechanics = 'layer': expected 'fem'")

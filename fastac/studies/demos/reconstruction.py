@@ -35,7 +35,7 @@ class Reconstruction:
     """The integer model's outputs, of one frame."""
 
     def errors(self, truth: ObjectPress) -> dict[str, float]:
-        """Mean absolute errors of normals (degrees) and depth (mm) in contact, of depth on inner pixels too."""
+        """Mean absolute errors of normals (degrees) and depth (mm) in contact, of depth on inner pixels."""
         touching = truth.pressed.in_contact
         cosine = np.einsum("hwi,hwi->hw", self.result.normals[0], truth.pressed.normals)
         depth = np.abs(self.result.depth_mm[0] - truth.pressed.depth_mm)

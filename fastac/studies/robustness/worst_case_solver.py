@@ -1,14 +1,15 @@
-"""Slopes that drive every word of the Poisson solver to its worst case.
+"""Slopes that drive every word of the Poisson solver to its largest magnitude.
 
-Each word is a linear function of the slopes, but for roundings. So the slopes at ±limit by the signs of that
-function's weights, at the place where their L1 norm is the largest, reach the bound. The weights are those of
-the integer tables, see models/integer/bounds.py.
+But for rounding, each word is a linear function of the slopes. Slopes of ±limit with the signs of that
+function's weights, taken where the weights' L1 norm is largest, therefore reach the word's bound. The weights
+follow from the integer tables, see models/integer/bounds.py.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
+from fastac.models.floating.adjoint import transposed_divergence
 from fastac.models.integer.bounds import stencil_norms
 from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.laplacian import divergence_of
@@ -20,27 +21,15 @@ from fastac.models.integer.words import LARGEST_ERROR
 from fastac.studies.robustness.worst_case import WorstCase, magnitude
 
 CANDIDATES = 8
-"""Pixels on either side of the image's middle, one of which has the deepest solution: there the boundary is
-the farthest."""
-
-
-def slopes_of(weight: np.ndarray, divergence: str) -> np.ndarray:
-    """Weights (N, N) of the source to those of the slopes (N + 2, N + 2, 2): the divergence's adjoint."""
-    n = len(weight)
-    slopes = np.zeros((n + 2, n + 2, 2))
-    middle, ahead, behind = slice(1, -1), slice(2, None), slice(None, -2)
-    plus = ahead if divergence == "central" else middle
-    slopes[middle, plus, 0] += weight
-    slopes[middle, behind, 0] -= weight
-    slopes[plus, middle, 1] += weight
-    slopes[behind, middle, 1] -= weight
-    return slopes
+"""Pixels searched on either side of the image's middle for the deepest solution: the boundary is farthest
+there."""
 
 
 def _stimulus(pipeline: IntegerPipeline, weight: np.ndarray) -> tuple[PoissonSource, np.ndarray]:
-    """The source, with the worst offset where any can be loaded, and slopes for the weights of a word."""
+    """The Poisson source and slopes (N + 2, N + 2, 2) that drive a word to its largest magnitude; `weight`
+    (N, N) are the word's weights of the source. Where the offset is loadable, it is the worst one."""
     source, limit = pipeline.source, pipeline.ratio.limit
-    slopes = (limit * np.sign(slopes_of(weight, source.divergence))).astype(np.int64)
+    slopes = (limit * np.sign(transposed_divergence(weight, source.divergence))).astype(np.int64)
     if source.offset_limit is not None:
         return replace(source, offset=-divergence_of(slopes, source.divergence)), slopes
     # Both the slopes' share and the offset's count with the same sign.
@@ -48,14 +37,14 @@ def _stimulus(pipeline: IntegerPipeline, weight: np.ndarray) -> tuple[PoissonSou
 
 
 def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
-    """For each of the solver's words, the weights (N, N) of the source where they reach the farthest.
+    """By name of the solver's stages, the weights (N, N) of the source for the stage's largest output word.
 
-    In any unit: only their signs and places count.
+    In arbitrary units: only signs and positions are used.
     """
     source, solver, divergence = pipeline.source, pipeline.solver, pipeline.source.divergence
     s = solver.row_forward.matrix.astype(np.float64)
     n = len(s)
-    # In units of the source's word; an offset that can be any adds what the slopes do, at each place.
+    # In units of the source's word; a loadable offset can add as much as the slopes, at each place.
     limit = pipeline.ratio.limit * (2 if divergence == "central" else 1)
     offset = source.offset * float(source.offset_limit is None)
     along, across = stencil_norms(s, divergence)
@@ -68,7 +57,7 @@ def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
         return np.unravel_index((limit * reach + np.abs(constant)).argmax(), (n, n))
 
     def through(operators: np.ndarray) -> tuple[int, int]:
-        """Mode and row in which operators (n, i, k) over the rows reach the farthest."""
+        """Mode and row of the largest output of operators (n, i, k): mode n, row k to row i."""
         along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
         norms = np.abs(operators).sum(axis=2) * along[:, None] + along_rows * across[:, None]
         return farthest(norms, np.einsum("nik,kn->ni", operators, offset @ s))
@@ -96,17 +85,17 @@ def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
     best = 0.0
     for i in range(max(n // 2 - CANDIDATES, 0), min(n // 2 + CANDIDATES, n)):
         green = (s[:, n // 2, None] * operators[:, i, :]).T @ s  # of the pixel in row i, middle column
-        reach = pipeline.ratio.limit * np.abs(slopes_of(green, divergence)).sum()
+        reach = limit * np.abs(transposed_divergence(green, divergence)).sum()
         reach += abs((green * offset).sum())
         if reach > best:
             best, found["row_inverse"] = reach, green
     return found
 
 
-def words_of(
+def stage_words(
     solver: Solver | TridiagonalSolver, source: np.ndarray
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Of each of the solver's stages, by name, what goes in and what comes out, for sources (..., N, N)."""
+    """By name of the solver's stages, their input and output words for sources (..., N, N)."""
     found, x = {}, source
     for name in stage_names(solver):
         if name == "column_forward" or (name == "row_inverse" and isinstance(solver, Solver)):
@@ -116,18 +105,19 @@ def words_of(
 
 
 def stage_names(solver: Solver | TridiagonalSolver) -> tuple[str, ...]:
+    """Names of the solver's stages in the order of the data flow."""
     if isinstance(solver, Solver):
         return ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
     return ("row_forward", "elimination", "substitution", "row_inverse")
 
 
 def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
-    """The source's and the solver's words, each for slopes of its own pattern and the opposite one."""
+    """Worst cases of the source and of the solver's stages: each for a pattern of slopes and its negative."""
     source, solver = pipeline.source, pipeline.solver
     weights = _weights(pipeline)
     note = "any slopes at rest that can be loaded" if source.offset_limit is not None else ""
 
-    # The source: around the largest offset.
+    # The source: at the pixel with the largest offset.
     single = np.zeros_like(source.offset)
     place = np.unravel_index(np.abs(source.offset).argmax(), single.shape)
     single[place] = 1
@@ -148,12 +138,12 @@ def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
             note,
         )
     ]
-    apart = "" if note else "the bound adds the slopes' and the offset's farthest pixels, which may be two"
+    apart = "" if note else "the bound adds the slopes' and the offset's largest pixels, which may differ"
     for name, stage in zip(stage_names(solver), solver.stages, strict=True):
         worst, slopes = _stimulus(pipeline, weights[name])
-        inputs, outputs = words_of(solver, worst(np.stack([slopes, -slopes])))[name]
+        inputs, outputs = stage_words(solver, worst(np.stack([slopes, -slopes])))[name]
         table = getattr(solver, name)
-        # It is rounded once more; a floor takes −bound farther from 0.
+        # Rounded once more; rounding down increases the magnitude of −bound.
         up = LARGEST_ERROR[table.rounding]
         bound = int(np.floor(stage.bound_px * 2.0**stage.format.fraction + up))
         found.append(
