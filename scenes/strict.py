@@ -2,19 +2,17 @@
 
 from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import ConfigDict, Field
+
+from fastac.scenes.watched import Watchable
 
 Positive = Annotated[float, Field(gt=0)]
-
-
 Count = Annotated[int, Field(ge=1)]
-
-
 Share = Annotated[float, Field(ge=0, le=2)]
-
-
 Point = tuple[float, float]
 
 
-class Strict(BaseModel):
+class Strict(Watchable):
+    """Base of every table of a scene; what a step of a build reads of it can be recorded."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)

@@ -35,16 +35,16 @@ def require_simulated(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
         raise FingertipError(f"{what}: outputs = {', '.join(scene.outputs)}: expected {wanted}")
 
 
-CACHE = Path("build/cache")
-"""Where finite-element compliances are kept, unless the caller says otherwise."""
+STORE = Path("build/store")
+"""Folder of the step store, where finite-element compliances are kept, unless the caller says otherwise."""
 
 _rig: Rig | None = None
 """The gel of this worker process."""
 
 
-def _start_worker(sensor: Sensor, cache: Path) -> None:
+def _start_worker(sensor: Sensor, store: Path) -> None:
     global _rig
-    _rig = rig_of(sensor, cache, progress=False)
+    _rig = rig_of(sensor, store, progress=False)
 
 
 def _press(task) -> list[dict | None]:
@@ -90,17 +90,17 @@ def _empty(scene: Scene, count: int) -> dict[str, np.ndarray]:
     return room
 
 
-def _perform(scene: Scene, tasks: list, cache: Path, processes: int, progress: bool):
+def _perform(scene: Scene, tasks: list, store: Path, processes: int, progress: bool):
     """The samples of each task, in order. The compliance is there before the workers look for it."""
     global _rig
     if processes == 1 or scene.sensor.elastomer.mechanics == "fem":
-        _rig = rig_of(scene.sensor, cache, progress=progress)
+        _rig = rig_of(scene.sensor, store, progress=progress)
     if processes == 1:
         yield from map(_press, tasks)
         return
     _rig = None
     context = multiprocessing.get_context("spawn")
-    with context.Pool(processes, _start_worker, (scene.sensor, cache)) as pool:
+    with context.Pool(processes, _start_worker, (scene.sensor, store)) as pool:
         yield from pool.imap(_press, tasks, chunksize=4)
 
 
@@ -108,14 +108,14 @@ def generate(
     scene: Scene,
     path: Path | str,
     *,
-    cache: Path | str = CACHE,
+    store: Path | str = STORE,
     progress: bool = True,
     processes: int | None = None,
 ) -> None:
     """Press the scene's protocol on its virtual sensor and write the dataset to `path`.
 
-    The result depends on the scene alone, not on the number of processes (default: one per core). `cache`
-    is the folder of finite-element compliances, which are computed once. Raises FingertipError if the
+    The result depends on the scene alone, not on the number of processes (default: one per core). `store`
+    is the folder of the step store, where finite-element compliances, computed once, are kept. Raises FingertipError if the
     scene's sensor is a recorded one or too small for the ball, and ContactError if a vertical press is
     beyond the elastomer's model.
     """
@@ -130,7 +130,7 @@ def generate(
     room, poses, split = _empty(scene, count), [], []
     processes = min(processes or os.cpu_count() or 1, len(tasks))
     with progress_bar(total=count, desc="presses", unit="", enabled=progress, leave=True) as bar:
-        performed = _perform(scene, tasks, Path(cache), processes, progress)
+        performed = _perform(scene, tasks, Path(store), processes, progress)
         for station, samples in zip(visited, performed, strict=True):
             for found in samples:
                 bar.update()

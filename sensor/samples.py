@@ -150,14 +150,19 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
             need(lowest > 0, f"normals[{i}]", f"n_z {lowest:.6g}", "n_z > 0 where valid")
     if scene is not None:
         sensor = scene.sensor
+
+        def fits(good: bool, key: str, have: str, want: str) -> None:
+            if not good:
+                need(good, key, have, f"{want} ({scene.name})")
+
         want, have = ",".join(sensor.channel_names), ",".join(data.channels)
-        need(have == want, "channels", have, f"{want} ({scene.name})")
+        fits(have == want, "channels", have, want)
         size, want = f"{height} x {width} px", f"{sensor.height_px} x {sensor.width_px} px"
-        need(size == want, "frames", size, f"{want} ({scene.name})")
+        fits(size == want, "frames", size, want)
         have = "channels" if data.raw10 is None else "raw10"
-        need(have == sensor.frames, "frames", have, f"{sensor.frames} ({scene.name})")
+        fits(have == sensor.frames, "frames", have, f"{sensor.frames}")
         close = abs(data.pitch_mm / sensor.pitch_mm - 1) <= PITCH_TOLERANCE
-        need(close, "pitch_mm", f"{data.pitch_mm:.6g}", f"{sensor.pitch_mm:g} ({scene.name})")
+        fits(close, "pitch_mm", f"{data.pitch_mm:.6g}", f"{sensor.pitch_mm:g}")
 
 
 def split_indices(data: Dataset, split: str, path: Path) -> np.ndarray:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fastac.cli.common import INPUT, Group, Lanes, cache_option, progress_option
+from fastac.cli.common import INPUT, Group, Lanes, progress_option, store_option
 
 
 @click.group(cls=Group)
@@ -28,15 +28,15 @@ def models(folders):
 
 @bench.command()
 @click.argument("scene", type=INPUT)
-@cache_option("compliances")
+@store_option("compliances")
 @progress_option
-def rig(scene, cache, progress):
+def rig(scene, store, progress):
     """Time contacts and frames of SCENE's virtual rig, which must be a finite-element one."""
     from fastac.scenes import schema
     from fastac.studies.benchmarks import rig as benchmark
 
     found = schema.load(scene)
-    lines = benchmark.measure(found, cache, progress)
+    lines = benchmark.measure(found, store, progress)
     size = f"{found.sensor.width_px} x {found.sensor.height_px}"
     repeats, stations = benchmark.REPEATS, benchmark.STATIONS
     click.echo(f"{scene}, {size} px, the fastest of {repeats} runs at each of {stations} stations:")

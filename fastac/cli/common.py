@@ -23,6 +23,7 @@ class Lanes(click.ParamType):
 
 
 INPUT = click.Path(path_type=Path)
+STATES = {"kept": "up to date", "running": "running", "waiting": "waiting: another process is at it"}
 SPLITS = click.Choice(["train", "validation", "test", "all"])
 
 
@@ -48,9 +49,13 @@ def output_option(default: str, text: str):
     return click.option("-o", "--output", type=INPUT, default=None, help=f"{text} [default: {default}]")
 
 
-def cache_option(text: str):
+def store_option(text: str):
     return click.option(
-        "--cache", type=INPUT, default=Path("build/cache"), show_default=True, help=f"Folder of {text}."
+        "--store",
+        type=INPUT,
+        default=Path("build/store"),
+        show_default=True,
+        help=f"Folder of the step store, which keeps {text}.",
     )
 
 
@@ -65,8 +70,9 @@ def build_folder(scene, output: Path | None) -> Path:
     return output or Path("build") / scene.name
 
 
-def announce(name: str, current: bool) -> None:
-    click.echo(f"{name:10s} {'up to date' if current else 'running'}", err=True)
+def announce(name: str, state: str) -> None:
+    """Say what becomes of a step: `kept`, `running`, or `waiting` for a process that performs it."""
+    click.echo(f"{name:10s} {STATES[state]}", err=True)
 
 
 def run_build(scene, folder: Path, data: Path | None, progress: bool, until: str | None) -> None:

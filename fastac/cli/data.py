@@ -8,11 +8,11 @@ import h5py
 from fastac.cli.common import (
     INPUT,
     build_folder,
-    cache_option,
     cad_options,
     load_cad,
     output_option,
     progress_option,
+    store_option,
 )
 from fastac.scenes import schema as scenes
 
@@ -20,9 +20,9 @@ from fastac.scenes import schema as scenes
 @click.command()
 @click.argument("scene", type=INPUT)
 @output_option("build/SCENE/data.h5", "The dataset to write.")
-@cache_option("finite-element compliances, computed once for each gel")
+@store_option("finite-element compliances, computed once for each gel")
 @progress_option
-def data(scene, output, cache, progress):
+def data(scene, output, store, progress):
     """Press the virtual fingertip of SCENE on the paper's three grids and write the dataset.
 
     Samples whose tangential load the contact cannot carry are left out and counted.
@@ -32,7 +32,7 @@ def data(scene, output, cache, progress):
     scene = scenes.load(scene)
     output = output or build_folder(scene, None) / "data.h5"
     output.parent.mkdir(parents=True, exist_ok=True)
-    generate(scene, output, cache=cache, progress=progress)
+    generate(scene, output, store=store, progress=progress)
     click.echo(f"{output}: {output.stat().st_size / 1e6:.1f} MB, simulated")
     if scene.tangential_shares:
         with h5py.File(output, "r") as file:
@@ -47,9 +47,9 @@ def data(scene, output, cache, progress):
 @click.option(
     "--simulate", type=INPUT, metavar="FOLDER", help="Press the virtual rig so, and record it here."
 )
-@cache_option("finite-element compliances, computed once for each gel")
+@store_option("finite-element compliances, computed once for each gel")
 @progress_option
-def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, cache, progress):
+def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, store, progress):
     """Write the poses and loads of SCENE's protocol for a machine, a CSV file with one row per sample.
 
     Columns split, index, x_mm, y_mm, z_mm, load_n, tangential_x_n, tangential_y_n: lead the ball's lowest
@@ -70,7 +70,7 @@ def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, cache, progr
     click.echo(f"{output}: {len(rows)} samples")
     if simulate:
         with tempfile.TemporaryDirectory(dir=output.parent) as folder:
-            generate(scene, Path(folder) / "data.h5", cache=cache, progress=progress)
+            generate(scene, Path(folder) / "data.h5", store=store, progress=progress)
             samples = dataset.read(Path(folder) / "data.h5", scene)
         cnc.write_recording(scene, samples, simulate, origin_mm, progress)
         click.echo(

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fastac.cli.common import INPUT, cache_option, load_bundle, output_option, progress_option
+from fastac.cli.common import INPUT, load_bundle, output_option, progress_option, store_option
 from fastac.report.tables import Table
 
 
@@ -22,9 +22,9 @@ def _announce(tables: list[Table], output: Path, name: str) -> None:
     "--amplitude-n", type=float, default=None, help="Of the load. [default: 4/15 of the scene's largest]"
 )
 @output_option("build/SCENE/vibration", "Folder for JSON and picture.")
-@cache_option("finite-element compliances")
+@store_option("finite-element compliances")
 @progress_option
-def vibration(bundle, seconds, load_n, amplitude_n, output, cache, progress):
+def vibration(bundle, seconds, load_n, amplitude_n, output, store, progress):
     """Vibrate a ball on the virtual sensor at 50, 70 and 100 Hz; BUNDLE's integers find F_z(t).
 
     A camera of 240 Hz sees it. Pipelines of the paper's output rates, 104, 156 and 240 Hz, and this design at
@@ -36,7 +36,7 @@ def vibration(bundle, seconds, load_n, amplitude_n, output, cache, progress):
     bundle = load_bundle(bundle)
     output = output or Path("build") / bundle.scene.name / "vibration"
     what = experiment.Vibration(seconds, load_n, amplitude_n)
-    found = experiment.run(bundle, output, vibration=what, cache=cache, progress=progress)
+    found = experiment.run(bundle, output, vibration=what, store=store, progress=progress)
     _announce(experiment.tables(found), output, "vibration")
 
 
@@ -47,9 +47,9 @@ def vibration(bundle, seconds, load_n, amplitude_n, output, cache, progress):
 @click.option("--stable", type=float, default=0.5, show_default=True, help="μ_s over the μ found at a slip.")
 @click.option("--margin", type=float, default=0.1, show_default=True, help="d over the same.")
 @output_option("build/SCENE/grasp", "Folder for JSON and picture.")
-@cache_option("finite-element compliances")
+@store_option("finite-element compliances")
 @progress_option
-def grasp(bundle, grip_n, step_deg, stable, margin, output, cache, progress):
+def grasp(bundle, grip_n, step_deg, stable, margin, output, store, progress):
     """Hold a bottle between virtual fingertips, push it down, and see whether it slips.
 
     Twice: with the angle between the fingers as it was, and with the paper's feedback, which makes it smaller
@@ -62,5 +62,5 @@ def grasp(bundle, grip_n, step_deg, stable, margin, output, cache, progress):
     bundle = load_bundle(bundle)
     output = output or Path("build") / bundle.scene.name / "grasp"
     what = Grasp(grip_n=grip_n, step_deg=step_deg, stable_share=stable, margin_share=margin)
-    found = experiment.run(bundle, output, grasp=what, cache=cache, progress=progress)
+    found = experiment.run(bundle, output, grasp=what, store=store, progress=progress)
     _announce(experiment.tables(found), output, "grasp")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fastac.cli.common import INPUT, Group, cache_option, load_bundle, output_option, progress_option
+from fastac.cli.common import INPUT, Group, load_bundle, output_option, progress_option, store_option
 
 
 @click.group(cls=Group)
@@ -23,9 +23,9 @@ def study():
     help="True ones, those found in the frames, or both.",
 )
 @output_option("build/SCENE/force_ablation", "Folder for JSON, plot and runs.")
-@cache_option("processed frames")
+@store_option("processed frames")
 @progress_option
-def force_ablation(origin, data, displacements, output, cache, progress):
+def force_ablation(origin, data, displacements, output, store, progress):
     """HyperForce's six forms, trained and compared with the paper's table.
 
     SCENE is a TOML file: the pixel network is trained first where displacements are to be found. BUILD is a
@@ -37,7 +37,7 @@ def force_ablation(origin, data, displacements, output, cache, progress):
     kinds = ("true", "found") if displacements == "both" else (displacements,)
     name = load_bundle(origin).scene.name if origin.is_dir() else schema.load(origin).name
     output = output or Path("build") / name / "force_ablation"
-    click.echo(ablation.table(ablation.run(origin, data, output, kinds, cache, progress=progress)))
+    click.echo(ablation.table(ablation.run(origin, data, output, kinds, store, progress=progress)))
     click.echo(f"written: {output}/force_ablation.json, .png")
 
 

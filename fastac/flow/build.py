@@ -1,48 +1,37 @@
 """The main job: from a scene to trained integers, Verilog, its proof on real frames, and the report."""
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-from fastac.flow import frames, hardware, training
+from fastac.flow import frames, steps
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
-from fastac.models import accuracy
 from fastac.models.integer import bundle
-from fastac.report import page as reporting
 from fastac.scenes.schema import Scene
-from fastac.sensor import dataset, fingertip, samples
-from fastac.store.files import digest_file, write_json
-from fastac.store.sources import HARDWARE_SOURCES, TRAINING_SOURCES
-from fastac.store.steps import Step, Workspace
+from fastac.sensor.dataset import Dataset
+from fastac.store.entries import Entry
+from fastac.store.files import write_json
+from fastac.store.steps import Output, Step
+from fastac.store.store import open_store
 from fastac.synth import resources, synthesis
+
+RECORD = "steps.json"
+"""In a build folder: of each step the store's entry that the folder's files are of, and how long it took."""
 
 
 class BuildError(ValueError):
     """A build that cannot start; the message is one line."""
 
 
-def settings(scene: Scene, *names: str) -> dict:
-    """The parts of a scene with these names, besides what any step depends on, as JSON."""
-    content = scene.model_dump(mode="json")
-    return {name: content[name] for name in ("outputs", "sensor", *names)}
-
-
-def network_settings(scene: Scene) -> dict:
-    """What of a scene its float pixel network depends on, as JSON."""
-    return settings(scene, "network", "training", *(("numbers",) if scene.training.labels == "force" else ()))
-
-
-def float_settings(scene: Scene) -> dict:
-    """What of a scene the results of its float pipeline and force models depend on, as JSON."""
-    parts = network_settings(scene) | settings(scene, "poisson", "force")
-    return parts | {"slope_limit": scene.numbers.slope_limit}
-
-
 @dataclass
 class Build:
-    """The steps of one scene's build, all files in `folder`."""
+    """The steps of one scene's build. Results are kept in the store and placed in `folder`.
+
+    data_file : recorded frames; without it the virtual fingertip is pressed
+    """
 
     scene: Scene
     folder: Path
@@ -62,150 +51,77 @@ class Build:
         self.folder.mkdir(parents=True, exist_ok=True)
 
     @property
-    def data_path(self) -> Path:
-        return self.data_file or self.folder / "data.h5"
-
-    @cached_property
-    def data(self) -> dataset.Dataset:
-        return frames.read(self.data_path, self.scene, cache=self.cache, progress=self.progress)
+    def store(self) -> Path:
+        """The folder of the step store, which builds beside this one share."""
+        return self.folder.parent / "store"
 
     @property
-    def cache(self) -> Path:
-        """What builds share: compliances, processed frames."""
-        return self.folder.parent / "cache"
+    def data_path(self) -> Path:
+        return self.data_file or self.folder / steps.DATA
+
+    @cached_property
+    def data(self) -> Dataset:
+        """The frames, once the step `data` has been performed."""
+        return frames.read(self.data_path, self.scene, store=self.store, progress=self.progress)
 
     @cached_property
     def bundle(self) -> bundle.Bundle:
-        return bundle.load(self.folder / "bundle")
+        return bundle.load(self.folder / steps.BUNDLE)
 
-    def _generate(self) -> None:
-        if self.data_file is None:
-            fingertip.generate(self.scene, self.data_path, cache=self.cache, progress=self.progress)
-        training.require(self.data, self.scene, self.data_path)
+    @cached_property
+    def steps(self) -> dict[str, Step]:
+        """By name, each after those that it needs; no more than what the scene wants."""
+        scene, found = self.scene, {}
+        quiet = {"store": self.store, "progress": self.progress}
 
-    def _assemble(self) -> None:
-        training.assemble(self.data, self.scene, self.folder, self.folder / "bundle")
+        def add(
+            name: str, function: Callable, arguments: dict, *outputs: str, unkeyed: dict = quiet
+        ) -> Output:
+            found[name] = Step(name, function, arguments, outputs, unkeyed)
+            return found[name].output(outputs[0])
 
-    def _evaluate(self) -> None:
-        index = samples.split_indices(self.data, "test", self.data_path)
-        errors, _ = accuracy.compare_pipelines(self.bundle, self.data, index, progress=self.progress)
-        write_json(self.folder / "accuracy.json", {"split": "test", "frames": len(index), **errors})
+        data = self.data_file or add("data", steps.data, {"scene": scene}, steps.DATA)
+        known = {"scene": scene, "data": data}
+        weights = {"weights": add("normals", steps.normals, known, steps.NORMALS)}
+        weights |= {"integers": add("integers", steps.integers, known | weights, steps.INTEGERS)}
+        force = add("force", steps.force, known | weights, steps.FORCE) if scene.wants_force else None
+        model = {"bundle": add("bundle", steps.bundle, known | weights | {"force": force}, steps.BUNDLE)}
+        seen = model | {"data": data}
+        accuracy = add("evaluate", steps.evaluate, seen, steps.ACCURACY)
+        shown = {"progress": self.progress}
+        verilog = add("verilog", steps.verilog, model, steps.VERILOG, unkeyed=shown)
+        count = {"count": scene.simulation.frames}
+        simulation = add("sim", steps.simulate, seen | {"verilog": verilog} | count, steps.SIMULATION)
+        synthesised = self.folder / synthesis.FILE
+        reported = {"accuracy": accuracy, "verilog": verilog, "simulation": simulation}
+        reported["synthesis_file"] = synthesised if synthesised.exists() else None
+        stored = {"store": self.store}
+        add("report", steps.report, seen | reported, steps.REPORT, steps.PAGE, unkeyed=stored)
+        return found
 
-    def _simulate(self) -> None:
-        index = samples.evenly_spaced(self.data.indices("test"), self.scene.simulation.frames)
-        found = hardware.simulate(
-            self.bundle,
-            self.data,
-            index,
-            self.folder / "verilog",
-            self.folder / "sim",
-            progress=self.progress,
-        )
-        write_json(self.folder / "sim.json", {"frame_indices": index.tolist(), **found})
+    def run(self, announce: Callable[[str, str], None], *, until: str | None = None) -> None:
+        """Perform the steps in order, those that are up to date excepted; `until` names the last one.
 
-    def _report(self) -> None:
-        reporting.write(self.folder, self.bundle, self.data)
-
-    def steps(self) -> list[Step]:
-        scene, folder, progress = self.scene, self.folder, self.progress
-        source = settings(scene, "protocol")
-        if self.data_file is not None:  # what it must hold depends on the scene
-            source = settings(scene) | {"file": digest_file(self.data_file)}
-        source |= {"tangential": scene.tangential_shares}
-        source |= {"depth": scene.wants_solver, "rest": scene.wants_slopes, "labels": scene.training.labels}
-        weights, integers = folder / "normals.npz", folder / "integers.npz"
-        steps = [
-            Step(
-                "data",
-                self._generate,
-                source,
-                ("sensor/**/*.py",),
-                () if self.data_file else ("data.h5",),
-            ),
-            Step(
-                "normals",
-                lambda: training.normals(self.data, scene, weights, progress=progress),
-                network_settings(scene),
-                TRAINING_SOURCES,
-                ("normals.npz",),
-                ("data",),
-            ),
-            Step(
-                "integers",
-                lambda: training.integers(self.data, scene, weights, integers, progress=progress),
-                settings(scene, "network", "training", "numbers"),
-                TRAINING_SOURCES,
-                ("integers.npz",),
-                ("normals",),
-            ),
-        ]
-        if scene.wants_force:
-            steps.append(
-                Step(
-                    "force",
-                    lambda: training.force(
-                        self.data, scene, weights, integers, folder / "force.npz", progress=progress
-                    ),
-                    settings(scene, "training", "numbers", "poisson", "force"),
-                    TRAINING_SOURCES,
-                    ("force.npz",),
-                    ("integers",),
-                )
-            )
-        trained = ("force",) if scene.wants_force else ("integers",)
-        return [
-            *steps,
-            Step(
-                "bundle",
-                self._assemble,
-                scene.model_dump(mode="json"),
-                TRAINING_SOURCES,
-                ("bundle",),
-                trained,
-            ),
-            Step(
-                "evaluate",
-                self._evaluate,
-                None,
-                ("models/**/*.py", "fastac/accuracy.py"),
-                ("accuracy.json",),
-                ("bundle",),
-            ),
-            Step(
-                "verilog",
-                lambda: hardware.write_verilog(self.bundle, folder / "verilog", progress=progress),
-                None,
-                HARDWARE_SOURCES,
-                ("verilog",),
-                ("bundle",),
-            ),
-            Step(
-                "sim",
-                self._simulate,
-                None,
-                (*HARDWARE_SOURCES, "sim/**/*.py"),
-                ("sim.json",),
-                ("verilog",),
-            ),
-            Step(
-                "report",
-                self._report,
-                digest_file(folder / synthesis.FILE) if (folder / synthesis.FILE).exists() else None,
-                (
-                    "fastac/report/*.py",
-                    "fastac/report/page.html.j2",
-                    "fastac/synth/energy.py",
-                    "fastac/report/paper.py",
-                ),
-                ("report.json", "report.html"),
-                ("evaluate", "sim"),
-            ),
-        ]
-
-    def run(self, announce: Callable[[str, bool], None], *, until: str | None = None) -> None:
-        """Perform the steps in order, those that are up to date excepted; `until` names the last one."""
-        workspace = Workspace(self.folder)
-        for step in self.steps():
-            workspace.perform(step, announce)
-            if step.name == until:
+        announce : called with a step's name and "kept", "running" or, for another process, "waiting"
+        """
+        store, record, performed = open_store(self.store), read_record(self.folder), {}
+        for name, step in self.steps.items():
+            entry = store.perform(step, announce, performed)
+            entry.place(self.folder)
+            record[name] = described(entry)
+            write_json(self.folder / RECORD, record)
+            if name == until:
                 return
+
+
+def described(entry: Entry) -> dict:
+    return {"entry": entry.id, "seconds": entry.seconds, "performed": entry.trace["performed"]}
+
+
+def read_record(folder: Path) -> dict[str, dict]:
+    """What the last build says of its steps; nothing where none has run in this folder."""
+    try:
+        found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}

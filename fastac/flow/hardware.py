@@ -1,6 +1,7 @@
 # amaranth: UnusedElaboratable=no
 """From a bundle to Verilog and Vivado's files, and through the simulator."""
 
+import hashlib
 import json
 import os
 import shutil
@@ -12,7 +13,7 @@ import numpy as np
 
 from fastac import gateware
 from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
-from fastac.gateware.target.elaboration import to_verilog
+from fastac.gateware.target.elaboration import to_rtlil, verilog_of
 from fastac.gateware.target.vivado import write_vivado_project
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
@@ -22,7 +23,6 @@ from fastac.sim import check_top as simulation
 from fastac.sim.runner import EXECUTABLE, use_verilator
 from fastac.store.files import write_json
 from fastac.store.progress import watched
-from fastac.store.sources import source_digest
 from fastac.synth import resources
 
 NAME = "fastac"
@@ -47,12 +47,13 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
     except DeviceError as error:
         raise HardwareError(f"{bundle.scene.name}: {error}") from None
     with watched("elaborating Verilog", enabled=progress):
-        text = to_verilog(top, name=NAME)
+        rtlil = to_rtlil(top, name=NAME)
+        text = verilog_of(rtlil)
     folder.parent.mkdir(parents=True, exist_ok=True)
     temporary = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
     try:
         write_vivado_project(text, temporary, bundle.scene.hardware.clock_mhz, name=NAME)
-        write_json(temporary / "hardware.json", describe(top))
+        write_json(temporary / "hardware.json", describe(top, rtlil))
         with watched("linting", enabled=progress):
             lint(temporary / f"{NAME}.v")
         os.chmod(temporary, 0o755)
@@ -77,8 +78,8 @@ def lint(source: Path) -> None:
         raise HardwareError(f"{source}: lint: {(done.stderr.splitlines() or ['failed'])[0]}")
 
 
-def describe(top: TopZynq) -> dict:
-    """What the design says of itself: formulas' values, ports, registers."""
+def describe(top: TopZynq, rtlil: str) -> dict:
+    """What the design says of itself: formulas' values, ports, registers, and the hash of its netlist."""
     path = top.datapath
     latency = {"stage": path.stages, "initiation_interval": path.interval}
     if path.wants_force:
@@ -90,7 +91,7 @@ def describe(top: TopZynq) -> dict:
     return {
         "top": NAME,
         "bundle_sha256": top.bundle.digest,
-        "gateware_sha256": source_digest(),
+        "rtlil_sha256": hashlib.sha256(rtlil.encode()).hexdigest(),
         "latency_cycles_by_formula": latency,
         "multipliers": path.multipliers,
         "registers": [

@@ -20,6 +20,7 @@ from fastac.models.training import bit_true, from_forces, hyperforce, slope_forc
 from fastac.models.training import normals as train_normals
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
+from fastac.store.files import load_arrays, save_arrays
 
 CALIBRATION_PX = 1 << 17
 """Pixels that fix the ranges of the activations."""
@@ -56,17 +57,6 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
     for split in ("train", "test"):
         if not len(data.indices(split)):
             raise TrainingError(f"{path}: split: no frame is in {split!r}")
-
-
-def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
-    temporary = path.with_name(f".{path.stem}.part.npz")
-    np.savez_compressed(temporary, **arrays)
-    temporary.replace(path)
-
-
-def load_arrays(path: Path) -> dict[str, np.ndarray]:
-    with np.load(path, allow_pickle=False) as archive:
-        return {k: archive[k] for k in archive.files}
 
 
 def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
@@ -216,14 +206,21 @@ def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene)
     )
 
 
-def assemble(data: Dataset, scene: Scene, folder: Path, output: Path) -> bundle.Bundle:
-    """All integers and the float weights as a bundle; `folder` holds what the steps before wrote."""
-    floats = load_arrays(folder / "normals.npz")
-    integer = load_arrays(folder / "integers.npz")
+def assemble(
+    data: Dataset,
+    scene: Scene,
+    floats: dict[str, np.ndarray],
+    integer: dict[str, np.ndarray],
+    kernels: dict[str, np.ndarray],
+    output: Path,
+) -> bundle.Bundle:
+    """All integers and the float weights as a bundle, from what `normals`, `integers` and `force` wrote.
+
+    kernels : the arrays of `force`; empty where the scene wants none
+    """
     pipeline = integer_pipeline(integer, data, scene)
-    floats |= {k: v for k, v in integer.items() if k.startswith("history.")}
+    floats = floats | {k: v for k, v in integer.items() if k.startswith("history.")}
     if scene.wants_force:
-        kernels = load_arrays(folder / "force.npz")
         pipeline = integer_assemble.with_force(pipeline, kernels["force.integer_weights"].astype(np.float64))
         floats |= kernels
     known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))

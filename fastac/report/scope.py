@@ -12,7 +12,7 @@ from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.random_bundle import layers
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
-from fastac.store.steps import Workspace
+from fastac.store.workspace import Workspace
 from fastac.synth import resources
 
 ABSENT = "–"

@@ -1,103 +1,117 @@
-"""The build folder: which step's results are there, and whether they are up to date.
+"""Steps: a function, what it is given, and the names of what it writes."""
 
-A step is up to date if its key (the settings and source code it depends on, and the keys of the steps before
-it) and its output files are those of the last complete run. A step that is interrupted leaves no stamp, so it
-runs again; files appear whole or not at all.
-"""
-
-import hashlib
-import json
-import time
-from collections.abc import Callable
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Protocol, Self
 
-from fastac.store.files import write_json
-from fastac.store.sources import digest_sources
+from fastac.store.digest import plain
+
+VALUE = "value.json"
+"""The output of a step that names none: what its function returns."""
+_NAME = re.compile(r"[A-Za-z0-9_][\w.-]*")
 
 
-@dataclass(frozen=True)
+class StepError(ValueError):
+    """A step that cannot be performed as it is stated; the message is one line."""
+
+
+class Settings(Protocol):
+    """Settings that can tell what is read from them, such as a scene."""
+
+    def watched(self, read: Callable[[str, object], None]) -> Self: ...
+
+    def unwatched(self) -> Self: ...
+
+    def value_at(self, path: str) -> object: ...
+
+
+@dataclass(frozen=True, eq=False)
 class Step:
-    """One step of the build.
+    """`function(folder, **arguments, **unkeyed)` writes the outputs, files or folders, into `folder`.
 
-    settings : what of the scene (or of the caller) it depends on, as JSON
-    sources : patterns of the source files that it depends on
-    needs : names of the steps before it
-    outputs : files or folders in the build folder that it writes
+    Arguments are plain values, paths (which count with their content), outputs of other steps, settings, and
+    lists, tuples and dicts of these. `unkeyed` ones have no influence on the result, such as progress=True.
+    A step without outputs returns its result as a value that JSON can express.
     """
 
     name: str
-    run: Callable[[], None]
-    settings: object
-    sources: tuple[str, ...]
-    outputs: tuple[str, ...]
-    needs: tuple[str, ...] = ()
+    function: Callable[..., object]
+    arguments: Mapping[str, object] = field(default_factory=dict)
+    outputs: tuple[str, ...] = ()
+    unkeyed: Mapping[str, object] = field(default_factory=dict)
+
+    def __post_init__(self):
+        function = self.function
+        if "." in getattr(function, "__qualname__", ".") or "<" in function.__qualname__:
+            raise StepError(f"step {self.name}: {function!r} is no function at the top level of a module")
+        for name in (self.name, *self.outputs):
+            if not _NAME.fullmatch(name):
+                raise StepError(f"step {self.name}: {name!r} is no name; letters, digits, '_', '-', '.'")
+        if VALUE in self.outputs or "step.json" in self.outputs:
+            raise StepError(f"step {self.name}: {VALUE} and step.json are names of the store's own")
+        both = sorted(self.arguments.keys() & self.unkeyed.keys())
+        if both:
+            raise StepError(f"step {self.name}: {', '.join(both)} given twice")
+
+    def output(self, name: str) -> "Output":
+        """One of the outputs, as an argument of another step."""
+        if name not in self.outputs:
+            known = ", ".join(self.outputs) or "none"
+            raise StepError(f"step {self.name}: no output {name!r}; there is {known}")
+        return Output(self, name)
+
+    @property
+    def written(self) -> tuple[str, ...]:
+        return self.outputs or (VALUE,)
+
+    @property
+    def code(self) -> str:
+        """Where the function is, `module:name`."""
+        return f"{self.function.__module__}:{self.function.__qualname__}"
 
 
-class Workspace:
-    """A build folder and its stamps."""
+@dataclass(frozen=True, eq=False)
+class Output:
+    """What one step writes, for another."""
 
-    def __init__(self, folder: Path):
-        self.folder = folder
-        self._keys: dict[str, str] = {}
+    step: Step
+    name: str
 
-    def _stamp(self, step: Step) -> Path:
-        return self.folder / ".stamps" / f"{step.name}.json"
 
-    def _files(self, step: Step) -> list | None:
-        """Names, sizes and times of a step's outputs; None if one is missing."""
-        found = []
-        for output in step.outputs:
-            path = self.folder / output
-            if not path.exists():
-                return None
-            for file in sorted(path.rglob("*")) if path.is_dir() else [path]:
-                if file.is_file():
-                    state = file.stat()
-                    found.append([str(file.relative_to(self.folder)), state.st_size, state.st_mtime_ns])
-        return found
+def is_settings(value: object) -> bool:
+    return hasattr(type(value), "watched") and hasattr(type(value), "value_at")
 
-    def key(self, step: Step) -> str:
-        content = {
-            "settings": step.settings,
-            "sources": digest_sources(step.sources),
-            "needs": [self._keys[name] for name in step.needs],
-        }
-        return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
-    def is_current(self, step: Step) -> bool:
-        try:
-            stamp = json.loads(self._stamp(step).read_text())
-        except (OSError, json.JSONDecodeError):
-            return False
-        current = {"key": self.key(step), "files": self._files(step)}
-        return isinstance(stamp, dict) and current == {name: stamp.get(name) for name in current}
+def leaves(value: object, place: str) -> Iterator[tuple[str, object]]:
+    """Everything inside lists, tuples and dicts, with its place: `scenes[0]`; plain values in one piece."""
+    for inner, item in _items(value):
+        yield from leaves(item, f"{place}[{inner!r}]")
+    if not _items(value):
+        yield place, value
 
-    def stamped_key(self, name: str) -> str:
-        """The key of a step when it last ran. Raises RuntimeError where it never did."""
-        try:
-            return str(json.loads((self.folder / ".stamps" / f"{name}.json").read_text())["key"])
-        except (OSError, ValueError, KeyError, TypeError):
-            raise RuntimeError(f"{self.folder}: step {name}: never performed") from None
 
-    def seconds(self, name: str) -> float | None:
-        """How long a step took when it last ran; None if that is not known."""
-        try:
-            return float(json.loads((self.folder / ".stamps" / f"{name}.json").read_text())["seconds"])
-        except (OSError, ValueError, KeyError, TypeError):
-            return None
+def assembled(value: object, place: str, given: Mapping[str, object]) -> object:
+    """The argument again, with what `given` has at the leaves' places."""
+    if not _items(value):
+        return given[place]
+    inside = {inner: assembled(item, f"{place}[{inner!r}]", given) for inner, item in _items(value)}
+    return inside if isinstance(value, dict) else type(value)(inside.values())
 
-    def perform(self, step: Step, announce: Callable[[str, bool], None]) -> None:
-        """Run a step unless it is up to date; `announce(name, current)` is called first."""
-        current = self.is_current(step)
-        announce(step.name, current)
-        if not current:
-            self._stamp(step).unlink(missing_ok=True)
-            start = time.monotonic()
-            step.run()
-            seconds = time.monotonic() - start
-            files = self._files(step)
-            if files is None:
-                raise RuntimeError(f"step {step.name}: an output is missing: {', '.join(step.outputs)}")
-            write_json(self._stamp(step), {"key": self.key(step), "files": files, "seconds": seconds})
-        self._keys[step.name] = self.key(step)
+
+def _items(value: object) -> list[tuple[object, object]]:
+    """The parts of a container that holds more than plain values."""
+    if type(value) not in (list, tuple, dict):
+        return []
+    pairs = list(value.items() if isinstance(value, dict) else enumerate(value))
+    special = any(isinstance(item, Path | Output) or is_settings(item) or _items(item) for _, item in pairs)
+    return pairs if special else []
+
+
+def normalised(value: object, step: str, place: str) -> object:
+    """A plain argument with Python's numbers instead of NumPy's."""
+    try:
+        return plain(value)
+    except TypeError as error:
+        raise StepError(f"step {step}: argument {place}: {error}") from None

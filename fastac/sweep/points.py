@@ -27,7 +27,7 @@ from fastac.models.training import hyperforce
 from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset, fingertip, samples
-from fastac.store.files import digest_file, write_json
+from fastac.store.files import digest_file, load_arrays, save_arrays, write_json
 from fastac.store.sources import TRAINING_SOURCES, digest_sources
 from fastac.sweep.spec import digest
 from fastac.synth import energy, resources
@@ -162,7 +162,7 @@ class PointModels:
         return found
 
     def _arrays(self, name: str) -> dict[str, np.ndarray]:
-        return training.load_arrays(self.steps[name].path)
+        return load_arrays(self.steps[name].path)
 
     def _generate(self, output: Path) -> None:
         """With everything that any point might want: they all learn from the same presses."""
@@ -178,7 +178,7 @@ class PointModels:
         start, arrays = training.start_force(self.data, self.scene, self._arrays("normals"), progress=False)
         if start is not None:
             arrays |= {START + name: value.numpy() for name, value in start.state_dict().items()}
-        training.save_arrays(output, arrays)
+        save_arrays(output, arrays)
 
     def _float(self, output: Path) -> None:
         arrays = self._arrays("normals") | (self._arrays("force") if self.scene.wants_force else {})

@@ -12,7 +12,6 @@ from pathlib import Path
 from fastac.gateware.target.ecp5 import Ecp5
 from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
-from fastac.store.sources import source_digest
 from fastac.synth import place_ecp5, yosys
 from fastac.synth import tools as synth_tools
 from fastac.synth.netlist import Part, parts
@@ -72,19 +71,17 @@ PLACE = Task(
 TASKS = (COUNT, REGISTERS, LUTS, PLACE)
 
 
-def elaborate(bundle) -> list[Part]:
-    """The parts of a bundle's top-level, and each as elaborated for the ECP5."""
+def elaborate(bundle) -> tuple[list[Part], str]:
+    """The parts of a bundle's top-level, each also as elaborated for the ECP5, and its netlist's SHA-256."""
     from fastac.gateware.target.elaboration import to_rtlil
     from fastac.gateware.top_zynq import TopZynq
 
-    found, to_place = (
-        parts(to_rtlil(TopZynq(bundle), name="fastac", platform=platform), "fastac")
-        for platform in (None, Ecp5())
-    )
+    texts = [to_rtlil(TopZynq(bundle), name="fastac", platform=platform) for platform in (None, Ecp5())]
+    found, to_place = (parts(text, "fastac") for text in texts)
     by_instance = {name: part for part in to_place for name in part.instances}
     for part in found:
         part.to_place = by_instance[part.name]
-    return found
+    return found, hashlib.sha256(texts[0].encode()).hexdigest()
 
 
 def select(found: list[Part], patterns: Iterable[str]) -> list[Part]:
@@ -213,13 +210,12 @@ def synthesise(
     modules : patterns of the parts that the tools run for; of the others only what is in the cache is shown
     jobs : tools that run side by side
     """
-    sources = source_digest()
-    found = elaborate(bundle)
+    found, rtlil_sha256 = elaborate(bundle)
     tasks = TASKS if place_and_route else tuple(task for task in TASKS if not task.placed)
     results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress, jobs=jobs)
     content = {
         "bundle_sha256": bundle.digest,
-        "gateware_sha256": sources,
+        "rtlil_sha256": rtlil_sha256,
         "tools": synth_tools.VERSIONS,
         **describe(found, results, device),
     }

@@ -16,7 +16,7 @@ def resources(folder: Path, hardware: dict) -> dict:
         content = json.loads((folder / FILE).read_text())
     except (OSError, json.JSONDecodeError):
         return {}
-    if any(content.get(key) != hardware.get(key) for key in ("bundle_sha256", "gateware_sha256")):
+    if any(content.get(key) != hardware.get(key) for key in ("bundle_sha256", "rtlil_sha256")):
         return {}
     totals, modules = content["totals"], content["modules"]
     found = {}

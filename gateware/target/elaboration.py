@@ -71,8 +71,13 @@ def shared_instances(components: Sequence[Component], name: str) -> list[Elabora
 
 def to_verilog(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
     """The Verilog of `design` as module `name`, elaborated for `platform`; Amaranth's errors pass through."""
+    return verilog_of(to_rtlil(design, name=name, platform=platform))
+
+
+def verilog_of(rtlil_text: str) -> str:
+    """The Verilog of the text that `to_rtlil` wrote."""
     # verilog.convert() calls this too, but takes a design, not RTLIL text; Amaranth's version is pinned.
-    return verilog._convert_rtlil_text(to_rtlil(design, name=name, platform=platform))
+    return verilog._convert_rtlil_text(rtlil_text)
 
 
 def to_rtlil(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:

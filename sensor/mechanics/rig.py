@@ -12,15 +12,15 @@ from fastac.sensor.mechanics.layer_rig import LayerProbe, LayerRig
 from fastac.sensor.mechanics.press import Probe, Rig
 
 
-def rig_of(sensor: Sensor, cache: Path | str, *, progress: bool = True) -> Rig:
-    """The gel that the scene asks for; `cache` is where a finite-element compliance is kept."""
+def rig_of(sensor: Sensor, store: Path | str, *, progress: bool = True) -> Rig:
+    """The gel that the scene asks for; `store` is where a finite-element compliance is kept."""
     if sensor.elastomer.mechanics == "layer":
         from fastac.sensor.mechanics.layer_rig import LayerRig
 
         return LayerRig(sensor)
     from fastac.sensor.mechanics.fem.rig import FemRig  # scikit-fem is slow to load, and a layer does without
 
-    return FemRig(sensor, cache, progress=progress)
+    return FemRig(sensor, store, progress=progress)
 
 
 def probe_of(rig: Rig, ball_mm: float, x_mm: float, y_mm: float) -> Probe:

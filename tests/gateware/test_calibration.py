@@ -171,6 +171,7 @@ def test_what_only_explains_a_format_may_differ(bundles):
 
 
 @pytest.mark.parametrize("name", ["difference", "absolute", "adjoint"])
+@pytest.mark.quick("absolute", "adjoint")
 def test_no_network_needs_other_words(bundles, name):
     """Networks of any seed, also of slopes at rest at their limits, fit hardware of their scene."""
     own, _ = bundles[name]

@@ -106,6 +106,9 @@ WORDS = {
 
 
 @pytest.mark.parametrize("name", WANTED)
+@pytest.mark.quick(
+    "depth, difference", "force", "normals", "everything", "force map", "fast", "adjoint, loadable"
+)
 def test_only_what_the_scene_requires_is_built(tmp_path, name):
     bundle = random_bundle(tmp_path / "bundle", scene(**WANTED[name]), hidden=(2,))
     top = TopZynq(bundle)
@@ -151,6 +154,7 @@ PORTS_OF_SHIPPED = {"paper": {"m_axis_depth"}, "fast": {"m_axis_depth"}, "force"
 
 
 @pytest.mark.parametrize("name", SHIPPED)
+@pytest.mark.quick("paper")
 def test_what_shipped_scenes_leave_out(tmp_path, name):
     """The scene's own file, on a smaller image."""
     shipped = load(SCENES / f"{name}.toml")
@@ -185,6 +189,7 @@ def at(pipeline, lanes: int, **changes) -> Datapath:
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.quick("1")
 def test_cycles_at_full_size(paper, lanes):
     """The architecture's formulas, written out by hand for W = 128, N = 126, K = 5 and B beats a row."""
     path, rows, row = at(paper, lanes), 126, -(-126 // lanes)

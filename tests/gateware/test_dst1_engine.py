@@ -37,6 +37,7 @@ def by_beats(rows, lanes: int, void) -> np.ndarray:
         (254, 1, 26, "nearest"),
     ],
 )
+@pytest.mark.quick("14-2-3-nearest", "17-4-20-nearest", "14-1-20-floor")
 def test_rtl_equals_reference(tmp_path, size, lanes, input_width, rounding):
     transform = sine_transform(size, input_width=input_width, rounding=rounding)
     dut = Dst1Engine(transform, lanes=lanes)
@@ -71,6 +72,7 @@ def test_rtl_equals_reference(tmp_path, size, lanes, input_width, rounding):
 @pytest.mark.parametrize(
     ("lanes", "interval", "latency", "multipliers"), [(1, 126, 11, 63), (2, 63, 11, 126), (4, 32, 11, 252)]
 )
+@pytest.mark.quick("1-126-11-63-nearest", "4-32-11-252-floor")
 def test_cost_of_the_paper_s_rows(lanes, interval, latency, multipliers, rounding):
     dut = Dst1Engine(sine_transform(126, input_width=20, rounding=rounding), lanes=lanes)
     assert (dut.interval, dut.latency, dut.multipliers) == (interval, latency, multipliers)

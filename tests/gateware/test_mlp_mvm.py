@@ -39,6 +39,7 @@ def multiplications(core) -> int:
     ("neurons", "inputs", "width", "input_signed"),
     [(3, 16, 7, False), (2, 11, 8, True), (1, 1, 3, False)],
 )
+@pytest.mark.quick("2-11-8-True")
 def test_baked_weights(tmp_path, neurons, inputs, width, input_signed):
     rng = np.random.default_rng(1)
     weight = rng.integers(-128, 128, (neurons, inputs))
@@ -100,6 +101,7 @@ LOADABLE = [
 
 
 @pytest.mark.parametrize(("neurons", "inputs", "width", "input_signed", "bits", "units"), LOADABLE)
+@pytest.mark.quick("5-16-10-False-8-3", "3-5-10-False-12-3")
 def test_loadable_weights(tmp_path, with_parameters, neurons, inputs, width, input_signed, bits, units):
     rng = np.random.default_rng(3)
     limit = np.full(inputs, (1 << (width - input_signed)) - 1)

@@ -29,6 +29,7 @@ SPANS = (10, 5, 60)
     ],
     ids=["absolute depth", "difference from the background", "adjoint"],
 )
+@pytest.mark.quick("difference from the background")
 def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
     own = random_bundle(tmp_path / "own", scene(**wanted))
     other = recalibrated(tmp_path / "other", own)
@@ -67,6 +68,7 @@ def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
 
 
 @pytest.mark.parametrize("mode", ["absolute", "difference"])
+@pytest.mark.quick("absolute")
 def test_baked_hardware_has_nothing_of_it(tmp_path, mode):
     outputs = ("depth", "force_z")
     baked = TopZynq(random_bundle(tmp_path / "baked", scene(outputs, mode=mode, weights="baked")))

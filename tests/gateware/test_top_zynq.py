@@ -264,6 +264,7 @@ def test_adjoint_force(tmp_path):
     check_faults(hardware)
 
 
+@pytest.mark.full
 def test_normals_depth_and_force_map(tmp_path):
     hardware = Hardware(
         tmp_path,
@@ -275,6 +276,7 @@ def test_normals_depth_and_force_map(tmp_path):
     check_faults(hardware)
 
 
+@pytest.mark.full
 def test_normals_alone(tmp_path):
     """A whole map of normals is then a frame's result."""
     hardware = Hardware(tmp_path, outputs=("normals",), lanes=4, channels="bgr+nir")
@@ -290,6 +292,7 @@ def test_force_map_with_void_lanes_last_row_first(tmp_path):
     )
 
 
+@pytest.mark.full
 def test_odd_size_backward_differences_and_floor(tmp_path):
     settings = {"divergence": "backward", "rounding": "floor", "clamp": False, "kernel_size": 3}
     check_frames(Hardware(tmp_path, outputs=("depth", "force_z"), size=17, **settings))
@@ -304,6 +307,7 @@ PAPER = [
 
 
 @pytest.mark.parametrize(("lanes", "weights", "mode", "kernel_size"), PAPER)
+@pytest.mark.quick("4-loadable-difference-7")
 def test_lanes_weights_modes_and_kernels(tmp_path, lanes, weights, mode, kernel_size):
     settings = {"lanes": lanes, "weights": weights, "mode": mode, "kernel_size": kernel_size}
     check_frames(Hardware(tmp_path, outputs=("depth", "force_z"), **settings))
@@ -322,6 +326,7 @@ BEYOND = [
 
 
 @pytest.mark.parametrize(("lanes", "solver", "kernel", "size"), BEYOND)
+@pytest.mark.full
 def test_lanes_solvers_and_kernels(tmp_path, lanes, solver, kernel, size):
     outputs = ("force_xyz",) if solver == "adjoint" else ("depth", "force_y", "force_z")
     settings = {"lanes": lanes, "solver": solver, "kernel": kernel, "size": size}

@@ -150,7 +150,7 @@ def rig(tmp_path_factory):
     """A scene of the finite-element gel, its dataset's file, and the folder of compliances."""
     folder = tmp_path_factory.mktemp("fem")
     small = scene('["depth", "force_xyz"]', extra=FEM)
-    generate(small, folder / "d.h5", cache=folder / "cache", progress=False, processes=1)
+    generate(small, folder / "d.h5", store=folder / "cache", progress=False, processes=1)
     return small, folder / "d.h5", folder / "cache"
 
 
@@ -186,7 +186,7 @@ def test_finite_element_ground_truth_fits_together(rig):
 
 def test_worker_processes_change_nothing_in_finite_elements(rig, tmp_path):
     small, path, cache = rig
-    generate(small, tmp_path / "d.h5", cache=cache, progress=False, processes=2)
+    generate(small, tmp_path / "d.h5", store=cache, progress=False, processes=2)
     one, two = read(path), read(tmp_path / "d.h5")
     for key in ("frames", "background", "normals", "depth_mm", "force_n", "markers_px", "tangential_mm"):
         np.testing.assert_array_equal(getattr(one, key), getattr(two, key))
@@ -198,7 +198,7 @@ def test_the_shipped_rig_records_raw10_with_dots_and_tangential_loads(tmp_path):
     text = text.replace('mechanics = "fem"', 'mechanics = "fem"\nelements = 12\nlayers = 2')
     grids = "train_grid = 1\nvalidation_grid = 1\ntest_grid = 1\nloads_n = [1.0]"
     small = parse(f"{text}\n[protocol]\n{grids}\n", origin="fingertip", default_name="fingertip")
-    generate(small, tmp_path / "d.h5", cache=tmp_path, progress=False, processes=1)
+    generate(small, tmp_path / "d.h5", store=tmp_path, progress=False, processes=1)
     data = read(tmp_path / "d.h5", small)
     assert len(data) + data.left_out == 3 * 9
     assert data.raw10.shape[1:] == data.background.shape == (512, 512)
@@ -212,5 +212,5 @@ def test_a_vertical_load_beyond_the_gel_is_an_error(rig, tmp_path):
     small, _, cache = rig
     heavy = small.model_copy(update={"protocol": small.protocol.model_copy(update={"loads_n": (40.0,)})})
     with pytest.raises(ContactError, match="with 40 N"):
-        generate(heavy, tmp_path / "d.h5", cache=cache, progress=False, processes=1)
+        generate(heavy, tmp_path / "d.h5", store=cache, progress=False, processes=1)
     assert list(tmp_path.iterdir()) == []

@@ -1,5 +1,6 @@
-"""Simulators of the same Verilog, arguments and tools are compiled once; what is kept is whole and limited."""
+"""Simulators of the same Verilog, arguments and tools are compiled once; those kept are whole and limited."""
 
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -82,5 +83,8 @@ def test_what_nobody_has_used_for_longest_goes_first(tmp_path, cache, monkeypatc
     def make(name: str) -> bool:
         return simulators.take_or_make(name, executable, lambda: executable.write_bytes(bytes(100)))
 
-    assert [make("a"), make("b"), make("a"), make("c")] == [False, False, True, False]
+    assert [make("a"), make("b")] == [False, False]
+    for name in "ab":
+        os.utime(cache / name, (1, 1))
+    assert [make("a"), make("c")] == [True, False]
     assert kept(cache) == {"a", "c"}

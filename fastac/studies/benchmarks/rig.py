@@ -31,7 +31,7 @@ def line(name: str, times: list[tuple[float, float]]) -> str:
     return f"  {name:28s} {spread}; {processor.mean():8.2f} ms of processor time"
 
 
-def measure(scene: Scene, cache: Path, progress: bool) -> list[str]:
+def measure(scene: Scene, store: Path, progress: bool) -> list[str]:
     """Time each part at a few stations spread over the protocol; returns one line of text per part.
 
     Raises SceneError unless the scene's elastomer is modelled by finite elements.
@@ -39,7 +39,7 @@ def measure(scene: Scene, cache: Path, progress: bool) -> list[str]:
     sensor, ball = scene.sensor, Ball(scene.protocol.ball_mm)
     if sensor.elastomer.mechanics != "fem":
         raise SceneError(f"{scene.name}: sensor.elastomer.mechanics = 'layer': expected 'fem'")
-    rig, friction = FemRig(sensor, cache, progress=progress), sensor.elastomer.friction
+    rig, friction = FemRig(sensor, store, progress=progress), sensor.elastomer.friction
     visited = stations(scene)
     chosen = [visited[i] for i in np.linspace(0, len(visited) - 1, STATIONS).astype(int)]
     times: dict[str, list] = {}

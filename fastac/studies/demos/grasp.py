@@ -101,7 +101,7 @@ def run(
     folder: Path,
     *,
     grasp: Grasp | None = None,
-    cache: Path = frames.CACHE,
+    store: Path = frames.STORE,
     progress: bool = True,
 ) -> dict:
     """Run slip test and both grasps; write grasp.json and grasp.png into `folder`; return the JSON's content.
@@ -114,7 +114,7 @@ def run(
     scene = bundle.scene
     require_friction(scene)
     grasp = (grasp or Grasp()).of_scene(scene)
-    rig = rig_of(scene.sensor, cache, progress=progress)
+    rig = rig_of(scene.sensor, store, progress=progress)
     test = slip_test(bundle, rig, grasp, progress=progress)
     stable, margin = grasp.stable_share * test["found_ratio"], grasp.margin_share * test["found_ratio"]
     latency_s = cycles(scene)["first_pixel_to_force"] / (scene.hardware.clock_mhz * 1e6)

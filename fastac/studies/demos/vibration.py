@@ -144,7 +144,7 @@ def run(
     folder: Path,
     *,
     vibration: Vibration | None = None,
-    cache: Path = frames.CACHE,
+    store: Path = frames.STORE,
     progress: bool = True,
 ) -> dict:
     """Record and evaluate all frequencies; write vibration.json and vibration.png into `folder`; return the
@@ -161,7 +161,7 @@ def run(
     slowest = max(services.values())
     if not 8 * slowest <= vibration.seconds <= 60:
         raise FingertipError(f"seconds = {vibration.seconds:g}: expected {float(8 * slowest):.2g} to 60")
-    rig = rig_of(scene.sensor, cache, progress=progress)
+    rig = rig_of(scene.sensor, store, progress=progress)
     shown, found = [], {}
     for frequency_hz in FREQUENCIES_HZ:
         recording = record(bundle, rig, vibration, frequency_hz, progress=progress)

@@ -44,7 +44,7 @@ def run(build: Build, folder: Path) -> dict:
         build.data_path,
         folder,
         ("true", "found"),
-        build.cache,
+        build.store,
         data=data,
         progress=build.progress,
     )

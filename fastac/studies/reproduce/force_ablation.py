@@ -20,7 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac.flow import frames, training
-from fastac.flow.build import float_settings
+from fastac.flow.settings import float_settings
 from fastac.models.floating import displacement_3d
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.training.hyperforce_3d import input_components, train
@@ -29,7 +29,7 @@ from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.samples import SPLITS
-from fastac.store.files import content_hash, digest_file, read_or_make, write_json
+from fastac.store.files import content_hash, digest_file, load_arrays, read_or_make, save_arrays, write_json
 from fastac.store.sources import digest_sources
 
 SOURCES = ("models/**/*.py", "fastac/studies/reproduce/force_ablation.py", "fastac/flow/training.py")
@@ -185,7 +185,7 @@ def run(
     path: Path,
     output: Path,
     kinds: tuple[str, ...],
-    cache: Path,
+    store: Path,
     *,
     data: Dataset | None = None,
     progress: bool,
@@ -197,7 +197,7 @@ def run(
     bundle = load_bundle(origin) if origin.is_dir() else None
     scene = bundle.scene if bundle else scenes.load(origin)
     if data is None:
-        data = frames.read(path, scene, cache=cache, progress=progress)
+        data = frames.read(path, scene, store=store, progress=progress)
     require(data, scene, path, "true" in kinds)
     code, digest = digest_sources(SOURCES), digest_file(path)
     runs, content, pairs = output / "runs", {}, {}
@@ -216,12 +216,12 @@ def run(
                 weights.parent.mkdir(parents=True, exist_ok=True)
                 if not weights.exists():
                     training.normals(data, scene, weights, progress=progress)
-                pipeline = training.float_pipeline(training.load_arrays(weights), data, scene)
+                pipeline = training.float_pipeline(load_arrays(weights), data, scene)
             kept = runs / f"displacement-{key}.npz"
             if not kept.exists():
                 kept.parent.mkdir(parents=True, exist_ok=True)
-                training.save_arrays(kept, find_arrays(pipeline, data, progress=progress))
-            parts, known["lost_frames"] = found_fields(training.load_arrays(kept), data)
+                save_arrays(kept, find_arrays(pipeline, data, progress=progress))
+            parts, known["lost_frames"] = found_fields(load_arrays(kept), data)
             known["file"] = str(kept.relative_to(output))
         rest = data.rest_depth_mm.astype(np.float64)
         known["results"], full_n = ablate(scene, rest, parts, runs, f"{kind}-{key}", progress=progress)

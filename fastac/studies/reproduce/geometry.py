@@ -20,7 +20,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac.flow import training
-from fastac.flow.build import Build, network_settings
+from fastac.flow.build import Build
+from fastac.flow.settings import network_settings
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.poisson import solve, source_of
@@ -31,7 +32,7 @@ from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import CHANNELS
 from fastac.sensor.dataset import Dataset
-from fastac.store.files import content_hash
+from fastac.store.files import content_hash, load_arrays
 from fastac.studies.reproduce.section import beside, stamped_key, vertical
 
 NAMES = {"bgr": "RGB-only", "bgr+nir": "RGB-NIR"}
@@ -127,7 +128,7 @@ def run(build: Build, folder: Path) -> dict:
     if not weights.exists():
         training.normals(of_rgb, reduced, weights, progress=progress)
     pipelines = {
-        "bgr": (training.float_pipeline(training.load_arrays(weights), of_rgb, reduced), of_rgb),
+        "bgr": (training.float_pipeline(load_arrays(weights), of_rgb, reduced), of_rgb),
         "bgr+nir": (FloatPipeline.from_bundle(build.bundle), data),
     }
     index = vertical(data, "test")

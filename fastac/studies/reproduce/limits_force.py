@@ -11,7 +11,8 @@ import numpy as np
 import torch
 
 from fastac.flow import training
-from fastac.flow.build import Build, float_settings
+from fastac.flow.build import Build
+from fastac.flow.settings import float_settings
 from fastac.models.accuracy import with_background_of
 from fastac.models.floating.hyperforce import coordinates
 from fastac.models.floating.hyperforce_3d import HyperForce3D
@@ -19,7 +20,7 @@ from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.training.hyperforce_3d import input_components, refit_last_layer
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import SPLITS, Dataset
-from fastac.store.files import content_hash, read_or_make
+from fastac.store.files import content_hash, load_arrays, read_or_make
 from fastac.store.sources import digest_sources
 from fastac.studies.reproduce import force_ablation
 from fastac.studies.reproduce.force_ablation import Fields
@@ -92,7 +93,7 @@ def run(build: Build, folder: Path, found_file: Path) -> dict[str, dict]:
     scene, data = build.scene, build.data
     rest_mm = training.rest_depth_mm(data)
     true = force_ablation.true_fields(data)
-    arrays = training.load_arrays(found_file)
+    arrays = load_arrays(found_file)
     found = force_ablation.found_fields(arrays, data)[0]
     kept = {split: arrays[f"{split}.kept"] for split in SPLITS}
     free = scene.model_copy(update={"force": scene.force.model_copy(update={"clamp": False})})

@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import training
-from fastac.flow.build import Build, float_settings
+from fastac.flow.build import Build
+from fastac.flow.settings import float_settings
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.result import Result
@@ -22,7 +23,7 @@ from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels
 from fastac.sensor.rerender import rerender
 from fastac.sensor.samples import subset
-from fastac.store.files import content_hash, write_json
+from fastac.store.files import content_hash, load_arrays, write_json
 from fastac.store.progress import progress_bar
 from fastac.store.sources import digest_sources
 from fastac.studies.reproduce.geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
@@ -96,7 +97,7 @@ class Training:
 
     def errors(self, *, progress: bool) -> dict[str, float]:
         """Of gradients and depth on the test split, all pixels."""
-        arrays = training.load_arrays(self.weights)
+        arrays = load_arrays(self.weights)
         pipeline = training.float_pipeline(arrays, self.data, self.scene)
         return summary(judge(pipeline, self.data, self.data.indices("test"), progress=progress)[0])
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from fastac.flow.build import Build
 from fastac.report import paper
 from fastac.store.files import write_json
-from fastac.store.steps import Step, Workspace
+from fastac.store.workspace import Step, Workspace
 from fastac.studies.demos import grasp, vibration
 from fastac.studies.reproduce import force, geometry, goals, limits, page, stages
 from fastac.studies.reproduce.section import Section, stamped_key
@@ -67,7 +67,7 @@ SECTIONS = (
     Section(
         "vibration",
         "In time: vibrations",
-        lambda build, folder: vibration.run(build.bundle, folder, cache=build.cache, progress=build.progress),
+        lambda build, folder: vibration.run(build.bundle, folder, store=build.store, progress=build.progress),
         vibration.tables,
         (
             "sensor/**/*.py",
@@ -80,7 +80,7 @@ SECTIONS = (
     Section(
         "grasp",
         "In time: a bottle that slips",
-        lambda build, folder: grasp.run(build.bundle, folder, cache=build.cache, progress=build.progress),
+        lambda build, folder: grasp.run(build.bundle, folder, store=build.store, progress=build.progress),
         grasp.tables,
         (
             *(

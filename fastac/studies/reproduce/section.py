@@ -9,7 +9,7 @@ import numpy as np
 from fastac.flow.build import Build
 from fastac.report.tables import Table
 from fastac.sensor.dataset import Dataset
-from fastac.store.steps import Workspace
+from fastac.store.workspace import Workspace
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,10 @@ in blocks.
 """
 
 import hashlib
-import os
-import tempfile
 from itertools import pairwise
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
-import skfem
 from scipy.linalg import cholesky, solve_triangular
 from scipy.linalg.lapack import dpotri
 from scipy.sparse import csr_array, diags_array
@@ -28,10 +24,12 @@ from skfem.helpers import ddot, div, sym_grad
 from fastac.sensor.mechanics.fem.mesh import GelMesh
 from fastac.sensor.mechanics.press import FemError
 from fastac.store.progress import progress_bar
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 
 COLUMNS = 512
 """Right-hand sides that are solved at once."""
-FORMAT_VERSION = 1
+FILE = "compliance.npy"
 
 
 @BilinearForm
@@ -105,44 +103,29 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
         raise FemError("gel mesh: the stiffness is not positive: an element is too distorted") from None
 
 
-def content_hash(mesh: GelMesh, poisson_ratio: float) -> str:
-    """Of everything that the unit compliance depends on."""
-    digest = hashlib.sha256(f"{FORMAT_VERSION} {skfem.__version__} {poisson_ratio!r}".encode())
-    digest.update(repr(mesh.nodes_mm.shape).encode())
+def mesh_digest(mesh: GelMesh) -> str:
+    """SHA-256 of the nodes' places."""
+    digest = hashlib.sha256(repr(mesh.nodes_mm.shape).encode())
     digest.update(np.ascontiguousarray(mesh.nodes_mm, "<f8").tobytes())
     return digest.hexdigest()
 
 
 def cached_unit_compliance(
-    mesh: GelMesh, poisson_ratio: float, cache: Path | str, *, progress: bool = True
+    mesh: GelMesh, poisson_ratio: float, store: Path | str, *, progress: bool = True
 ) -> np.ndarray:
-    """`unit_compliance`, from the folder `cache` if it is there, and else computed and put there.
+    """`unit_compliance` as a step of the store in the folder `store`: computed once for each mesh."""
+    step = Step(
+        "compliance",
+        write_unit_compliance,
+        {"nodes_sha256": mesh_digest(mesh), "poisson_ratio": poisson_ratio},
+        (FILE,),
+        {"mesh": mesh, "progress": progress},
+    )
+    return np.load(open_store(Path(store)).perform(step).path(FILE), allow_pickle=False)
 
-    The file is named by the content's hash and appears complete or not at all. Raises FemError where one is
-    damaged.
-    """
-    cache = Path(cache)
-    path = cache / f"compliance-{content_hash(mesh, poisson_ratio)[:24]}.npz"
-    size = 3 * mesh.shape[0] * mesh.shape[1]
-    if path.exists():
-        try:
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-                matrix = stored["compliance_mm_per_n"]
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-            raise FemError(f"{path}: damaged ({error}): delete it") from None
-        if matrix.shape != (size, size) or matrix.dtype != np.float64:
-            raise FemError(
-                f"{path}: {matrix.dtype} {matrix.shape}: expected float64 {(size, size)}: delete it"
-            )
-        return matrix
-    matrix = unit_compliance(mesh, poisson_ratio, progress=progress)
-    cache.mkdir(parents=True, exist_ok=True)
-    handle, temporary = tempfile.mkstemp(dir=cache, suffix=".part")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            np.savez(file, compliance_mm_per_n=matrix)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
-    return matrix
+
+def write_unit_compliance(
+    folder: Path, nodes_sha256: str, poisson_ratio: float, *, mesh: GelMesh, progress: bool
+) -> None:
+    """The step behind `cached_unit_compliance`; `nodes_sha256` stands for `mesh` in the step's key."""
+    np.save(folder / FILE, unit_compliance(mesh, poisson_ratio, progress=progress))

@@ -49,9 +49,9 @@ class ContactSetup:
 class Gel:
     """The elastomer of one sensor, with its compliance computed once; presses on it are independent."""
 
-    def __init__(self, mesh: GelMesh, elastomer: Elastomer, cache: Path | str, *, progress: bool = True):
+    def __init__(self, mesh: GelMesh, elastomer: Elastomer, store: Path | str, *, progress: bool = True):
         self.mesh, self.elastomer = mesh, elastomer
-        unit = cached_unit_compliance(mesh, elastomer.poisson_ratio, cache, progress=progress)
+        unit = cached_unit_compliance(mesh, elastomer.poisson_ratio, store, progress=progress)
         self._unit = unit
         y, x = mesh.skin_mm[:, 0, 1], mesh.skin_mm[0, :, 0]
         fine = [
@@ -62,8 +62,8 @@ class Gel:
         self._fine_z_mm = RectBivariateSpline(y, x, mesh.skin_mm[..., 2])(*fine)
 
     @classmethod
-    def of_sensor(cls, sensor: Sensor, cache: Path | str, *, elements=40, layers=4, progress=True) -> "Gel":
-        return cls(sensor_mesh(sensor, elements, layers), sensor.elastomer, cache, progress=progress)
+    def of_sensor(cls, sensor: Sensor, store: Path | str, *, elements=40, layers=4, progress=True) -> "Gel":
+        return cls(sensor_mesh(sensor, elements, layers), sensor.elastomer, store, progress=progress)
 
     def press(
         self,

@@ -15,12 +15,12 @@ from fastac.sensor.protocol import Station
 
 
 class FemRig:
-    """The gel of a sensor; its compliance is read from the folder `cache`, or computed and put there."""
+    """The gel of a sensor; its compliance is read from the folder `store`, or computed and put there."""
 
-    def __init__(self, sensor: Sensor, cache: Path | str, *, progress: bool = True):
+    def __init__(self, sensor: Sensor, store: Path | str, *, progress: bool = True):
         self.sensor = sensor
         elements, layers = sensor.elastomer.elements, sensor.elastomer.layers
-        self.gel = Gel.of_sensor(sensor, cache, elements=elements, layers=layers, progress=progress)
+        self.gel = Gel.of_sensor(sensor, store, elements=elements, layers=layers, progress=progress)
 
     def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
         """The vertical sample of a station and its tangential ones; see sensor.rig.Rig."""

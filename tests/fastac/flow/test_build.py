@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from fastac.flow import training
-from fastac.flow.build import Build, BuildError, float_settings, network_settings
+from fastac.flow.build import Build, BuildError
+from fastac.flow.settings import float_settings, network_settings
 from fastac.models.floating import pipeline
-from fastac.models.integer import assemble, bundle, quantise
+from fastac.models.integer import assemble, bundle
 from fastac.models.training import hyperforce
 from fastac.sensor import dataset
 
-TRAIN = ["data", "normals", "integers", "force", "bundle"]
+TRAIN = ["normals", "integers", "force", "bundle"]
 QUICK = {"normals_epochs": 1, "finetune_epochs": 1}
 
 
@@ -21,9 +22,9 @@ def run(scene, folder, data, until: str = "bundle") -> dict[str, str]:
     """The steps that were announced, and whether they ran."""
     announced = {}
 
-    def announce(name, current):
+    def announce(name, state):
         assert name not in announced
-        announced[name] = "kept" if current else "ran"
+        announced[name] = {"kept": "kept", "running": "ran"}[state]
 
     Build(scene, folder, data, progress=False).run(announce, until=until)
     return announced
@@ -35,6 +36,8 @@ def ran(announced: dict[str, str]) -> list[str]:
 
 @pytest.fixture
 def folder(tiny_folder, tmp_path):
+    """The trained build in a folder that may be changed, with the store that it is from."""
+    shutil.copytree(tiny_folder.parent / "store", tmp_path / "store")
     return shutil.copytree(tiny_folder, tmp_path / "tiny")
 
 
@@ -47,29 +50,31 @@ def write(data, path, **changes):
 
 class TestResumes:
     def test_a_second_run_keeps_everything(self, tiny_scene, tiny_file, folder):
-        before = {p: p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()}
-        announced = run(tiny_scene, folder, tiny_file)
-        assert announced == dict.fromkeys(TRAIN, "kept")
-        assert {p: p.stat().st_mtime_ns for p in folder.rglob("*") if p.is_file()} == before
+        before = {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+        assert run(tiny_scene, folder, tiny_file) == dict.fromkeys(TRAIN, "kept")
+        assert {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()} == before
 
     @pytest.mark.parametrize(
         ("file", "step"), [("normals.npz", "normals"), ("integers.npz", "integers"), ("force.npz", "force")]
     )
-    def test_a_lost_file_is_made_again_and_nothing_before_it(
-        self, tiny_scene, tiny_file, folder, tiny_bundle, file, step
-    ):
-        lost = training.load_arrays(folder / file)
+    def test_a_lost_file_comes_from_the_store(self, tiny_scene, tiny_file, folder, file, step):
+        lost = (folder / file).read_bytes()
         (folder / file).unlink()
-        announced = run(tiny_scene, folder, tiny_file)
-        assert announced[step] == "ran"
-        assert not set(ran(announced)) & set(TRAIN[: TRAIN.index(step)])
-        for name, array in training.load_arrays(folder / file).items():
-            np.testing.assert_array_equal(array, lost[name])  # the same training gives the same file
-        assert bundle.load(folder / "bundle").digest == tiny_bundle.digest
+        assert ran(run(tiny_scene, folder, tiny_file)) == []
+        assert (folder / file).read_bytes() == lost
 
-    def test_a_damaged_bundle_is_assembled_again(self, tiny_scene, tiny_file, folder, tiny_bundle):
+    def test_a_file_lost_in_the_store_is_made_again_and_nothing_else(self, tiny_scene, tiny_file, folder):
+        (kept,) = (folder.parent / "store" / "integers").rglob("integers.npz")
+        lost = kept.read_bytes()
+        kept.unlink()
+        assert ran(run(tiny_scene, folder, tiny_file)) == ["integers"]
+        assert (folder / "integers.npz").read_bytes() == lost  # the same training gives the same file
+
+    def test_a_damaged_bundle_is_put_back(self, tiny_scene, tiny_file, folder, tiny_bundle):
+        shutil.rmtree(folder / "bundle")
+        (folder / "bundle").mkdir()
         (folder / "bundle" / "bundle.json").write_text("{}")
-        assert ran(run(tiny_scene, folder, tiny_file)) == ["bundle"]
+        assert ran(run(tiny_scene, folder, tiny_file)) == []
         assert bundle.load(folder / "bundle").digest == tiny_bundle.digest
 
     @pytest.mark.parametrize(
@@ -133,11 +138,11 @@ def test_without_a_recording_the_fingertip_is_pressed(make_scene, tmp_path, monk
         protocol={"train_grid": 2, "validation_grid": 1, "test_grid": 1},
         training={"normals_epochs": 1, "finetune_epochs": 1, "force_epochs": 1},
     )
-    assert ran(run(scene, tmp_path / "b", None)) == TRAIN
+    assert ran(run(scene, tmp_path / "b", None)) == ["data", *TRAIN]
     data = dataset.read(tmp_path / "b" / "data.h5", scene)
     assert [len(data.indices(split)) for split in dataset.SPLITS] == [8, 2, 2]
     harder = scene.model_copy(update={"protocol": scene.protocol.model_copy(update={"loads_n": (0.1,)})})
-    assert ran(run(harder, tmp_path / "b", None)) == TRAIN
+    assert ran(run(harder, tmp_path / "b", None)) == ["data", *TRAIN]
     assert len(dataset.read(tmp_path / "b" / "data.h5")) == 6
 
 
@@ -180,11 +185,11 @@ class TestOnlyWhatIsWanted:
 
         monkeypatch.setattr(hyperforce, "train", refuse)
         monkeypatch.setitem(assemble.CHOOSERS, "dst2d", refuse)
-        monkeypatch.setattr(quantise, "quantise_weights", refuse)
+        monkeypatch.setattr(assemble, "quantise_weights", refuse)
         monkeypatch.setattr(pipeline, "solve", refuse)
         scene = make_scene(outputs=["normals"], training=QUICK)
         announced = run(scene, tmp_path, tiny_file, until="evaluate")
-        assert list(announced) == ["data", "normals", "integers", "bundle", "evaluate"]
+        assert list(announced) == ["normals", "integers", "bundle", "evaluate"]
         assert not (tmp_path / "force.npz").exists()
         found = bundle.load(tmp_path / "bundle")
         self.check_absent(found, tmp_path, ("source", "solver", "depth", "quantiser", "force"))
@@ -197,8 +202,8 @@ class TestOnlyWhatIsWanted:
             raise AssertionError("nobody asked for force")
 
         monkeypatch.setattr(hyperforce, "train", refuse)
-        monkeypatch.setattr(quantise, "quantise_weights", refuse)
-        monkeypatch.setattr(quantise, "DisplacementQuantiser", refuse)
+        monkeypatch.setattr(assemble, "quantise_weights", refuse)
+        monkeypatch.setattr(assemble, "DisplacementQuantiser", refuse)
         scene = make_scene(outputs=["normals", "depth"], training=QUICK)
         announced = run(scene, tmp_path, tiny_file, until="evaluate")
         assert "force" not in announced

@@ -30,7 +30,7 @@ def raw_file(raw_scene, tmp_path_factory):
 
 
 def test_channels_are_left_as_they_are(tiny_file, tiny_scene, tmp_path):
-    data = frames.read(tiny_file, tiny_scene, cache=tmp_path / "cache")
+    data = frames.read(tiny_file, tiny_scene, store=tmp_path / "cache")
     np.testing.assert_array_equal(data.frames, dataset.read(tiny_file).frames)
     assert not (tmp_path / "cache").exists(), "nothing is processed, so nothing is kept"
 
@@ -46,7 +46,7 @@ def test_of_a_press_is_what_the_models_take(changes, make_scene):
 
 
 def test_raw10_is_processed_once(raw_file, raw_scene, tmp_path, monkeypatch):
-    data = frames.read(raw_file, raw_scene, cache=tmp_path)
+    data = frames.read(raw_file, raw_scene, store=tmp_path)
     raw = dataset.read(raw_file, raw_scene)
     assert raw.frames is None
     assert raw.raw10.shape == (3, 64, 64)
@@ -56,36 +56,36 @@ def test_raw10_is_processed_once(raw_file, raw_scene, tmp_path, monkeypatch):
     np.testing.assert_array_equal(
         data.background, image_processing.channels(raw.background, raw_scene.sensor)
     )
-    (kept,) = tmp_path.iterdir()
-
-    monkeypatch.setattr(frames, "channels", None)
-    np.testing.assert_array_equal(frames.read(raw_file, raw_scene, cache=tmp_path).frames, data.frames)
+    (kept,) = tmp_path.rglob(frames.PROCESSED)
+    with monkeypatch.context() as patch:
+        patch.setattr(frames, "channels", None)
+        np.testing.assert_array_equal(frames.read(raw_file, raw_scene, store=tmp_path).frames, data.frames)
+    kept.chmod(0o644)
     kept.write_bytes(b"half")
-    with pytest.raises(ValueError, match=r"frames-.*damaged .*: delete it"):
-        frames.read(raw_file, raw_scene, cache=tmp_path)
+    np.testing.assert_array_equal(frames.read(raw_file, raw_scene, store=tmp_path).frames, data.frames)
 
 
 def test_settings_decide_what_is_kept(raw_file, raw_scene, make_scene, tmp_path):
     binned = make_scene(sensor={**RAW, "raw10": {"method": "binning"}})
     three = make_scene(sensor={**RAW, "channels": "bgr"})
-    one, two = (frames.read(raw_file, s, cache=tmp_path).frames for s in (raw_scene, binned))
+    one, two = (frames.read(raw_file, s, store=tmp_path).frames for s in (raw_scene, binned))
     assert (one != two).any()
     assert np.abs(one.astype(int) - two).mean() < 6
-    assert len(list(tmp_path.iterdir())) == 2
+    assert len(list(tmp_path.rglob(frames.PROCESSED))) == 2
     raw = dataset.read(raw_file)
     np.testing.assert_array_equal(image_processing.channels(raw.raw10[0], three.sensor), one[0, ..., :3])
 
 
 def test_frames_must_be_of_the_scene_s_kind(raw_file, tiny_file, tiny_scene, raw_scene, tmp_path):
     with pytest.raises(dataset.DatasetError, match=r"frames = raw10: expected channels \(tiny\)"):
-        frames.read(raw_file, tiny_scene, cache=tmp_path)
+        frames.read(raw_file, tiny_scene, store=tmp_path)
     with pytest.raises(dataset.DatasetError, match=r"frames = channels: expected raw10 \(tiny\)"):
-        frames.read(tiny_file, raw_scene, cache=tmp_path)
+        frames.read(tiny_file, raw_scene, store=tmp_path)
 
 
 def test_a_press_is_as_clear_in_raw10_as_in_channels(raw_file, raw_scene, tmp_path):
     """The processed frames differ from the background where the skin moved."""
-    data = frames.read(raw_file, raw_scene, cache=tmp_path)
+    data = frames.read(raw_file, raw_scene, store=tmp_path)
     moved = data.rest_depth_mm - data.depth_mm > 0.02
     change = np.abs(data.frames.astype(int) - data.background).mean(axis=-1)
     assert change[moved].mean() > 2 * change[:, [0, -1]].mean()
@@ -97,7 +97,7 @@ def test_training_and_evaluation_take_them(make_scene, tmp_path):
     scene = make_scene(sensor=RAW, protocol=protocol, training=quick)
     build = Build(scene, tmp_path / "raw", progress=False)
     build.run(lambda name, current: None, until="evaluate")
-    assert len(list((tmp_path / "cache").glob("frames-*.npz"))) == 1
+    assert len(list((tmp_path / "store").rglob(frames.PROCESSED))) == 1
     errors = json.loads((tmp_path / "raw" / "accuracy.json").read_text())
     assert 0 < errors["integer"]["normal_mae_deg"] < 30
     assert build.bundle.pipeline.background.shape == (16, 16, 4)

@@ -9,6 +9,7 @@ from fastac.models.floating.hyperforce import collapse
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble, quantise
+from fastac.store.files import load_arrays, save_arrays
 
 
 def test_rest_is_the_dataset_s_or_flat(tiny_data):
@@ -21,7 +22,7 @@ def test_rest_is_the_dataset_s_or_flat(tiny_data):
 def test_arrays_survive_a_file_which_is_whole_or_as_it_was(tmp_path, monkeypatch):
     path = tmp_path / "x.npz"
     arrays = {"a.b": np.arange(5), "c": np.array(2.5, dtype=np.float32)}
-    training.save_arrays(path, arrays)
+    save_arrays(path, arrays)
 
     def full(file, **_):
         file.write_bytes(b"half")
@@ -29,8 +30,8 @@ def test_arrays_survive_a_file_which_is_whole_or_as_it_was(tmp_path, monkeypatch
 
     monkeypatch.setattr(np, "savez_compressed", full)
     with pytest.raises(OSError, match="no space left"):
-        training.save_arrays(path, {"a.b": np.zeros(1)})
-    found = training.load_arrays(path)
+        save_arrays(path, {"a.b": np.zeros(1)})
+    found = load_arrays(path)
     assert set(found) == set(arrays)
     for name, array in arrays.items():
         assert found[name].dtype == array.dtype
@@ -40,7 +41,7 @@ def test_arrays_survive_a_file_which_is_whole_or_as_it_was(tmp_path, monkeypatch
 def test_pickles_are_not_opened(tmp_path):
     np.savez(tmp_path / "x.npz", bomb=np.array([None]))
     with pytest.raises(ValueError, match="Object arrays cannot be loaded"):
-        training.load_arrays(tmp_path / "x.npz")
+        load_arrays(tmp_path / "x.npz")
 
 
 def test_learning_curves_become_arrays():
@@ -66,9 +67,9 @@ def test_network_arrays_are_copies():
 
 def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_data):
     """Layers, kernels, float weights and learning curves, unchanged."""
-    weights = training.load_arrays(tiny_folder / "normals.npz")
-    integers = training.load_arrays(tiny_folder / "integers.npz")
-    force = training.load_arrays(tiny_folder / "force.npz")
+    weights = load_arrays(tiny_folder / "normals.npz")
+    integers = load_arrays(tiny_folder / "integers.npz")
+    force = load_arrays(tiny_folder / "force.npz")
     layers = quantise.layers_from_arrays(integers)
     for a, b in zip(layers, tiny_bundle.pipeline.layers, strict=True):
         np.testing.assert_array_equal(a.weight, b.weight)

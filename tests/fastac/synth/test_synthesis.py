@@ -27,7 +27,7 @@ def runs(monkeypatch):
 
 
 def test_modules_of_a_bundle(tiny_bundle):
-    found = synthesis.elaborate(tiny_bundle)
+    found, _ = synthesis.elaborate(tiny_bundle)
     names = [name for part in found for name in part.instances]
     assert len(names) == len(set(names))
     assert {"registers", "guard", "mlp.fc0_lane0", "divider", "solver.source", "displacement"} <= set(names)
@@ -139,7 +139,7 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
 def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypatch):
     tasks = faked(monkeypatch)
     results = synthesis.perform(design, tmp_path / "cache", design, tasks, progress=False)
-    hardware = {"bundle_sha256": "b", "gateware_sha256": "g"}
+    hardware = {"bundle_sha256": "b", "rtlil_sha256": "g"}
     assert synthesis_figures.resources(tmp_path, hardware) == {}
     content = hardware | synthesis.describe(design, results, DEVICE)
     (tmp_path / synthesis.FILE).write_text(json.dumps(content))
@@ -171,7 +171,7 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
     assert f"200.1  a → MULT18X18D → product; {half}\n" in synthesis_table.table(content, DEVICE)
 
     assert synthesis_figures.resources(tmp_path, hardware | {"bundle_sha256": "other"}) == {}
-    assert synthesis_figures.resources(tmp_path, hardware | {"gateware_sha256": "other"}) == {}
+    assert synthesis_figures.resources(tmp_path, hardware | {"rtlil_sha256": "other"}) == {}
 
 
 def test_errors_are_one_line(design, tmp_path, monkeypatch):

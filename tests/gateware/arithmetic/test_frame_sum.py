@@ -9,6 +9,7 @@ from fastac.sim.check_stream import check, pack
 
 @pytest.mark.parametrize(("beats", "axes", "words"), [(6, 2, 3), (5, 1, 1), (7, 3, 8)])
 @pytest.mark.parametrize("stall", [0, 0.4])
+@pytest.mark.quick("0-6-2-3", "0.4-7-3-8", "0-5-1-1")
 def test_sums_of_frames_reach_their_bounds(beats, axes, words, stall):
     """Frame 0 and 1 are the bounds with the constant's sign and against it, then anything within them."""
     rng = np.random.default_rng(beats)

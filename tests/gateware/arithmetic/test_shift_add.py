@@ -31,6 +31,7 @@ def test_canonical_signed_digits():
 
 
 @pytest.mark.parametrize("limit", [1, 256])
+@pytest.mark.quick("256")
 def test_constant_products_and_their_sum(limit):
     """Every product after four clocks, a product of it negative if it says so, and the tree of all."""
     m, enable = Module(), Signal(init=1)

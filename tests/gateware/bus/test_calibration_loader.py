@@ -46,6 +46,7 @@ def settings(layout: ImageLayout, tables: dict, registers: dict, bundle_hash: in
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
+@pytest.mark.quick("tables of one and of four", "no table")
 def test_loader(tmp_path, layout):
     rng = np.random.default_rng(1)
     contents = [random_content(layout, rng) for _ in range(4)]

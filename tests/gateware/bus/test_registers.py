@@ -29,6 +29,7 @@ SHAPE = {
     ],
     ids=["force xyz, depth, background", "force z", "depth", "force yz, depth, calibration"],
 )
+@pytest.mark.quick("force xyz, depth, background", "force yz, depth, calibration")
 def test_registers(tmp_path, outputs):
     identity = Identity(**SHAPE, **outputs)
     simulate(

@@ -23,6 +23,7 @@ def patches(frames, k):
 
 
 @pytest.mark.parametrize(("n", "k", "bits", "lanes"), [(9, 3, 8, 2), (10, 5, 8, 4)])
+@pytest.mark.quick("10-5-8-4")
 def test_patches_of_every_pixel(tmp_path, n, k, bits, lanes):
     rng = np.random.default_rng(1)
     frames = rng.integers(0, 1 << bits, (4, n, n))

@@ -58,6 +58,7 @@ def frames_of(weighted, rng):
         (1, 3, 5, 1, 1, 9, True, 20),
     ],
 )
+@pytest.mark.quick("3-6-8-2-4-17-True-18")
 def test_force_of_every_frame(tmp_path, axes, rows, columns, terms, lanes, bits, signed, weight_bits):
     rng = np.random.default_rng(1)
     weighted = weighted_sum(axes, rows, columns, terms, bits, signed, weight_bits, rng)
@@ -84,6 +85,23 @@ def test_force_of_every_frame(tmp_path, axes, rows, columns, terms, lanes, bits,
 @pytest.mark.parametrize("lanes", [1, 2, 4])
 @pytest.mark.parametrize("terms", [1, 2])
 @pytest.mark.parametrize(("axes", "signed"), [(1, False), (1, True), (2, True), (3, False), (3, True)])
+@pytest.mark.quick(
+    "1-False-1-1-6",
+    "1-False-2-2-7",
+    "1-True-1-4-7",
+    "2-True-2-4-6",
+    "3-False-1-2-6",
+    "3-False-2-1-7",
+    "1-True-2-1-6",
+    "2-True-1-1-7",
+    "3-True-1-1-6",
+    "3-True-2-2-7",
+    "1-False-1-4-6",
+    "1-True-1-2-6",
+    "2-True-1-2-6",
+    "3-False-1-4-6",
+    "3-True-1-4-6",
+)
 def test_every_shape_with_stalls(columns, lanes, terms, axes, signed):
     rng = np.random.default_rng(columns)
     weighted = weighted_sum(axes, 3, columns, terms, 6, signed, 5, rng)
@@ -131,6 +149,7 @@ class WithConstant(wiring.Component):
 
 
 @pytest.mark.parametrize("lanes", [1, 2])
+@pytest.mark.quick("2")
 def test_a_loadable_constant_takes_the_place_of_its_own(lanes):
     rng = np.random.default_rng(6)
     start = weighted_sum(3, 3, 4, 2, 6, True, 5, rng)
@@ -153,6 +172,7 @@ def test_no_weights_leave_the_constant():
 
 
 @pytest.mark.parametrize(("k", "lanes", "signed"), [(1, 4, False), (3, 1, True), (5, 2, False), (7, 4, True)])
+@pytest.mark.quick("3-1-True", "5-2-False")
 def test_collapsed_kernels_give_the_patches_force(k, lanes, signed):
     """Both as hardware: saturated frames, one bright pixel in every corner, random frames."""
     rng = np.random.default_rng(k)

@@ -68,6 +68,7 @@ SHAPES = [([6, 8, 5, 9, 3], 2, 51, 7), ([5, 4, 3], 4, 21, 10), ([5, 4, 4, 3], 1,
 
 
 @pytest.mark.parametrize(("sizes", "lanes", "latency", "bits"), SHAPES)
+@pytest.mark.quick("sizes0-2-51-7")
 def test_baked_weights(tmp_path, sizes, lanes, latency, bits):
     rng = np.random.default_rng(1)
     layers = network(sizes, rng, bits)
@@ -81,6 +82,7 @@ def test_baked_weights(tmp_path, sizes, lanes, latency, bits):
 
 
 @pytest.mark.parametrize(("sizes", "lanes", "latency", "bits"), SHAPES)
+@pytest.mark.quick("sizes2-1-34-7")
 def test_loadable_weights(tmp_path, with_parameters, sizes, lanes, latency, bits):
     """Hardware built for one network gives the outputs of another that is loaded, on all lanes."""
     rng = np.random.default_rng(2)

@@ -39,6 +39,7 @@ def compare(dut, scale, folder):
 
 
 @pytest.mark.parametrize(("multipliers", "shift"), TABLES)
+@pytest.mark.quick("multipliers1-24")
 def test_baked_multipliers(tmp_path, multipliers, shift):
     scale = Requantisation(np.array(multipliers), shift)
     dut = Requantise(scale, width=WIDTH)

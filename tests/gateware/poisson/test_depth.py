@@ -44,6 +44,7 @@ def masks(n, lanes, bits, frames=FRAMES):
         ("difference", 8, 2, 18, 9, 8, False),
     ],
 )
+@pytest.mark.quick("absolute-10-4-16-5-8-True", "difference-8-2-18-9-8-False")
 def test_displacement_equals_reference(tmp_path, mode, n, lanes, width, shift, bits, clamp):
     rng = np.random.default_rng(1)
     rest = rng.integers(-(1 << width), 1 << width, (n, n))
@@ -80,6 +81,7 @@ def test_displacement_equals_reference(tmp_path, mode, n, lanes, width, shift, b
     ("mode", "n", "lanes", "skin", "latency"),
     [("difference", 11, 4, 1 << 14, 3), ("absolute", 9, 2, 1 << 14, 1)],
 )
+@pytest.mark.quick("difference-11-4-16384-3")
 def test_depth_equals_reference(tmp_path, mode, n, lanes, skin, latency):
     rng = np.random.default_rng(2)
     depth = Depth(mode, 14, rng.integers(-skin, skin + 1, (n, n)))
@@ -99,6 +101,7 @@ def test_depth_equals_reference(tmp_path, mode, n, lanes, skin, latency):
 
 
 @pytest.mark.parametrize(("n", "lanes", "width", "shift"), [(9, 2, 12, 5), (5, 1, 12, 0)])
+@pytest.mark.quick("9-2-12-5")
 def test_loaded_rest(tmp_path, n, lanes, width, shift):
     """Hardware that starts with a rest of zeros computes with the largest that its format has."""
     rng = np.random.default_rng(4)
@@ -145,6 +148,7 @@ def test_only_a_mode_that_adds_rest_has_its_table():
 
 @pytest.mark.parametrize("lanes", [1, 2, 4])
 @pytest.mark.parametrize("shift", [0, 3])
+@pytest.mark.quick("0-1", "3-4")
 def test_every_signed_displacement(lanes, shift):
     """Each solution of a small format once, with the beats in which some displacement saturates."""
     n, width, bits = 16, 8, 4

@@ -61,6 +61,7 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
 @pytest.mark.parametrize(
     ("size", "lanes", "divergence"), [(13, 1, "central"), (14, 2, "backward"), (14, 4, "central")]
 )
+@pytest.mark.quick("14-2-backward")
 def test_rtl_equals_reference(tmp_path, size, lanes, divergence):
     chain, frames = stages(size, divergence=divergence), 5
     dut = PoissonSolver(*chain, height=size + 2, width=size + 2, lanes=lanes)
@@ -125,6 +126,7 @@ def test_reset_within_a_frame_starts_afresh():
     ("lanes", "frame_latency", "interval", "multipliers"),
     [(1, 48_698, 16_384, 253), (2, 24_378, 8_192, 506), (4, 12_347, 4_096, 1_012)],
 )
+@pytest.mark.quick("1-48698-16384-253")
 def test_cost_of_the_paper_s_frame(lanes, frame_latency, interval, multipliers):
     dut = PoissonSolver(*stages(126), height=128, width=128, lanes=lanes)
     assert (dut.frame_latency, dut.interval, dut.multipliers) == (frame_latency, interval, multipliers)

@@ -37,6 +37,7 @@ def table(size: int) -> np.ndarray:
         ("substitution", 14, 2, "floor"),
     ],
 )
+@pytest.mark.quick("elimination-18-4-nearest", "substitution-14-2-floor")
 def test_recurrence_equals_reference(tmp_path, kind, size, lanes, rounding):
     inputs = np.random.default_rng(1).integers(-(2**13), 2**13, (FRAMES, size, size))
     inputs[0], inputs[1] = -(2**13), 2**13 - 1
@@ -72,6 +73,7 @@ def test_tables_hold_each_coefficient_once_where_it_stays_the_same(kind):
 
 
 @pytest.mark.parametrize(("size", "lanes"), [(5, 1), (14, 4)])
+@pytest.mark.quick("14-4")
 def test_reversal(tmp_path, size, lanes):
     frames = np.random.default_rng(1).integers(-(2**10), 2**10, (FRAMES, size, size))
     dut = FrameReversal(size, 11, lanes=lanes)

@@ -25,6 +25,7 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
         ("backward", 4, 5, 8),
     ],
 )
+@pytest.mark.quick("central-2-9-14", "backward-4-5-8")
 def test_rtl_equals_reference(tmp_path, divergence, lanes, height, width):
     bits, frames = 10, 6
     rng = np.random.default_rng(1)
@@ -63,6 +64,7 @@ def test_rtl_equals_reference(tmp_path, divergence, lanes, height, width):
 
 
 @pytest.mark.parametrize(("divergence", "lanes", "width"), [("central", 1, 9), ("backward", 4, 12)])
+@pytest.mark.quick("central-1-9")
 def test_loaded_offsets(tmp_path, divergence, lanes, width):
     """Hardware that starts with small offsets computes with the widest of its format."""
     bits, frames, height = 10, 3, 6

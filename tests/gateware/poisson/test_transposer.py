@@ -13,6 +13,7 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("size", "lanes"), [(14, 1), (15, 2), (14, 4)])
+@pytest.mark.quick("15-2")
 def test_columns_leave_in_order(tmp_path, size, lanes):
     width, frames = 9, 5
     dut = Transposer(size, width, lanes=lanes)

@@ -65,6 +65,7 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
         (13, 1, "central", {"rounding": "floor", "data_bits": 18}),
     ],
 )
+@pytest.mark.quick("14-2-backward-numbers1", "13-1-central-numbers3")
 def test_rtl_equals_reference(tmp_path, size, lanes, divergence, numbers):
     source, chosen = make(size, divergence, **numbers)
     dut, frames = component(source, chosen, lanes), 5
@@ -131,6 +132,7 @@ def test_reset_within_a_frame_starts_afresh_and_rows_carry_their_address():
     ("lanes", "frame_latency", "interval", "multipliers"),
     [(1, 32_427, 16_384, 128), (2, 16_234, 8_192, 256), (4, 8_202, 4_096, 512)],
 )
+@pytest.mark.quick("4-8202-4096-512")
 def test_cost_of_the_paper_s_frame(lanes, frame_latency, interval, multipliers):
     source, matrix = PoissonSource("central", 17, np.zeros((126, 126), int)), coefficients(126, 17)
     c = thomas_coefficients(126, 17)

@@ -59,6 +59,7 @@ def run(ways, stall, input_stall):
 
 @pytest.mark.parametrize("stall", [(0, 0), (0.3, 0), (0, 0.9), (0.3, 0.9, 0.5), (0.9,)])
 @pytest.mark.parametrize("input_stall", [0, 0.5])
+@pytest.mark.quick("0-stall0", "0.5-stall3", "0-stall2", "0.5-stall4")
 def test_every_output_takes_every_beat_once(stall, input_stall):
     sent, taken, clocks = run(len(stall), stall, input_stall)
     assert clocks, "hang"

@@ -145,6 +145,7 @@ def sequences(guard):
 
 
 @pytest.mark.parametrize(("height", "width", "channels", "lanes"), [(3, 8, 3, 2), (2, 4, 1, 4)])
+@pytest.mark.quick("3-8-3-2")
 def test_rtl_equals_reference(tmp_path, height, width, channels, lanes):
     guard = FrameGuard(height, width, channels, lanes=lanes)
     settings = []

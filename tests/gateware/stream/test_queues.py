@@ -76,6 +76,7 @@ def run(registers, depth, rest, stall):
 @pytest.mark.parametrize(("registers", "depth"), [(1, 2), (10, 16), (7, 8), (10, 4), (3, 1)])
 @pytest.mark.parametrize("rest", [0, 0.5])
 @pytest.mark.parametrize("stall", [0, 0.3, 0.9])
+@pytest.mark.quick("0-0-7-8", "0-0.5-10-16", "0.3-0-3-1", "0.3-0.5-1-2", "0.9-0-10-4")
 def test_every_beat_leaves_once_and_in_order(registers, depth, rest, stall):
     taken, launches = run(registers, depth, lambda _: rest, lambda _: stall)
     assert [beat for beat in taken if beat is not None] == list(range(BEATS))
@@ -85,6 +86,7 @@ def test_every_beat_leaves_once_and_in_order(registers, depth, rest, stall):
 
 
 @pytest.mark.parametrize("registers", [1, 7, 10, 11])
+@pytest.mark.quick("7", "11")
 def test_the_stated_depth_keeps_a_beat_a_clock_also_after_a_stall(registers):
     depth = CreditQueue.depth_of(registers)
     stalled = range(20, 90)

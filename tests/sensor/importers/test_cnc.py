@@ -53,7 +53,7 @@ def scene():
 @pytest.fixture(scope="module")
 def own(scene, tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
-    generate(scene, folder / "d.h5", cache=folder / "cache", progress=False, processes=1)
+    generate(scene, folder / "d.h5", store=folder / "cache", progress=False, processes=1)
     return dataset.read(folder / "d.h5", scene)
 
 

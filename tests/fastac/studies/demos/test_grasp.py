@@ -24,7 +24,7 @@ def of_scene(bundle, scene):
 @pytest.fixture(scope="module")
 def written(tiny_rig_bundle, tiny_rig_cache, tmp_path_factory):
     folder = tmp_path_factory.mktemp("grasp") / "g"
-    content = experiment.run(tiny_rig_bundle, folder, grasp=BRIEF, cache=tiny_rig_cache, progress=False)
+    content = experiment.run(tiny_rig_bundle, folder, grasp=BRIEF, store=tiny_rig_cache, progress=False)
     return folder, content
 
 

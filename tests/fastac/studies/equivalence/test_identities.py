@@ -13,6 +13,7 @@ from fastac.models.integer import force as integer_force
 from fastac.models.integer.force import WeightedSum
 from fastac.scenes.schema import SceneError
 from fastac.sensor.dataset import write
+from fastac.store.files import load_arrays
 from fastac.studies.equivalence import adjoint_fits, identities
 from fastac.studies.equivalence.variants import float_variant, integer_variant, slope_words, variant
 
@@ -137,7 +138,7 @@ def test_fits_are_those_of_a_training(tiny_scene, tiny_folder, tiny_data, tmp_pa
         tmp_path / "force.npz",
         progress=False,
     )
-    arrays = training.load_arrays(tmp_path / "force.npz")
+    arrays = load_arrays(tmp_path / "force.npz")
     for arithmetic in ("float", "integer"):
         expected = arrays[f"force.{arithmetic}_weights"]
         np.testing.assert_allclose(

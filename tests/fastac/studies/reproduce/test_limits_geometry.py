@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from fastac.flow import training
 from fastac.scenes.sensor_schema import Light, Markers, Raw10
+from fastac.store.files import load_arrays
 from fastac.studies.reproduce.geometry import rgb_data, rgb_scene
 from fastac.studies.reproduce.limits_geometry import (
     IDEAL,
@@ -78,7 +78,7 @@ def test_trainings_are_the_same_in_any_number_of_processes(make_scene, tiny_data
         folder.mkdir()
         trainings = [Training(of, data, folder / f"{name}.npz") for name, (of, data) in pairs.items()]
         train_all(trainings, processes, progress=False)
-        found.append([training.load_arrays(one.weights) for one in trainings])
+        found.append([load_arrays(one.weights) for one in trainings])
         errors = trainings[0].errors(progress=False)
         assert set(errors) == {"gradient_mae_mm_per_px", "depth_mae_mm"}
     for one, two in zip(*found, strict=True):

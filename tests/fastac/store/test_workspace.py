@@ -7,7 +7,7 @@ import pytest
 from fastac.store import sources as store_sources
 from fastac.store.files import content_hash, digest_file, read_or_make, write_json
 from fastac.store.sources import digest_sources
-from fastac.store.steps import Step, Workspace
+from fastac.store.workspace import Step, Workspace
 
 
 class Bench:

@@ -1,0 +1,112 @@
+"""What the steps of a build do: each reads what the steps before it wrote and writes into a folder.
+
+`flow/build.py` says which step is given what. A function here takes the folder to write into first; `store`
+is the folder of the step store, for what a step has kept on its own, such as processed frames.
+"""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+
+from fastac.flow import frames, hardware, training
+from fastac.models import accuracy
+from fastac.models.integer import bundle as bundles
+from fastac.report import page
+from fastac.scenes.schema import Scene
+from fastac.sensor import fingertip, samples
+from fastac.store.files import write_json
+from fastac.synth import synthesis
+
+DATA = "data.h5"
+NORMALS, INTEGERS, FORCE = "normals.npz", "integers.npz", "force.npz"
+BUNDLE, ACCURACY, VERILOG, SIMULATION = "bundle", "accuracy.json", "verilog", "sim.json"
+REPORT, PAGE = "report.json", "report.html"
+
+
+def data(folder: Path, scene: Scene, *, store: Path, progress: bool) -> None:
+    """Press the virtual fingertip after the scene's protocol."""
+    fingertip.generate(scene, folder / DATA, store=store, progress=progress)
+
+
+def normals(folder: Path, scene: Scene, data: Path, *, store: Path, progress: bool) -> None:
+    """Train the float pixel network; raises TrainingError where the data lack what the scene wants."""
+    known = frames.read(data, scene, store=store, progress=progress)
+    training.require(known, scene, data)
+    training.normals(known, scene, folder / NORMALS, progress=progress)
+
+
+def integers(folder: Path, scene: Scene, data: Path, weights: Path, *, store: Path, progress: bool) -> None:
+    """Quantise the pixel network and fine-tune it with the integer arithmetic as its forward pass."""
+    known = frames.read(data, scene, store=store, progress=progress)
+    training.integers(known, scene, weights, folder / INTEGERS, progress=progress)
+
+
+def force(
+    folder: Path, scene: Scene, data: Path, weights: Path, integers: Path, *, store: Path, progress: bool
+) -> None:
+    """Train the force model, then fit its last layer to each pipeline."""
+    known = frames.read(data, scene, store=store, progress=progress)
+    training.force(known, scene, weights, integers, folder / FORCE, progress=progress)
+
+
+def bundle(
+    folder: Path,
+    scene: Scene,
+    data: Path,
+    weights: Path,
+    integers: Path,
+    force: Path | None,
+    *,
+    store: Path,
+    progress: bool,
+) -> None:
+    """All integers and the float weights as a bundle."""
+    known = frames.read(data, scene, store=store, progress=progress)
+    arrays = [training.load_arrays(path) if path else {} for path in (weights, integers, force)]
+    training.assemble(known, scene, *arrays, folder / BUNDLE)
+
+
+def evaluate(folder: Path, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
+    """Errors of the float and the integer model on the test split."""
+    model = bundles.load(bundle)
+    known = frames.read(data, model.scene, store=store, progress=progress)
+    index = samples.split_indices(known, "test", data)
+    errors, _ = accuracy.compare_pipelines(model, known, index, progress=progress)
+    write_json(folder / ACCURACY, {"split": "test", "frames": len(index), **errors})
+
+
+def verilog(folder: Path, bundle: Path, *, progress: bool) -> None:
+    hardware.write_verilog(bundles.load(bundle), folder / VERILOG, progress=progress)
+
+
+def simulate(
+    folder: Path, bundle: Path, verilog: Path, data: Path, count: int, *, store: Path, progress: bool
+) -> None:
+    """`count` held-out frames through the Verilog, every value compared with the integer model."""
+    model = bundles.load(bundle)
+    known = frames.read(data, model.scene, store=store, progress=progress)
+    index = samples.evenly_spaced(known.indices("test"), count)
+    found = hardware.simulate(model, known, index, verilog, folder / "simulator", progress=progress)
+    write_json(folder / SIMULATION, {"frame_indices": np.asarray(index).tolist(), **found})
+
+
+def report(
+    folder: Path,
+    bundle: Path,
+    data: Path,
+    accuracy: Path,
+    verilog: Path,
+    simulation: Path,
+    synthesis_file: Path | None,
+    *,
+    store: Path,
+) -> None:
+    """report.json and report.html of what the steps before have written."""
+    for source, name in ((accuracy, ACCURACY), (simulation, SIMULATION), (synthesis_file, synthesis.FILE)):
+        if source is not None:
+            shutil.copyfile(source, folder / name)
+    (folder / VERILOG).mkdir()
+    shutil.copyfile(verilog / "hardware.json", folder / VERILOG / "hardware.json")
+    model = bundles.load(bundle)
+    page.write(folder, model, frames.read(data, model.scene, store=store))

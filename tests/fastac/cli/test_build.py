@@ -1,0 +1,67 @@
+import json
+import re
+import shutil
+
+from command_line import fail, succeed
+
+
+def test_report_prints_the_summary(tiny_folder, tiny_file, tmp_path):
+    folder = shutil.copytree(tiny_folder, tmp_path / "tiny")
+    (folder / "verilog").mkdir()
+    (folder / "verilog" / "hardware.json").write_text(
+        json.dumps({"latency_cycles_by_formula": {"stage": {"normals": 10}}, "multipliers": {"normals": 10}})
+    )
+    (folder / "accuracy.json").write_text(
+        json.dumps({"frames": 8, "float": {}, "integer": {}, "growth_percent": {}, "saturated_values": {}})
+    )
+    simulated = {"frames": 2, "values_compared": 50_000, "mismatches": 0, "frame_indices": [30, 33]}
+    simulated |= {"values_by_output": {}, "markers_compared": 0, "errors": 0}
+    simulated["latency_cycles"] = {"first_pixel_to_force": 1234}
+    (folder / "sim.json").write_text(json.dumps(simulated))
+    lines = succeed("report", folder, "--data", tiny_file).stdout.splitlines()
+    cells = [re.split(r"\s{2,}", line) for line in lines]
+    assert cells[0] == ["", "here", "paper"]
+    assert cells[1][0] == "RTL against integer model"
+    assert "0 mismatches in 50,000 values, 2 frames" in cells[1][1]
+    assert any(line[1:] == ["1,234", "about 163,500"] for line in cells)
+    assert lines[-1] == str(folder / "report.html")
+    assert (folder / "report.json").exists()
+
+
+def test_no_results_no_report(tiny_folder, tiny_file, tmp_path):
+    folder = shutil.copytree(tiny_folder, tmp_path / "tiny")
+    assert "accuracy.json" in fail("report", folder, "--data", tiny_file)
+    assert fail("report", folder) == f"{folder}/data.h5: no such file"
+
+
+def test_a_scene_from_frames_to_the_report(toml, tmp_path, one_process):
+    """Frames, trained integers, Verilog, its simulation, the report; a second run does nothing."""
+    text = toml.read_text().replace("[poisson]\n", '[poisson]\nsolver = "tridiagonal"\n')
+    text = text.replace("train_grid = 3", "train_grid = 2").replace(
+        "[numbers]", "[network]\nwidth = 4\n[numbers]"
+    )
+    text = text.split("[training]")[0] + "[simulation]\nframes = 2\n[training]\n"
+    toml.write_text(text + "normals_epochs = 1\nfinetune_epochs = 1\nforce_epochs = 1\n")
+    folder = tmp_path / "build" / "tiny"
+    command = ("build", toml, "-o", folder, "--no-progress")
+    first = succeed(*command)
+    report = json.loads((folder / "report.json").read_text())
+    found = report["rtl_vs_integer"]
+    assert (found["frames"], found["mismatches"]) == (2, 0)
+    assert found["values_compared"] == 2 * (16 * 16 * 3 + 14 * 14 + 1)
+    latency = report["latency_cycles"]
+    assert latency["initiation_interval"] == 16 * 16
+    assert sum(latency["stage"].values()) == latency["first_pixel_to_force"]
+    assert {"float", "integer"} <= report["accuracy"].keys()
+    assert report["accuracy"]["integer"].keys() >= {"normal_mae_deg", "depth_mae_mm", "force_mae_n"}
+    assert report["resources"]["dsp48e2"]["value"] > 0
+    assert "<html" in (folder / "report.html").read_text()
+    assert "0 mismatches in 1,930 values, 2 frames" in first.stdout
+    assert first.stdout.splitlines()[-1] == str(folder / "report.html")
+
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()}
+    again = succeed(*command)
+    assert again.stdout == first.stdout
+    assert "running" in first.stderr
+    assert "running" not in again.stderr
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()} == before

@@ -1,0 +1,62 @@
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
+
+import pytest
+from command_line import fail, run, succeed
+
+from fastac.scenes import schema as scenes
+from fastac.sweep import pools
+from fastac.sweep import run as sweeps
+
+
+@pytest.fixture
+def spec(toml, tmp_path):
+    path = tmp_path / "spec.toml"
+    quick = toml.read_text().replace("normals_epochs = 15", "normals_epochs = 1")
+    toml.write_text(quick.replace("force_epochs = 5", "force_epochs = 1"))
+    path.write_text('scene = "tiny.toml"\nframes = 2\n[axes]\n"numbers.data_bits" = [16, 26]\n')
+    return path
+
+
+def test_sweep_and_trade(spec, toml, tiny_file, tmp_path, monkeypatch):
+    for name in pools.THREAD_VARIABLES:
+        monkeypatch.setenv(name, "1")
+    one_thread = pools.Pool(
+        lambda: ThreadPoolExecutor(1), 1
+    )  # processes take longer to start than this takes
+    monkeypatch.setattr(sweeps, "local_pool", lambda workers: nullcontext(one_thread))
+    spec.write_text(f'data = "{tiny_file}"\n{spec.read_text()}')
+    results, page = tmp_path / "r.sqlite", tmp_path / "page"
+    sweep = ("sweep", spec, "-o", results, "--cache", tmp_path / "cache", "--workers", 1, "--no-progress")
+    assert succeed(*sweep).output == f"{results}: 2 done, 0 infeasible, 0 failed, 0 known\n"
+    assert "2 known" in succeed(*sweep).output
+    trade = ("trade", results, "-o", page, "--mark", toml, "--no-progress")
+    found = succeed(*trade, "--pick", "depth_mae_mm<1, dsp<1000", "--by", "depth_mae_mm").output
+    assert "To go 2× faster costs this much: depth error, mm" in found
+    assert str(page / "trade.html") in found
+    assert scenes.load(page / "picked.toml").numbers.data_bits in (16, 26)
+    assert "scene tiny" in (page / "trade.html").read_text()
+    assert "no such metric; there are" in fail(*trade, "--pick", "size<3")
+
+
+def test_sweeps_that_cannot_start(spec, toml, tmp_path):
+    assert "spec.toml: frame: unknown key" in fail("sweep", edited(spec, "frames", "frame"))
+    assert (
+        run("sweep", edited(spec, "frame =", "frames ="), "--workers", 1, "--scheduler", "x").exit_code == 2
+    )
+    toml.write_text(toml.read_text().replace('channels = "bgr+nir"', 'channels = "bgr"\nsource = "recorded"'))
+    result = run("sweep", spec)
+    assert result.exit_code == 2
+    assert "data: missing" in result.output
+    assert "no such file" in fail("trade", tmp_path / "none.sqlite")
+
+
+def edited(path, old, new):
+    path.write_text(path.read_text().replace(old, new))
+    return path
+
+
+def test_scope(toml, tmp_path):
+    found = succeed("scope", toml, "--builds", tmp_path).output
+    assert found.startswith("| | tiny |\n")
+    assert "| force model | kernels 5×5 |" in found
