@@ -1,8 +1,8 @@
 """Speed of the virtual rig on one core: contact mechanics, skin at the pixels, rendering, image processing.
 
-    fastac bench rig SCENE [--cache FOLDER]
+    fastac bench rig SCENE [--store FOLDER]
 
-The gel's compliance is computed first, or read from the cache; that time is not counted.
+The gel's compliance is computed first, or read from the store; that time is not counted.
 """
 
 from functools import partial
