@@ -9,14 +9,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from fastac.models.floating.adjoint import transposed_divergence
 from fastac.models.integer.bounds import stencil_norms
-from fastac.models.integer.dst2d import Solver
-from fastac.models.integer.laplacian import divergence_of
+from fastac.models.integer.laplacian import STENCILS, divergence_of, transposed_differences
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.source import PoissonSource
-from fastac.models.integer.tridiagonal import TridiagonalSolver, row_operators
 from fastac.models.integer.words import LARGEST_ERROR
 from fastac.studies.robustness.worst_case import WorstCase, magnitude
 
@@ -29,7 +26,7 @@ def _stimulus(pipeline: IntegerPipeline, weight: np.ndarray) -> tuple[PoissonSou
     """The Poisson source and slopes (N + 2, N + 2, 2) that drive a word to its largest magnitude; `weight`
     (N, N) are the word's weights of the source. Where the offset is loadable, it is the worst one."""
     source, limit = pipeline.source, pipeline.ratio.limit
-    slopes = (limit * np.sign(transposed_divergence(weight, source.divergence))).astype(np.int64)
+    slopes = (limit * np.sign(transposed_differences(weight, source.divergence))).astype(np.int64)
     if source.offset_limit is not None:
         return replace(source, offset=-divergence_of(slopes, source.divergence)), slopes
     # Both the slopes' share and the offset's count with the same sign.
@@ -45,10 +42,10 @@ def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
     s = solver.row_forward.matrix.astype(np.float64)
     n = len(s)
     # In units of the source's word; a loadable offset can add as much as the slopes, at each place.
-    limit = pipeline.ratio.limit * (2 if divergence == "central" else 1)
+    stencil = STENCILS[divergence]
+    limit = pipeline.ratio.limit * stencil.span
     offset = source.offset * float(source.offset_limit is None)
     along, across = stencil_norms(s, divergence)
-    twice = 1.0 if divergence == "central" else 2.0
 
     def row(mode: int, rows: np.ndarray) -> np.ndarray:
         return np.outer(rows, s[mode])
@@ -62,53 +59,19 @@ def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
         norms = np.abs(operators).sum(axis=2) * along[:, None] + along_rows * across[:, None]
         return farthest(norms, np.einsum("nik,kn->ni", operators, offset @ s))
 
-    i, mode = farthest((along + twice * across)[None, :], offset @ s)
+    i, mode = farthest((along + stencil.norm * across)[None, :], offset @ s)
     found = {"row_forward": row(mode, np.eye(n)[i])}
-    if isinstance(solver, Solver):
-        both = np.outer(across, along) + np.outer(along, across)
-        reciprocal = solver.division.mantissa * 2.0**-solver.division.shift
-        for name, scale in (("column_forward", np.ones((n, n))), ("division", reciprocal)):
-            m, mode = farthest(both * scale, s @ offset @ s * scale)
-            found[name] = row(mode, s[m])
-        operators = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
-        name = "column_inverse"
-    else:
-        c = solver.elimination.coefficient * 2.0**-solver.elimination.shift
-        down, up = row_operators(c)
-        eliminate = down * c.T[:, None, :]
-        mode, i = through(eliminate)
-        found["elimination"] = row(mode, eliminate[mode, i])
-        operators = up @ eliminate
-        name = "substitution"
-    mode, i = through(operators)
-    found[name] = row(mode, operators[mode, i])
+    for name, operators in solver.mode_operators().items():
+        mode, i = through(operators)
+        found[name] = row(mode, operators[mode, i])
     best = 0.0
     for i in range(max(n // 2 - CANDIDATES, 0), min(n // 2 + CANDIDATES, n)):
         green = (s[:, n // 2, None] * operators[:, i, :]).T @ s  # of the pixel in row i, middle column
-        reach = limit * np.abs(transposed_divergence(green, divergence)).sum()
+        reach = pipeline.ratio.limit * np.abs(transposed_differences(green, divergence)).sum()
         reach += abs((green * offset).sum())
         if reach > best:
             best, found["row_inverse"] = reach, green
     return found
-
-
-def stage_words(
-    solver: Solver | TridiagonalSolver, source: np.ndarray
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """By name of the solver's stages, their input and output words for sources (..., N, N)."""
-    found, x = {}, source
-    for name in stage_names(solver):
-        if name == "column_forward" or (name == "row_inverse" and isinstance(solver, Solver)):
-            x = np.swapaxes(x, -1, -2)
-        found[name] = x, (x := getattr(solver, name)(x))
-    return found
-
-
-def stage_names(solver: Solver | TridiagonalSolver) -> tuple[str, ...]:
-    """Names of the solver's stages in the order of the data flow."""
-    if isinstance(solver, Solver):
-        return ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
-    return ("row_forward", "elimination", "substitution", "row_inverse")
 
 
 def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
@@ -139,10 +102,10 @@ def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
         )
     ]
     apart = "" if note else "the bound adds the slopes' and the offset's largest pixels, which may differ"
-    for name, stage in zip(stage_names(solver), solver.stages, strict=True):
+    for (name, table), stage in zip(solver.parts.items(), solver.stages, strict=True):
         worst, slopes = _stimulus(pipeline, weights[name])
-        inputs, outputs = stage_words(solver, worst(np.stack([slopes, -slopes])))[name]
-        table = getattr(solver, name)
+        steps = solver.steps(worst(np.stack([slopes, -slopes])))
+        inputs, outputs = next((given, words) for step, given, words in steps if step == name)
         # Rounded once more; rounding down increases the magnitude of −bound.
         up = LARGEST_ERROR[table.rounding]
         bound = int(np.floor(stage.bound_px * 2.0**stage.format.fraction + up))

@@ -13,7 +13,6 @@ from fastac.models.integer.tridiagonal import (
     Substitution,
     TridiagonalSolver,
     thomas_coefficients,
-    tridiagonal_solver,
 )
 from fastac.models.integer.words import Fixed
 from fastac.sim.check_stream import check, pack
@@ -26,7 +25,7 @@ def make(size: int, divergence: str = "central", **numbers) -> tuple[PoissonSour
     """The solver for `size` inner pixels a side, slopes of 7 fractional bits, each word from its bound."""
     offset = np.random.default_rng(3).integers(-700, 700, (size, size))
     source = PoissonSource(divergence, GRADIENT_WIDTH, offset)
-    chosen = tridiagonal_solver(
+    chosen = TridiagonalSolver.fitted(
         offset=offset,
         source=Fixed(source.width, 7 + (divergence == "central")),
         slope_limit=LIMIT / 128,
