@@ -17,6 +17,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.result import Result
 from fastac.scenes.schema import AXES
 from fastac.sensor.dataset import Dataset
+from fastac.store.files import write_atomically
 
 DPI = 100
 
@@ -110,9 +111,8 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     axis.tick_params(labelsize=7)
     figure.legend(*axis.get_legend_handles_labels(), fontsize=7, ncol=6, loc="outside lower center")
     axis.set_title(heading(report), fontsize=9)
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
-    figure.savefig(temporary, dpi=DPI)
-    temporary.replace(path)
+    with write_atomically(path) as temporary:
+        figure.savefig(temporary, dpi=DPI)
     plt.close(figure)
 
 

@@ -8,6 +8,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from fastac.report.figures import save_png
 from fastac.studies.demos.grip_control import friction_ratio
 from fastac.studies.demos.records import GraspTrace, PipelineOutput, VibrationRecording
 
@@ -15,13 +16,6 @@ SHOWN_S = 0.12
 """Duration of the forces that the vibration figure shows."""
 HIGHEST_RATIO = 2.5
 """Upper end of the axis of μ, in multiples of the coefficient of friction."""
-
-
-def _save(figure, path: Path) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    figure.savefig(temporary, format="png", dpi=110)
-    plt.close(figure)
-    temporary.replace(path)
 
 
 def vibration(
@@ -54,7 +48,7 @@ def vibration(
     figure.suptitle(
         f"{scene}: F_z of the integer model; dashed: the vibration's frequency; grey: true force; simulated"
     )
-    _save(figure, path)
+    save_png(figure, path)
 
 
 def grasp(traces: dict[str, GraspTrace], content: dict, path: Path) -> None:
@@ -92,4 +86,4 @@ def grasp(traces: dict[str, GraspTrace], content: dict, path: Path) -> None:
         f"{content['scene']}: bottle pushed down; dashed black: slip begins; simulated", fontsize=9
     )
     figure.tight_layout(rect=(0, 0, 1, 0.99))
-    _save(figure, path)
+    save_png(figure, path)
