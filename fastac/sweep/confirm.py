@@ -10,8 +10,10 @@ from fastac.gateware.cycle_model import cycles
 from fastac.models.integer import bundle as bundles
 from fastac.scenes.schema import Scene
 from fastac.sensor import samples
+from fastac.store.store import open_store
 from fastac.sweep.front import Source, TradeError
-from fastac.sweep.points import PointModels, Setting, latency, point_key
+from fastac.sweep.point_steps import latency
+from fastac.sweep.points import PointModels, Setting, point_key
 from fastac.sweep.results import Row
 from fastac.sweep.spec import Point
 
@@ -50,9 +52,10 @@ def models_of(source: Source, row: Row) -> PointModels:
     """The models of a row. Raises TradeError where code or data have changed since they were measured."""
     setting = Setting(**source.facts["setting"])
     scene = Scene.model_validate(row.scene)
-    if point_key(Point({}, scene).content, setting) != row.key:
+    models, store = PointModels(scene, setting), open_store(Path(setting.store))
+    if point_key(Point({}, scene).content, setting) != row.key or not store.is_current(models.point):
         raise TradeError(f"{source.results.path}: sources or data have changed since: run fastac sweep again")
-    return PointModels(scene, setting)
+    return models
 
 
 def confirm(source: Source, row: Row, folder: Path, *, progress: bool) -> Confirmation:
@@ -61,8 +64,6 @@ def confirm(source: Source, row: Row, folder: Path, *, progress: bool) -> Confir
     Raises TradeError where the row's metrics are not those of the present cycle formulas.
     """
     models = models_of(source, row)
-    for step in models.steps.values():
-        step.perform()
     bundle = bundles.save(folder / "bundle", models.pipeline, models.floats)
     hardware.write_verilog(bundle, folder / "verilog", progress=progress)
     index = samples.evenly_spaced(models.index, FRAMES)

@@ -1,6 +1,6 @@
 """Scaling of a sweep with the number of workers: the same points on one Dask worker, then on several.
 
-    fastac bench sweep SWEEP_TOML [--points N] [--workers 1,2] [--cache FOLDER]
+    fastac bench sweep SWEEP_TOML [--points N] [--workers 1,2] [--store FOLDER]
 
 All models are trained before the timing. Every worker is a process of this machine with one thread, and
 measures one point (which loads the frames) before the timing; no result is kept.
@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fastac.store.progress import progress_bar
+from fastac.store.store import open_store
 from fastac.sweep import pools
 from fastac.sweep import run as sweeps
 from fastac.sweep import spec as sweep_spec
@@ -22,26 +23,16 @@ from fastac.sweep.spec import Point
 
 
 def measurable(spec: sweep_spec.Spec, base, folder: Path, count: int, setting: Setting) -> list[Point]:
-    """Up to `count` feasible points of the grid, with all their models trained.
-
-    Points that share their trained models with many others come first, so that few trainings are needed.
-    """
-    points = [point for point in sweep_spec.grid(spec, base, folder) if point.scene is not None]
-    by_training: dict[tuple, list[Point]] = {}
-    for point in points:
-        steps = PointModels(point.scene, setting).steps.values()
-        by_training.setdefault(tuple(step.key for step in steps), []).append(point)
-    ordered = sorted(by_training.values(), key=len, reverse=True)
+    """Up to `count` feasible points of the grid, all measured once, so that their models are in the store."""
     chosen: list[Point] = []
     with progress_bar(total=count, desc="preparing", unit="point") as bar:
-        for point in (point for group in ordered for point in group):
+        for point in sweep_spec.grid(spec, base, folder):
             if len(chosen) == count:
                 break
-            models = PointModels(point.scene, setting)
-            for step in models.steps.values():
-                step.perform()
+            if point.scene is None:
+                continue
             try:
-                _ = models.pipeline
+                open_store(Path(setting.store)).perform(PointModels(point.scene, setting).point)
             except ValueError:  # infeasible, such as a word too short: would distort the time per point
                 continue
             chosen.append(point)
@@ -73,11 +64,11 @@ def seconds(points: list[Point], setting: Setting, workers: int, folder: Path) -
     return took
 
 
-def measure(spec: Path, points: int, workers: tuple[int, ...], cache: Path) -> Iterator[str]:
+def measure(spec: Path, points: int, workers: tuple[int, ...], store: Path) -> Iterator[str]:
     """Time the points of a specification with each number of workers; yields one line of text per number."""
     content, base = sweep_spec.load(spec)
     data = content.data and str((spec.parent / content.data).resolve())
-    setting = Setting(str(cache.resolve()), data, content.split, content.frames)
+    setting = Setting(str(store.resolve()), data, content.split, content.frames)
     chosen = measurable(content, base, spec.parent, points, setting)
     first = None
     with tempfile.TemporaryDirectory() as folder:
