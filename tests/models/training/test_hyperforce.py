@@ -8,7 +8,7 @@ N = 14
 
 
 def presses(count: int, seed: int, *, axes: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Gaussian dents, and forces that follow a law of position: stiffer towards larger u."""
+    """Gaussian dents, and forces with a stiffness that grows with u."""
     rng = np.random.default_rng(seed)
     v, u = np.indices((N, N))
     centre = rng.uniform(3, N - 4, (count, 2, 1, 1))
@@ -48,7 +48,7 @@ def test_learns_a_law_that_depends_on_the_position(tiny_scene, axes):
 
 
 def test_keeps_the_best_epoch_on_validation(make_scene):
-    """Trained on forces of the wrong sign, it gets worse and worse at the right ones."""
+    """Trained on forces of the wrong sign, the validation error grows with every epoch."""
     scene = make_scene(training={"force_epochs": 12, "force_learning_rate": 5e-3})
     (d, f), (held_out, truth) = presses(64, 1), presses(16, 2)
     rest = np.ones((N + 2, N + 2))
