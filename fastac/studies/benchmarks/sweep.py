@@ -1,7 +1,8 @@
-"""How a sweep gains from workers: the same points on one Dask worker, then on several.
+"""Speed-up of a sweep by several workers: the same points on one Dask worker, then on more.
 
-The models are trained before any clock runs. Every worker is a process of this machine with one thread, and
-has measured a point (and so loaded the frames) before its clock runs; no result is kept.
+`fastac bench sweep SPEC` prints it. The models are trained before any clock runs. Every worker is a process
+of this machine with one thread, and has measured a point (and so loaded the frames) before its clock runs; no
+result is kept.
 """
 
 import logging
