@@ -101,7 +101,7 @@ class TestForceFromPixels:
 
 
 def test_forces_of_unseen_presses_are_found(forces_only, scene):
-    """With the weights fitted to the trained slopes, far better than the mean of the training forces."""
+    """With weights fitted to the trained slopes, the error is far below that of the mean training force."""
     network, history = from_forces.train(forces_only, scene)
     assert [entry["epoch"] for entry in history] == [0, 1, 2, 3]
 
