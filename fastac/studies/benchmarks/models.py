@@ -1,8 +1,9 @@
-"""Times of the software models on all cores: float pipeline, emulator, and the int64 loop that it must equal.
+"""Speed of the software models on all cores: float pipeline, emulator, and the int64 reference loop.
 
     fastac bench models BUILD_FOLDER…
 
-Frames are random changes of the background and, where the build folder has its dataset, frames from that.
+The emulator must equal the int64 loop on every value. The frames are random perturbations of the background
+and, where the build folder has its dataset, frames of that.
 """
 
 import os
@@ -27,11 +28,12 @@ from fastac.studies.benchmarks.timing import fastest
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2
-"""Those of the int64 loop, which takes ten times as long."""
+"""The same for the int64 loop, which takes ten times as long per frame."""
 
 
-def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
-    """Half the frames small changes, an eighth arbitrary ones; the rest from the dataset if there is one."""
+def benchmark_frames(bundle: Bundle, folder: Path) -> np.ndarray:
+    """FRAMES frames (frames, H, W, C) uint8: an eighth is uniform noise; up to 3/8 come from the folder's
+    dataset, if any; the others are the background with small noise."""
     background, rng = bundle.pipeline.background, np.random.default_rng(1)
     noise = background + rng.integers(-20, 21, (FRAMES, *background.shape))
     frames = np.clip(noise, 0, 255).astype(np.uint8)
@@ -69,9 +71,9 @@ def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
 def measure(folder: Path) -> Iterator[str]:
     """Time the models of a build folder and compare emulator and int64 loop; yields lines of text."""
     bundle = load_bundle(folder)
-    pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
+    pipeline, frames = bundle.pipeline, benchmark_frames(bundle, folder)
     models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": Emulator(pipeline)}
-    ExactTables(pipeline)  # refuses tables that only the loop can compute
+    ExactTables(pipeline)  # raises where the emulator would fall back on the int64 loop
     few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
     yield f"{folder}, {' × '.join(map(str, pipeline.background.shape))}"
@@ -90,4 +92,5 @@ def measure(folder: Path) -> Iterator[str]:
 
 
 def heading() -> str:
+    """The line above all results."""
     return f"For each frame, the fastest of {REPEATS} runs over {FRAMES} frames on {os.cpu_count()} cores:"
