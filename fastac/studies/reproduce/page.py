@@ -1,4 +1,4 @@
-"""The reproduction as a page and as text: each section's tables and pictures, the goals first."""
+"""The reproduction as a page and as text: tables and pictures of each section, and the goals."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,7 +12,7 @@ from fastac.studies.reproduce.section import Section
 
 
 def whose(content: dict) -> str:
-    """Where both columns' figures are from, in one line."""
+    """The origin of our figures and of the paper's, in one line."""
     samples = ", ".join(f"{count} {split}" for split, count in content["samples"].items())
     return (
         f"Ours: scene {content['scene']['name']}, {content['frames_are']} frames ({content['source']};"
@@ -21,13 +21,13 @@ def whose(content: dict) -> str:
 
 
 def tables(content: dict, sections: Sequence[Section]) -> dict[str, list[Table]]:
-    """By the name of each section that there is."""
+    """The tables of each section that was run, by the section's name."""
     present = [section for section in sections if section.name in content["sections"]]
     return {section.name: section.tables(content["sections"][section.name]) for section in present}
 
 
 def text(content: dict, sections: Sequence[Section]) -> str:
-    """For a terminal: all tables, the goals last."""
+    """All tables as text, the goals last."""
     parts = [whose(content)]
     found = tables(content, sections)
     for section in sections:
@@ -41,7 +41,7 @@ def text(content: dict, sections: Sequence[Section]) -> str:
 
 
 def write(content: dict, sections: Sequence[Section], folder: Path, path: Path) -> None:
-    """The page, pictures and all in one file; the sections' folders are in `folder`."""
+    """Write the page with its pictures inside; `folder` holds the folder of each section."""
     found, shown = tables(content, sections), []
     for section in sections:
         pictures = []

@@ -32,7 +32,7 @@ def test_sweep_and_trade(spec, toml, tiny_file, tmp_path, monkeypatch):
     assert "2 known" in succeed(*sweep).output
     trade = ("trade", results, "-o", page, "--mark", toml, "--no-progress")
     found = succeed(*trade, "--pick", "depth_mae_mm<1, dsp<1000", "--by", "depth_mae_mm").output
-    assert "To go 2× faster costs this much: depth error, mm" in found
+    assert "The price of speed: depth error, mm" in found
     assert str(page / "trade.html") in found
     assert scenes.load(page / "picked.toml").numbers.data_bits in (16, 26)
     assert "scene tiny" in (page / "trade.html").read_text()
