@@ -244,7 +244,7 @@ def pick(rows: Iterable[Row], text: str, by: Sequence[str]) -> Row:
 
 
 def write_scene(row: Row, path: Path, origin: str) -> Scene:
-    """The row's scene as TOML for `fastac build`, named after the file; `origin` is written as its first comment."""
+    """Write the row's scene as TOML for `fastac build`, named after the file, with `origin` as a comment."""
     content = Scene.model_validate(row.scene | {"name": "picked"}).model_dump(
         mode="json", exclude={"name"}, exclude_defaults=True
     )

@@ -246,7 +246,7 @@ def picture(shown: Trade, error: str, path: Path) -> None:
 
 
 def write(shown: Trade, folder: Path) -> list[Path]:
-    """Write the page and its pictures; returns the files. The page holds Plotly's code: it needs no network."""
+    """Write the page and its pictures; returns the files. The page holds Plotly's code and all data."""
     written, figures = [], []
     for error in shown.errors:
         path = folder / PICTURE.format(error)
