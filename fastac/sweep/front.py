@@ -237,9 +237,7 @@ def pick(rows: Iterable[Row], text: str, by: Sequence[str]) -> Row:
     for name, compare, value in wanted:
         rows = [row for row in rows if name in row.metrics and compare(row.metrics[name], value)]
         if not rows:
-            raise TradeError(
-                f"--pick {text!r}: no design meets all limits; that on {name} leaves none"
-            )
+            raise TradeError(f"--pick {text!r}: no design meets all limits; that on {name} leaves none")
     return min(rows, key=lambda row: [row.metrics[name] for name in by])
 
 

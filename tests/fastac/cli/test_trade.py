@@ -6,7 +6,6 @@ from command_line import fail, run, succeed
 
 from fastac.scenes import schema as scenes
 from fastac.sweep import pools
-from fastac.sweep import run as sweeps
 
 
 @pytest.fixture

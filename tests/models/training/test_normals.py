@@ -13,7 +13,7 @@ from fastac.models.training.normals import labelled_pixels, labelled_splits, tra
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:
-    """The paper's loss in NumPy: normals of any length against unit ones."""
+    """The paper's loss in NumPy, from predicted normals of any length and true unit normals."""
     unit = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
     return float(np.abs(unit - truth).sum(axis=-1).mean())
 
@@ -25,7 +25,7 @@ def pixels(data, split: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def with_background(data, split: str = "train"):
-    """The dataset with one more frame: the background, flat, as the importer of recordings stores it."""
+    """The dataset with the background added as a flat sample, as the importer of ball presses does."""
     flat = np.zeros((1, *data.normals.shape[1:]), np.float32)
     flat[..., 2] = 1
     return replace(
@@ -103,7 +103,7 @@ class TestTrain:
         assert found < 0.3 * loss_of(np.tile([0.0, 0, 1], (len(y), 1)), y)
 
     def test_the_best_epoch_need_not_be_the_last(self, tiny_data, make_scene):
-        """Trained on mirrored normals it gets worse and worse at the true ones."""
+        """Trained on mirrored normals, the validation error on the true ones grows."""
         mirrored = tiny_data.normals * np.float32([-1, -1, 1])
         training = (tiny_data.split == "train")[:, None, None, None]
         data = replace(tiny_data, normals=np.where(training, mirrored, tiny_data.normals))
@@ -114,7 +114,8 @@ class TestTrain:
         assert loss_of(predict(network, x), y) <= min(losses) * 1.0001
 
     def test_teachers_replace_the_labels(self, tiny_data, make_scene):
-        """Taught from mirrored labels through an ensemble, the network learns the mirror image."""
+        """With teachers trained on mirrored labels, the network learns mirrored normals: it follows the
+        teachers."""
         teach = {"teachers": 2, "teacher_width": 8, "teacher_epochs": 25, "normals_epochs": 15}
         mirrored = replace(tiny_data, normals=tiny_data.normals * np.float32([-1, -1, 1]))
         network, _ = train(mirrored, make_scene(training=teach).training)
@@ -126,7 +127,7 @@ class TestTrain:
         assert np.abs(predict(network, x) - predict(alone, x)).max() > 1e-3
 
     def test_noise_on_the_position_hides_the_position(self, tiny_data, make_scene):
-        """Labels that depend on the place only can still be learned, but worse the more it is blurred."""
+        """Labels that depend on position alone are learned less well with more noise on the position."""
         losses = []
         for noise in (0.0, 0.3, 0.9):
             settings = make_scene(training={"position_noise": noise, "normals_epochs": 8}).training
@@ -259,7 +260,7 @@ class TestBitTrueNetwork:
             assert parameter.grad.abs().max() > 0, name
 
     def test_the_gradient_is_that_of_the_unrounded_layer(self):
-        """One neuron in its linear range: d out / d weight = multiplier · 2**−shift · x."""
+        """Straight-through gradient of one neuron in its linear range: multiplier · 2**−shift · x."""
         scale = Requantisation(np.array([1 << 16]), 18)
         one = np.array([1])
         layers = (
@@ -298,7 +299,8 @@ class TestFinetune:
         assert max(np.abs(layer.weight).max() for layer in after[:-1]) <= 3
 
     def test_never_makes_it_worse(self, tiny_data, make_scene):
-        """Steps of thousands of units destroy what was there; then what was there is kept."""
+        """With a learning rate of thousands of units fine-tuning only gets worse; the initial layers are
+        kept."""
         wild = {"finetune_epochs": 2, "finetune_weights": True, "finetune_learning_rate": 3000.0}
         settings = make_scene(training=wild).training
         network, before = self.quantised(tiny_data, settings)
@@ -337,7 +339,7 @@ class TestFinetune:
         assert loss_of(by_integers(layers, x), y) < 1.05 * loss_of(predict(network, x), y)
 
     def test_the_float_network_is_what_is_learned(self, tiny_data, make_scene):
-        """Labels of the train split, here mirrored, do not count."""
+        """The train split's labels, here mirrored, have no effect: the teacher's normals are the targets."""
         settings = make_scene(training={"finetune_epochs": 1}).training
         network, layers = self.quantised(tiny_data, settings)
         mirrored = replace(tiny_data, normals=tiny_data.normals * np.float32([-1, -1, 1]))
