@@ -17,6 +17,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.result import Result
 from fastac.scenes.schema import AXES
 from fastac.sensor.dataset import Dataset
+from fastac.store.files import write_atomically
 
 DPI = 100
 
@@ -32,17 +33,25 @@ def draw_cycles(axis, stages: dict[str, int]) -> None:
     for k, (name, cycles) in enumerate(stages.items()):
         axis.barh(0, cycles, left=left, color=plt.cm.tab20(k), label=f"{name}: {cycles:,}")
         left += cycles
+    axis.set_xlim(0, left)
     axis.set_yticks([])
+    axis.xaxis.set_major_formatter("{x:,.0f}")
     axis.set_xlabel("clock cycles from the first pixel")
 
 
-def draw_force(axis, truth_n: np.ndarray, found_n: np.ndarray, axis_name: str) -> None:
-    """Force found against true force, (frames,) each in N, as points around the diagonal."""
+def draw_force(axis, truth_n: np.ndarray, found_n: np.ndarray, shown: int, axis_name: str) -> None:
+    """Force found against true force, (frames,) each in N, as points around the diagonal.
+
+    shown : the place of the frame whose images stand beside; its point is marked
+    """
     axis.plot(truth_n, found_n, ".", markersize=4, alpha=0.6)
+    axis.plot(truth_n[shown], found_n[shown], "r*", markersize=9)
     ends = 1.15 * min(truth_n.min(), 0), 1.15 * max(truth_n.max(), 0)
     axis.plot(ends, ends, "k--", linewidth=0.8)
     axis.set_xlabel(f"true F_{axis_name}, N", fontsize=8)
-    axis.set_title(f"F_{axis_name} found, N", fontsize=9)
+    axis.set_title(f"F_{axis_name} found, N (★ this frame)", fontsize=9)
+    axis.set_box_aspect(1)
+    axis.set_anchor("N")
 
 
 def images(data: Dataset, sample: int, found: Result, labels: str) -> list[tuple[str, np.ndarray, dict]]:
@@ -70,36 +79,40 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     """
     scene = bundle.scene
     shown, held_out = np.array(report["rtl_vs_integer"]["frame_indices"]), data.indices("test")
-    with_force = scene.wants_force and data.knows_force(scene.force_axes)
+    with_force = scene.wants_force and data.has_force(scene.force_axes)
     sample = shown[0]
     if with_force:
         sample = shown[np.abs(data.forces_n(shown, scene.force_axes)).max(axis=1).argmax()]
-    emulator = accuracy.of_dataset(bundle.pipeline, data)
+    emulator = accuracy.with_background_of(bundle.pipeline, data)
     panels = images(data, sample, emulator.run(data.frames[[sample]]), scene.training.labels)
     count = len(panels) + (len(scene.force_axes) if with_force else 0)
-    figure = plt.figure(figsize=(2.3 * count, 3.9), layout="constrained")
-    grid = figure.add_gridspec(2, count, height_ratios=[3, 1])
+    figure = plt.figure(figsize=(2.3 * count, 4.4), layout="constrained")
+    grid = figure.add_gridspec(2, count, height_ratios=[5, 1])
     for k, (title, image, style) in enumerate(panels):
         axis = figure.add_subplot(grid[0, k])
         drawn = axis.imshow(image, **style)
         axis.set_title(title, fontsize=9)
         axis.set_axis_off()
+        axis.set_anchor("N")
         if title.endswith("mm"):
-            figure.colorbar(drawn, ax=axis, shrink=0.8, location="bottom").ax.tick_params(labelsize=7)
+            bar = figure.colorbar(drawn, ax=axis, shrink=0.9, pad=0.02, location="bottom", panchor=(0.5, 1))
+            bar.ax.tick_params(labelsize=7)
     if with_force:
         truth = data.forces_n(held_out, scene.force_axes)
         found = emulator.run(data.frames[held_out], wanted=["force_n"]).force_n
+        place = int(np.flatnonzero(held_out == sample)[0])
         for k, force_axis in enumerate(scene.force_axes):
             axis = figure.add_subplot(grid[0, len(panels) + k])
-            draw_force(axis, truth[:, k], found[:, k], AXES[force_axis])
+            draw_force(axis, truth[:, k], found[:, k], place, AXES[force_axis])
             axis.tick_params(labelsize=7)
     axis = figure.add_subplot(grid[1, :])
     draw_cycles(axis, report["latency_cycles_by_formula"]["stage"])
-    axis.legend(fontsize=7, ncol=6, loc="upper center", bbox_to_anchor=(0.5, -0.6), frameon=False)
+    axis.xaxis.label.set_fontsize(8)
+    axis.tick_params(labelsize=7)
+    figure.legend(*axis.get_legend_handles_labels(), fontsize=7, ncol=6, loc="outside lower center")
     axis.set_title(heading(report), fontsize=9)
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
-    figure.savefig(temporary, dpi=DPI)
-    temporary.replace(path)
+    with write_atomically(path) as temporary:
+        figure.savefig(temporary, dpi=DPI)
     plt.close(figure)
 
 

@@ -9,14 +9,14 @@ import torch
 
 from fastac.models.floating import network as pixel_normals
 from fastac.models.floating.hyperforce import collapse, force_map
-from fastac.models.floating.poisson import divergence_scale, solve, source_of
+from fastac.models.floating.poisson import solve, source_of
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.features import scales
-from fastac.models.integer.laplacian import boundary_term, eigenvalues, sine_matrix
+from fastac.models.integer.laplacian import STENCILS, boundary_term, eigenvalues, sine_matrix
 from fastac.models.loops.frames import Outputs, choose_outputs, over_frames, require_frames
 from fastac.models.loops.network import FrameNetwork
-from fastac.models.loops.pixels import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
+from fastac.models.loops.pixels import interleave_slopes, limited_slopes, source, unit_normals
 from fastac.models.loops.sines import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
@@ -145,11 +145,7 @@ class _AfterSlopes:
 
     def __init__(self, pipeline: FloatPipeline):
         scene, self.weights = pipeline.scene, pipeline.force_weights
-        self.divergence, self.force, self.wants_map = (
-            scene.poisson.divergence,
-            scene.force,
-            scene.wants_force_map,
-        )
+        self.stencil, self.force = STENCILS[scene.poisson.divergence], scene.force
         self.rest_slopes = _by_planes(pipeline.rest_slopes())
         self.has_solver = scene.wants_solver
         if self.has_solver:
@@ -168,9 +164,9 @@ class _AfterSlopes:
 
     def _source(self, slopes: np.ndarray) -> np.ndarray:
         """`poisson.source_of` of slopes (H, W, 2), less that at rest, (N, N)."""
-        found, scale = np.empty_like(self.rest_source), np.float32(divergence_scale(self.divergence))
+        found, scale = np.empty_like(self.rest_source), np.float32(self.stencil.scale)
         planes = np.ascontiguousarray(np.moveaxis(slopes, -1, 0))
-        source(planes, AHEAD[self.divergence], scale, self.rest_source, found)
+        source(planes, self.stencil.ahead, scale, self.rest_source, found)
         return found
 
     def solved(self, slopes: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ import torch
 from fastac.models.floating.hyperforce import collapse
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.features import integer_features, scales
-from fastac.models.integer.laplacian import eigenvalues, sine_matrix
+from fastac.models.integer.laplacian import STENCILS, divergence_of, eigenvalues, sine_matrix
 
 
 class TorchPipeline:
@@ -64,11 +64,8 @@ class TorchPipeline:
     @torch.inference_mode()
     def depth(self, slopes: torch.Tensor) -> torch.Tensor:
         """Slopes (H, W, 2) to the displacement (N, N) in mm."""
-        p, q = (slopes - self.rest_slopes).unbind(dim=-1)
-        if self.divergence == "central":
-            source = (p[1:-1, 2:] - p[1:-1, :-2] + q[2:, 1:-1] - q[:-2, 1:-1]) / 2
-        else:
-            source = p[1:-1, 1:-1] - p[1:-1, :-2] + q[1:-1, 1:-1] - q[:-2, 1:-1]
+        change, scale = slopes - self.rest_slopes, STENCILS[self.divergence].scale
+        source = divergence_of(change, self.divergence) * scale
         return self.sine @ (self.sine @ source @ self.sine * self.reciprocal) @ self.sine
 
     @torch.inference_mode()

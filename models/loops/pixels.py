@@ -9,8 +9,6 @@ import math
 import numpy as np
 from numba import njit
 
-AHEAD = {"central": 1, "backward": 0}
-"""Of `source`: how far beyond the pixel a difference reaches; see `integer.PoissonSource`."""
 _compiled = njit(nogil=True, cache=True, error_model="numpy")
 
 
@@ -92,7 +90,7 @@ def limited_slopes(normal, limit, out):
 def source(slopes, ahead, scale, offset, out):
     """Divergence of slopes (2, H, W) times `scale`, less `offset` (H − 2, W − 2), into `out`.
 
-    ahead : that of AHEAD
+    ahead : of the divergence's `laplacian.Stencil`
     """
     rows, columns = out.shape
     for i in range(rows):

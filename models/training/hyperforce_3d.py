@@ -9,7 +9,6 @@ Source: Lu et al., "FasTac": L1 on the three resultants, AdamW.
 """
 
 import copy
-import os
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -21,6 +20,7 @@ from fastac.models.floating.hyperforce_3d import INPUTS, HyperForce3D
 from fastac.models.floating.threads import single_thread
 from fastac.models.training import ridge
 from fastac.scenes.schema import Scene
+from fastac.store.files import write_atomically
 from fastac.store.progress import progress_bar
 
 PATIENCE = 15
@@ -182,10 +182,8 @@ class _Run:
                 arrays[f"optimiser.{k}.{moment}"] = self.optimiser.state[parameter][moment].numpy()
         for key in self.history[0]:
             arrays[f"history.{key}"] = np.array([entry[key] for entry in self.history])
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.stem}.part.npz")
-        np.savez(temporary, best_n=self.best_n, **arrays)
-        os.replace(temporary, path)
+        with write_atomically(path) as temporary:
+            np.savez(temporary, best_n=self.best_n, **arrays)
 
     def load(self, path: Path) -> None:
         """Raises ValueError where the file is damaged or of another model."""

@@ -1,6 +1,7 @@
 """Recordings on a machine with a force gauge: the protocol that it is told, and what it brings home.
 
-A recording is a folder with poses.csv (poses.py) and a frame per row (cnc_frames.py). Normals and depth are rendered from pose, ball and CAD (pose_labels.py), forces are the gauge's.
+A recording is a folder with poses.csv (poses.py) and a frame per row (cnc_frames.py). Normals and depth are
+rendered from pose, ball and CAD (pose_labels.py), forces are the gauge's.
 """
 
 from collections.abc import Callable
@@ -87,8 +88,8 @@ def import_recording(
     """Import the recording in `folder` into the dataset `output`.
 
     origin_mm : the sensor's origin in the machine's coordinates
-    marker_finder_of : makes what follows the gel's dots from the background frame; None where the skin has none.
-        Raises ValueError where the background shows no dots.
+    marker_finder_of : makes what follows the gel's dots from the background frame; None where the skin has
+        none. Raises ValueError where the background shows no dots.
     skip_lost : leave samples out, and count them, in which a marker is not found; else that is an error
 
     The last sample is the background itself: the skin at rest as `cad` has it, in split train, without force.

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from fastac.sensor.dataset import SPLITS
 from fastac.sensor.importers.footage import ImportFailure
+from fastac.store.files import write_atomically
 
 MEASURED = ("force_x_n", "force_y_n", "force_z_n")
 
@@ -46,14 +47,12 @@ def write(path: Path, poses: Iterable[Pose]) -> None:
     poses = list(poses)
     measured = any(math.isfinite(pose.force_z_n) for pose in poses)
     columns = COLUMNS if measured else COLUMNS[: -len(MEASURED)]
-    temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("w", newline="", encoding="utf-8") as file:
+    with write_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         for pose in poses:
             row = astuple(pose)[: len(columns)]
             writer.writerow([f"{v + 0:.9g}" if isinstance(v, float) else v for v in row])
-    temporary.replace(path)
 
 
 def read(path: Path, *, measured: bool) -> list[tuple[Pose, str]]:

@@ -1,12 +1,12 @@
 """The reproduction as a page and as text: each section's tables and pictures, the goals first."""
 
-import base64
 from collections.abc import Sequence
 from pathlib import Path
 
-import jinja2
-
+from fastac.report.figures import base64_png
+from fastac.report.render import render
 from fastac.report.tables import Table
+from fastac.store.files import write_text
 from fastac.studies.reproduce import goals as reproduce_goals
 from fastac.studies.reproduce.section import Section
 
@@ -47,16 +47,17 @@ def write(content: dict, sections: Sequence[Section], folder: Path, path: Path) 
         pictures = []
         if section.name in found:
             pictures = [
-                (picture.stem, base64.b64encode(picture.read_bytes()).decode())
+                (picture.stem, base64_png(picture))
                 for picture in sorted((folder / section.name).glob("*.png"))
             ]
         why = content["absent"].get(section.name)
         shown.append((section.title, why, found.get(section.name, []), pictures))
-    template = jinja2.Environment(
-        loader=jinja2.PackageLoader(__package__, "."), autoescape=True, undefined=jinja2.StrictUndefined
-    ).get_template("page.html.j2")
     goals = reproduce_goals.table(content["goals"]) if content["goals"] else None
-    page = template.render(content=content, whose=whose(content), goals=goals, sections=shown)
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(page, encoding="utf-8")
-    temporary.replace(path)
+    page = render(
+        "studies/reproduce/reproduction.html.j2",
+        content=content,
+        whose=whose(content),
+        goals=goals,
+        sections=shown,
+    )
+    write_text(path, page)

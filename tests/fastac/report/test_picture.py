@@ -64,5 +64,5 @@ def test_it_is_drawn_whole(tiny_bundle, tiny_data, tmp_path, with_force):
     assert [path.name for path in tmp_path.iterdir()] == ["p.png"]
     with Image.open(tmp_path / "p.png") as image:
         width, height = image.size
-        assert (width, height) == (230 * (6 if with_force else 5), 390)
+        assert (width, height) == (230 * (6 if with_force else 5), 440)
         assert np.asarray(image.convert("L")).std() > 10
