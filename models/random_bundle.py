@@ -13,6 +13,7 @@ from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
 from fastac.scenes.schema import Scene
+from fastac.scenes.solvers import SOLVERS
 
 GOOD = (5, 10, 20, 30, 40)
 """Largest differences from the background, in digital numbers, of the frames from which a bundle's validity
@@ -47,7 +48,7 @@ def scene(
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
-        clamp = solver != "adjoint"
+        clamp = SOLVERS[solver].can_clamp
     return Scene.model_validate(
         {
             "name": "random_bundle",

@@ -22,8 +22,8 @@ class TridiagonalPoissonSolver(wiring.Component):
     """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2, last row first.
 
     Source, DST-I of the rows, elimination down the rows, reversal of the rows' order, substitution up the
-    rows, DST-I of the rows back (models/integer/tridiagonal.py). Each stage sustains `lanes` values a clock, and
-    consecutive frames overlap: a frame every `interval` clocks.
+    rows, DST-I of the rows back (models/integer/tridiagonal.py). Each stage sustains `lanes` values a clock,
+    and consecutive frames overlap: a frame every `interval` clocks.
 
     Members
     -------
