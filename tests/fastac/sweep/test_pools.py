@@ -12,7 +12,7 @@ from fastac.sweep.results import Results
 
 @pytest.fixture(autouse=True)
 def environment(monkeypatch):
-    """A sweep puts numerical libraries on one thread, for good: here only while a test runs."""
+    """What a worker sets for itself is not for other tests."""
     for name in pools.THREAD_VARIABLES:
         monkeypatch.setenv(name, "1")
 

@@ -5,6 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
+from fastac.sweep import pools
 from fastac.sweep import run as sweeps
 from fastac.sweep import spec as sweep_spec
 from fastac.sweep.points import POINT_SOURCES, PointModels, Setting, sources
@@ -38,6 +39,13 @@ class Inline(Executor):
         except BaseException as error:
             future.set_exception(error)
         return future
+
+
+@pytest.fixture(autouse=True)
+def environment(monkeypatch):
+    """What a worker sets for itself is not for other tests."""
+    for name in pools.THREAD_VARIABLES:
+        monkeypatch.setenv(name, "1")
 
 
 @pytest.fixture(scope="module")
