@@ -1,7 +1,7 @@
-"""The skin at rest as the sensor's CAD has it: the scene's own surface, a height map, or an STL file.
+"""The sensor's surface at rest, from the scene, a height map, or an STL file of its CAD.
 
 x and y are in mm from the image's centre, z in mm away from the camera, zero at the lowest corner of the
-image as in a dataset; a file's own zero of z does not matter.
+image as in a dataset, wherever the file has its zero.
 """
 
 from collections.abc import Callable
@@ -23,7 +23,7 @@ SEARCH_POINTS_PER_PIXEL = 8
 
 @dataclass(frozen=True)
 class Cad:
-    """A skin over an image."""
+    """The height of the skin over the image, and its slopes at the pixels."""
 
     sensor: Sensor
     depth_at_mm: Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -41,7 +41,7 @@ class Cad:
         return normals_from_slopes(*self.slopes)
 
     def first_touch_mm(self, ball_mm: float, x_mm: float, y_mm: float) -> float:
-        """z of a ball's lowest point where it first touches the skin, led down at x_mm, y_mm.
+        """Height (mm) of a ball's lowest point when, lowered at x_mm, y_mm, it first touches the skin.
 
         Searched at every pixel below the ball, then between those around the first to touch.
         """
@@ -151,7 +151,7 @@ def _stl_heights(sensor: Sensor, path: Path) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _raise_to(height: np.ndarray, x: np.ndarray, y: np.ndarray, a, b, c) -> None:
-    """Raise the grid's heights to a triangle where they lie under it."""
+    """Raise the heights of a grid to those of a triangle where it lies above them."""
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     columns = slice(*np.searchsorted(x, (low[0] - 1e-9, high[0] + 1e-9)))
     rows = slice(*np.searchsorted(y, (low[1] - 1e-9, high[1] + 1e-9)))

@@ -1,7 +1,7 @@
-"""Recordings on a machine with a force gauge: the protocol that it is told, and what it brings home.
+"""Presses by a machine with a force gauge: plans the poses and imports what the machine recorded.
 
-A recording is a folder with poses.csv (poses.py) and a frame per row (cnc_frames.py). Normals and depth are
-rendered from pose, ball and CAD (pose_labels.py), forces are the gauge's.
+A recording is a folder with poses.csv (poses.py) and a frame per row (cnc_frames.py). Normals and depth
+follow from pose, ball and CAD (pose_labels.py); forces are those that the gauge measured.
 """
 
 from collections.abc import Callable
@@ -26,7 +26,7 @@ Point = tuple[float, float, float]
 
 
 def planned_poses(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) -> list[Pose]:
-    """The poses and loads of a scene's protocol, z where the ball first touches `cad`, plus `origin_mm`."""
+    """Poses and loads of a scene's protocol; z is where the ball first touches `cad`, plus `origin_mm`."""
     found, ball_mm = [], scene.protocol.ball_mm
     for station in stations(scene):
         touch = cad.first_touch_mm(ball_mm, station.x_mm, station.y_mm)

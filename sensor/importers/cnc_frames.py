@@ -4,8 +4,8 @@
 000012.npy      the same unpacked, uint16 (rows, columns); or channels, uint8 (H, W, C) in the scene's order
 000012.png      channels as an RGB photograph; where the scene has NIR, 000012.nir.png beside it, grey
 
-`background` in place of the number is the frame with nothing touching. RAW10 images larger than the window of
-4 × 4 raw pixels a pixel are cut to its middle.
+`background` in place of the number names the frame of the untouched sensor. RAW10 images larger than the
+window of 4 × 4 raw pixels a pixel are cropped at the centre.
 """
 
 from dataclasses import dataclass

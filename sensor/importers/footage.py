@@ -1,4 +1,4 @@
-"""Recorded frames, one at a time: a video file or a folder of photographs, and why one cannot be read."""
+"""Frames of a video file or a folder of photographs, read one at a time."""
 
 import re
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from PIL import Image
 
 CHANNELS = ("B", "G", "R")
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
-"""Of the files in a folder that are taken for photographs."""
+"""Suffixes of the files in a folder that count as photographs."""
 
 
 class ImportFailure(ValueError):
@@ -31,7 +31,7 @@ def photograph(path: Path) -> np.ndarray:
 
 
 def _by_number(path: Path) -> list:
-    """The order of names in which frame2 comes before frame10."""
+    """A sort key of file names by which frame2 comes before frame10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
 
@@ -50,7 +50,7 @@ class Photographs:
         return cls(folder, tuple(sorted(files, key=_by_number)))
 
     def index_of(self, name: str) -> int | None:
-        """Which frame a file name is; None if it is not in the folder."""
+        """The index of the frame with this file name; None if it is not in the folder."""
         names = [file.name for file in self.files]
         return names.index(name) if name in names else None
 
@@ -61,12 +61,12 @@ class Photographs:
 
 @dataclass(frozen=True)
 class Video:
-    """A video file; nothing of it is kept, each iteration decodes it again."""
+    """A video file; each iteration decodes it anew, and no frame is kept in memory."""
 
     path: Path
 
     def index_of(self, name: str) -> None:
-        """The frames of a video have no names."""
+        """None: the frames of a video have no names."""
         return
 
     def __iter__(self) -> Iterator[np.ndarray]:
@@ -85,7 +85,7 @@ class Video:
 
 
 def footage(path: Path) -> Photographs | Video:
-    """The frames at `path`. Raises ImportFailure if there is nothing or no photograph."""
+    """The frames at `path`. Raises ImportFailure if there is nothing, or no photograph."""
     if path.is_dir():
         return Photographs.of(path)
     if not path.is_file():

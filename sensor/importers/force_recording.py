@@ -1,4 +1,4 @@
-"""Recordings with a force gauge, a video or photographs and one force per frame, to the dataset format."""
+"""Imports a video or photographs with one measured force per frame as a dataset."""
 
 import math
 from collections.abc import Iterator
@@ -14,11 +14,11 @@ from fastac.sensor.importers.resample import Resampling
 from fastac.store.progress import progress_bar
 
 REST_SHARE = 0.1
-"""A background frame with a larger share of the recording's largest force is no frame at rest."""
+"""Largest force in a background frame, as a share of the largest in the recording."""
 
 
 def _check_frames(labels: Labels, first: int) -> None:
-    """Raise ImportFailure unless every frame from `first` to the last one that has a row has one."""
+    """Raise ImportFailure if a frame between `first` and the last labelled one has no label."""
     known = np.concatenate([[first - 1], labels.frame[labels.frame >= first]])
     gaps = np.flatnonzero(np.diff(known) > 1)
     if len(gaps):
@@ -52,7 +52,7 @@ def _frames(
 
 
 def _at_rest(labels: Labels, count: int, per_group: bool) -> dict[int, int]:
-    """Which frames show the background of which group: {frame: group's number}, group 0 if all share one.
+    """The frames to average into backgrounds, {frame: number of its group}; number 0 if all share one.
 
     Raises ImportFailure where a group is too short, or where the gauge says that something touches.
     """
@@ -78,7 +78,7 @@ def _at_rest(labels: Labels, count: int, per_group: bool) -> dict[int, int]:
 
 
 def _backgrounds(source, labels: Labels, chosen: dict[int, int], progress: bool) -> np.ndarray:
-    """The mean of each group's frames at rest, float64 (groups, height, width, C)."""
+    """The mean of each group's background frames, float64 (groups, height, width, C)."""
     sums, counts = None, np.bincount(list(chosen.values()))
     for index, image in _frames(source, labels, max(chosen) + 1, progress, "background"):
         if sums is None:
@@ -89,7 +89,7 @@ def _backgrounds(source, labels: Labels, chosen: dict[int, int], progress: bool)
 
 
 def _split(labels: Labels, held_out: tuple[str, ...]) -> np.ndarray:
-    """The file's own split, or that by groups; without `held_out` the last group is the test."""
+    """The split that the file states, else one by groups; without `held_out` the last group is the test."""
     for name in held_out:
         if name not in labels.groups:
             raise ImportFailure(f"{labels.path}: group {name!r}: expected one of {', '.join(labels.groups)}")

@@ -1,9 +1,10 @@
-"""Ground truth from a pose, the ball and the sensor's CAD, as the paper renders it.
+"""Normals and depth of a press, computed from the ball's pose and the sensor's CAD as in the paper.
 
-Where the skin lies against the ball its depth and normals are the ball's. How far that goes the pose does not
-say: the ball below the resting skin is too much, for the gel around it gives way too. On a half-space the
-contact ends where the ball is half as deep below the resting skin as at its deepest (Hertz), and on a layer,
-which gives way less, farther out. So what is deeper than a larger share than that is certain to touch.
+Where the skin touches the ball, its depth and normals are those of the ball. The pose alone does not tell how
+far the contact extends: it is smaller than the part of the ball below the resting skin, because the gel
+around the ball sinks too. On an elastic half-space the contact ends where the ball is half as deep below the
+resting skin as at its deepest point (Hertz); on a thin layer, which sinks less, it ends farther out. Pixels
+deeper than a share somewhat above one half are therefore certain to be in contact; only these are valid.
 """
 
 import numpy as np
@@ -15,7 +16,7 @@ from fastac.sensor.importers.poses import Pose
 from fastac.sensor.mechanics.indenter import Ball
 
 CONTACT_SHARE = 0.6
-"""Of the deepest point's depth below the resting skin: half, and a fifth more for friction and tilt."""
+"""Least share of the deepest point's depth that is certain contact: half and a fifth more."""
 
 
 def labels(cad: Cad, pose: Pose, ball_mm: float, where: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -38,7 +39,7 @@ def labels(cad: Cad, pose: Pose, ball_mm: float, where: str) -> tuple[np.ndarray
 
 
 def check(cad: Cad, pose: Pose, ball_mm: float, where: str) -> None:
-    """Raise ImportFailure where no gel could be pressed so."""
+    """Raise ImportFailure for a pose that cannot be a press of this gel."""
     half = half_extent_mm(cad.sensor)
     for key, value, limit in (("x_mm", pose.x_mm, half[0]), ("y_mm", pose.y_mm, half[1])):
         if abs(value) > limit:

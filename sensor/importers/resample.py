@@ -1,4 +1,4 @@
-"""Exact area averaging of photographs onto a sensor's grid, padded to its aspect by the background."""
+"""Area-averaging of photographs onto the sensor's pixels, padded with the background to its aspect ratio."""
 
 from dataclasses import dataclass
 from functools import cached_property
