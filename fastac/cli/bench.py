@@ -1,7 +1,5 @@
 """Commands that measure the speed of the models, the virtual rig and a sweep's workers on this machine."""
 
-from pathlib import Path
-
 import click
 
 from fastac.cli.common import INPUT, Group, Lanes, progress_option, store_option
@@ -44,26 +42,19 @@ def rig(scene, store, progress):
     from fastac.studies.benchmarks import rig as benchmark
 
     found = schema.load(scene)
-    lines = benchmark.measure(found, store, progress)
+    table = benchmark.measure(found, store, progress)
     size = f"{found.sensor.width_px} x {found.sensor.height_px}"
     repeats, stations = benchmark.REPEATS, benchmark.STATIONS
     click.echo(f"{scene}, {size} px, the fastest of {repeats} runs at each of {stations} stations:")
-    for text in lines:
-        click.echo(text)
+    click.echo(table)
 
 
 @bench.command()
 @click.argument("spec", type=INPUT)
 @click.option("--points", type=click.IntRange(1), default=40, show_default=True, help="Number of points.")
 @click.option("--workers", type=Lanes(), default="1,2", show_default=True, help="Numbers of workers.")
-@click.option(
-    "--cache",
-    type=INPUT,
-    default=Path("build/sweep/cache"),
-    show_default=True,
-    help="Folder of datasets and trained models that all sweeps share.",
-)
-def sweep(spec, points, workers, cache):
+@store_option("trained models")
+def sweep(spec, points, workers, store):
     """Time the points of the sweep SPEC with several numbers of worker processes.
 
     \b
@@ -71,5 +62,5 @@ def sweep(spec, points, workers, cache):
     """
     from fastac.studies.benchmarks import sweep as benchmark
 
-    for line in benchmark.measure(spec, points, workers, cache):
+    for line in benchmark.measure(spec, points, workers, store):
         click.echo(line)

@@ -111,6 +111,16 @@ def load_bundle(path: Path):
     return bundle.load_bundle(path)
 
 
+def bundle_folder(path: Path) -> Path:
+    """Where the bundle is in a build folder, or `path` itself."""
+    return path / "bundle" if (path / "bundle").is_dir() else path
+
+
+def store_beside(path: Path) -> Path:
+    """The step store of builds beside the one that the bundle in `path` belongs to."""
+    return bundle_folder(path).absolute().parent.parent / "store"
+
+
 def build_folder(scene, output: Path | None) -> Path:
     return output or Path("build") / scene.name
 

@@ -14,6 +14,7 @@ from fastac.cli.common import (
     progress_option,
     run_build,
     split_option,
+    store_beside,
 )
 from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
@@ -65,8 +66,7 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
 
     With --leave-one-group-out, models like BUNDLE's are trained from the forces of all groups but one and
     tested on that one. Two baselines are listed beside them: ridge regression on the pixels, and a quadratic
-    in the summed difference from the background. Finished trainings are kept beside the bundle, in
-    leave_one_out.
+    in the summed difference from the background. Finished trainings are kept in the step store.
 
     \b
     Example: fastac evaluate build/paper --data build/paper/data.h5
@@ -78,8 +78,7 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
     if leave_one_group_out:
-        folder = (bundle if (bundle / "bundle").is_dir() else bundle.parent) / "leave_one_out"
-        content = leave_one_out.evaluate(samples, sensor.scene, data, folder, progress=progress)
+        content = leave_one_out.evaluate(samples, sensor.scene, data, store_beside(bundle), progress=progress)
         if json_file:
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))

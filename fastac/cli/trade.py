@@ -14,11 +14,11 @@ from fastac.sweep import pools
 @click.argument("spec", type=INPUT)
 @output_option("SQLite file of the results.", OUTPUT_FILE, "build/sweep/SPEC.sqlite")
 @click.option(
-    "--cache",
+    "--store",
     type=INPUT,
-    default=Path("build/sweep/cache"),
+    default=Path("build/store"),
     show_default=True,
-    help="Folder of datasets and trained models that all sweeps share.",
+    help="Folder of the step store: datasets and trained models, shared with builds and other sweeps.",
 )
 @click.option("--workers", type=click.IntRange(1), help="Local processes. [default: one for each core]")
 @click.option(
@@ -28,7 +28,7 @@ from fastac.sweep import pools
     " each and the same files.",
 )
 @progress_option
-def sweep(spec, output, cache, workers, scheduler, progress):
+def sweep(spec, output, store, workers, scheduler, progress):
     """Design-space exploration: measure errors, cycles, resources and energy of all designs in SPEC.
 
     SPEC is a TOML file: `scene`, a base scene; [axes], scene keys with lists of values, such as
@@ -55,7 +55,7 @@ def sweep(spec, output, cache, workers, scheduler, progress):
     data = content.data and str((spec.parent / content.data).resolve())
     if data is None and base.sensor.source == "recorded":
         raise click.UsageError(f"{spec}: data: missing: scene {base.name} is of a recorded sensor")
-    setting = Setting(str(cache.resolve()), data, content.split, content.frames)
+    setting = Setting(str(store.resolve()), data, content.split, content.frames)
     results = Results(output or Path("build/sweep") / f"{spec.stem}.sqlite")
     with pools.dask_pool(scheduler) if scheduler else pools.local_pool(workers) as pool:
         counts = sweeps.run(content, base, spec.parent, results, setting, pool, progress=progress)

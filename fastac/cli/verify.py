@@ -7,11 +7,13 @@ from fastac.cli.common import (
     OUTPUT_FOLDER,
     Lanes,
     build_folder,
+    bundle_folder,
     load_bundle,
     output_option,
     progress_option,
     run_build,
     split_option,
+    store_beside,
 )
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
@@ -72,7 +74,9 @@ def verify(source, data, split, lanes, frames, output, progress):
     samples = read(data, model.scene, progress=progress)
     index = sensor_samples.evenly_spaced(sensor_samples.split_indices(samples, split, data), frames)
     output = output or folder / "verify"
-    content = campaign.run(model, samples, index, lanes, output, progress=progress)
+    content = campaign.run(
+        bundle_folder(folder), samples, index, lanes, output, store=store_beside(folder), progress=progress
+    )
     click.echo(campaign.table(content))
     click.echo(output / campaign.FILE)
     mismatches = sum(row["mismatches"] for row in content["rows"])

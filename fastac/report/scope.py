@@ -10,6 +10,7 @@ import numpy as np
 from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.random_bundle import layers
+from fastac.report.tables import markdown_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.store.workspace import Workspace
@@ -148,12 +149,12 @@ def table(scopes: Sequence[Scope]) -> str:
         "wall time": Scope.seconds,
     }
     names = [scope.scene.name for scope in scopes]
-    lines = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    rows: list[list[str]] = []
     for title, section in sections.items():
         columns = [section(scope) for scope in scopes]
-        lines.append(f"| **{title}** |" + " |" * len(names))
-        lines += [f"| {key} | " + " | ".join(column[key] for column in columns) + " |" for key in columns[0]]
-    return "\n".join([*lines, "", "\n\n".join(notes())])
+        rows.append([f"**{title}**", *("" for _ in names)])
+        rows += [[key, *(column[key] for column in columns)] for key in columns[0]]
+    return "\n\n".join([markdown_table(["", *names], rows), *notes()])
 
 
 def notes() -> list[str]:

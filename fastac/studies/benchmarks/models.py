@@ -1,6 +1,6 @@
 """Times of the software models on all cores: float pipeline, emulator, and the int64 loop that it must equal.
 
-    python -m fastac.studies.benchmarks.models BUILD_FOLDER…
+    fastac bench models BUILD_FOLDER…
 
 Frames are random changes of the background and, where the build folder has its dataset, frames from that.
 """
@@ -19,6 +19,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.result import Result
+from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import evenly_spaced
 from fastac.studies.benchmarks.timing import fastest
@@ -41,13 +42,14 @@ def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
     return frames
 
 
-def line(name: str, seconds: tuple[float, float], frames: int) -> str:
-    wall, processor = (1e3 * value / frames for value in seconds)
-    return f"  {name:44s} {wall:8.2f} ms {1e3 / wall:8.0f} frames/s {processor:9.2f} ms of processor time"
+def cells(name: str, seconds: tuple[float, float], frames: int) -> list[str]:
+    """A row of the table, from the wall-clock and the processor time of all `frames`."""
+    wall_ms, processor_ms = (1e3 * value / frames for value in seconds)
+    return [name, f"{wall_ms:.2f}", f"{1e3 / wall_ms:.0f}", f"{processor_ms:.2f}"]
 
 
-def put_out(scene: Scene) -> dict[str, tuple[str, ...]]:
-    """What of all results a scene puts out, in the emulator's words and in the float pipeline's units."""
+def scene_outputs(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """The results that a scene wants, by model: names of the emulator's words and of the float pipeline's."""
     words, units = ["validity"], []
     for wanted, word, unit in (
         ("normals" in scene.outputs, "normal_words", "normals"),
@@ -62,7 +64,7 @@ def put_out(scene: Scene) -> dict[str, tuple[str, ...]]:
 
 
 def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
-    """How many values there are in all outputs; raises ValueError where one is not the loop's."""
+    """The number of values compared with the loop's; raises ValueError where any differs."""
     for name, values in loop.items():
         different = int((getattr(found, name) != values).sum())
         if different:
@@ -71,7 +73,7 @@ def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
 
 
 def measure(folder: Path) -> Iterator[str]:
-    """Times of a build folder's models, a line each, as they are found."""
+    """Time the models of a build folder and compare emulator and int64 loop; yields lines of text."""
     bundle = load_bundle(folder)
     pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
     models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": Emulator(pipeline)}
@@ -79,17 +81,18 @@ def measure(folder: Path) -> Iterator[str]:
     few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
     yield f"{folder}, {' × '.join(map(str, pipeline.background.shape))}"
+    rows = []
     for name, model in models.items():
-        wanted = put_out(bundle.scene)[name]
-        yield line(f"{name}, all results", fastest(partial(model.run, frames), REPEATS), FRAMES)
-        yield (
-            line(
-                f"  {', '.join(wanted)}", fastest(partial(model.run, frames, wanted=wanted), REPEATS), FRAMES
-            )
-        )
-    yield line("int64 loop", fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS), LOOP_FRAMES)
+        wanted = scene_outputs(bundle.scene)[name]
+        seconds = fastest(partial(model.run, frames), REPEATS)
+        rows.append(cells(f"{name}, all results", seconds, FRAMES))
+        seconds = fastest(partial(model.run, frames, wanted=wanted), REPEATS)
+        rows.append(cells(f"{name}, {', '.join(wanted)}", seconds, FRAMES))
+    seconds = fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS)
+    rows.append(cells("int64 loop", seconds, LOOP_FRAMES))
+    yield text_table(["model", "ms a frame", "frames/s", "processor ms a frame"], rows)
     count = compare(Emulator(pipeline).run(few), loop)
-    yield f"  emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames"
+    yield f"emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames"
 
 
 def heading() -> str:

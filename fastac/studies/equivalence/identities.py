@@ -1,6 +1,6 @@
 """The three identities of docs/mathematics.md on a trained bundle, and what fixed point costs in each.
 
-    python -m fastac.studies.equivalence.identities BUILD_FOLDER...
+    fastac study identities BUILD_FOLDER...
 
 measures on the held-out frames of each build folder's data.h5; `make identities` trains one first.
 """

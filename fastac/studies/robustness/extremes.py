@@ -1,6 +1,6 @@
 """The extremes: every word at its worst case, frames that no camera sends, drift until frames are suspect.
 
-    python -m fastac.studies.robustness.extremes BUILD_FOLDER
+    fastac study extremes BUILD_FOLDER
 
 writes extremes.json and extremes.png there and prints the tables; `make extremes` builds one first.
 """

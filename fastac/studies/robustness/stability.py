@@ -1,7 +1,7 @@
 # amaranth: UnusedElaboratable=no
 """Long runs: the same frame in, the same bits out, however many frames lie between.
 
-    python -m fastac.studies.robustness.stability BUILD_FOLDER
+    fastac study stability BUILD_FOLDER
 
 sends thousands of frames through the emulator and, with --rtl-frames, some through the simulated hardware.
 """

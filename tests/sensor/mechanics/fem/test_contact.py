@@ -74,7 +74,7 @@ def test_cattaneo_and_mindlin(thick, share):
 
 
 def whole_mesh_contact(gel, touch_mm, indenter_displacement_mm, *, stuck):
-    """The skin under a ball at (1, −1), from first touch by indenter_displacement_mm: Lagrange multipliers on the whole mesh.
+    """The skin under a ball at (1, −1), from first touch by indenter_displacement_mm: a whole mesh.
 
     Returns displacements, the resultant on the skin, and which nodes touch.
     """
