@@ -13,7 +13,7 @@ from fastac.models.training.normals import labelled_pixels, labelled_splits, tra
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:
-    """The paper's loss in NumPy: normals of any length against unit ones."""
+    """The paper's loss in NumPy, from predicted normals of any length and true unit normals."""
     unit = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
     return float(np.abs(unit - truth).sum(axis=-1).mean())
 
@@ -121,7 +121,7 @@ class TestBitTrueNetwork:
             assert parameter.grad.abs().max() > 0, name
 
     def test_the_gradient_is_that_of_the_unrounded_layer(self):
-        """One neuron in its linear range: d out / d weight = multiplier · 2**−shift · x."""
+        """Straight-through gradient of one neuron in its linear range: multiplier · 2**−shift · x."""
         scale = Requantisation(np.array([1 << 16]), 18)
         one = np.array([1])
         layers = (
@@ -160,7 +160,8 @@ class TestFinetune:
         assert max(np.abs(layer.weight).max() for layer in after[:-1]) <= 3
 
     def test_never_makes_it_worse(self, tiny_data, make_scene):
-        """Steps of thousands of units destroy what was there; then what was there is kept."""
+        """With a learning rate of thousands of units fine-tuning only gets worse; the initial layers are
+        kept."""
         wild = {"finetune_epochs": 2, "finetune_weights": True, "finetune_learning_rate": 3000.0}
         settings = make_scene(training=wild).training
         network, before = self.quantised(tiny_data, settings)
@@ -199,7 +200,7 @@ class TestFinetune:
         assert loss_of(by_integers(layers, x), y) < 1.05 * loss_of(predict(network, x), y)
 
     def test_the_float_network_is_what_is_learned(self, tiny_data, make_scene):
-        """Labels of the train split, here mirrored, do not count."""
+        """The train split's labels, here mirrored, have no effect: the teacher's normals are the targets."""
         settings = make_scene(training={"finetune_epochs": 1}).training
         network, layers = self.quantised(tiny_data, settings)
         mirrored = replace(tiny_data, normals=tiny_data.normals * np.float32([-1, -1, 1]))

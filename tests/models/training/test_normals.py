@@ -10,7 +10,7 @@ from fastac.models.training.normals import labelled_pixels, train
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:
-    """The paper's loss in NumPy: normals of any length against unit ones."""
+    """The paper's loss in NumPy, from predicted normals of any length and true unit normals."""
     unit = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
     return float(np.abs(unit - truth).sum(axis=-1).mean())
 
@@ -22,7 +22,7 @@ def pixels(data, split: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def with_background(data, split: str = "train"):
-    """The dataset with one more frame: the background, flat, as the importer of recordings stores it."""
+    """The dataset with the background added as a flat sample, as the importer of ball presses does."""
     flat = np.zeros((1, *data.normals.shape[1:]), np.float32)
     flat[..., 2] = 1
     return replace(
@@ -100,7 +100,7 @@ class TestTrain:
         assert found < 0.3 * loss_of(np.tile([0.0, 0, 1], (len(y), 1)), y)
 
     def test_the_best_epoch_need_not_be_the_last(self, tiny_data, make_scene):
-        """Trained on mirrored normals it gets worse and worse at the true ones."""
+        """Trained on mirrored normals, the validation error on the true ones grows."""
         mirrored = tiny_data.normals * np.float32([-1, -1, 1])
         training = (tiny_data.split == "train")[:, None, None, None]
         data = replace(tiny_data, normals=np.where(training, mirrored, tiny_data.normals))
@@ -111,7 +111,8 @@ class TestTrain:
         assert loss_of(predict(network, x), y) <= min(losses) * 1.0001
 
     def test_teachers_replace_the_labels(self, tiny_data, make_scene):
-        """Taught from mirrored labels through an ensemble, the network learns the mirror image."""
+        """With teachers trained on mirrored labels, the network learns mirrored normals: it follows the
+        teachers."""
         teach = {"teachers": 2, "teacher_width": 8, "teacher_epochs": 25, "normals_epochs": 15}
         mirrored = replace(tiny_data, normals=tiny_data.normals * np.float32([-1, -1, 1]))
         network, _ = train(mirrored, make_scene(training=teach).training)
@@ -123,7 +124,7 @@ class TestTrain:
         assert np.abs(predict(network, x) - predict(alone, x)).max() > 1e-3
 
     def test_noise_on_the_position_hides_the_position(self, tiny_data, make_scene):
-        """Labels that depend on the place only can still be learned, but worse the more it is blurred."""
+        """Labels that depend on position alone are learned less well with more noise on the position."""
         losses = []
         for noise in (0.0, 0.3, 0.9):
             settings = make_scene(training={"position_noise": noise, "normals_epochs": 8}).training
