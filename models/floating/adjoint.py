@@ -1,4 +1,4 @@
-"""The force without depth: weights of the slopes through the adjoint of the discrete Poisson solver.
+"""Force from slopes without solving for depth: weights from the adjoint of the discrete Poisson solver.
 
 Without the clamp everything from the slopes to the resultant is linear. With g the slopes, D the divergence,
 L the 5-point Laplacian on the inner region with a zero boundary, and w a weight per inner pixel,
@@ -20,10 +20,12 @@ def transposed_divergence(g: np.ndarray, divergence: str) -> np.ndarray:
 
 
 def slope_weights(weight: np.ndarray, divergence: str, pitch_mm: float) -> np.ndarray:
-    """Weights of the displacement (axes, N, N), N per mm, to weights of the slopes (axes, H, W, 2), in N."""
+    """Weights of the slopes, (axes, H, W, 2) in N, from weights of the displacement, (axes, N, N) in N per
+    mm."""
     return -pitch_mm * transposed_divergence(solve(weight), divergence)
 
 
 def displacement_mm(change: np.ndarray, divergence: str, pitch_mm: float) -> np.ndarray:
-    """Slopes less those at rest (..., H, W, 2) to the displacement −pitch · L⁻¹ D change, (..., N, N), mm."""
+    """The displacement −pitch · L⁻¹ D change, (..., N, N) in mm; `change` is the slopes less those of the
+    background, (..., H, W, 2)."""
     return -pitch_mm * solve(source_of(change, divergence))

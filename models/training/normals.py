@@ -1,7 +1,7 @@
-"""Training the pixel network: in floating point, then bit-true.
+"""Training of the pixel network in floating point on labelled normals, with an optional ensemble of teachers.
 
-Bit-true fine-tuning runs the integer arithmetic of models/integer forward, and passes gradients straight
-through its roundings; what it optimises is exactly what the hardware computes.
+Loss and network are the paper's (Lu et al., "FasTac", section "Position-Aware MLP for Surface Normal
+Estimation"). models/training/bit_true.py then fine-tunes the quantised network.
 """
 
 import copy

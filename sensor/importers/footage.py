@@ -1,4 +1,4 @@
-"""Frames of a video file or a folder of photographs, read one at a time."""
+"""Recorded frames from a video file or a folder of photographs, read one at a time."""
 
 import re
 from collections.abc import Iterator
@@ -18,7 +18,10 @@ class ImportFailure(ValueError):
 
 
 def photograph(path: Path) -> np.ndarray:
-    """An RGB photograph as (height, width, C) uint8 in the order B, G, R."""
+    """Read an RGB image file as (height, width, 3) uint8 in the order B, G, R.
+
+    Raises ImportFailure on a missing or unreadable file, or another mode than RGB.
+    """
     try:
         with Image.open(path) as image:
             if image.mode != "RGB":
@@ -31,7 +34,7 @@ def photograph(path: Path) -> np.ndarray:
 
 
 def _by_number(path: Path) -> list:
-    """A sort key of file names by which frame2 comes before frame10."""
+    """Sort key that orders names by the numbers in them: frame2 before frame10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
 
@@ -50,7 +53,7 @@ class Photographs:
         return cls(folder, tuple(sorted(files, key=_by_number)))
 
     def index_of(self, name: str) -> int | None:
-        """The index of the frame with this file name; None if it is not in the folder."""
+        """Index of the frame with this file name; None if it is not in the folder."""
         names = [file.name for file in self.files]
         return names.index(name) if name in names else None
 
@@ -61,7 +64,7 @@ class Photographs:
 
 @dataclass(frozen=True)
 class Video:
-    """A video file; each iteration decodes it anew, and no frame is kept in memory."""
+    """A video file; frames are not kept in memory, each iteration decodes it again."""
 
     path: Path
 
@@ -85,7 +88,10 @@ class Video:
 
 
 def footage(path: Path) -> Photographs | Video:
-    """The frames at `path`. Raises ImportFailure if there is nothing, or no photograph."""
+    """The frames at `path`, a video file or a folder.
+
+    Raises ImportFailure if it does not exist or the folder has no photographs.
+    """
     if path.is_dir():
         return Photographs.of(path)
     if not path.is_file():
