@@ -182,10 +182,10 @@ def simulate(
                 log_file=folder / "simulation.log",
             )
     except (SystemExit, RuntimeError) as error:
-        raise SimulationFailure(f"{folder / 'simulation.log'}: the bench failed: {error}") from None
+        raise SimulationFailure(f"{folder / 'simulation.log'}: the testbench failed: {error}") from None
     wall = {"build": built - start, "simulate": time.monotonic() - built}
     if not (folder / "registers.json").exists():
-        raise SimulationFailure(f"{folder / 'simulation.log'}: the bench failed")
+        raise SimulationFailure(f"{folder / 'simulation.log'}: the testbench failed")
     with np.load(folder / "outputs.npz", allow_pickle=False) as archive:
         outputs = {k: archive[k] for k in archive.files}
     seen = json.loads((folder / "registers.json").read_text())

@@ -54,13 +54,13 @@ class PortsOnly(Verilator):
 
         def make() -> None:
             execute(cmds[:-1], cwd, stdout)
-            RuntimeObjects(Path(self.build_dir), optimisation).take()
+            RuntimeObjects(Path(self.build_dir), optimisation).install()
             execute([[*cmds[-1], with_headers(optimisation)]], cwd, stdout)
 
         # -O1 instead of Verilator's -Os builds simulators in half of the time, which simulations of few
         # frames never get back.
         optimisation = "-O0" if "-O0" in cmds[0] else "-O1"
-        simulators.take_or_make(self._content(cmds), Path(self.build_dir) / self.hdl_toplevel, make)
+        simulators.copy_or_build(self._content(cmds), Path(self.build_dir) / self.hdl_toplevel, make)
 
     def _content(self, cmds) -> str:
         """Hash of everything that the simulator is built from, independent of the build folder."""

@@ -60,31 +60,31 @@ class RuntimeObjects:
         self.folder, self.commands = folder, commands(folder, optimisation)
         compilers = [compiler_version(name) for name in sorted({call[0] for call in self.commands.values()})]
         content = repr((sorted(self.commands.items()), compilers, verilator_version(), HEADERS))
-        self.kept = CACHE / hashlib.sha256(content.encode()).hexdigest()[:24]
+        self.cached = CACHE / hashlib.sha256(content.encode()).hexdigest()[:24]
 
-    def take(self) -> None:
+    def install(self) -> None:
         """Put the objects into the folder, so that make need not; compile them first if the cache lacks them.
 
         The cache gets all of them or none. Processes that need the same ones wait for the first.
         """
-        self.kept.parent.mkdir(parents=True, exist_ok=True)
+        self.cached.parent.mkdir(parents=True, exist_ok=True)
         (self.folder / HEADER).write_text("".join(f"#include <{name}>\n" for name in HEADERS))
-        with FileLock(f"{self.kept}.lock"):
-            if not self.kept.is_dir():
-                self._keep()
+        with FileLock(f"{self.cached}.lock"):
+            if not self.cached.is_dir():
+                self._fill_cache()
         for name in self.commands:
             target = self.folder / name
             target.unlink(missing_ok=True)
             if name.endswith(".gch"):  # 70 MB
-                target.symlink_to((self.kept / name).resolve())
+                target.symlink_to((self.cached / name).resolve())
             else:
-                shutil.copyfile(self.kept / name, target)
+                shutil.copyfile(self.cached / name, target)
 
-    def _keep(self) -> None:
-        with tempfile.TemporaryDirectory(dir=self.kept.parent, ignore_cleanup_errors=True) as temporary:
+    def _fill_cache(self) -> None:
+        with tempfile.TemporaryDirectory(dir=self.cached.parent, ignore_cleanup_errors=True) as temporary:
             part = Path(temporary) / "part"
             part.mkdir()
             for name, command in self.commands.items():
                 subprocess.run(command, cwd=self.folder, capture_output=True, check=True)
                 shutil.copyfile(self.folder / name, part / name)
-            part.rename(self.kept)
+            part.rename(self.cached)

@@ -19,30 +19,31 @@ def digest(*content: object) -> str:
     return hashlib.sha256(repr(content).encode()).hexdigest()[:32]
 
 
-def take_or_make(name: str, executable: Path, make: Callable[[], None]) -> bool:
-    """Copy the simulator with hash `name` from the cache to `executable`; if it is missing, call `make()`.
+def copy_or_build(name: str, executable: Path, build: Callable[[], None]) -> bool:
+    """Copy the simulator with hash `name` from the cache to `executable`; if it is missing, call `build()`.
 
-    `make()` must build `executable`, which then enters the cache. Returns whether it was in the cache.
+    `build()` must build `executable`, which then enters the cache. Returns whether it was in the cache.
     Processes that need the same simulator wait for the first; a failed or killed build leaves no entry.
     """
     CACHE.mkdir(parents=True, exist_ok=True)
-    kept = CACHE / name
-    executable.unlink(missing_ok=True)  # make must not mistake another simulator's executable for its own
-    with FileLock(f"{kept}.lock"):
-        if kept.exists():
-            os.utime(kept)
-            shutil.copy2(kept, executable)
+    cached = CACHE / name
+    # make would take another simulator's executable for its own.
+    executable.unlink(missing_ok=True)
+    with FileLock(f"{cached}.lock"):
+        if cached.exists():
+            os.utime(cached)
+            shutil.copy2(cached, executable)
             return True
-        make()
-        part = kept.with_suffix(".part")
+        build()
+        part = cached.with_suffix(".part")
         shutil.copy2(executable, part)
         os.utime(part)
-        part.replace(kept)
-    _forget_oldest()
+        part.replace(cached)
+    _delete_least_recently_used()
     return False
 
 
-def _forget_oldest() -> None:
+def _delete_least_recently_used() -> None:
     """Delete the least recently used simulators until the rest is within LIMIT_BYTES."""
     with FileLock(CACHE / "clean.lock"):
         files = [path for path in CACHE.iterdir() if not path.suffix]

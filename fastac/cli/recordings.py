@@ -207,10 +207,16 @@ IMPORTERS = Kinds("importer", {"ball-press": ball_press, "force": force_recordin
 """Importers by the names of their commands, `fastac import NAME`."""
 
 
-@click.group("import", cls=Group)
+class ImporterGroup(Group):
+    """The commands of IMPORTERS."""
+
+    def list_commands(self, context):
+        return sorted(IMPORTERS)
+
+    def get_command(self, context, name):
+        return IMPORTERS.get(name)
+
+
+@click.group("import", cls=ImporterGroup)
 def import_():
     """Turn recordings into datasets."""
-
-
-for name, importer in IMPORTERS.items():
-    import_.add_command(importer, name)
