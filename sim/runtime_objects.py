@@ -18,6 +18,8 @@ from filelock import FileLock
 CACHE = Path("build/cache/verilator")
 """Objects by the hash of the compiler and the commands that make them."""
 MAKEFILE = "Vtop.mk"
+CLASSES = "Vtop_classes.mk"
+"""What of a verilated folder says how its sources are divided."""
 HEADER = "runtime.h"
 HEADERS = ("verilated.h", "verilated_dpi.h", "verilated_vpi.h", "memory", "string")
 """What HEADER includes: whatever all of a simulator's sources include."""
@@ -33,9 +35,14 @@ def verilator_version() -> str:
     return (Path(os.environ["VERILATOR_ROOT"]) / "include" / "verilated_config.h").read_text()
 
 
-def with_headers(optimisation: str) -> str:
-    """The make variable by which a simulator's sources are compiled behind the precompiled headers."""
-    return f"OPT_FAST={optimisation} -include {HEADER}"
+def compiled_with(folder: Path, optimisation: str) -> str:
+    """The make variable for the sources of a verilated `folder`, in most cases behind the runtime's headers.
+
+    A design that Verilator divides into several sources has a precompiled header of its own. The compiler
+    takes one only, the first that is included, so there the runtime's stay away.
+    """
+    divided = "VM_PARALLEL_BUILDS = 1" in (folder / CLASSES).read_text()
+    return f"OPT_FAST={optimisation}" if divided else f"OPT_FAST={optimisation} -include {HEADER}"
 
 
 def _make(folder: Path, *arguments: str) -> str:
