@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field
 
+from fastac.scenes.force_fits import FITS
 from fastac.scenes.solvers import SOLVERS
 from fastac.scenes.strict import Count, Positive, Strict, known
 
@@ -68,9 +69,9 @@ class Force(Strict):
     kernel_size: Literal[1, 3, 5, 7] = 5
     clamp: bool = True
     """Whether displacement away from the camera counts as zero, as in the paper."""
-    fit: Literal["displacement", "slopes"] = "displacement"
-    """What the model is trained on: the displacement, from which the adjoint's weights of the slopes follow,
-    or, with the adjoint only, the slopes themselves."""
+    fit: Annotated[str, AfterValidator(lambda name: known(name, FITS))] = "displacement"
+    """What the model is trained on, an entry of scenes/force_fits.py: the displacement, from which the
+    adjoint's weights of the slopes follow, or, with the adjoint only, the slopes themselves."""
     hidden: Annotated[int, Field(ge=1, le=256)] = 32
     max_displacement_mm: Positive = 2.0
 

@@ -1,4 +1,4 @@
-"""`fastac scope`: what each scene simulates, trains, elaborates and verifies, and what it does without."""
+"""The table of `fastac scope`: which labels, trainings, stages and outputs each scene needs, and its area."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,6 +11,7 @@ from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.random_bundle import layers
 from fastac.report.tables import markdown_table
+from fastac.scenes.force_fits import FITS
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.store.workspace import Workspace
@@ -27,12 +28,15 @@ STEPS = {
     "verilog": "elaboration and lint",
     "sim": "RTL simulation",
 }
-"""The build's steps, by what their seconds are shown as."""
+"""The build's steps whose wall time is shown, with their labels."""
 
 
 def random_pipeline(scene: Scene) -> IntegerPipeline:
-    """The scene's pipeline with random weights: its area follows from words and sizes and, where the network
-    is baked in, from how many digits its weights have."""
+    """The scene's pipeline with random weights, to estimate its area.
+
+    The area follows from word widths and sizes and, where the network is baked in, from the number of
+    non-zero digits of its weights.
+    """
     rng, sensor = np.random.default_rng(SEED), scene.sensor
     shape = (sensor.height_px, sensor.width_px)
     background = rng.integers(80, 170, (*shape, len(sensor.channel_names))).astype(np.uint8)
@@ -52,7 +56,7 @@ def random_pipeline(scene: Scene) -> IntegerPipeline:
 
 @dataclass(frozen=True)
 class Scope:
-    """A scene, and the folder of its build, which may not be there."""
+    """A scene, and the folder of its build, which need not exist."""
 
     scene: Scene
     folder: Path
@@ -68,7 +72,7 @@ class Scope:
         return Scene.model_validate(content)
 
     def simulated(self) -> dict[str, str]:
-        """What a dataset for it must hold."""
+        """The frames and labels that a dataset for the scene must hold."""
         scene = self.scene
         by_geometry = scene.training.labels == "geometry"
         curved = scene.sensor.geometry == "fingertip"
@@ -87,7 +91,7 @@ class Scope:
         force = ABSENT
         if scene.wants_force:
             k = scene.force.kernel_size
-            force = f"kernels {k}×{k}" if scene.force.fit == "displacement" else "weights of the slopes"
+            force = f"kernels {k}×{k}" if not FITS[scene.force.fit].of_slopes else "weights of the slopes"
         return {
             "pixel network": f"{width}, from {'normals' if training.labels == 'geometry' else 'forces'}",
             "teachers": str(training.teachers or ABSENT),
@@ -120,7 +124,7 @@ class Scope:
         return {name: f"{count:,}" if count else ABSENT for name, count in counts.items()}
 
     def area(self) -> dict[str, str]:
-        """In all, and how much less that is than with everything."""
+        """The estimated area of the design, beside that with every output."""
         mine, whole = (resources.estimate(random_pipeline(scene)) for scene in (self.scene, self.everything))
         found = {}
         for name, label in AREAS.items():
@@ -129,7 +133,7 @@ class Scope:
         return found
 
     def seconds(self) -> dict[str, str]:
-        """Of the build's steps, as they were when they last ran."""
+        """The wall time of each step of the build when it last ran."""
         workspace, known = Workspace(self.folder), {}
         for name, label in STEPS.items():
             value = workspace.seconds(name)
@@ -139,7 +143,7 @@ class Scope:
 
 
 def table(scopes: Sequence[Scope]) -> str:
-    """All of them side by side, in Markdown."""
+    """A Markdown table with a column for each scene."""
     sections = {
         "simulated or recorded": Scope.simulated,
         "trained": Scope.trained,

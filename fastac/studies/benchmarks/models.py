@@ -1,8 +1,9 @@
-"""Times of the software models on all cores: float pipeline, emulator, and the int64 loop that it must equal.
+"""Speed of the software models on all cores: float pipeline, emulator, and the int64 reference loop.
 
     fastac bench models BUILD_FOLDER…
 
-Frames are random changes of the background and, where the build folder has its dataset, frames from that.
+The emulator must equal the int64 loop on every value. The frames are random perturbations of the background
+and, where the build folder has its dataset, frames of that.
 """
 
 import os
@@ -20,17 +21,19 @@ from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.result import Result
 from fastac.report.tables import text_table
+from fastac.scenes.outputs import hardware_words, measured
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import evenly_spaced
 from fastac.studies.benchmarks.timing import fastest
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2
-"""Those of the int64 loop, which takes ten times as long."""
+"""The same for the int64 loop, which takes ten times as long per frame."""
 
 
-def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
-    """Half the frames small changes, an eighth arbitrary ones; the rest from the dataset if there is one."""
+def benchmark_frames(bundle: Bundle, folder: Path) -> np.ndarray:
+    """FRAMES frames (frames, H, W, C) uint8: an eighth is uniform noise; up to 3/8 come from the folder's
+    dataset, if any; the others are the background with small noise."""
     background, rng = bundle.pipeline.background, np.random.default_rng(1)
     noise = background + rng.integers(-20, 21, (FRAMES, *background.shape))
     frames = np.clip(noise, 0, 255).astype(np.uint8)
@@ -50,17 +53,10 @@ def cells(name: str, seconds: tuple[float, float], frames: int) -> list[str]:
 
 def scene_outputs(scene: Scene) -> dict[str, tuple[str, ...]]:
     """The results that a scene wants, by model: names of the emulator's words and of the float pipeline's."""
-    words, units = ["validity"], []
-    for wanted, word, unit in (
-        ("normals" in scene.outputs, "normal_words", "normals"),
-        ("depth" in scene.outputs, "depth_words", "depth_mm"),
-        (scene.wants_force, "force_raw", "force_n"),
-        (scene.wants_force_map, "force_map_raw", "force_map_n"),
-    ):
-        if wanted:
-            words.append(word)
-            units.append(unit)
-    return {"emulator": tuple(words), "float pipeline": tuple(units)}
+    return {
+        "emulator": ("validity", *hardware_words(scene.outputs)),
+        "float pipeline": tuple(measured(scene.outputs)),
+    }
 
 
 def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
@@ -75,9 +71,9 @@ def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
 def measure(folder: Path) -> Iterator[str]:
     """Time the models of a build folder and compare emulator and int64 loop; yields lines of text."""
     bundle = load_bundle(folder)
-    pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
+    pipeline, frames = bundle.pipeline, benchmark_frames(bundle, folder)
     models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": Emulator(pipeline)}
-    ExactTables(pipeline)  # refuses tables that only the loop can compute
+    ExactTables(pipeline)  # raises where the emulator would fall back on the int64 loop
     few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
     yield f"{folder}, {' × '.join(map(str, pipeline.background.shape))}"
@@ -96,4 +92,5 @@ def measure(folder: Path) -> Iterator[str]:
 
 
 def heading() -> str:
+    """The line above all results."""
     return f"For each frame, the fastest of {REPEATS} runs over {FRAMES} frames on {os.cpu_count()} cores:"

@@ -1,4 +1,4 @@
-"""What limits the figures, by experiments: each is a run of its own with one thing switched off."""
+"""Section "limits": experiments that remove one source of error each, to find what limits the accuracy."""
 
 import json
 from pathlib import Path
@@ -18,20 +18,22 @@ from fastac.studies.reproduce.geometry import NAMES
 
 
 def lacks(build: Build) -> str | None:
+    """One line that says why this section cannot be run on the build; None if it can."""
     data = build.data
     if build.scene.sensor.source != "simulated" or not data.source.startswith("simulated"):
-        return "the frames are recorded: nothing of them can be switched off"
+        return "the frames are recorded: no source of error can be removed"
     if data.valid is not None and not data.valid.all():
-        return "the skin is known in parts only, and cannot be drawn again"
+        return "the geometry is known on part of the skin only, so frames cannot be rendered again"
     return geometry.lacks(build)
 
 
 def run(build: Build, folder: Path) -> dict:
+    """Run the experiments, or read them from `folder`/runs; needs the sections geometry and forces."""
     runs = folder / "runs"
     runs.mkdir(exist_ok=True)
-    judged = json.loads((folder.parent / "geometry" / "geometry.json").read_text())["channels"]
+    channels = json.loads((folder.parent / "geometry" / "geometry.json").read_text())["channels"]
     content = {
-        "build": {channels: limits_geometry.summary(errors) for channels, errors in judged.items()},
+        "build": {name: limits_geometry.summary(errors) for name, errors in channels.items()},
         "networks": limits_geometry.networks(build, runs),
         "regions": limits_geometry.regions(build),
         "solver_depth_mae_mm": limits_geometry.solver(build),
@@ -46,6 +48,7 @@ def run(build: Build, folder: Path) -> dict:
 
 
 def tables(content: dict) -> list[Table]:
+    """Gradients and depth by experiment, errors by region, the solver alone, and forces by experiment."""
     rows = []
     networks = {"as recorded, the build's networks": content["build"], **content["networks"]}
     for name, found in networks.items():
@@ -89,14 +92,14 @@ def tables(content: dict) -> list[Table]:
         ]
         head = [f"F_{axis}, MAE N" for axis in AXES] + [f"F_{axis}, NMAE %" for axis in AXES]
         note = (
-            "Dynamic kernel, all three inputs, in closed form. NMAE by the largest load of the frames judged."
+            "Dynamic kernel, all three inputs, in closed form. NMAE by the largest load of the test frames."
         )
         found.append(Table("Displacements and loads", ["experiment", *head], rows, note))
     return found
 
 
 def draw(content: dict, path: Path) -> None:
-    """Both groups of experiments as bars."""
+    """Write a PNG with the experiments' errors as bars."""
     panels = [("gradient MAE, mm/px", content["networks"], NAMES, "gradient_mae_mm_per_px")]
     panels.append(("depth MAE, mm", content["networks"], NAMES, "depth_mae_mm"))
     figure, axes = plt.subplots(1, 3 if "force" in content else 2, figsize=(15, 3.8), squeeze=False)

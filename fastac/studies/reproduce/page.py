@@ -1,4 +1,4 @@
-"""The reproduction as a page and as text: each section's tables and pictures, the goals first."""
+"""The reproduction as an HTML page and as text: each section's tables and figures, and the goals."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,24 +11,24 @@ from fastac.studies.reproduce import goals as reproduce_goals
 from fastac.studies.reproduce.section import Section
 
 
-def whose(content: dict) -> str:
-    """Where both columns' figures are from, in one line."""
+def provenance(content: dict) -> str:
+    """One line that says where our figures and the paper's come from."""
     samples = ", ".join(f"{count} {split}" for split, count in content["samples"].items())
     return (
         f"Ours: scene {content['scene']['name']}, {content['frames_are']} frames ({content['source']};"
-        f" {samples}): all errors of ours are of these. The paper's: its own sensor and board."
+        f" {samples}): all our errors are on these. The paper's: its own sensor and board."
     )
 
 
 def tables(content: dict, sections: Sequence[Section]) -> dict[str, list[Table]]:
-    """By the name of each section that there is."""
+    """The tables of each section that was run, by its name."""
     present = [section for section in sections if section.name in content["sections"]]
     return {section.name: section.tables(content["sections"][section.name]) for section in present}
 
 
 def text(content: dict, sections: Sequence[Section]) -> str:
-    """For a terminal: all tables, the goals last."""
-    parts = [whose(content)]
+    """All tables as plain text, the goals last."""
+    parts = [provenance(content)]
     found = tables(content, sections)
     for section in sections:
         parts.append(f"== {section.title}; ours: {content['frames_are']} frames ==")
@@ -41,7 +41,7 @@ def text(content: dict, sections: Sequence[Section]) -> str:
 
 
 def write(content: dict, sections: Sequence[Section], folder: Path, path: Path) -> None:
-    """The page, pictures and all in one file; the sections' folders are in `folder`."""
+    """Write the page with its figures embedded to `path`; `folder` holds the sections' folders."""
     found, shown = tables(content, sections), []
     for section in sections:
         pictures = []
@@ -56,7 +56,7 @@ def write(content: dict, sections: Sequence[Section], folder: Path, path: Path) 
     page = render(
         "studies/reproduce/reproduction.html.j2",
         content=content,
-        whose=whose(content),
+        whose=provenance(content),
         goals=goals,
         sections=shown,
     )
