@@ -184,6 +184,7 @@ def test_finite_element_ground_truth_fits_together(rig):
     assert data.tangential_mm.shape == (len(data), 32, 32, 2)
 
 
+@pytest.mark.full
 def test_worker_processes_change_nothing_in_finite_elements(rig, tmp_path):
     small, path, cache = rig
     generate(small, tmp_path / "d.h5", store=cache, progress=False, processes=2)

@@ -1,6 +1,7 @@
 """What each experiment switches off; the experiments themselves are run in test_reproduce.py."""
 
 import numpy as np
+import pytest
 
 from fastac.scenes.sensor_schema import Light, Markers, Raw10
 from fastac.store.files import load_arrays
@@ -69,6 +70,7 @@ def test_true_slopes_are_those_of_the_normals(tiny_data):
     np.testing.assert_allclose(slopes[..., 1] * normals[..., 2], -normals[..., 1], atol=1e-7)
 
 
+@pytest.mark.full
 def test_trainings_are_the_same_in_any_number_of_processes(make_scene, tiny_data, tmp_path):
     scene = make_scene(training={"normals_epochs": 1})
     pairs = {"nir": (scene, tiny_data), "rgb": (rgb_scene(scene), rgb_data(tiny_data))}
