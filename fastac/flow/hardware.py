@@ -111,7 +111,7 @@ def simulate(
 ) -> dict:
     """Frames `index` of a dataset through the Verilog in `verilog_folder`, back to back, all compared.
 
-    trace : "saif" or "fst": kind of trace of the whole run, in `sim.check_top.trace_file(folder, NAME, trace)`
+    trace : "saif" or "fst": kind of trace of the run, in `sim.check_top.trace_file(folder, NAME, trace)`
     The hardware starts with the bundle's background in its memory, and so does the reference.
     """
     check_verilog(bundle, verilog_folder)
