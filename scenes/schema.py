@@ -8,20 +8,18 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from fastac.scenes.force_fits import FITS, FitFacts
 from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Training
 from fastac.scenes.outputs import OUTPUTS, OutputFacts
 from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS, SolverFacts
-from fastac.scenes.strict import Count, Point, Positive, Strict, known, listed
+from fastac.scenes.strict import Count, Point, Positive, Strict, listed, require_known
 
 AXES = "xyz"
 TANGENTIAL_SHARES = (0.3, 0.6)
 """The paper's (supplement, section I)."""
-Output = Annotated[str, AfterValidator(lambda name: known(name, OUTPUTS))]
-"""The name of an entry of scenes/outputs.py."""
 
 
 class SceneError(ValueError):
@@ -62,7 +60,8 @@ class Simulation(Strict):
 
 class Scene(Strict):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
-    outputs: Annotated[tuple[Output, ...], Field(min_length=1)]
+    outputs: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Entries of scenes/outputs.py."""
     sensor: Sensor
     protocol: Protocol = Protocol()
     network: Network = Network()
@@ -75,6 +74,10 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _consistent(self):
+        for place, name in enumerate(self.outputs):
+            require_known(f"outputs.{place}", name, OUTPUTS)
+        require_known("poisson.solver", self.poisson.solver, SOLVERS)
+        require_known("force.fit", self.force.fit, FITS)
         self._check_outputs()
         self._check_solver()
         if self.training.labels == "force":
