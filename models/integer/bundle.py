@@ -207,5 +207,10 @@ def load(path: Path | str) -> Bundle:
 
 def load_bundle(path: Path) -> Bundle:
     """The bundle in a folder, or in a build folder's `bundle`."""
+    return load(bundle_folder(path))
+
+
+def bundle_folder(path: Path) -> Path:
+    """The folder of `load_bundle`'s bundle."""
     inside = path / "bundle"
-    return load(inside if (inside / "bundle.json").exists() else path)
+    return inside if (inside / "bundle.json").exists() else path

@@ -21,7 +21,6 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from fastac.flow.build import Build
 from fastac.models.accuracy import with_background_of
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.threads import single_thread
@@ -29,9 +28,10 @@ from fastac.models.floating.torch_pipeline import TorchPipeline
 from fastac.report.paper import STAGES
 from fastac.report.tables import Table, number
 from fastac.sensor.samples import evenly_spaced
+from fastac.store.files import write_json
 from fastac.studies.benchmarks.rapl import NoCounters, PackageCounters
 from fastac.studies.benchmarks.timing import fastest
-from fastac.studies.reproduce.section import stamped_key
+from fastac.studies.reproduce.section import Finished, Known
 
 TITLES = {
     "normals": "surface normals",
@@ -53,7 +53,7 @@ ENERGY_S = 1.0
 Stage = Callable[[], object]
 
 
-def lacks(build: Build) -> str | None:
+def lacks(build: Known) -> str | None:
     scene = build.scene
     if not scene.wants_solver or not scene.wants_force:
         return f"outputs = {', '.join(scene.outputs)}: not all of normals, depth and force are found"
@@ -143,10 +143,12 @@ def processor() -> str:
     return names[0] if names else "CPU of unknown name"
 
 
-def run(build: Build, folder: Path) -> dict:
-    data, pipeline = build.data, with_background_of(FloatPipeline.from_bundle(build.bundle), build.data)
-    index = evenly_spaced(data.indices("test"), FRAMES)
-    frames, report = data.frames[index], json.loads((build.folder / "report.json").read_text())
+def run(folder: Path, bundle: Path, data: Path, report: Path, *, store: Path, progress: bool) -> None:
+    """A section's step; `report` is the build's JSON."""
+    build = Finished.read(bundle, data, store=store, progress=progress)
+    pipeline = with_background_of(FloatPipeline.from_bundle(build.bundle), build.data)
+    index = evenly_spaced(build.data.indices("test"), FRAMES)
+    frames, report = build.data.frames[index], json.loads(report.read_text())
     errors, clock_mhz = report["accuracy"], build.scene.hardware.clock_mhz
     axes = build.scene.force_axes
     of_z = "force_z_mae_n" if len(axes) > 1 else "force_mae_n"
@@ -197,12 +199,11 @@ def run(build: Build, folder: Path) -> dict:
         "rtl_vs_integer": {
             k: report["rtl_vs_integer"][k] for k in ("frames", "values_compared", "mismatches")
         },
-        "build": stamped_key(build, "sim"),
         "platforms": platforms,
         "absent": absent,
     }
     draw(content, folder / "stages.png")
-    return content
+    write_json(folder / "stages.json", content)
 
 
 PAPER_PLATFORM = {"CPU": "CPU", "GPU": "GPU", "RTL": "FPGA"}
