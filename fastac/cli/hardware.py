@@ -13,6 +13,7 @@ from fastac.cli.common import (
     output_option,
     progress_option,
     run_build,
+    store_option,
 )
 from fastac.report import synthesis_table
 from fastac.scenes import schema as scenes
@@ -125,8 +126,9 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     show_default=True,
     help="Tools that run side by side, each on one core with up to 4 GB.",
 )
+@store_option("what the tools found")
 @progress_option
-def synth(source, data, output, place_and_route, modules, jobs, progress):
+def synth(source, data, output, place_and_route, modules, jobs, store, progress):
     """Count what hardware needs and find the clock that each of its modules reaches, without Vivado.
 
     Of a SCENE the model is trained first, unless its build folder has it.
@@ -148,6 +150,7 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
         load_bundle(source),
         output,
         device=DEVICE,
+        store=store,
         place_and_route=place_and_route,
         modules=modules,
         jobs=jobs,
