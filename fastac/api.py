@@ -9,7 +9,7 @@
     dict(zip(found.force_axes, found.force_n))    # {'z': 1.02}
     found.reasons                                 # () or why the frame is suspect, as ('change',)
 
-`import fastac` hands these names on (`fastac/__init__.py`). Nothing here trains or writes files.
+`import fastac` hands these names on (`fastac/__init__.py`). Nothing here trains.
 """
 
 from collections.abc import Iterable, Iterator
@@ -27,6 +27,7 @@ from fastac.models.integer.frame_validity import REASONS
 from fastac.models.result import Result
 from fastac.models.vision.image_processing import as_channels
 from fastac.scenes.schema import AXES, Scene
+from fastac.sensor.fingertip import STORE
 from fastac.sensor.optics.mosaic import CELL
 from fastac.sensor.samples import Dataset
 
@@ -186,15 +187,17 @@ class TactileSensor:
                 raise ValueError(f"frame {np.shape(frame)}: expected {self._expected()}")
             yield self.run(frame, arithmetic=arithmetic, outputs=outputs)
 
-    def read(self, path: Path | str, *, progress: bool = False) -> Dataset:
+    def read(self, path: Path | str, *, store: Path | str = STORE, progress: bool = False) -> Dataset:
         """The dataset in a file of this sensor, RAW10 images processed to channels.
 
-        Raises DatasetError where it is malformed or of another sensor. `docs/recordings.md` has the format.
+        store : the folder of the step store, which keeps processed RAW10 images; nothing else is kept
+        Raises DatasetError where the file is malformed or of another sensor. `docs/recordings.md` says how to
+        make one.
 
         >>> data = sensor.read("build/paper/data.h5")
         >>> found = sensor.with_background(data.background).run(data.frames[data.indices("test")])
         """
-        return processed_frames.read(path, self.scene, progress=progress)
+        return processed_frames.read(path, self.scene, store=store, progress=progress)
 
     def errors(self, data: Dataset, index: np.ndarray, *, progress: bool = False) -> dict[str, dict]:
         """Errors of float and integer models on the samples `index` of a dataset with ground truth.

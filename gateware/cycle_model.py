@@ -14,11 +14,9 @@ from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
-from fastac.gateware.poisson.dst2d import PoissonSolver
+from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.poisson.stages import frame_interval
-from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
 from fastac.gateware.stream.frame_guard import FrameGuard
-from fastac.models.integer.dst2d import reciprocal_distance
 from fastac.models.integer.features import WIDTH, limits
 from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
@@ -85,12 +83,8 @@ class CycleModel(FrameCycles):
 
     def _solver(self) -> Figures:
         sensor, poisson, size = self.scene.sensor, self.scene.poisson, self.scene.inner_px
-        if poisson.solver == "tridiagonal":
-            kind = TridiagonalPoissonSolver
-            stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence)
-        else:
-            kind, distance = PoissonSolver, reciprocal_distance(size)
-            stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence, distance)
+        kind = SOLVERS[poisson.solver]
+        stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence)
         interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes)
         return Figures(interval=interval, multipliers=kind.multipliers_of(size, self.lanes), stages=stages)
 

@@ -15,8 +15,7 @@ from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
-from fastac.gateware.poisson.dst2d import PoissonSolver
-from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
+from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FrameGuard
 from fastac.gateware.stream.frame_validity import FrameValidity
@@ -28,7 +27,7 @@ from fastac.models.integer.pipeline import IntegerPipeline
 
 
 def last_row_first(stage):
-    """A stage's tables in the order of the tridiagonal solver's rows, last to first.
+    """A stage's tables in the order of a solver's rows that come last to first.
 
     Depth, PatchForce or WeightedSum; a patch turns with its rows.
     """
@@ -106,14 +105,21 @@ class Datapath(FrameCycles, wiring.Component):
         self.wants_depth = "depth" in scene.outputs
         self.wants_force, self.wants_force_map = scene.wants_force, scene.wants_force_map
         self.wants_displacement = scene.wants_force and scene.wants_solver
-        self.rows_reversed = scene.wants_solver and scene.poisson.solver == "tridiagonal"
+        self.rows_reversed = scene.wants_solver and SOLVERS[scene.poisson.solver].last_row_first
         in_order = last_row_first if self.rows_reversed else lambda stage: stage
         if self.wants_normals:
             members["normals"] = Out(stream.Signature(self.normal_layout))
         if scene.wants_slopes:
             self.divider = GradientDivider(pipeline.ratio, lanes=lanes)
         if scene.wants_solver:
-            self.solver = self._solver(height, width, lanes)
+            self.solver = SOLVERS[scene.poisson.solver](
+                pipeline.source,
+                *pipeline.solver.parts.values(),
+                height=height,
+                width=width,
+                lanes=lanes,
+                loadable=self.loadable and scene.poisson.mode == "difference",
+            )
         if self.wants_depth:
             self.depth_output = DepthOutput(in_order(pipeline.depth), lanes=lanes)
             members["depth"] = Out(self.depth_output.o.signature)
@@ -166,16 +172,6 @@ class Datapath(FrameCycles, wiring.Component):
         if self.wants_displacement and self.displacement.loadable:
             tables["rest"] = self.displacement.table, self.displacement.table_values
         return tables
-
-    def _solver(self, height: int, width: int, lanes: int) -> PoissonSolver | TridiagonalPoissonSolver:
-        solver = self.pipeline.solver
-        if self.rows_reversed:
-            kind, names = TridiagonalPoissonSolver, ("row_forward", "elimination", "substitution")
-        else:
-            kind, names = PoissonSolver, ("row_forward", "column_forward", "division", "column_inverse")
-        stages = [getattr(solver, name) for name in (*names, "row_inverse")]
-        loadable = self.loadable and self.pipeline.scene.poisson.mode == "difference"
-        return kind(self.pipeline.source, *stages, height=height, width=width, lanes=lanes, loadable=loadable)
 
     def elaborate(self, platform):
         m = Module()

@@ -1,4 +1,4 @@
-"""Accuracy against ground truth, with the units in the names."""
+"""Errors of a pipeline's outputs against a dataset's ground truth; every key of a result names its unit."""
 
 from dataclasses import replace
 
@@ -13,7 +13,8 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 
 LABEL_MARGIN_PX = 4
-"""Original pixels inside a labelled contact circle that are left out: the label's own uncertainty."""
+"""Width of the ring inside a labelled contact circle that is not evaluated, in pixels of the original image:
+the uncertainty of the label."""
 
 
 def _known(data: Dataset, index: np.ndarray) -> np.ndarray:
@@ -22,9 +23,10 @@ def _known(data: Dataset, index: np.ndarray) -> np.ndarray:
 
 
 def normals(result: Result, data: Dataset, index: np.ndarray, pitch_mm: float) -> dict[str, float]:
-    """Errors of normals and gradients over the pixels whose normal is known.
+    """Mean absolute errors of gradients (mm/px) and normals (deg) over the pixels whose normal is known.
 
-    The total gradient error is the sum of both components', as in the paper's table.
+    index : the dataset's samples that `result` holds, (frames,)
+    The total gradient error is the sum of both components' errors, as in the paper's table.
     """
     known = _known(data, index)
     truth = data.normals[index][known].astype(np.float64)
@@ -42,10 +44,11 @@ def normals(result: Result, data: Dataset, index: np.ndarray, pitch_mm: float) -
 def contact_gradient_angle_rad(
     result: Result, rest: Result, data: Dataset, index: np.ndarray
 ) -> float | None:
-    """Mean gradient-angle error in rad inside labelled contact circles, background prediction subtracted.
+    """Mean gradient-angle error in rad inside labelled contact circles.
 
-    Per image the mean of |Δ atan p| and |Δ atan q| over the pixels inside the circle less LABEL_MARGIN_PX original
-    pixels, then the mean over images. None where the dataset labels no circles.
+    rest : the pipeline's result for the background frame; its slopes are subtracted from the predicted ones
+    Per image the mean of |Δ atan p| and |Δ atan q| over the pixels inside the circle, less a ring of
+    LABEL_MARGIN_PX original pixels; then the mean over images. None where the dataset labels no circles.
     """
     errors = []
     for k, sample, inside, _ in _contacts(data, index):
@@ -56,11 +59,12 @@ def contact_gradient_angle_rad(
 
 
 def contact_depth_mae_mm(result: Result, data: Dataset, index: np.ndarray, pitch_mm: float) -> float | None:
-    """Mean error of the depth's shape in mm inside labelled contact circles, against the ball's.
+    """Mean error of the depth's shape, in mm, inside labelled contact circles, against the ball's surface.
 
-    Where the skin lies against the ball its height is −√(R² − r²) and a constant that nobody has measured, so
-    the mean over the circle less LABEL_MARGIN_PX original pixels is taken from both. Then the mean over images. None
-    where the dataset labels no circles of a known ball.
+    Where the skin lies against a ball of radius R its height is −√(R² − r²) plus a constant that was not
+    measured. So each image's mean difference over the circle, less a ring of LABEL_MARGIN_PX original pixels,
+    is subtracted before the absolute error is averaged; then the mean over images. None where the dataset
+    labels no contact circles of a ball of known diameter.
     """
     if data.indenter is None or "ball_mm" not in data.indenter:
         return None
@@ -73,8 +77,12 @@ def contact_depth_mae_mm(result: Result, data: Dataset, index: np.ndarray, pitch
 
 
 def _contacts(data: Dataset, index: np.ndarray):
-    """Of each labelled contact circle: place in `index`, sample, the known pixels inside it less LABEL_MARGIN_PX
-    original pixels, and each pixel's distance from its centre in px."""
+    """Yield, for each labelled contact circle, its position in `index`, its sample, the evaluated pixels and
+    the distances from its centre.
+
+    The evaluated pixels, (H, W) bool, are the known ones inside the circle less a ring of LABEL_MARGIN_PX
+    original pixels; distances are (H, W) in px.
+    """
     if data.indenter is None or "radius_px" not in data.indenter or "scale" not in data.indenter:
         return
     v, u = np.indices(data.frames.shape[1:3])
@@ -90,17 +98,18 @@ def _contacts(data: Dataset, index: np.ndarray):
 
 
 def depth_mae_mm(result: Result, data: Dataset, index: np.ndarray) -> float:
-    """Mean absolute depth error over the inner pixels that are valid (the boundary is given, not found)."""
+    """Mean absolute depth error in mm over the valid inner pixels (the boundary is the solver's input)."""
     known = _known(data, index)[:, 1:-1, 1:-1]
     error = np.abs(result.depth_mm - data.depth_mm[index])[:, 1:-1, 1:-1]
     return float(error[known].mean())
 
 
 def force(result: Result, data: Dataset, index: np.ndarray, axes: tuple[int, ...]) -> dict[str, float]:
-    """Errors of the force components `axes` (0, 1, 2 for x, y, z): their mean and, of several, each one's.
+    """Errors of the force components `axes` (0, 1, 2 for x, y, z): MAE, RMSE, normalised MAE and R².
 
-    Normalised by each component's largest true load, as in the paper. Without a load, or where all loads are
-    the same, what would divide by zero is left out.
+    With several axes each component's own errors are added. The normalised MAE divides by each component's
+    largest true load, as in the paper. Figures whose denominator is zero (no load, or all loads equal) are
+    left out.
     """
     truth = data.forces_n(index, axes).astype(np.float64)
     error = result.force_n - truth
@@ -123,7 +132,11 @@ def force(result: Result, data: Dataset, index: np.ndarray, axes: tuple[int, ...
 def evaluate(
     result: Result, rest: Result, data: Dataset, index: np.ndarray, scene: Scene
 ) -> dict[str, float]:
-    """Every error whose ground truth the dataset has and whose output the scene wants."""
+    """Every error whose ground truth the dataset has and whose output the scene wants, as {key: value}.
+
+    rest : the pipeline's result for the background frame
+    index : the dataset's samples that `result` holds, (frames,)
+    """
     found = {}
     known = _known(data, index)
     means_normals = scene.training.labels == "geometry"  # of forces alone the network learns other things
@@ -144,9 +157,10 @@ def evaluate(
 
 
 def with_background_of(pipeline, data: Dataset):
-    """What runs frames with the dataset's own background: each recording is seen against its own rest.
+    """The pipeline with its background replaced by the dataset's, so that frames meet the reference of their
+    own recording.
 
-    pipeline : a float pipeline, or the tables of an integer one
+    pipeline : a `FloatPipeline`, or an `IntegerPipeline`, whose `Emulator` is returned
     """
     own = replace(pipeline, background=data.background)
     return Emulator(own) if isinstance(own, IntegerPipeline) else own
@@ -155,9 +169,11 @@ def with_background_of(pipeline, data: Dataset):
 def compare_pipelines(
     bundle: Bundle, data: Dataset, index: np.ndarray, *, progress: bool
 ) -> tuple[dict, dict[str, Result]]:
-    """Errors of both pipelines on frames `index`; returns {"float": …, "integer": …} and the results.
+    """Errors of the float and of the integer pipeline on the dataset's samples `index`.
 
-    "growth_percent" says by how much each error grows from float to integer.
+    Returns a dictionary and the results by name. The dictionary has the errors under "float" and "integer",
+    each error's growth from float to integer under "growth_percent", and under "saturated_values" how many
+    integer values saturated.
     """
     pipelines = {
         "float": with_background_of(FloatPipeline.from_bundle(bundle), data),

@@ -1,4 +1,4 @@
-"""Specimens for benches: bundles of random integers, the smallest hardware of a scene; nothing is trained."""
+"""Bundles of random integers, with small default sizes and words: test hardware that needs no training."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -13,9 +13,11 @@ from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
 from fastac.scenes.schema import Scene
+from fastac.scenes.solvers import SOLVERS
 
 GOOD = (5, 10, 20, 30, 40)
-"""How far the frames that make a bundle's limits differ from the background; larger changes are suspect."""
+"""Largest differences from the background, in digital numbers, of the frames from which a bundle's validity
+limits are set; hardware flags frames with larger differences."""
 NUMBERS = {
     "weight_bits": 6,
     "last_weight_bits": 8,
@@ -46,7 +48,7 @@ def scene(
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
-        clamp = solver != "adjoint"
+        clamp = SOLVERS[solver].can_clamp
     return Scene.model_validate(
         {
             "name": "random_bundle",
@@ -71,7 +73,10 @@ def scene(
 
 
 def frames(background: np.ndarray, spans: tuple[int, ...], seed: int = 1) -> np.ndarray:
-    """For each span a frame that differs from `background` by up to so much: the more, the steeper."""
+    """One random frame per entry of `spans`, uint8 (spans, H, W, C): background ± at most `span` per pixel.
+
+    Larger spans give steeper slopes.
+    """
     rng = np.random.default_rng(seed)
     changed = [background + rng.integers(-span, span + 1, background.shape) for span in spans]
     return np.clip(changed, 0, 255).astype(np.uint8)
@@ -80,7 +85,11 @@ def frames(background: np.ndarray, spans: tuple[int, ...], seed: int = 1) -> np.
 def layers(
     scene: Scene, background: np.ndarray, rng: np.random.Generator, hidden: tuple[int, ...]
 ) -> tuple[Layer, ...]:
-    """A network of random weights whose n_z is positive: on small changes its slopes do not saturate."""
+    """A quantised network of random weights, with n_z > 0 so that its slopes do not saturate on small
+    changes.
+
+    hidden : neurons of each hidden layer
+    """
     channels, numbers = background.shape[-1], scene.numbers
     sizes = (channels + 2, *hidden, 3)
     weights = [rng.normal(size=(neurons, inputs)) / np.sqrt(inputs) for inputs, neurons in pairwise(sizes)]
@@ -100,7 +109,10 @@ def layers(
 
 
 def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
-    """A bundle in `folder` with random tables for everything that `scene` wants."""
+    """Save and return a bundle in `folder`, with random tables for every stage that `scene` wants.
+
+    hidden : neurons of each hidden layer of the pixel network
+    """
     rng = np.random.default_rng(seed)
     sensor, axes = scene.sensor, len(scene.force_axes)
     size = sensor.width_px
@@ -121,8 +133,11 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
 
 
 def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
-    """A bundle with another random network than `known`, what follows from it, and tighter limits of a good
-    frame; all else is the same."""
+    """Save and return a copy of the bundle `known` with another random network and tighter validity limits.
+
+    The tables that follow from the network change with it; everything else stays the same, as after a
+    calibration of the sensor.
+    """
     old = known.pipeline
     hidden = tuple(len(layer.weight) for layer in old.layers[:-1])
     pipeline = assemble(

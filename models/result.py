@@ -1,4 +1,4 @@
-"""What any pipeline finds in frames: normals, slopes, depth, displacement, force."""
+"""The result of a pipeline, float or integer: normals, slopes, depth, displacement and force of frames."""
 
 from dataclasses import dataclass
 
@@ -7,15 +7,21 @@ import numpy as np
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What a pipeline finds in frames; what the scene, or the caller, does not want is None.
+    """The outputs of a pipeline for a number of frames; None where neither scene nor caller wants the output.
 
-    normals (frames, H, W, 3) unit; slopes (frames, H, W, 2); depth_mm (frames, H, W), the prior on the
-    boundary; displacement_mm (frames, N, N) towards the camera, positive in contact; force_n (frames, axes)
-    and force_map_n (frames, axes, N, N), of the scene's axes.
-    Integer pipelines add raw words: depth_words (frames, N, N), force_raw (frames, axes), force_map_raw
-    (frames, axes, N, N), normal_words (frames, H, W, 3), how many values saturated in each frame, and whether
-    it can be trusted: validity_measures (frames, measures) and the flags validity (frames,), see
-    `validity.FrameValidity`.
+    N = H − 2: the solver works on the inner pixels, the image less its one-pixel boundary.
+
+    normals : (frames, H, W, 3) unit vectors
+    slopes : (frames, H, W, 2), p = ∂z/∂x and q = ∂z/∂y
+    depth_mm : (frames, H, W), on the boundary the undeformed skin's depth
+    displacement_mm : (frames, N, N) along −z, towards the camera: positive in contact
+    force_n : (frames, axes), and force_map_n : (frames, axes, N, N), for the scene's force axes
+
+    Integer pipelines add the raw words: normal_words (frames, H, W, 3), depth_words and displacement_words
+    (frames, N, N), force_raw (frames, axes) and force_map_raw (frames, axes, N, N); how many values saturated
+    in each frame, gradient_saturated and displacement_saturated (frames,); and whether a frame can be
+    trusted, validity_measures (frames, measures) and the flags validity (frames,), see
+    `frame_validity.FrameValidity`.
     """
 
     normals: np.ndarray | None = None
@@ -36,7 +42,7 @@ class Result:
 
 
 def concatenate(results: list[Result]) -> Result:
-    """Results of consecutive frames as one."""
+    """Join the results of consecutive frames along the frame axis; all have the same fields."""
     return Result(
         **{
             name: None

@@ -2,9 +2,10 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from fastac.scenes.strict import Count, Positive, Strict
+from fastac.scenes.solvers import SOLVERS
+from fastac.scenes.strict import Count, Positive, Strict, known
 
 
 class Network(Strict):
@@ -54,9 +55,10 @@ class Poisson(Strict):
     """What is solved for: the depth itself, as in the paper, or its difference from rest: the same equation,
     but what the network finds at rest cancels exactly."""
     divergence: Literal["central", "backward"] = "central"
-    solver: Literal["dst2d", "tridiagonal", "adjoint"] = "dst2d"
-    """dst2d: sine transforms of rows and columns, the paper's. tridiagonal: of the rows alone; depth leaves
-    last row first. adjoint: no depth at all; the force is a weighted sum of the slopes."""
+    solver: Annotated[str, AfterValidator(lambda name: known(name, SOLVERS))] = "dst2d"
+    """An entry of scenes/solvers.py. dst2d: sine transforms of rows and columns, the paper's. tridiagonal: of
+    the rows alone; depth leaves last row first. adjoint: no depth at all; the force is a weighted sum of the
+    slopes."""
 
 
 class Force(Strict):

@@ -4,24 +4,23 @@ Every other part derives from the scene what it must do, and does nothing else.
 """
 
 import tomllib
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, ValidationError, model_validator
 
 from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Training
+from fastac.scenes.outputs import OUTPUTS, OutputFacts
 from fastac.scenes.sensor_schema import Sensor
-from fastac.scenes.strict import Count, Point, Positive, Strict
+from fastac.scenes.solvers import SOLVERS, SolverFacts
+from fastac.scenes.strict import Count, Point, Positive, Strict, known, listed
 
 AXES = "xyz"
-
-
-FORCES = {"force_x": (0,), "force_y": (1,), "force_z": (2,), "force_xyz": (0, 1, 2)}
-"""The axes of each output that is a force."""
 TANGENTIAL_SHARES = (0.3, 0.6)
 """The paper's (supplement, section I)."""
-RECURRENCE_BEATS = 5
-"""The tridiagonal solver's rows take at least as many clocks, for each row needs the one before it."""
+Output = Annotated[str, AfterValidator(lambda name: known(name, OUTPUTS))]
+"""The name of an entry of scenes/outputs.py."""
 
 
 class SceneError(ValueError):
@@ -62,10 +61,7 @@ class Simulation(Strict):
 
 class Scene(Strict):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
-    outputs: Annotated[
-        tuple[Literal["normals", "depth", "force_x", "force_y", "force_z", "force_xyz", "force_map"], ...],
-        Field(min_length=1),
-    ]
+    outputs: Annotated[tuple[Output, ...], Field(min_length=1)]
     sensor: Sensor
     protocol: Protocol = Protocol()
     network: Network = Network()
@@ -78,46 +74,14 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _consistent(self):
-        if len(set(self.outputs)) != len(self.outputs):
-            raise ValueError("outputs: named twice")
-        if "force_xyz" in self.outputs and {"force_x", "force_y", "force_z"} & set(self.outputs):
-            raise ValueError("outputs: force_xyz has all three axes; name none beside it")
-        lanes = self.hardware.pixels_per_clock
-        if self.sensor.width_px % lanes:
-            raise ValueError(
-                f"hardware.pixels_per_clock: {lanes} does not divide sensor.width_px {self.sensor.width_px}"
-            )
-        from_displacement = self.force_from_slopes and self.force.fit == "displacement"
-        if (self.wants_solver or from_displacement) and self.sensor.height_px != self.sensor.width_px:
-            raise ValueError(
-                f"sensor.height_px: {self.sensor.height_px} differs from width_px {self.sensor.width_px};"
-                " the DST engine shares one matrix between rows and columns, so depth needs square images"
-            )
-        if self.wants_force_map and (
-            not self.wants_force or self.force.kernel != "patch" or self.poisson.solver == "adjoint"
-        ):
-            raise ValueError(
-                "outputs: force_map needs a force beside it, force.kernel 'patch', and a poisson.solver"
-                " with depth"
-            )
-        if self.wants_solver and self.poisson.solver == "adjoint":
-            raise ValueError("poisson.solver: 'adjoint' finds no depth; choose dst2d or tridiagonal")
-        if self.force_from_slopes and self.force.clamp:
-            raise ValueError("force.clamp: the adjoint is linear and cannot clamp; set clamp = false")
-        if self.force.fit == "slopes" and self.poisson.solver != "adjoint":
-            raise ValueError("force.fit: 'slopes' needs poisson.solver 'adjoint'")
+        self._check_outputs()
+        self._check_solver()
         if self.training.labels == "force":
-            self._force_alone()
+            self._check_force_alone()
         if self.protocol.tangential_shares and not self.sensor.elastomer.friction:
             raise ValueError(
                 "protocol.tangential_shares: only friction carries them; set sensor.elastomer.friction and"
                 " mechanics = 'fem'"
-            )
-        row_beats = -(-self.inner_px // lanes)
-        if self.wants_solver and self.poisson.solver == "tridiagonal" and row_beats < RECURRENCE_BEATS:
-            raise ValueError(
-                f"poisson.solver: 'tridiagonal' needs rows of {RECURRENCE_BEATS} beats or more;"
-                f" {self.inner_px} values at {lanes} pixels_per_clock are {row_beats}"
             )
         if self.sensor.geometry == "fingertip":
             a, b, _ = self.sensor.ellipsoid.semi_axes_mm
@@ -130,9 +94,56 @@ class Scene(Strict):
                 )
         return self
 
-    def _force_alone(self) -> None:
+    def _check_outputs(self) -> None:
+        """Raise ValueError unless the outputs can be given together, by a hardware of whole beats."""
+        if len(set(self.outputs)) != len(self.outputs):
+            raise ValueError("outputs: named twice")
+        if len(set(self.force_axes)) != len(self.force_axes):
+            raise ValueError("outputs: force_xyz has all three axes; name none beside it")
+        lanes = self.hardware.pixels_per_clock
+        if self.sensor.width_px % lanes:
+            raise ValueError(
+                f"hardware.pixels_per_clock: {lanes} does not divide sensor.width_px {self.sensor.width_px}"
+            )
+        for name in self.outputs:
+            facts, finds_depth = OUTPUTS[name], _solver_facts(self).finds_depth
+            patches = not facts.needs_patches or self.force.kernel == "patch"
+            if facts.needs_force and not (self.wants_force and patches and finds_depth):
+                raise ValueError(
+                    f"outputs: {name} needs a force beside it, force.kernel 'patch', and a poisson.solver"
+                    " with depth"
+                )
+
+    def _check_solver(self) -> None:
+        """Raise ValueError unless the solver can do what is wanted of it."""
+        sensor, solver, facts = self.sensor, self.poisson.solver, _solver_facts(self)
+        from_displacement = self.force_from_slopes and self.force.fit == "displacement"
+        of_depth = self.wants_solver or from_displacement
+        if facts.square_images and of_depth and sensor.height_px != sensor.width_px:
+            raise ValueError(
+                f"sensor.height_px: {sensor.height_px} differs from width_px {sensor.width_px};"
+                " the DST engine shares one matrix between rows and columns, so depth needs square images"
+            )
+        if self.wants_solver and not facts.finds_depth:
+            others = (name for name in SOLVERS if SOLVERS[name].finds_depth)
+            raise ValueError(f"poisson.solver: {solver!r} finds no depth; choose {listed(others)}")
+        if self.wants_force and self.force.clamp and not facts.can_clamp:
+            raise ValueError(f"force.clamp: the {solver} is linear and cannot clamp; set clamp = false")
+        if self.force.fit == "slopes" and facts.finds_depth:
+            without = listed(name for name in SOLVERS if not SOLVERS[name].finds_depth)
+            raise ValueError(f"force.fit: 'slopes' needs poisson.solver {without}")
+        lanes = self.hardware.pixels_per_clock
+        row_beats = -(-self.inner_px // lanes)
+        if self.wants_solver and row_beats < facts.least_row_beats:
+            raise ValueError(
+                f"poisson.solver: {solver!r} needs rows of {facts.least_row_beats} beats or more;"
+                f" {self.inner_px} values at {lanes} pixels_per_clock are {row_beats}"
+            )
+
+    def _check_force_alone(self) -> None:
         """Raise ValueError unless forces alone can train what is wanted."""
-        if not self.force_from_slopes or "normals" in self.outputs or self.force.fit != "slopes":
+        of_geometry = any(facts.needs_geometry for facts in _output_facts(self))
+        if not self.force_from_slopes or of_geometry or self.force.fit != "slopes":
             raise ValueError(
                 "training.labels: 'force' gives forces only, no normals or depth, and needs poisson.solver"
                 " 'adjoint' and force.fit 'slopes'"
@@ -145,12 +156,13 @@ class Scene(Strict):
     @property
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
-        return "depth" in self.outputs or (self.wants_force and self.poisson.solver != "adjoint")
+        needed = any(facts.needs_depth for facts in _output_facts(self))
+        return needed or (self.wants_force and _solver_facts(self).finds_depth)
 
     @property
     def force_from_slopes(self) -> bool:
-        """Whether the force is found from the slopes, without depth."""
-        return self.wants_force and self.poisson.solver == "adjoint"
+        """Whether the force is a weighted sum of the slopes, without depth: by the solver "adjoint"."""
+        return self.wants_force and not _solver_facts(self).finds_depth
 
     @property
     def wants_slopes(self) -> bool:
@@ -159,7 +171,7 @@ class Scene(Strict):
     @property
     def force_axes(self) -> tuple[int, ...]:
         """The axes of force that are wanted, in order: 0, 1, 2 for x, y, z."""
-        return tuple(sorted(axis for name in self.outputs for axis in FORCES.get(name, ())))
+        return tuple(sorted(axis for facts in _output_facts(self) for axis in facts.force_axes))
 
     @property
     def wants_force(self) -> bool:
@@ -175,7 +187,8 @@ class Scene(Strict):
 
     @property
     def wants_force_map(self) -> bool:
-        return "force_map" in self.outputs
+        """Whether the force's contribution of each pixel is wanted, not only their sum."""
+        return any(facts.needs_patches for facts in _output_facts(self))
 
     @property
     def inner_px(self) -> int:
@@ -183,13 +196,37 @@ class Scene(Strict):
         return self.sensor.width_px - 2
 
 
+def _output_facts(scene: Scene) -> tuple[OutputFacts, ...]:
+    return tuple(OUTPUTS[name] for name in scene.outputs)
+
+
+def _solver_facts(scene: Scene) -> SolverFacts:
+    return SOLVERS[scene.poisson.solver]
+
+
+def _keys(path: tuple) -> list[str]:
+    """The keys of the scene's table at this path, without the last part, which is none of them."""
+    table = Scene
+    for name in path[:-1]:
+        field = getattr(table, "model_fields", {}).get(name)
+        kinds = (field.annotation, *get_args(field.annotation)) if field else ()
+        table = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Strict)), None)
+    return list(getattr(table, "model_fields", ()))
+
+
 def describe(error: ValidationError) -> str:
-    """The first error of a validation, in one line: key, value, what is wrong."""
-    first = error.errors(include_url=False)[0]
+    """A validation's first error in one line: key, value, what is wrong.
+
+    An unknown key comes before all else, with the key that it may be meant for: a missing one may be just
+    misspelt.
+    """
+    errors = error.errors(include_url=False)
+    first = next((found for found in errors if found["type"] == "extra_forbidden"), errors[0])
     key = ".".join(str(part) for part in first["loc"])
     message = first["msg"].removeprefix("Value error, ")
     if first["type"] == "extra_forbidden":
-        return f"{key}: unknown key"
+        near = get_close_matches(str(first["loc"][-1]), _keys(first["loc"]), n=1)
+        return f"{key}: unknown key" + "".join(f"; did you mean {name}?" for name in near)
     if first["type"] == "missing":
         return f"{key}: missing"
     if not key:

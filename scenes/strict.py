@@ -1,5 +1,6 @@
 """What every table of a scene shares: unknown keys are errors, values cannot be changed."""
 
+from collections.abc import Mapping
 from typing import Annotated
 
 from pydantic import ConfigDict, Field
@@ -16,3 +17,18 @@ class Strict(Watchable):
     """Base of every table of a scene; what a step of a build reads of it can be recorded."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+def listed(names) -> str:
+    """'a', 'b' or 'c'."""
+    *others, last = (repr(name) for name in names)
+    return f"{', '.join(others)} or {last}" if others else last
+
+
+def known(name: str, table: Mapping[str, object]) -> str:
+    """The name, if the table has it; raises ValueError, which lists what there is."""
+    try:
+        table[name]
+    except KeyError:
+        raise ValueError(f"Input should be {listed(table)}") from None
+    return name

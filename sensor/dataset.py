@@ -1,30 +1,29 @@
 """The dataset format: one HDF5 file, the same for simulated and recorded frames.
 
     frames          (N, H, W, C) uint8      attributes: pitch_mm, channels ("B,G,R,NIR"), source,
-    background      (H, W, C) uint8                     format_version; left_out, if samples were
+    background      (H, W, C) uint8                     format_version; left_out (samples dropped), if any
     split           (N,) text: train, validation or test
     normals         (N, H, W, 3) float32    outward unit normals            ┐
     depth_mm        (N, H, W) float32       z, the skin's height            │ each present only
-    valid           (N, H, W) bool          where normals and depth hold;   │ if it is known
-                                            absent means everywhere         │
+    valid           (N, H, W) bool          pixels where normals and depth  │ if it is known
+                                            are known; absent: everywhere   │
     force_n         (N, axes) float32       z is positive in compression    │
     group           (N,) text               the recording of each frame     │
-    rest_depth_mm   (H, W) float32          z of the untouched skin         │
+    rest_depth_mm   (H, W) float32          z of the undeformed skin        │
     markers_px      (N, M, 2) float32       (u, v) of each dot's centre     │
-    tangential_mm   (N, H, W, 2) float32    d_x, d_y of the skin that is at │
-                                            each pixel at rest              │
+    tangential_mm   (N, H, W, 2) float32    displacement d_x, d_y of the    │
+                                            skin point that is at the pixel │
+                                            when nothing touches            │
     indenter/…      (N, …) numbers          pose and shape; NaN: no indenter┘
 
-Instead of `frames` there may be `raw10` (N, 4H, 4W) uint16, RAW10 images as the camera gives them; the
-background is then (4H, 4W) uint16, one too. What makes channels of them is fastac/flow/frames.py.
+Instead of `frames` there may be `raw10` (N, 4H, 4W) uint16, RAW10 images as the camera sends them; the
+background is then a RAW10 image too, (4H, 4W) uint16. fastac/flow/frames.py turns them into channels.
 
-`force_n` has the axes x, y, z, or those that the attribute force_axes ("z") lists: a force gauge knows one.
-Ground truth is finite, and normals are unit vectors with n_z > 0, wherever it is valid; elsewhere it means
-nothing (our importer writes NaN there, so that a forgotten mask shows).
+`force_n` has the axes x, y, z, or those that the attribute force_axes lists ("z" for a one-axis force gauge).
+Where `valid` is true, ground truth is finite and normals are unit vectors with n_z > 0; elsewhere it is
+undefined (the importers write NaN there, so that code that ignores `valid` fails visibly).
 """
 
-import os
-import tempfile
 from dataclasses import fields
 from pathlib import Path
 
@@ -33,6 +32,7 @@ import numpy as np
 
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import FORCE_AXES, SPLITS, Dataset, DatasetError, check
+from fastac.store.files import write_atomically
 
 __all__ = ["FORCE_AXES", "SPLITS", "Dataset", "DatasetError", "read", "write"]
 
@@ -81,7 +81,8 @@ def write(
     tangential_mm: np.ndarray | None = None,
     left_out: int = 0,
 ) -> None:
-    """Write a dataset; the file appears complete or not at all.
+    """Write a dataset to `path`; the file appears complete or not at all. See the module for shapes and
+    units.
 
     Floating-point ground truth is stored as float32. Raises DatasetError on anything that `read` refuses.
     """
@@ -116,37 +117,31 @@ def write(
     check(data, None, str(path))
     if not path.parent.is_dir():
         raise DatasetError(f"{path}: {path.parent} is not a folder")
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=path.name, suffix=".part")
-    os.close(handle)
-    try:
-        with h5py.File(temporary, "w") as file:
-            file.attrs["format_version"] = FORMAT_VERSION
-            file.attrs["pitch_mm"] = pitch_mm
-            file.attrs["channels"] = ",".join(channels)
-            file.attrs["source"] = source
-            if force_n is not None and axes != FORCE_AXES:
-                file.attrs["force_axes"] = ",".join(axes)
-            if left_out:
-                file.attrs["left_out"] = left_out
-            for key, array in arrays.items():
-                packed = {"compression": "lzf", "shuffle": True} if key in CHUNKED else {}
-                chunks = (1, *array.shape[1:]) if key in CHUNKED else None
-                file.create_dataset(key, data=array, chunks=chunks, **packed)
-            for key, text in texts.items():
-                file.create_dataset(key, data=text.tolist(), dtype=h5py.string_dtype())
-            for key, array in (poses or {}).items():
-                file.create_dataset(f"indenter/{key}", data=array)
-        os.chmod(temporary, 0o644)
-        os.replace(temporary, path)
-    except BaseException:
-        os.unlink(temporary)
-        raise
+    with write_atomically(path) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["format_version"] = FORMAT_VERSION
+        file.attrs["pitch_mm"] = pitch_mm
+        file.attrs["channels"] = ",".join(channels)
+        file.attrs["source"] = source
+        if force_n is not None and axes != FORCE_AXES:
+            file.attrs["force_axes"] = ",".join(axes)
+        if left_out:
+            file.attrs["left_out"] = left_out
+        for key, array in arrays.items():
+            packed = {"compression": "lzf", "shuffle": True} if key in CHUNKED else {}
+            chunks = (1, *array.shape[1:]) if key in CHUNKED else None
+            file.create_dataset(key, data=array, chunks=chunks, **packed)
+        for key, text in texts.items():
+            file.create_dataset(key, data=text.tolist(), dtype=h5py.string_dtype())
+        for key, array in (poses or {}).items():
+            file.create_dataset(f"indenter/{key}", data=array)
 
 
 def read(path: Path | str, scene: Scene | None = None) -> Dataset:
-    """The dataset in a file, validated, against a scene too if one is given.
+    """Read and validate the dataset in a file; with `scene`, also that size, pitch and channels are the
+    scene's.
 
-    Raises DatasetError on anything missing, malformed, not finite, not unit, or not of the scene.
+    Raises DatasetError on anything missing, malformed, not finite, normals that are not unit vectors, or a
+    mismatch with the scene.
     """
     path = Path(path)
     try:
@@ -168,7 +163,7 @@ def read(path: Path | str, scene: Scene | None = None) -> Dataset:
 
 
 def _content(file: h5py.File, path: Path) -> dict:
-    """Every field of the file, with types checked before anything is converted."""
+    """The arguments of `Dataset` from a file's attributes and arrays, after a check of their types."""
     attributes = {}
     kinds = {"format_version": np.integer, "pitch_mm": np.floating, "channels": str, "source": str}
     for key in kinds:

@@ -1,9 +1,10 @@
-"""The virtual fingertip: a simulated sensor pressed after the paper's protocol, to the dataset format.
+"""The virtual fingertip: simulates the paper's press protocol on a scene's sensor and writes a dataset.
 
-The scene says which gel (sensor/mechanics/press.py), which loads (sensor/protocol.py) and which frames. The dataset holds
-normals, forces and poses, which cost nothing, and depth only if the scene has something to solve for it. The
-paper knows normals and depth of vertical samples only; here those of tangential ones are known just as well,
-and are kept. What friction cannot carry is left out, and counted.
+Contact mechanics (sensor/mechanics) gives the deformed skin and the force for each load of the protocol
+(sensor/protocol.py); optics (sensor/optics) renders the frame. Normals, forces and poses are always stored,
+depth only if the scene has a depth solver. The paper has normals and depth of vertical presses only; here
+those under tangential load are known too and are stored. Tangential loads that friction cannot carry are left
+out, and their number is stored as `left_out`.
 """
 
 import multiprocessing
@@ -27,7 +28,11 @@ from fastac.store.progress import progress_bar
 
 
 def require_simulated(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
-    """Raise FingertipError unless the virtual sensor can show `what`, which needs the forces along `axes`."""
+    """Raise FingertipError unless the scene is simulated and outputs the forces along `axes` (0 to 2: x to
+    z).
+
+    what : the demo or study that needs them, which begins the message
+    """
     if scene.sensor.source != "simulated":
         raise FingertipError(f"{what}: sensor.source = {scene.sensor.source!r}: expected 'simulated'")
     if not set(axes) <= set(scene.force_axes):
@@ -36,7 +41,7 @@ def require_simulated(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
 
 
 STORE = Path("build/store")
-"""Folder of the step store, where finite-element compliances are kept, unless the caller says otherwise."""
+"""Default folder of the step store, which keeps finite-element compliances."""
 
 _rig: Rig | None = None
 """The gel of this worker process."""
@@ -48,7 +53,7 @@ def _start_worker(sensor: Sensor, store: Path) -> None:
 
 
 def _press(task) -> list[dict | None]:
-    """The samples of a station, as `sample` gives them; None for one that friction cannot carry."""
+    """The samples of a station, see `sample`; None for a load that friction cannot carry."""
     station, ball_mm, sensor, seeds = task
     return [
         None if isinstance(pressed, ContactError) else sample(pressed, sensor, np.random.default_rng(seed))
@@ -57,7 +62,7 @@ def _press(task) -> list[dict | None]:
 
 
 def sample(pressed: PressedSkin, sensor: Sensor, rng: np.random.Generator) -> dict:
-    """What a dataset holds of one press, with its frame; see `_empty` for the keys."""
+    """One sample of a dataset, with a rendered frame; the keys are those of `_empty`, and `pose`."""
     view = render if sensor.frames == "channels" else render_raw10
     arrays = {
         "frame": view(pressed.normals, pressed.depth_mm, sensor, rng, pressed.tangential_mm),
@@ -73,7 +78,7 @@ def sample(pressed: PressedSkin, sensor: Sensor, rng: np.random.Generator) -> di
 
 
 def _empty(scene: Scene, count: int) -> dict[str, np.ndarray]:
-    """Room for `count` samples of what the scene's dataset holds."""
+    """Uninitialised arrays for `count` samples, with the arrays that the scene's dataset holds."""
     sensor = scene.sensor
     image = (count, sensor.height_px, sensor.width_px)
     if sensor.frames == "raw10":
@@ -91,7 +96,7 @@ def _empty(scene: Scene, count: int) -> dict[str, np.ndarray]:
 
 
 def _perform(scene: Scene, tasks: list, store: Path, processes: int, progress: bool):
-    """The samples of each task, in order. The compliance is there before the workers look for it."""
+    """Yield the samples of each task, in order; the worker processes start once the compliance is stored."""
     global _rig
     if processes == 1 or scene.sensor.elastomer.mechanics == "fem":
         _rig = rig_of(scene.sensor, store, progress=progress)
@@ -112,12 +117,12 @@ def generate(
     progress: bool = True,
     processes: int | None = None,
 ) -> None:
-    """Press the scene's protocol on its virtual sensor and write the dataset to `path`.
+    """Simulate the scene's press protocol on its virtual sensor and write the dataset to `path`.
 
     The result depends on the scene alone, not on the number of processes (default: one per core). `store`
-    is the folder of the step store, where finite-element compliances, computed once, are kept. Raises FingertipError if the
-    scene's sensor is a recorded one or too small for the ball, and ContactError if a vertical press is
-    beyond the elastomer's model.
+    is the folder of the step store, which keeps finite-element compliances. Raises FingertipError if the
+    scene's sensor is a recorded one or too small for the ball, and ContactError if a vertical load exceeds
+    what the contact model can represent.
     """
     sensor, protocol = scene.sensor, scene.protocol
     if sensor.source != "simulated":

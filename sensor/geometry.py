@@ -1,4 +1,4 @@
-"""The skin at rest, and where the pixels lie on it.
+"""Geometry of the undeformed skin: depth and slopes at the pixels, and the normals of slopes.
 
 `z` is the skin's height away from the camera, in mm; pressing lowers it. Image column u runs along x,
 row v along y; the origin of x and y is the centre of the image. Slopes are p = ∂z/∂x, q = ∂z/∂y.
@@ -54,7 +54,7 @@ def rest_depth_at_mm(sensor: Sensor, x_mm: np.ndarray, y_mm: np.ndarray) -> np.n
 def ball_slopes(x_mm: np.ndarray, y_mm: np.ndarray, ball_mm: float) -> tuple[np.ndarray, np.ndarray]:
     """p and q of a skin that lies against a ball of diameter `ball_mm`.
 
-    `x_mm` and `y_mm` are taken from the ball's axis and must lie under the ball. The skin follows the
+    `x_mm` and `y_mm` are measured from the ball's axis and must lie under the ball. The skin follows the
     ball's lower side, z = z_centre − √(R² − x² − y²), so it rises away from the axis: p = x / √(R² − r²).
     """
     root = np.sqrt((ball_mm / 2) ** 2 - x_mm**2 - y_mm**2)
@@ -68,8 +68,10 @@ def normals_from_slopes(p: np.ndarray, q: np.ndarray) -> np.ndarray:
 
 
 def deformed_slopes(displacement_mm: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
-    """p and q, (H, W) each, of the untouched skin, in closed form, less the displacement's derivative by a
-    cubic spline."""
+    """p and q, (H, W) each, of the skin after a displacement (H, W) along −z, in mm.
+
+    The undeformed skin's slopes are in closed form; the displacement's derivatives come from a cubic spline.
+    """
     rows = np.arange(sensor.height_px) * sensor.pitch_mm
     columns = np.arange(sensor.width_px) * sensor.pitch_mm
     spline = RectBivariateSpline(rows, columns, displacement_mm)

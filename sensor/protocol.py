@@ -1,8 +1,9 @@
-"""Where a ball is pressed and how hard: the paper's protocol (supplement, section I).
+"""The press protocol: at which positions, and with which loads, a ball is pressed on the skin.
 
-Positions are of the ball's axis, in mm from the image's centre. Three grids share no point: train,
-validation, test. At each position come the vertical loads, and after each of them, where the scene has
-tangential loads, those in four in-plane directions.
+It follows the paper's protocol (supplement, section I). A position is that of the ball's axis, in mm from the
+image's centre. The grids of the train, validation and test splits share no point. At each position the
+vertical loads follow one another; if the scene has tangential loads, each vertical load is followed by
+tangential ones in four in-plane directions.
 """
 
 from dataclasses import dataclass
@@ -13,13 +14,13 @@ from fastac.scenes.schema import Protocol, Scene
 from fastac.scenes.sensor_schema import Sensor
 
 MARGIN_BALLS = 0.3
-"""Distance from the fixed rim to the outermost positions, in ball diameters: as much as the contact grows."""
+"""Distance from the fixed rim to the outermost positions, in ball diameters: room for the growing contact."""
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
-"""Of tangential loads, in x and y."""
+"""Directions of the tangential loads, (x, y) each."""
 
 
 class FingertipError(ValueError):
-    """A scene that the virtual fingertip cannot press; the message is one line with key and value."""
+    """A scene that the virtual fingertip cannot simulate; the message is one line with key and value."""
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,15 @@ class Station:
 
     @property
     def targets_n(self) -> tuple[tuple[float, float], ...]:
-        """(F_x, F_y) that each sample is dragged to; the first one is not dragged."""
+        """(F_x, F_y) in N at which each sample is taken; the first is (0, 0): the vertical load alone."""
         return ((0.0, 0.0), *self.tangential_n)
 
 
 def region_mm(sensor: Sensor, protocol: Protocol) -> np.ndarray:
-    """The corners of what is pressed, (2, 2, 2): by row and column of the image, x and y."""
+    """The corners of the pressed region, (2, 2, 2) in mm: top/bottom, left/right, and x, y.
+
+    Raises FingertipError for corners outside the skin, or a ball too large for the region inside the rim.
+    """
     if protocol.corners_mm is not None:
         corners = np.array(protocol.corners_mm).reshape(2, 2, 2)
         half = np.array([sensor.width_px - 1, sensor.height_px - 1]) * sensor.pitch_mm / 2
@@ -65,9 +69,10 @@ def region_mm(sensor: Sensor, protocol: Protocol) -> np.ndarray:
 def positions_mm(sensor: Sensor, protocol: Protocol) -> dict[str, np.ndarray]:
     """Positions (n², 2) of the ball's axis, x and y in mm, for each split.
 
-    All three grids are taken from one lattice of 2m × 2m points, m the largest grid: train from the points
-    that are even along both axes, test odd along both, validation odd along x and even along y. So no two
-    splits come closer than one step of the lattice. The lattice is bilinear between the region's corners.
+    All three grids are subsets of one lattice of 2m × 2m points, with m the size of the largest grid: train
+    takes points with even indices along both axes, test with odd indices along both, validation odd along x
+    and even along y. So positions of two splits are at least one lattice step apart. The lattice is bilinear
+    between the region's corners.
     """
     corners = region_mm(sensor, protocol)
     sizes = {"train": protocol.train_grid, "validation": protocol.validation_grid, "test": protocol.test_grid}
@@ -87,7 +92,7 @@ def positions_mm(sensor: Sensor, protocol: Protocol) -> dict[str, np.ndarray]:
 
 
 def stations(scene: Scene) -> list[Station]:
-    """All stations of a scene's protocol, in the order in which they are visited."""
+    """All stations of a scene's protocol, in the order in which they are pressed."""
     return [
         Station(
             split,

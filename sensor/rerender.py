@@ -1,7 +1,7 @@
-"""Frames of presses whose skin is known, seen anew: under other light, with another coat or camera.
+"""Re-rendering of a dataset's frames with another sensor: other light, coating, markers or camera noise.
 
-No contact is solved: the skin is that of the dataset. What an experiment switches off, noise or dots, is then
-all that differs.
+The contact mechanics is not solved again: normals and depth are the dataset's ground truth. So two sets of
+frames differ only in the property of the sensor that an experiment changes.
 """
 
 from collections.abc import Callable
@@ -15,10 +15,11 @@ from fastac.sensor.optics.raw_window import background_raw10, render_raw10
 
 
 def rerender(data: Dataset, sensor: Sensor, seed: int) -> tuple[np.ndarray, Callable[[int], np.ndarray]]:
-    """The background and what draws the frame of any sample, as the sensor gives them: channels or RAW10.
+    """Return the background frame, and a function from a sample's index to its frame.
 
-    The dataset knows normals and depth everywhere, and the tangential displacement unless nothing moves.
-    Each sample has noise of its own, whichever samples are drawn.
+    Frames are (H, W, C) uint8 channels or (4H, 4W) uint16 RAW10 images, as `sensor` sends them. `data` must
+    hold normals and depth at every pixel; without tangential displacements the markers stay where they are.
+    The noise of a sample depends on `seed` and its index only, not on which samples are rendered.
     """
     channels = sensor.frames == "channels"
     view, rest = (render, background) if channels else (render_raw10, background_raw10)

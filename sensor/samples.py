@@ -1,4 +1,7 @@
-"""What a dataset holds, and what must hold between its parts."""
+"""A dataset in memory: its arrays, the check that they fit together, and selections of samples.
+
+sensor/dataset.py describes the arrays and reads and writes them.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +17,7 @@ FORCE_AXES = ("x", "y", "z")
 RAW10_MAXIMUM = 2**10 - 1
 PITCH_TOLERANCE = 1e-3
 UNIT_TOLERANCE = 1e-4
-"""Of a normal's squared length: float32 leaves 1e-7."""
+"""Largest deviation of a normal's squared length from 1; rounding to float32 causes 1e-7."""
 
 
 class DatasetError(ValueError):
@@ -23,7 +26,7 @@ class DatasetError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Dataset:
-    """The content of one file; what is unknown is None."""
+    """The content of one dataset file; see sensor/dataset.py. Unknown ground truth is None."""
 
     pitch_mm: float
     channels: tuple[str, ...]
@@ -32,7 +35,7 @@ class Dataset:
     split: np.ndarray
     frames: np.ndarray | None = None
     raw10: np.ndarray | None = None
-    """Instead of `frames`: RAW10 images, 4 × 4 of their pixels to one of everything else."""
+    """(N, 4H, 4W) uint16 RAW10 images instead of `frames`: 4 × 4 raw pixels per pixel of the other arrays."""
     normals: np.ndarray | None = None
     depth_mm: np.ndarray | None = None
     valid: np.ndarray | None = None
@@ -40,12 +43,13 @@ class Dataset:
     indenter: dict[str, np.ndarray] | None = None
     rest_depth_mm: np.ndarray | None = None
     force_axes: tuple[str, ...] = FORCE_AXES
-    """What the columns of `force_n` are: a gauge may know one axis only."""
+    """The axes of `force_n`'s columns: some force gauges measure z only."""
     group: np.ndarray | None = None
     markers_px: np.ndarray | None = None
     tangential_mm: np.ndarray | None = None
     left_out: int = 0
-    """Samples of the protocol that the contact could not carry."""
+    """How many of the protocol's samples were dropped: friction could not carry their tangential load, or, in
+    a recording, markers were not found."""
 
     def __len__(self) -> int:
         return len(self.split)
@@ -72,7 +76,7 @@ class Dataset:
 
 
 def _size(data: Dataset, need, origin: str) -> tuple[int, int, int]:
-    """Samples, height and width of what a dataset's frames become, from whichever frames it has."""
+    """Number of samples, and height and width in pixels, from `frames` or, divided by 4, from `raw10`."""
     if data.frames is None and data.raw10 is None:
         raise DatasetError(f"{origin}: frames: missing")
     need(data.frames is None or data.raw10 is None, "raw10", "beside frames", "one of the two")
@@ -89,7 +93,10 @@ def _size(data: Dataset, need, origin: str) -> tuple[int, int, int]:
 
 
 def check(data: Dataset, scene: Scene | None, origin: str) -> None:
-    """Raise DatasetError unless everything fits together; `origin` names the file."""
+    """Raise DatasetError unless shapes, types and values fit together and, if given, the scene.
+
+    origin : the file's name, which begins the message
+    """
 
     def need(condition, key, value, expected):
         if not condition:
@@ -166,7 +173,10 @@ def check(data: Dataset, scene: Scene | None, origin: str) -> None:
 
 
 def split_indices(data: Dataset, split: str, path: Path) -> np.ndarray:
-    """Frames of a split, or "all"; raises DatasetError where there are none."""
+    """Indices of the samples of a split, or of all samples for "all".
+
+    Raises DatasetError, naming the file `path`, where there are none.
+    """
     index = np.arange(len(data)) if split == "all" else data.indices(split)
     if not len(index):
         raise DatasetError(f"{path}: split: no frame is in {split!r}")
@@ -174,12 +184,12 @@ def split_indices(data: Dataset, split: str, path: Path) -> np.ndarray:
 
 
 def evenly_spaced(index: np.ndarray, count: int) -> np.ndarray:
-    """`count` frames spread evenly over `index` (all of it if it is smaller)."""
+    """`count` entries spread evenly over `index` (all of them if there are fewer)."""
     return index[np.unique(np.linspace(0, len(index) - 1, count).round().astype(int))]
 
 
 def subset(data: Dataset, index: np.ndarray) -> Dataset:
-    """The samples `index` of a dataset alone."""
+    """The dataset reduced to the samples `index`."""
     geometry = ("normals", "depth_mm", "valid", "markers_px", "tangential_mm")
     arrays = ("frames", "split", *geometry, "force_n", "group")
     chosen = {name: getattr(data, name)[index] for name in arrays if getattr(data, name) is not None}

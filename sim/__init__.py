@@ -1,1 +1,1 @@
-"""cocotb and Verilator benches: bit-exact values, exact cycle counts."""
+"""Simulation with cocotb and Verilator: outputs compared bit by bit, latencies cycle by cycle."""

@@ -1,4 +1,4 @@
-"""A bench in Amaranth's own simulator for small designs and for components with several outputs."""
+"""Testbench in Amaranth's own simulator, for small designs and components with several output streams."""
 
 import random
 
@@ -6,12 +6,13 @@ from amaranth.sim import Simulator
 
 
 def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
-    """Feed payloads to `dut.i` and take from its output streams; returns what each gave, and when.
+    """Drive `dut.i` with payloads and record all output streams.
 
-    inputs : payloads as integers.
-    expected : for each output's name how many beats it gives; it is watched for 64 clocks more.
-    stall : probability per clock that a side pauses, or one for each stream's name.
-    Returns {name: payloads} and {name: clocks in which they were taken}, the inputs' under "i".
+    inputs : payloads as integers
+    expected : {output stream: number of beats}; each is watched for 64 more clocks
+    stall : probability per clock that a stream pauses, or {stream: probability}
+    Returns {stream: payloads} of the outputs, and {stream: clocks of the transfers}, also of the input "i".
+    Raises AssertionError if an output gives fewer beats within `clocks` clocks.
     """
     stalls = dict.fromkeys(["i", *expected], stall) if isinstance(stall, float | int) else stall
     payloads = {name: [] for name in expected}
@@ -45,7 +46,9 @@ def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
                 if idle > 64:
                     ctx.set(o.ready, 1)
                     return
-            raise AssertionError(f"hang: {len(payloads[name])} of {beats} beats of {name}")
+            raise AssertionError(
+                f"hang: {len(payloads[name])} of {beats} beats of {name} after {clocks} clocks"
+            )
 
         return take
 

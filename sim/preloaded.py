@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""For benches: components whose tables are loaded before their first beat, or whose parameters stand."""
+"""Wrappers for testbenches: a component whose table is written after reset, or with constant parameters."""
 
 import numpy as np
 from amaranth import Const, Module, Signal, unsigned
@@ -11,9 +11,10 @@ from fastac.sim.check_stream import pack
 
 
 class PreloadedTable(wiring.Component):
-    """`component`, whose port `table` is given `values` (depth, fields) of `bits` once, after reset.
+    """`component`, whose write port `table` gets `values` (depth, fields) of `bits` bits each after reset.
 
-    Its input `i` waits meanwhile; `i`, `o` and one-bit outputs named in `flags` are the component's own.
+    Its input `i` waits until they are written. The wrapper has the component's streams `i` and `o` and its
+    one-bit outputs named in `flags`.
     """
 
     def __init__(self, component, table: str, values: np.ndarray, bits: int, flags: tuple[str, ...] = ()):
@@ -54,7 +55,7 @@ class PreloadedTable(wiring.Component):
 
 
 class ConstantParameters(wiring.Component):
-    """`component` between its streams `i` and `o`, `image` standing at its port `parameters`."""
+    """`component` with its streams `i` and `o`, and the constant `image` at its port `parameters`."""
 
     def __init__(self, component, image: int):
         self.component, self.image = component, image

@@ -1,6 +1,4 @@
-"""Benchmarks: how fast the models, the virtual rig and a sweep's workers are on this machine."""
-
-from pathlib import Path
+"""Commands that measure the speed of the models, the virtual rig and a sweep's workers on this machine."""
 
 import click
 
@@ -9,13 +7,17 @@ from fastac.cli.common import INPUT, Group, Lanes, progress_option, store_option
 
 @click.group(cls=Group)
 def bench():
-    """Times on this machine: always the fastest of several runs."""
+    """Measure speed on this machine; of several runs the fastest counts."""
 
 
 @bench.command()
 @click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1)
 def models(folders):
-    """Time the float pipeline, the emulator and the int64 loop that the emulator equals on every value."""
+    """Time the float pipeline, the emulator, and the int64 loop that the emulator must equal on every value.
+
+    \b
+    Example: fastac bench models build/paper build/fast
+    """
     from fastac.studies.benchmarks import models as benchmark
 
     if not folders:
@@ -31,7 +33,11 @@ def models(folders):
 @store_option("compliances")
 @progress_option
 def rig(scene, store, progress):
-    """Time contacts and frames of SCENE's virtual rig, which must be a finite-element one."""
+    """Time contacts and frames of SCENE's virtual rig, which must use finite elements.
+
+    \b
+    Example: fastac bench rig scenes/fingertip.toml
+    """
     from fastac.scenes import schema
     from fastac.studies.benchmarks import rig as benchmark
 
@@ -46,12 +52,16 @@ def rig(scene, store, progress):
 
 @bench.command()
 @click.argument("spec", type=INPUT)
-@click.option("--points", type=click.IntRange(1), default=40, show_default=True)
-@click.option("--workers", type=Lanes(), default="1,2", show_default=True)
-@click.option("--cache", type=INPUT, default=Path("build/sweep/cache"), show_default=True)
-def sweep(spec, points, workers, cache):
-    """Time a sweep's points with several numbers of workers."""
+@click.option("--points", type=click.IntRange(1), default=40, show_default=True, help="Number of points.")
+@click.option("--workers", type=Lanes(), default="1,2", show_default=True, help="Numbers of workers.")
+@store_option("trained models")
+def sweep(spec, points, workers, store):
+    """Time the points of the sweep SPEC with several numbers of worker processes.
+
+    \b
+    Example: fastac bench sweep sweeps/quantisation.toml --workers 1,2
+    """
     from fastac.studies.benchmarks import sweep as benchmark
 
-    for line in benchmark.measure(spec, points, workers, cache):
+    for line in benchmark.measure(spec, points, workers, store):
         click.echo(line)

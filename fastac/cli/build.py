@@ -1,4 +1,4 @@
-"""Commands that do everything in order, and tell the result."""
+"""Commands that run all steps of a build and print its results."""
 
 import json
 from pathlib import Path
@@ -7,6 +7,7 @@ import click
 
 from fastac.cli.common import (
     INPUT,
+    OUTPUT_FOLDER,
     announce,
     build_folder,
     load_bundle,
@@ -29,13 +30,19 @@ def print_summary(folder: Path) -> None:
 
 @click.command()
 @click.argument("scene", type=INPUT)
-@click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")
-@output_option("build/SCENE", "The build folder.")
+@click.option(
+    "--data", type=INPUT, help="Dataset of a recorded sensor. [default: simulate the virtual fingertip]"
+)
+@output_option("The build folder.", OUTPUT_FOLDER, "build/SCENE")
 @progress_option
 def build(scene, data, output, progress):
-    """From SCENE to frames, trained integers, Verilog, its proof on held-out frames, and the report.
+    """Run every step of SCENE: dataset, training, Verilog, its simulation on held-out frames, report.
 
-    Steps whose inputs have not changed are kept; an interrupted build resumes where it stopped.
+    Steps whose inputs have not changed are kept; an interrupted build resumes where it stopped. Ends with an
+    error if any simulated value differs from the integer model.
+
+    \b
+    Example: fastac build scenes/paper.toml
     """
     scene = scenes.load(scene)
     folder = build_folder(scene, output)
@@ -53,30 +60,30 @@ def check_mismatches(folder: Path) -> None:
 
 @click.command()
 @click.argument("scene", type=INPUT, default=Path("scenes/fingertip.toml"))
-@click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")
-@click.option("--build", "folder", type=INPUT, help="The build's folder. [default: build/SCENE]")
 @click.option(
-    "-o",
-    "--output",
-    type=INPUT,
-    default=Path("build/reproduce"),
-    show_default=True,
-    help="Folder for reproduce.json, reproduce.html and what they are made from.",
+    "--data", type=INPUT, help="Dataset of a recorded sensor. [default: simulate the virtual fingertip]"
+)
+@click.option("--build", "folder", type=INPUT, help="Build folder of SCENE. [default: build/SCENE]")
+@output_option(
+    "Folder for reproduce.json, reproduce.html and their pictures.", OUTPUT_FOLDER, "build/reproduce"
 )
 @progress_option
 def reproduce(scene, data, folder, output, progress):
-    """The paper's tables of SCENE, beside the paper's own figures, and whether the goals are reached.
+    """Repeat the paper's experiments on SCENE and print its tables beside the paper's figures.
 
-    Builds the scene first, then compares RGB with RGB-NIR and depth with and without prior, trains
-    HyperForce's six forms, times each stage, and finds by experiments what limits the figures. What SCENE
-    has no use for is left out, and said. Everything is kept: interrupted, run it again. Without SCENE it is
-    scenes/fingertip.toml.
+    Builds the scene first, then compares RGB with RGB-NIR and depth with and without the boundary prior,
+    trains the six forms of HyperForce, times each stage and measures what limits the accuracy. Sections that
+    do not apply to SCENE are left out with the reason. Finished sections are kept, so an interrupted run
+    resumes. [default SCENE: scenes/fingertip.toml]
+
+    \b
+    Example: fastac reproduce scenes/fingertip.toml
     """
     from fastac.flow.build import Build
     from fastac.studies.reproduce import page
     from fastac.studies.reproduce import run as reproduction
 
-    scene = scenes.load(scene)
+    scene, output = scenes.load(scene), output or Path("build/reproduce")
     build = Build(scene, build_folder(scene, folder), data, progress)
     content = reproduction.run(build, output, announce)
     click.echo(page.text(content, reproduction.SECTIONS))
@@ -86,12 +93,18 @@ def reproduce(scene, data, folder, output, progress):
 
 @click.command()
 @click.argument("folder", type=INPUT)
-@click.option("--data", type=INPUT, help="The dataset of the build. [default: FOLDER/data.h5]")
+@click.option("--data", type=INPUT, help="Dataset of the build. [default: FOLDER/data.h5]")
 @click.option(
     "--picture", type=INPUT, help="Draw a frame, what is found in it and the cycles: PNG, SVG or PDF."
 )
 def report(folder, data, picture):
-    """Write report.json and report.html of the build in FOLDER again, and print the summary."""
+    """Write report.json and report.html of the finished build in FOLDER again, and print the summary.
+
+    Needed after `fastac synth`, whose counts then replace the estimates.
+
+    \b
+    Example: fastac report build/paper
+    """
     from fastac.flow.frames import read
     from fastac.report import page as reporting
     from fastac.report import picture as one_picture

@@ -1,12 +1,13 @@
-"""What the commands share: groups whose errors are one line, options, the folders of builds."""
+"""What the commands share: one-line errors, checks of output paths, options, folders of builds."""
 
+import os
 from pathlib import Path
 
 import click
 
 
 class Lanes(click.ParamType):
-    """Numbers of pixels a clock, separated by commas."""
+    """Numbers separated by commas, each once: pixels a clock, or worker processes."""
 
     name = "N,N,..."
 
@@ -24,11 +25,40 @@ class Lanes(click.ParamType):
 
 INPUT = click.Path(path_type=Path)
 STATES = {"kept": "up to date", "running": "running", "waiting": "waiting: another process is at it"}
-SPLITS = click.Choice(["train", "validation", "test", "all"])
+
+
+class Output(click.ParamType):
+    """A path that will be written: refused before any work if that cannot succeed.
+
+    kind : "file" or "folder"; folders on the way to it need not exist yet
+    """
+
+    name = "path"
+
+    def __init__(self, kind: str):
+        self.kind = kind
+
+    def convert(self, value, parameter, context):
+        path = Path(value)
+        if self.kind == "file" and path.is_dir():
+            raise click.ClickException(f"{path}: is a folder; give the name of a file")
+        if self.kind == "folder" and path.exists() and not path.is_dir():
+            raise click.ClickException(f"{path}: is a file; give the name of a folder")
+        folder = path if path.is_dir() else path.absolute().parent
+        while not folder.exists():
+            folder = folder.parent
+        if not folder.is_dir():
+            raise click.ClickException(f"{path}: {folder} is a file, not a folder")
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise click.ClickException(f"{path}: folder {folder} cannot be written")
+        return path
+
+
+OUTPUT_FILE, OUTPUT_FOLDER = Output("file"), Output("folder")
 
 
 class Group(click.Group):
-    """Errors that users can mend end in one line, not in a traceback."""
+    """A group of commands whose expected errors are printed as one line instead of a traceback."""
 
     def invoke(self, context):
         try:
@@ -40,13 +70,28 @@ class Group(click.Group):
 
 
 def progress_option(command):
-    return click.option("--progress/--no-progress", default=True, help="Show progress bars on stderr.")(
-        command
+    return click.option(
+        "--progress/--no-progress",
+        default=True,
+        help="Show progress on standard error: bars on a terminal, a line a minute elsewhere.",
+    )(command)
+
+
+def output_option(text: str, kind: Output, default: str | None = None):
+    """The option -o of a command: required unless the help names a default, which the command works out."""
+    text += f" [default: {default}]" if default else ""
+    return click.option("-o", "--output", type=kind, required=default is None, help=text)
+
+
+def split_option(default: str):
+    """Which samples of a dataset a command takes."""
+    return click.option(
+        "--split",
+        type=click.Choice(["train", "validation", "test", "all"]),
+        default=default,
+        show_default=True,
+        help="Samples of the dataset to take.",
     )
-
-
-def output_option(default: str, text: str):
-    return click.option("-o", "--output", type=INPUT, default=None, help=f"{text} [default: {default}]")
 
 
 def store_option(text: str):
@@ -55,7 +100,7 @@ def store_option(text: str):
         type=INPUT,
         default=Path("build/store"),
         show_default=True,
-        help=f"Folder of the step store, which keeps {text}.",
+        help=f"Folder where results of expensive steps are kept and reused: {text}.",
     )
 
 
@@ -64,6 +109,16 @@ def load_bundle(path: Path):
     from fastac.models.integer import bundle
 
     return bundle.load_bundle(path)
+
+
+def bundle_folder(path: Path) -> Path:
+    """Where the bundle is in a build folder, or `path` itself."""
+    return path / "bundle" if (path / "bundle").is_dir() else path
+
+
+def store_beside(path: Path) -> Path:
+    """The step store of builds beside the one that the bundle in `path` belongs to."""
+    return bundle_folder(path).absolute().parent.parent / "store"
 
 
 def build_folder(scene, output: Path | None) -> Path:
@@ -82,20 +137,22 @@ def run_build(scene, folder: Path, data: Path | None, progress: bool, until: str
 
 
 def cad_options(command):
-    """The skin at rest, and where the machine has the sensor's origin."""
+    """Options for the surface of the sensor at rest and for its place in the machine's coordinates."""
     options = [
         click.option(
-            "--cad", type=INPUT, help="STL in mm, or height map .npy in mm. [default: the scene's skin]"
+            "--cad",
+            type=INPUT,
+            help="Surface of the sensor at rest: STL or height map .npy, in mm. [default: the scene's skin]",
         ),
-        click.option("--cad-pitch-mm", type=float, help="Distance of a height map's samples, mm."),
+        click.option("--cad-pitch-mm", type=float, help="Distance between the samples of a height map, mm."),
         click.option(
             "--origin-mm",
             type=float,
             nargs=3,
             default=(0.0, 0.0, 0.0),
             show_default=True,
-            help="x, y, z of the sensor's origin in the machine's coordinates: the image's centre, the lowest"
-            " corner of the skin.",
+            help="Sensor's origin in the machine's coordinates, mm: x and y of the image's centre, z of the"
+            " lowest corner of the skin.",
         ),
     ]
     for option in reversed(options):

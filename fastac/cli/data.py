@@ -1,4 +1,4 @@
-"""Commands of the virtual rig."""
+"""Commands that press the virtual rig, or plan the presses of a real one."""
 
 from pathlib import Path
 
@@ -7,6 +7,8 @@ import h5py
 
 from fastac.cli.common import (
     INPUT,
+    OUTPUT_FILE,
+    OUTPUT_FOLDER,
     build_folder,
     cad_options,
     load_cad,
@@ -19,13 +21,17 @@ from fastac.scenes import schema as scenes
 
 @click.command()
 @click.argument("scene", type=INPUT)
-@output_option("build/SCENE/data.h5", "The dataset to write.")
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE, "build/SCENE/data.h5")
 @store_option("finite-element compliances, computed once for each gel")
 @progress_option
 def data(scene, output, store, progress):
-    """Press the virtual fingertip of SCENE on the paper's three grids and write the dataset.
+    """Simulate presses of SCENE's virtual fingertip on the paper's three grids and write the dataset.
 
-    Samples whose tangential load the contact cannot carry are left out and counted.
+    The grids are those for training, validation and test. Samples whose tangential load exceeds what friction
+    can carry are left out and counted.
+
+    \b
+    Example: fastac data scenes/paper.toml
     """
     from fastac.sensor.fingertip import generate
 
@@ -42,20 +48,26 @@ def data(scene, output, store, progress):
 
 @click.command()
 @click.argument("scene", type=INPUT)
-@click.option("-o", "--output", type=INPUT, required=True, help="The CSV file to write.")
+@output_option("The CSV file to write.", OUTPUT_FILE)
 @cad_options
 @click.option(
-    "--simulate", type=INPUT, metavar="FOLDER", help="Press the virtual rig so, and record it here."
+    "--simulate",
+    type=OUTPUT_FOLDER,
+    metavar="FOLDER",
+    help="Also press the virtual rig at these poses and write its recording here.",
 )
 @store_option("finite-element compliances, computed once for each gel")
 @progress_option
 def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, store, progress):
-    """Write the poses and loads of SCENE's protocol for a machine, a CSV file with one row per sample.
+    """Write the poses and loads at which a machine shall press SCENE's sensor: CSV, one row per sample.
 
-    Columns split, index, x_mm, y_mm, z_mm, load_n, tangential_x_n, tangential_y_n: lead the ball's lowest
-    point to x, y; it first touches the skin at z. Press until F_z is load_n, then drag until the force on the
-    ball is tangential_x_n, tangential_y_n. The grids lie between the scene's protocol.corners_mm. --simulate
-    records the virtual rig as `fastac import cnc` reads it.
+    Columns: split, index, x_mm, y_mm, z_mm, load_n, tangential_x_n, tangential_y_n. For each row the machine
+    moves the ball's lowest point to x, y; contact begins at z. It presses until F_z is load_n and then drags
+    until the force on the ball is tangential_x_n, tangential_y_n. The grids lie between the scene's
+    protocol.corners_mm. `fastac import cnc` reads what the machine then recorded, and what --simulate writes.
+
+    \b
+    Example: fastac protocol scenes/fingertip.toml -o poses.csv --origin-mm 10 20 -5
     """
     import tempfile
 

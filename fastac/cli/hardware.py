@@ -1,4 +1,4 @@
-"""Commands that make hardware, simulate it and count what it needs."""
+"""Commands that write hardware, simulate it, and count the resources that it needs."""
 
 import json
 import os
@@ -7,12 +7,14 @@ import click
 
 from fastac.cli.common import (
     INPUT,
-    SPLITS,
+    OUTPUT_FILE,
+    OUTPUT_FOLDER,
     build_folder,
     load_bundle,
     output_option,
     progress_option,
     run_build,
+    split_option,
     store_option,
 )
 from fastac.report import synthesis_table
@@ -22,10 +24,14 @@ from fastac.sensor import samples as sensor_samples
 
 @click.command()
 @click.argument("bundle", type=INPUT)
-@output_option("BUNDLE/verilog", "Folder to write; replaced when the new one is complete.")
+@output_option("Folder to write; an older one is replaced at the end.", OUTPUT_FOLDER, "BUNDLE/verilog")
 @progress_option
 def verilog(bundle, output, progress):
-    """Verilog of BUNDLE for the XCZU19EG, linted, with Vivado's script and constraints."""
+    """Write and lint the Verilog of BUNDLE for the XCZU19EG, with a script and constraints for Vivado.
+
+    \b
+    Example: fastac verilog build/paper/bundle -o rtl
+    """
     from fastac.flow import hardware
 
     output = output or bundle / "verilog"
@@ -36,40 +42,47 @@ def verilog(bundle, output, progress):
 
 @click.command()
 @click.argument("bundle", type=INPUT)
-@click.option("--for", "hardware", type=INPUT, required=True, help="Bundle that the hardware was made from.")
 @click.option(
-    "--keep-force", type=INPUT, help="Keep the hardware's force; the bundle with it goes to this folder."
+    "--for", "hardware", type=INPUT, required=True, help="Bundle that the running hardware was made from."
 )
-@click.option("-o", "--output", type=INPUT, required=True, help="The file to write.")
+@click.option(
+    "--keep-force",
+    "with_hardware_force",
+    type=OUTPUT_FOLDER,
+    help="Keep the force weights of the hardware; the bundle that has them is written to this folder.",
+)
+@output_option("The file to write.", OUTPUT_FILE)
 def calibration(bundle, hardware, with_hardware_force, output):
-    """BUNDLE's pixel network, and what follows from it, as words for hardware that already runs.
+    """Write BUNDLE's pixel network and what depends on it as words to load into hardware that already runs.
 
-    The hardware's register CALIBRATION takes them, 32 bits each, little-endian, one after another, while no
-    frame is in flight. What a calibration does not bring must be the same in both bundles: formats, solver,
-    weights of the force, which differ from training to training unless --keep-force takes the hardware's. The
-    background is not part of it: let the hardware capture its own.
+    A driver writes the words, 32 bits each, little-endian, one after another into the hardware's register
+    CALIBRATION while no frame is in flight. All else must be equal in both bundles: word formats, solver and
+    the force weights, which differ from training to training unless --keep-force takes those of the hardware.
+    The background is not included: let the hardware capture it anew.
+
+    \b
+    Example: fastac calibration build/new --for build/paper -o calibration.bin
     """
     from fastac.gateware import calibration as images
+    from fastac.store.files import write_atomically
 
     model, known = load_bundle(bundle), load_bundle(hardware)
     if with_hardware_force:
         model = images.with_hardware_force(model, known, with_hardware_force)
     words = images.calibration_words(model, known)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    temporary = output.with_name(f".{output.name}.part")
-    temporary.write_bytes(words.astype("<u4").tobytes())
-    temporary.replace(output)
+    with write_atomically(output) as temporary:
+        temporary.write_bytes(words.astype("<u4").tobytes())
     click.echo(f"{output}: {len(words)} words, layout {words[0]:#010x}, sha256 {model.digest}")
 
 
 @click.command()
 @click.argument("bundle", type=INPUT)
-@click.option("--data", type=INPUT, required=True, help="Dataset to take frames from.")
-@click.option("--split", type=SPLITS, default="test", show_default=True)
+@click.option("--data", type=INPUT, required=True, help="Dataset whose frames are sent.")
+@split_option("test")
 @click.option(
     "--frames",
     type=click.IntRange(min=1),
-    help="How many, spread over the split. [default: the scene's; with --trace 1]",
+    help="Number of frames, spread over the split. [default: the scene's simulation.frames; 1 with --trace]",
 )
 @click.option(
     "--verilog", "verilog_folder", type=INPUT, help="Folder of `fastac verilog`. [default: BUNDLE/verilog]"
@@ -77,18 +90,21 @@ def calibration(bundle, hardware, with_hardware_force, output):
 @click.option(
     "--trace",
     type=click.Choice(["saif", "fst"]),
-    help="Write the signals' activity for Vivado's report_power, or their waveforms, as fastac.saif or"
-    " fastac.fst in the folder.",
+    help="Also write the signals' activity for Vivado's report_power (fastac.saif) or their waveforms"
+    " (fastac.fst).",
 )
-@output_option("BUNDLE/sim", "Folder for the simulator, its logs and traces.")
+@output_option("Folder for the simulator, its logs and traces.", OUTPUT_FOLDER, "BUNDLE/sim")
 @progress_option
 def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
-    """Send real frames through the simulated hardware and compare every value with the integer model.
+    """Send frames of a dataset through the simulated hardware; compare every value with the integer model.
 
-    A trace holds the whole run: the reset, the check of the identity, the frames back to back, and what a
-    driver reads after each; it ends when the last result was read. Of one frame that is the activity of a
-    single measurement; with --frames 10 the frames overlap as in a steady stream. The clock is the scene's.
-    A simulator that traces is slower, and is built in a folder of its own.
+    A trace holds the whole run: reset, check of the identity registers, the frames back to back, and the
+    reads of a driver after each, at the scene's clock. One frame gives the activity of a single measurement;
+    with --frames 10 the frames overlap as in a steady stream. The simulator with a trace is slower and is
+    built in a folder of its own.
+
+    \b
+    Example: fastac sim build/paper --data build/paper/data.h5 --frames 2
     """
     from fastac.flow import hardware
     from fastac.flow.frames import read
@@ -111,32 +127,43 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
 
 @click.command()
 @click.argument("source", type=INPUT, metavar="SCENE|BUNDLE")
-@click.option("--data", type=INPUT, help="Recorded dataset to train SCENE on, if its bundle is missing.")
-@output_option("BUNDLE", "Folder for synth.json and the cache, synth.")
+@click.option(
+    "--data", type=INPUT, help="Dataset of a recorded sensor to train SCENE on, if its bundle is missing."
+)
+@output_option("Folder for synth.json and the kept results, synth.", OUTPUT_FOLDER, "BUNDLE")
 @click.option(
     "--place-and-route/--no-place-and-route",
     default=True,
-    help="Place every module on the 40 nm ECP5, or only count blocks.",
+    help="Also place and route every module on the 40 nm ECP5, or only count blocks.",
 )
-@click.option("--module", "modules", multiple=True, metavar="NAME", help="Only these, such as 'mlp.*'.")
+@click.option(
+    "--module",
+    "modules",
+    multiple=True,
+    metavar="NAME",
+    help="Only modules of this name or pattern, such as 'mlp.*'; repeatable.",
+)
 @click.option(
     "--jobs",
     type=click.IntRange(1),
     default=min(2, os.cpu_count() or 1),
     show_default=True,
-    help="Tools that run side by side, each on one core with up to 4 GB.",
+    help="Tools that run at the same time, each on one core with up to 4 GB.",
 )
 @store_option("what the tools found")
 @progress_option
 def synth(source, data, output, place_and_route, modules, jobs, store, progress):
-    """Count what hardware needs and find the clock that each of its modules reaches, without Vivado.
+    """Count the FPGA resources of a design and find the clock of each of its modules, without Vivado.
 
-    Of a SCENE the model is trained first, unless its build folder has it.
+    A SCENE is trained first, unless its build folder holds the bundle.
 
     Yosys counts DSP48E2, block RAM, URAM, shift registers and look-up tables; nextpnr places and routes each
-    module on a 40 nm ECP5, whose clock is a conservative bound for the XCZU19EG. Results are kept; only what
-    has changed is done again. `fastac report` then takes the figures into the build's report, in place of
-    estimates. Needs the extra `synth`: pip install -e '.[synth]'.
+    module on a 40 nm ECP5, whose clock is a conservative bound for the XCZU19EG. Unchanged modules are not
+    counted again. `fastac report` then shows these figures in place of estimates. Needs the extra
+    `synth`: pip install -e '.[synth]'.
+
+    \b
+    Example: fastac synth scenes/paper.toml
     """
     from fastac.gateware.target.device import DEVICE
     from fastac.synth import synthesis

@@ -20,9 +20,14 @@ from fastac.cli.verify import verify
 def main():
     """Vision-based tactile fingertips as verified FPGA hardware.
 
-    A SCENE is a TOML file that says what one sensor and task require. A BUNDLE is the folder that training
-    writes: every integer of the model; a build folder that contains one will do. DATA is an HDF5 dataset,
-    generated or imported. `fastac build SCENE` runs everything in order.
+    `fastac build SCENE` runs everything in order: dataset, training, Verilog, its simulation, report.
+
+    A SCENE is a TOML file that describes a sensor, the outputs wanted and the hardware. A BUNDLE is the
+    folder of a trained model, all its integers; a build folder that contains one will do. DATA is an HDF5
+    dataset, simulated or imported. Every command explains itself with --help.
+
+    \b
+    Example: fastac build scenes/paper.toml
     """
 
 

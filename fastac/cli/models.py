@@ -1,4 +1,4 @@
-"""Commands that train models and use them."""
+"""Commands that train models, judge them and run them on frames."""
 
 import click
 import h5py
@@ -6,12 +6,15 @@ import numpy as np
 
 from fastac.cli.common import (
     INPUT,
-    SPLITS,
+    OUTPUT_FILE,
+    OUTPUT_FOLDER,
     build_folder,
     load_bundle,
     output_option,
     progress_option,
     run_build,
+    split_option,
+    store_beside,
 )
 from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
@@ -20,11 +23,17 @@ from fastac.sensor import samples as sensor_samples
 
 @click.command()
 @click.argument("scene", type=INPUT)
-@click.option("--data", type=INPUT, help="Recorded dataset; without it the virtual fingertip is pressed.")
-@output_option("build/SCENE", "The build folder.")
+@click.option(
+    "--data", type=INPUT, help="Dataset of a recorded sensor. [default: simulate the virtual fingertip]"
+)
+@output_option("The build folder.", OUTPUT_FOLDER, "build/SCENE")
 @progress_option
 def train(scene, data, output, progress):
-    """Train and quantise the models of SCENE; writes the bundle. Resumes after an interruption."""
+    """Train and quantise the models of SCENE and write the bundle. Resumes after an interruption.
+
+    \b
+    Example: fastac train scenes/force.toml --data recording.h5
+    """
     scene = scenes.load(scene)
     folder = build_folder(scene, output)
     run_build(scene, folder, data, progress, until="bundle")
@@ -43,21 +52,24 @@ def print_errors(errors: dict) -> None:
 
 @click.command()
 @click.argument("bundle", type=INPUT)
-@click.option("--data", type=INPUT, required=True, help="Dataset with ground truth.")
-@click.option("--split", type=SPLITS, default="test", show_default=True)
+@click.option("--data", type=INPUT, required=True, help="Dataset with the true normals, depths or forces.")
+@split_option("test")
 @click.option(
     "--leave-one-group-out",
     is_flag=True,
-    help="Train again without each group of a recording, and test on it.",
+    help="Train once for each group of a recording, without it, and test on it.",
 )
-@click.option("--json", "json_file", type=INPUT, help="Write the errors here too.")
+@click.option("--json", "json_file", type=OUTPUT_FILE, help="Also write the errors to this file.")
 @progress_option
 def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
-    """Errors of the float and the integer model of BUNDLE against ground truth.
+    """Print the errors of BUNDLE's float and integer models against the ground truth of a dataset.
 
-    With --leave-one-group-out, of models like BUNDLE's, each trained from the forces of all groups but one;
-    beside them a linear ridge on the pixels and a quadratic in the summed difference, which show what the
-    network is worth. The trainings are kept beside the bundle, in leave_one_out, and resumed.
+    With --leave-one-group-out, models like BUNDLE's are trained from the forces of all groups but one and
+    tested on that one. Two baselines are listed beside them: ridge regression on the pixels, and a quadratic
+    in the summed difference from the background. Finished trainings are kept in the step store.
+
+    \b
+    Example: fastac evaluate build/paper --data build/paper/data.h5
     """
     from fastac import api
     from fastac.flow import leave_one_out
@@ -66,8 +78,7 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
     if leave_one_group_out:
-        folder = (bundle if (bundle / "bundle").is_dir() else bundle.parent) / "leave_one_out"
-        content = leave_one_out.evaluate(samples, sensor.scene, data, folder, progress=progress)
+        content = leave_one_out.evaluate(samples, sensor.scene, data, store_beside(bundle), progress=progress)
         if json_file:
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))
@@ -83,59 +94,61 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
 @click.command()
 @click.argument("bundle", type=INPUT)
 @click.argument("data", type=INPUT)
-@click.option("--float", "use_float", is_flag=True, help="Run the float models instead of the integers.")
-@click.option("--split", type=SPLITS, default="all", show_default=True)
-@click.option("-o", "--output", type=INPUT, required=True, help="HDF5 file to write.")
+@click.option("--float", "use_float", is_flag=True, help="Run the float models instead of the integer ones.")
+@split_option("all")
+@output_option("HDF5 file to write.", OUTPUT_FILE)
 @progress_option
 def predict(bundle, data, use_float, split, output, progress):
-    """Normals, depth_mm, force_n and force_map_n of the frames in DATA, as BUNDLE's scene wants them.
+    """Compute the outputs of BUNDLE's scene for the frames of the dataset DATA and write them as HDF5.
 
-    The integers are those of the hardware, bit for bit.
+    These are some of normals, depth_mm, force_n and force_map_n. The integer model gives what the hardware
+    gives, bit for bit.
+
+    \b
+    Example: fastac predict build/paper build/paper/data.h5 --split test -o outputs.h5
     """
     from fastac import api
+    from fastac.store.files import write_atomically
 
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
     index = sensor_samples.split_indices(samples, split, data)
     arithmetic = "float" if use_float else "integer"
-    output.parent.mkdir(parents=True, exist_ok=True)
-    if output.is_dir():
-        raise IsADirectoryError(f"{output}: is a folder; give the name of a file")
-    temporary = output.with_name(f".{output.name}.part")
-    try:
-        with h5py.File(temporary, "w") as file:  # before the frames, so that a bad path fails now
-            file.attrs["bundle_sha256"] = sensor.digest
-            file.attrs["arithmetic"] = arithmetic
-            file.attrs["pitch_mm"] = samples.pitch_mm
-            file.attrs["force_axes"] = ",".join(sensor.force_axes)
-            file["frame_index"] = index
-            found = sensor.with_background(samples.background).run(
-                samples.frames[index], arithmetic=arithmetic, outputs=sensor.outputs, progress=progress
-            )
-            for name in sensor.outputs:
-                file[name] = np.asarray(getattr(found, name), np.float32)
-        temporary.replace(output)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with write_atomically(output) as temporary, h5py.File(temporary, "w") as file:
+        file.attrs["bundle_sha256"] = sensor.digest
+        file.attrs["arithmetic"] = arithmetic
+        file.attrs["pitch_mm"] = samples.pitch_mm
+        file.attrs["force_axes"] = ",".join(sensor.force_axes)
+        file["frame_index"] = index
+        found = sensor.with_background(samples.background).run(
+            samples.frames[index], arithmetic=arithmetic, outputs=sensor.outputs, progress=progress
+        )
+        for name in sensor.outputs:
+            file[name] = np.asarray(getattr(found, name), np.float32)
     click.echo(f"{output}: {', '.join(sorted(sensor.outputs))} of {len(index)} frames")
 
 
 @click.command()
 @click.argument("bundles", type=INPUT, metavar="BUNDLE...", nargs=-1, required=True)
 @click.option(
-    "--load-n", type=click.FloatRange(min=0, min_open=True), help="[default: 3 × the protocol's largest]"
+    "--load-n",
+    type=click.FloatRange(min=0, min_open=True),
+    help="Load of each press, N. [default: 3 × the protocol's largest]",
 )
-@click.option("-o", "--output", type=INPUT, required=True, help="Folder for the page, pictures and errors.")
+@output_option("Folder for the page, pictures and errors.", OUTPUT_FOLDER)
 @progress_option
 def objects(bundles, load_n, output, progress):
-    """Press a strawberry, a fingerprint and LED pads on the virtual sensor; BUNDLEs reconstruct them.
+    """Press a strawberry, a fingerprint and LED pads on the virtual sensor; reconstruct them with BUNDLEs.
 
-    Give one of three channels and one of four to compare them: they see the same skin. Writes objects.html
-    with point clouds to turn and the three-axis force on the curved surface, a picture of each object with
-    normals and depth, and objects.json with the errors. The objects are pressed on the elastic layer, which
-    is solved at the pixels. All of it is simulated.
+    All BUNDLEs see the same deformed skin, so that one of three channels and one of four can be compared.
+    Writes objects.html (point clouds and three-axis forces on the curved surface, interactive), a picture of
+    each object's normals and depth, and objects.json with the errors. The skin is the elastic-layer model,
+    solved at every pixel. All of it is simulated.
+
+    \b
+    Example: fastac objects build/fingertip -o build/objects
     """
-    from fastac.store.files import write_json
+    from fastac.store.files import write_json, write_text
     from fastac.studies.demos import reconstruction as test_objects
     from fastac.studies.demos import reconstruction_figures
 
@@ -143,9 +156,7 @@ def objects(bundles, load_n, output, progress):
     output.mkdir(parents=True, exist_ok=True)
     for item in shown:
         reconstruction_figures.draw(item, output / f"{item.name}.png")
-    temporary = output / ".objects.html.part"
-    temporary.write_text(reconstruction_figures.page(shown), encoding="utf-8")
-    temporary.replace(output / "objects.html")
+    write_text(output / "objects.html", reconstruction_figures.page(shown))
     content = test_objects.summary(shown)
     write_json(output / "objects.json", content)
     click.echo(test_objects.table(content))

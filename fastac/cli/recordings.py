@@ -4,13 +4,13 @@ from functools import partial
 
 import click
 
-from fastac.cli.common import INPUT, Group, cad_options, load_cad, progress_option
+from fastac.cli.common import INPUT, OUTPUT_FILE, Group, cad_options, load_cad, output_option, progress_option
 from fastac.scenes import schema as scenes
 
 
 def size_options(command):
-    """Rows and columns that photographs are resampled to."""
-    for name, text in (("--width-px", "Columns likewise."), ("--height-px", "Rows to resample to.")):
+    """Options for the rows and columns that photographs are resampled to."""
+    for name, text in (("--width-px", "Columns to resample to."), ("--height-px", "Rows to resample to.")):
         command = click.option(name, type=click.IntRange(16, 256), default=128, show_default=True, help=text)(
             command
         )
@@ -29,18 +29,25 @@ def import_():
 @import_.command("ball-press")
 @click.argument("folder", type=INPUT)
 @click.option(
-    "--labels", type=INPUT, required=True, help="CSV: image, center_x_px, center_y_px, radius_px, split."
+    "--labels",
+    type=INPUT,
+    required=True,
+    help="CSV with columns image, center_x_px, center_y_px, radius_px, split.",
 )
-@click.option("--background", type=INPUT, required=True, help="Photograph with nothing touching.")
+@click.option("--background", type=INPUT, required=True, help="Photograph of the untouched gel.")
 @click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
-@click.option("--px-per-mm", type=float, required=True, help="Scale of the original photographs.")
+@click.option("--px-per-mm", type=float, required=True, help="Pixels of the original photographs per mm.")
 @size_options
-@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_px, output):
     """Import photographs of a ball pressed onto a flat gel, from FOLDER.
 
-    Photographs are padded to the aspect of the target with the background, which is not valid, and resampled
-    by area. Normals are known inside the labelled contact circle; around it they are unknown.
+    Photographs are padded with the background to the target's aspect ratio, where they are marked invalid,
+    and resampled by area. Normals are known inside the labelled contact circle only.
+
+    \b
+    Example: fastac import ball-press photos --labels labels.csv --background background.png
+                 --ball-mm 4.7 --px-per-mm 19.58 -o presses.h5
     """
     from fastac.sensor.dataset import read
     from fastac.sensor.importers.ball_press import import_folder
@@ -63,20 +70,31 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
 @import_.command("force")
 @click.argument("source", metavar="VIDEO|FOLDER", type=INPUT)
 @click.option(
-    "--forces", type=INPUT, required=True, help="CSV: frame, force_z_n (or x, y and z), group, maybe split."
+    "--forces",
+    type=INPUT,
+    required=True,
+    help="CSV with columns frame, force_z_n (or all of x, y, z), group and, optionally, split.",
 )
 @click.option(
-    "--background-frames", type=click.IntRange(1), required=True, help="The first so many show the rest."
+    "--background-frames",
+    type=click.IntRange(1),
+    required=True,
+    help="Number of leading no-contact frames averaged into the background.",
 )
 @click.option(
-    "--background-per-group", is_flag=True, help="Of each group, where light or skin drifts between them."
+    "--background-per-group",
+    is_flag=True,
+    help="Average a background for each group, where light or skin drifts between them.",
 )
-@click.option("--pitch-mm", type=float, required=True, help="Of a resampled pixel on the skin, mm.")
+@click.option("--pitch-mm", type=float, required=True, help="Size of a resampled pixel on the skin, mm.")
 @click.option(
-    "--held-out", multiple=True, metavar="GROUP", help="Test on this group; repeatable. [default: the last]"
+    "--held-out",
+    multiple=True,
+    metavar="GROUP",
+    help="Group whose frames are the test split; repeatable. [default: the last]",
 )
 @size_options
-@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
 def force_recording(
     source,
@@ -90,13 +108,17 @@ def force_recording(
     output,
     progress,
 ):
-    """Import frames with a force gauge's readings, from a video or a folder of photographs.
+    """Import frames with the readings of a force gauge, from a video or a folder of photographs.
 
     The CSV file has one row per frame: `frame` is its index from 0 or its file name, z is positive in
-    compression, `group` names the recording or object, which can be held out as a whole. Of the groups that
-    are not held out, two stretches of frames, a fifth in all, are the validation split; a column `split` says
-    otherwise. Only the background frames may lack a row. Photographs are padded to the target's aspect with
-    the background and resampled by area.
+    compression, `group` names the recording or object, which can be held out as a whole. Two stretches of the
+    frames of the other groups, a fifth of them in all, are the validation split, unless a column `split` says
+    otherwise. Only background frames may lack a row. Photographs are padded with the background to the
+    target's aspect ratio and resampled by area.
+
+    \b
+    Example: fastac import force press.mp4 --forces gauge.csv --background-frames 20
+                 --pitch-mm 0.12 -o recording.h5
     """
     from fastac.sensor.dataset import read
     from fastac.sensor.importers.force_recording import import_recording
@@ -125,7 +147,10 @@ def force_recording(
 @import_.command("cnc")
 @click.argument("folder", type=INPUT)
 @click.option(
-    "--scene", type=INPUT, required=True, help="Scene of the sensor: size, pitch, channels, frames."
+    "--scene",
+    type=INPUT,
+    required=True,
+    help="Scene of the sensor, which gives size, pitch, channels and kind of frames.",
 )
 @cad_options
 @click.option(
@@ -134,21 +159,28 @@ def force_recording(
 @click.option(
     "--raw-size-px", type=int, nargs=2, help="Rows and columns of .raw images. [default: the scene's window]"
 )
-@click.option("--skip-lost", is_flag=True, help="Leave out, and count, samples in which a marker is lost.")
-@click.option("-o", "--output", type=INPUT, required=True, help="The dataset to write.")
+@click.option(
+    "--skip-lost",
+    is_flag=True,
+    help="Leave out samples in which a marker is not found, and count them; otherwise they are an error.",
+)
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
 def cnc_recording(
     folder, scene, cad, cad_pitch_mm, origin_mm, ball_mm, raw_size_px, skip_lost, output, progress
 ):
-    """Import what a machine recorded in FOLDER: frames, poses and forces, with geometry from CAD and ball.
+    """Import frames, poses and forces that a machine recorded in FOLDER; geometry follows from CAD and ball.
 
-    FOLDER has poses.csv, with the columns that `fastac protocol` writes and force_x_n, force_y_n, force_z_n
-    as the gauge measured them, and of each sample a frame named by its index: 000012.raw (packed RAW10) or
-    .npy; of a scene of channels .npy or .png, NIR as 000012.nir.png. background.* has nothing touching. z_mm
-    is where the ball's lowest point stood.
+    FOLDER holds poses.csv, with the columns that `fastac protocol` writes and the measured force_x_n,
+    force_y_n, force_z_n; z_mm is the height at which the ball's lowest point stood. Each sample has a frame
+    named by its index: 000012.raw (packed RAW10) or .npy, or, where the scene's frames are channels, .npy or
+    .png with NIR as 000012.nir.png. background.* shows the untouched sensor.
 
-    Normals and depth are known, and valid, where the ball is certain to touch, of vertical samples only. The
-    last sample is the background: the skin at rest.
+    Normals and depth are computed for vertical samples and are valid where the ball certainly touches. The
+    last sample of the dataset is the background, the skin at rest.
+
+    \b
+    Example: fastac import cnc recording --scene scenes/fingertip.toml -o recording.h5
     """
     from fastac.models.vision.markers import Markers
     from fastac.sensor.dataset import read

@@ -1,15 +1,23 @@
-"""Studies: what the arithmetic costs, how a design fares at its extremes, what the paper compares."""
+"""Commands of the studies: accuracy of the arithmetic, robustness, and the paper's ablation of forces."""
 
 from pathlib import Path
 
 import click
 
-from fastac.cli.common import INPUT, Group, load_bundle, output_option, progress_option, store_option
+from fastac.cli.common import (
+    INPUT,
+    OUTPUT_FOLDER,
+    Group,
+    load_bundle,
+    output_option,
+    progress_option,
+    store_option,
+)
 
 
 @click.group(cls=Group)
 def study():
-    """Studies of a finished build: equivalences, extremes, long runs, the paper's ablation."""
+    """Studies of a build: identities of the arithmetic, robustness to extremes, long runs, force ablation."""
 
 
 @study.command("force-ablation")
@@ -20,16 +28,19 @@ def study():
     type=click.Choice(["both", "true", "found"]),
     default="both",
     show_default=True,
-    help="True ones, those found in the frames, or both.",
+    help="Displacements that forces are computed from: the true ones, those found in the frames, or both.",
 )
-@output_option("build/SCENE/force_ablation", "Folder for JSON, plot and runs.")
+@output_option("Folder for JSON, plot and finished trainings.", OUTPUT_FOLDER, "build/SCENE/force_ablation")
 @store_option("processed frames")
 @progress_option
 def force_ablation(origin, data, displacements, output, store, progress):
-    """HyperForce's six forms, trained and compared with the paper's table.
+    """Train the six forms of HyperForce and print their errors beside the paper's table.
 
-    SCENE is a TOML file: the pixel network is trained first where displacements are to be found. BUILD is a
-    build folder or a bundle, whose network finds them. Interrupted, run it again: it goes on.
+    With a SCENE (TOML file) the pixel network that finds the displacements is trained first; with a BUILD
+    (build folder or bundle) its network is used. Finished trainings are kept, so an interrupted run resumes.
+
+    \b
+    Example: fastac study force-ablation scenes/fingertip.toml --data build/fingertip/data.h5
     """
     from fastac.scenes import schema
     from fastac.studies.reproduce import force_ablation as ablation
@@ -45,7 +56,13 @@ def force_ablation(origin, data, displacements, output, store, progress):
 @click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
 @progress_option
 def identities(folders, progress):
-    """What fixed point costs in the three identities of docs/mathematics.md, on held-out frames."""
+    """Measure how far fixed-point arithmetic departs from the three identities of docs/mathematics.md.
+
+    Uses the held-out frames of each build folder's dataset.
+
+    \b
+    Example: fastac study identities build/fast
+    """
     from fastac.studies.equivalence import identities as equivalence
 
     for folder in folders:
@@ -58,11 +75,18 @@ def identities(folders, progress):
 @click.option(
     "--rtl/--no-rtl",
     default=True,
-    help="Send the worst cases through the stages' hardware too, in Verilator.",
+    help="Also simulate the worst cases in the hardware of each stage, in Verilator.",
 )
 @progress_option
 def extremes(folder, rtl, progress):
-    """How a build folder's bundle fares at the extremes; writes extremes.json and extremes.png there."""
+    """Test the bundle of a build folder with extreme inputs and with faults of the sensor.
+
+    Every word at its worst case, frames that no camera sends, the deepest boundary prior, and faults such as
+    drift that grow until frames are flagged. Writes extremes.json and extremes.png into BUILD_FOLDER.
+
+    \b
+    Example: fastac study extremes build/paper
+    """
     from fastac.studies.robustness import extremes as robustness
 
     for line in robustness.measure(folder, rtl=rtl, progress=progress):
@@ -72,18 +96,28 @@ def extremes(folder, rtl, progress):
 @study.command()
 @click.argument("folder", metavar="BUILD_FOLDER", type=INPUT)
 @click.option(
-    "--frames", type=click.IntRange(1), default=10_000, show_default=True, help="Through the emulator."
+    "--frames",
+    type=click.IntRange(1),
+    default=10_000,
+    show_default=True,
+    help="Number of frames through the emulator.",
 )
 @click.option(
     "--rtl-frames",
     type=click.IntRange(0),
     default=0,
     show_default=True,
-    help="Through the simulated hardware, whose Verilog must be in BUILD_FOLDER.",
+    help="Number of frames through the simulated hardware, whose Verilog must be in BUILD_FOLDER.",
 )
 @progress_option
 def stability(folder, frames, rtl_frames, progress):
-    """Consecutive frames of a build folder's dataset, one of them recurring; writes stability.json there."""
+    """Run thousands of consecutive frames and check that no state is carried from one to the next.
+
+    One frame recurs and must give the same values each time. Writes stability.json into BUILD_FOLDER.
+
+    \b
+    Example: fastac study stability build/paper --rtl-frames 100
+    """
     from fastac.studies.robustness import stability as robustness
 
     for line in robustness.measure(folder, frames=frames, rtl_frames=rtl_frames, progress=progress):

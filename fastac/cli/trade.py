@@ -1,10 +1,10 @@
-"""Commands that measure what speed costs."""
+"""Commands that explore designs: sweeps, the trade of speed against accuracy, the scope of scenes."""
 
 from pathlib import Path
 
 import click
 
-from fastac.cli.common import INPUT, output_option, progress_option
+from fastac.cli.common import INPUT, OUTPUT_FILE, OUTPUT_FOLDER, output_option, progress_option
 from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 from fastac.sweep import pools
@@ -12,24 +12,24 @@ from fastac.sweep import pools
 
 @click.command()
 @click.argument("spec", type=INPUT)
-@output_option("build/sweep/SPEC.sqlite", "The results: one SQLite file.")
+@output_option("SQLite file of the results.", OUTPUT_FILE, "build/sweep/SPEC.sqlite")
 @click.option(
-    "--cache",
+    "--store",
     type=INPUT,
-    default=Path("build/sweep/cache"),
+    default=Path("build/store"),
     show_default=True,
-    help="Folder of datasets and trained models, shared by all sweeps.",
+    help="Folder of the step store: datasets and trained models, shared with builds and other sweeps.",
 )
 @click.option("--workers", type=click.IntRange(1), help="Local processes. [default: one for each core]")
 @click.option(
     "--scheduler",
     metavar="ADDRESS",
-    help="Run on the Dask cluster of this scheduler, such as tcp://host:8786. Workers have a thread each"
-    " and see the same files.",
+    help="Run on the Dask cluster of this scheduler, such as tcp://host:8786; its workers need one thread"
+    " each and the same files.",
 )
 @progress_option
-def sweep(spec, output, cache, workers, scheduler, progress):
-    """Measure all designs that SPEC describes: errors, cycles, resources, energy.
+def sweep(spec, output, store, workers, scheduler, progress):
+    """Design-space exploration: measure errors, cycles, resources and energy of all designs in SPEC.
 
     SPEC is a TOML file: `scene`, a base scene; [axes], scene keys with lists of values, such as
     "numbers.data_bits" = [18, 22, 26] (several tables with [[axes]]; keys with commas between them move
@@ -38,8 +38,11 @@ def sweep(spec, output, cache, workers, scheduler, progress):
 
     Errors are those of the bit-exact emulator on held-out frames; cycles follow from the design's formulas;
     resources and energy are estimates. Nothing is simulated in RTL: `fastac trade --confirm` does that.
-    Models are trained once for all points that share them. A point that cannot be is recorded with its error.
-    Results and models are kept: an interrupted sweep goes on where it was.
+    Models are trained once for all points that share them. A design that cannot be built is recorded with its
+    error. Results and models are kept, so an interrupted sweep resumes.
+
+    \b
+    Example: fastac sweep sweeps/quantisation.toml --workers 2
     """
     from fastac.sweep import run as sweeps
     from fastac.sweep import spec as sweep_spec
@@ -52,7 +55,7 @@ def sweep(spec, output, cache, workers, scheduler, progress):
     data = content.data and str((spec.parent / content.data).resolve())
     if data is None and base.sensor.source == "recorded":
         raise click.UsageError(f"{spec}: data: missing: scene {base.name} is of a recorded sensor")
-    setting = Setting(str(cache.resolve()), data, content.split, content.frames)
+    setting = Setting(str(store.resolve()), data, content.split, content.frames)
     results = Results(output or Path("build/sweep") / f"{spec.stem}.sqlite")
     with pools.dask_pool(scheduler) if scheduler else pools.local_pool(workers) as pool:
         counts = sweeps.run(content, base, spec.parent, results, setting, pool, progress=progress)
@@ -65,7 +68,9 @@ MARKED = ("paper", "fast", "force")
 
 @click.command()
 @click.argument("results", type=INPUT, nargs=-1, required=True)
-@output_option("build/trade", "Folder for trade.html, its pictures, and what --confirm builds.")
+@output_option(
+    "Folder for trade.html, its pictures, and what --confirm builds.", OUTPUT_FOLDER, "build/trade"
+)
 @click.option(
     "--mark",
     "marked",
@@ -75,36 +80,51 @@ MARKED = ("paper", "fast", "force")
     help="Mark the design of this scene; repeatable. [default: scenes/paper.toml, fast.toml, force.toml]",
 )
 @click.option(
-    "--pick", metavar="LIMITS", help='Write the best scene within limits: "depth_mae_mm<0.03, dsp<220".'
+    "--pick",
+    metavar="LIMITS",
+    help='Write the scene of the best design within limits such as "depth_mae_mm<0.03, dsp<220".',
 )
 @click.option(
     "--by",
     default="latency_cycles,energy_uj",
     show_default=True,
     metavar="METRICS",
-    help="What is best: the smallest first metric, then the next.",
+    help="Order of --pick: smallest first metric, among equals the smallest next one.",
 )
 @click.option(
-    "--scene", "scene_file", type=INPUT, help="Where --pick writes. [default: picked.toml in the folder]"
+    "--scene",
+    "scene_file",
+    type=OUTPUT_FILE,
+    help="File that --pick writes. [default: picked.toml in the folder]",
 )
 @click.option(
     "--confirm",
     type=click.IntRange(1),
     metavar="N",
-    help="Build N random designs of the fronts, and compare.",
+    help="Build N random designs of the Pareto fronts and compare their RTL with the integer model.",
 )
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of --confirm.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="Seed of the random choice of --confirm.",
+)
 @progress_option
 def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress):
-    """Show what speed costs: the fronts of RESULTS, one or several files of `fastac sweep`.
+    """Show how accuracy falls as speed rises: the Pareto fronts of RESULTS, files of `fastac sweep`.
 
-    Writes a page to explore, with a table of what each doubling of the speed costs, and pictures of the
-    fronts. --pick writes the scene of the best design within limits, ready for `fastac build`; limits are
-    metrics with < <= > >= and a number, separated by commas; a wrong name lists all there are.
+    Writes an interactive page, with a table of the accuracy that each doubling of the speed costs, and
+    pictures of the fronts. --pick writes the scene of the best design within limits, ready for `fastac
+    build`; limits are metrics with < <= > >= and a number, separated by commas. An unknown metric is answered
+    with a list of all.
 
     --confirm takes N random designs of the fronts over an error, cycles, DSP and energy, builds their
-    Verilog and sends held-out frames through it: every value must be the integer model's and every latency
-    the one stated. What was found is kept in RESULTS; those that are known are not simulated again.
+    Verilog and sends held-out frames through it: every value must equal the integer model's, and every
+    latency the stated one. Findings are kept in RESULTS and not simulated again.
+
+    \b
+    Example: fastac trade build/sweep/quantisation.sqlite --pick "depth_mae_mm<0.03, dsp<220"
     """
     from fastac.sweep import front as trading
     from fastac.sweep import page
@@ -156,13 +176,16 @@ def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress
     type=INPUT,
     default=Path("build"),
     show_default=True,
-    help="Where the builds are whose wall times are shown.",
+    help="Folder of the builds whose wall times are shown.",
 )
 def scope(scene_files, builds):
-    """Show what each SCENE simulates, trains, elaborates and verifies, and what it does without.
+    """Compare scenes: which steps, stages and labels each SCENE needs, and its area and build times.
 
-    A Markdown table with a column for each scene. Area is estimated from the scene's words, with random
-    weights; nothing is trained or elaborated for it. Wall times are those of the builds that are there.
+    Prints a Markdown table with a column for each scene. Area is estimated from word widths, with random
+    weights; nothing is trained or elaborated. Wall times are those of finished builds.
+
+    \b
+    Example: fastac scope scenes/paper.toml scenes/fast.toml
     """
     from fastac.report import scope as scoping
 

@@ -1,16 +1,19 @@
-"""The command that proves hardware at several widths."""
+"""The command that compares hardware with its model at several pixels a clock."""
 
 import click
 
 from fastac.cli.common import (
     INPUT,
-    SPLITS,
+    OUTPUT_FOLDER,
     Lanes,
     build_folder,
+    bundle_folder,
     load_bundle,
     output_option,
     progress_option,
     run_build,
+    split_option,
+    store_beside,
 )
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
@@ -21,32 +24,42 @@ from fastac.sensor import samples as sensor_samples
 @click.option(
     "--data",
     type=INPUT,
-    help="Dataset to take frames from. [default: data.h5 in the build folder; of a recorded sensor: none]",
+    help="Dataset whose frames are sent. [default: data.h5 in the build folder, if simulated]",
 )
-@click.option("--split", type=SPLITS, default="all", show_default=True)
-@click.option("--lanes", type=Lanes(), default="1,2,4", show_default=True, help="Pixels a clock, of 1, 2, 4.")
+@split_option("all")
+@click.option(
+    "--lanes",
+    type=Lanes(),
+    default="1,2,4",
+    show_default=True,
+    help="Pixels a clock at which to verify, some of 1, 2, 4.",
+)
 @click.option(
     "--frames",
     type=click.IntRange(min=1),
     default=10,
     show_default=True,
-    help="How many of the dataset, spread over the split; seven special ones are added.",
+    help="Number of frames of the dataset, evenly spread over the split; seven special ones are added.",
 )
-@output_option("BUNDLE/verify", "Folder for verify.json and, by lanes, bundles, Verilog and simulators.")
+@output_option(
+    "Folder for verify.json and, by lanes, bundles, Verilog and simulators.", OUTPUT_FOLDER, "BUNDLE/verify"
+)
 @progress_option
 def verify(source, data, split, lanes, frames, output, progress):
-    """Prove the hardware of SCENE or BUNDLE at several pixels a clock, and list what it took.
+    """Simulate the hardware of SCENE or BUNDLE at several pixels a clock; compare every value with the model.
 
-    Of a SCENE the model is trained first, unless its build folder has it. At each number of lanes the same
-    model becomes hardware with a hash of its own. The frames, then one all black, one all white, a
-    checkerboard, one with a bright pixel, two with pixels and rows missing and one of 0 or 255 at random go
-    through it back to back; two of them once more with random stalls at both ends. Every value is compared
-    with the integer model. Where loadable weights need more DSP slices than the device has, the weights are
-    baked in, and the table says so.
+    A SCENE is trained first, unless its build folder holds the bundle. For each number of pixels a clock
+    (lanes) the same model is made into hardware. Frames of the dataset go through it back to back, then one
+    all black, one all white, a checkerboard, one with a bright pixel, two with missing pixels and rows and
+    one of 0 or 255 at random; two frames once more with random stalls at input and output. Weights that can
+    be loaded at run time are baked in instead where they need more DSP slices than the device has; the table
+    says so.
 
-    Rows are kept while Verilog and frames are the same, so an interrupted campaign goes on where it was.
-    Times beyond 60 s to elaborate, 180 s to build and 20 s a frame (meant for two cores) are marked with "!".
-    Ends with an error if any value differs.
+    Finished rows are kept while Verilog and frames are the same. Times above 60 s to elaborate, 180 s to
+    build and 20 s a frame (meant for two cores) are marked with "!". Ends with an error if any value differs.
+
+    \b
+    Example: fastac verify scenes/paper.toml --lanes 1,4
     """
     from fastac.flow import verify as campaign
     from fastac.flow.frames import read
@@ -61,7 +74,9 @@ def verify(source, data, split, lanes, frames, output, progress):
     samples = read(data, model.scene, progress=progress)
     index = sensor_samples.evenly_spaced(sensor_samples.split_indices(samples, split, data), frames)
     output = output or folder / "verify"
-    content = campaign.run(model, samples, index, lanes, output, progress=progress)
+    content = campaign.run(
+        bundle_folder(folder), samples, index, lanes, output, store=store_beside(folder), progress=progress
+    )
     click.echo(campaign.table(content))
     click.echo(output / campaign.FILE)
     mismatches = sum(row["mismatches"] for row in content["rows"])

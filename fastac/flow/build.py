@@ -87,7 +87,13 @@ class Build:
         shown = {"progress": self.progress}
         verilog = add("verilog", steps.verilog, model, steps.VERILOG, unkeyed=shown)
         count = {"count": scene.simulation.frames}
-        simulation = add("sim", steps.simulate, seen | {"verilog": verilog} | count, steps.SIMULATION)
+        simulation = add(
+            "sim",
+            steps.simulate,
+            seen | {"verilog": verilog} | count,
+            steps.SIMULATION,
+            unkeyed=quiet | {"workplace": self.folder / "sim"},
+        )
         synthesised = self.folder / synthesis.FILE
         reported = {"accuracy": accuracy, "verilog": verilog, "simulation": simulation}
         reported["synthesis_file"] = synthesised if synthesised.exists() else None

@@ -1,13 +1,11 @@
 """What a model trained from forces is worth: each group left out once, and two simple models beside it."""
 
-import hashlib
-import json
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from fastac.flow import training
+from fastac.flow import frames, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
 from fastac.models.training import slope_force
@@ -16,9 +14,10 @@ from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
-from fastac.store.files import digest_file, write_json
+from fastac.store.files import load_arrays
 from fastac.store.progress import progress_bar
-from fastac.store.sources import digest_sources
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 
 MODELS = ("float", "integer", "linear", "quadratic")
 """Columns of the table: the model's two arithmetics, a ridge on the pixels' differences from the background,
@@ -60,53 +59,41 @@ def quadratic_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
 
 def train(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> Bundle:
     """The whole training of `fastac train`, in `folder`."""
-    folder.mkdir(parents=True, exist_ok=True)
-    weights, integers = folder / "normals.npz", folder / "integers.npz"
+    weights, integers, force = (folder / name for name in ("normals.npz", "integers.npz", "force.npz"))
     training.normals(data, scene, weights, progress=progress)
     training.integers(data, scene, weights, integers, progress=progress)
-    training.force(data, scene, weights, integers, folder / "force.npz", progress=progress)
-    return training.assemble(data, scene, folder, folder / "bundle")
+    training.force(data, scene, weights, integers, force, progress=progress)
+    arrays = [load_arrays(path) for path in (weights, integers, force)]
+    return training.assemble(data, scene, *arrays, folder / "bundle")
 
 
-def errors(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> dict:
-    """Mean absolute errors, N, of all models on the test split, trained on the others."""
-    model, index = train(data, scene, folder, progress=progress), data.indices("test")
-    truth = data.forces_n(index, scene.force_axes)
+def without_group(folder: Path, data: Path, scene: Scene, group: str, *, store: Path, progress: bool) -> dict:
+    """A step: mean absolute errors, N, of all models on a group of recordings, trained on the others."""
+    known = frames.read(data, scene, store=store, progress=progress)
+    known = replace(known, split=split_by_group(known.group, (group,)))
+    model, index = train(known, scene, folder, progress=progress), known.indices("test")
+    truth = known.forces_n(index, scene.force_axes)
     found = {
         name: value["force_mae_n"]
-        for name, value in accuracy.compare_pipelines(model, data, index, progress=progress)[0].items()
+        for name, value in accuracy.compare_pipelines(model, known, index, progress=progress)[0].items()
         if name in MODELS
     }
     for name, estimate in (("linear", linear_force_n), ("quadratic", quadratic_force_n)):
-        found[name] = float(np.abs(estimate(data, scene.force_axes) - truth).mean())
+        found[name] = float(np.abs(estimate(known, scene.force_axes) - truth).mean())
     return {"frames": len(index), "mae_n": found}
 
 
-def evaluate(data: Dataset, scene: Scene, path: Path, folder: Path, *, progress: bool) -> dict:
+def evaluate(data: Dataset, scene: Scene, path: Path, store: Path, *, progress: bool) -> dict:
     """Errors with each group left out, {"groups": {name: …}, "mean_mae_n": {model: N}}.
 
-    Every group's result is kept in `folder` and taken from there as long as data, scene and code are the
-    same, so that an interrupted run goes on where it stopped. Groups count alike in the mean.
+    Each group's trainings are a step of the store in the folder `store`, so that an interrupted run goes on
+    where it stopped. Groups count alike in the mean.
     """
+    found, quiet = {}, {"store": store, "progress": progress}
     groups = check(data, scene, path)
-    settings = [
-        scene.model_dump(mode="json"),
-        digest_file(path),
-        digest_sources(("models/**/*.py", "fastac/flow/training.py", "fastac/flow/leave_one_out.py")),
-    ]
-    key = hashlib.sha256(json.dumps(settings).encode()).hexdigest()
-    found = {}
-    for number, name in enumerate(
-        progress_bar(groups, desc="groups", unit="group", enabled=progress, leave=True)
-    ):
-        own = folder / f"group{number}"
-        result = own / "errors.json"
-        kept = json.loads(result.read_text()) if result.exists() else {}
-        if kept.get("key") != key:
-            left_out = replace(data, split=split_by_group(data.group, (name,)))
-            kept = {"key": key, "group": name, **errors(left_out, scene, own, progress=progress)}
-            write_json(result, kept)
-        found[name] = {"frames": kept["frames"], "mae_n": kept["mae_n"]}
+    for name in progress_bar(groups, desc="groups", unit="group", enabled=progress, leave=True):
+        step = Step("left_out", without_group, {"data": path, "scene": scene, "group": name}, (), quiet)
+        found[name] = open_store(store).value(step)
     means = {model: float(np.mean([entry["mae_n"][model] for entry in found.values()])) for model in MODELS}
     return {"data": str(path), "groups": found, "mean_mae_n": means}
 

@@ -15,6 +15,7 @@ from fastac.models.integer import bundle as bundles
 from fastac.report import page
 from fastac.scenes.schema import Scene
 from fastac.sensor import fingertip, samples
+from fastac.sensor.dataset import Dataset
 from fastac.store.files import write_json
 from fastac.synth import synthesis
 
@@ -29,16 +30,25 @@ def data(folder: Path, scene: Scene, *, store: Path, progress: bool) -> None:
     fingertip.generate(scene, folder / DATA, store=store, progress=progress)
 
 
+def training_data(path: Path, scene: Scene, store: Path, *, progress: bool = False) -> Dataset:
+    """The dataset; raises TrainingError where it lacks what the scene is trained on.
+
+    What that check reads of the scene is not recorded: it changes no result, and every step makes it.
+    """
+    data = frames.read(path, scene, store=store, progress=progress)
+    training.require(data, scene.unwatched(), path)
+    return data
+
+
 def normals(folder: Path, scene: Scene, data: Path, *, store: Path, progress: bool) -> None:
     """Train the float pixel network; raises TrainingError where the data lack what the scene wants."""
-    known = frames.read(data, scene, store=store, progress=progress)
-    training.require(known, scene, data)
+    known = training_data(data, scene, store, progress=progress)
     training.normals(known, scene, folder / NORMALS, progress=progress)
 
 
 def integers(folder: Path, scene: Scene, data: Path, weights: Path, *, store: Path, progress: bool) -> None:
     """Quantise the pixel network and fine-tune it with the integer arithmetic as its forward pass."""
-    known = frames.read(data, scene, store=store, progress=progress)
+    known = training_data(data, scene, store, progress=progress)
     training.integers(known, scene, weights, folder / INTEGERS, progress=progress)
 
 
@@ -46,7 +56,7 @@ def force(
     folder: Path, scene: Scene, data: Path, weights: Path, integers: Path, *, store: Path, progress: bool
 ) -> None:
     """Train the force model, then fit its last layer to each pipeline."""
-    known = frames.read(data, scene, store=store, progress=progress)
+    known = training_data(data, scene, store, progress=progress)
     training.force(known, scene, weights, integers, folder / FORCE, progress=progress)
 
 
@@ -62,7 +72,7 @@ def bundle(
     progress: bool,
 ) -> None:
     """All integers and the float weights as a bundle."""
-    known = frames.read(data, scene, store=store, progress=progress)
+    known = training_data(data, scene, store, progress=progress)
     arrays = [training.load_arrays(path) if path else {} for path in (weights, integers, force)]
     training.assemble(known, scene, *arrays, folder / BUNDLE)
 
@@ -81,13 +91,24 @@ def verilog(folder: Path, bundle: Path, *, progress: bool) -> None:
 
 
 def simulate(
-    folder: Path, bundle: Path, verilog: Path, data: Path, count: int, *, store: Path, progress: bool
+    folder: Path,
+    bundle: Path,
+    verilog: Path,
+    data: Path,
+    count: int,
+    *,
+    workplace: Path,
+    store: Path,
+    progress: bool,
 ) -> None:
-    """`count` held-out frames through the Verilog, every value compared with the integer model."""
+    """`count` held-out frames through the Verilog, every value compared with the integer model.
+
+    workplace : where simulator and logs are and stay
+    """
     model = bundles.load(bundle)
     known = frames.read(data, model.scene, store=store, progress=progress)
     index = samples.evenly_spaced(known.indices("test"), count)
-    found = hardware.simulate(model, known, index, verilog, folder / "simulator", progress=progress)
+    found = hardware.simulate(model, known, index, verilog, workplace, progress=progress)
     write_json(folder / SIMULATION, {"frame_indices": np.asarray(index).tolist(), **found})
 
 

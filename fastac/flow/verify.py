@@ -1,9 +1,6 @@
 # amaranth: UnusedElaboratable=no
 """The verification campaign: one trained model as hardware of several widths, each against the integers."""
 
-import hashlib
-import json
-import time
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,13 +19,13 @@ from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene, SceneError, describe
 from fastac.sensor.dataset import Dataset
 from fastac.sim.check_top import simulate
-from fastac.store.files import write_json
+from fastac.store.files import digest_file, read_json, write_atomically, write_json, write_text
 from fastac.store.progress import watched
-from fastac.store.sources import digest_sources
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 
 FILE = "verify.json"
-SOURCES = ("sim/**/*.py", "models/**/*.py")
-"""What a row follows from, beside its Verilog and its frames."""
+BUNDLE, SOURCE, NOTE = "bundle", f"{NAME}.v", "note.json"
 LIMITS = {"elaboration_s": 60, "build_s": 180, "simulation_s_per_frame": 20}
 """To be met on two cores."""
 SPECIAL = ("black", "white", "checkerboard", "bright pixel", "missing pixels", "missing rows", "0 or 255")
@@ -97,94 +94,112 @@ def special_frames(background: np.ndarray) -> np.ndarray:
     )
 
 
-def earlier_rows(file: Path) -> dict[str, dict]:
-    """The rows of an earlier campaign by key; none where it left nothing readable."""
-    try:
-        return {row["key"]: row for row in json.loads(file.read_text())["rows"]}
-    except (OSError, ValueError, KeyError, TypeError):
-        return {}
+def elaborate(folder: Path, bundle: Path, lanes: int, *, progress: bool) -> None:
+    """A step: the model for hardware of so many lanes as a bundle, its Verilog, and a word on its weights."""
+    with watched(f"{lanes} px/clock: elaborating", enabled=progress):
+        derived, note = fit(bundles.load(bundle), folder / BUNDLE, lanes)
+        write_text(folder / SOURCE, to_verilog(TopZynq(derived), name=NAME))
+    write_json(folder / NOTE, {"note": note})
+
+
+def simulated(
+    folder: Path,
+    bundle: Path,
+    verilog: Path,
+    images: Path,
+    stall: tuple[float, float],
+    *,
+    workplace: Path,
+    build_args: tuple[str, ...],
+    progress: bool,
+) -> dict:
+    """A step: frames through the Verilog of a bundle, every value compared; what a row says of the run.
+
+    workplace : where simulator and logs are and stay
+    """
+    derived, frames = bundles.load(bundle), np.load(images, allow_pickle=False)
+    expected = Emulator(derived.pipeline).run(frames, progress=progress)
+    found = simulate(
+        derived,
+        verilog,
+        frames,
+        expected,
+        workplace,
+        name=NAME,
+        stall=tuple(stall),
+        build_args=build_args,
+        progress=progress,
+    )
+    row = {
+        "weights": "loadable" if derived.pipeline.layers[0].loadable else "baked",
+        "stalls": any(stall),
+        "frames": found.frames,
+        "values_compared": found.values_compared,
+        "stream_markers_compared": found.markers_compared,
+        "mismatches": found.mismatches,
+        "first_mismatch": found.first_mismatch,
+        "cycles": found.cycles,
+        "latency_cycles": found.latency_cycles,
+        "simulation_s_per_frame": found.wall_s["simulate"] / found.frames,
+        "bundle_sha256": derived.digest,
+        "verilog_sha256": digest_file(verilog),
+    }
+    if not any(stall):  # the stalled run has the simulator of the one before
+        row["build_s"] = found.wall_s["build"]
+    return row
 
 
 def run(
-    bundle: Bundle,
+    bundle: Path,
     data: Dataset,
     index: np.ndarray,
     lanes: Sequence[int],
     folder: Path,
     *,
+    store: Path,
     build_args: tuple[str, ...] = (),
     progress: bool,
 ) -> dict:
     """Frames `index` and the special ones through the hardware at each number of lanes; writes verify.json.
 
-    At each, the frames go back to back, then the first and the last of them with random stalls. Rows of an
-    earlier run are kept where Verilog, frames and the sources of bench and reference are the same.
+    At each, the frames go back to back, then the first and the last of them with random stalls. Elaborations
+    and simulations are steps of the store in the folder `store`.
     """
-    file = folder / FILE
-    before, sources = earlier_rows(file), digest_sources(SOURCES)
-    frames = np.concatenate([data.frames[index], special_frames(bundle.pipeline.background)])
-    runs = [
-        ((0, 0), np.arange(len(frames))),
-        (STALL, np.linspace(0, len(frames) - 1, STALLED_FRAMES, dtype=int)),
-    ]
+    model, kept = bundles.load(bundle), open_store(store)
+    frames = np.concatenate([data.frames[index], special_frames(model.pipeline.background)])
+    stalled = np.linspace(0, len(frames) - 1, STALLED_FRAMES, dtype=int)
+    runs = []
+    for name, chosen, stall in (("frames", slice(None), (0.0, 0.0)), ("stalled", stalled, STALL)):
+        file = folder / f"{name}.npy"
+        with write_atomically(file) as temporary:
+            np.save(temporary, frames[chosen])
+        runs.append({"images": file, "stall": stall})
     content = {
-        "scene": bundle.scene.name,
-        "bundle_sha256": bundle.digest,
-        "frames_are": "simulated" if bundle.scene.sensor.source == "simulated" else "recorded photographs",
+        "scene": model.scene.name,
+        "bundle_sha256": model.digest,
+        "frames_are": "simulated" if model.scene.sensor.source == "simulated" else "recorded photographs",
         "frame_indices": index.tolist(),
         "special_frames": len(frames) - len(index),
         "limits": LIMITS,
         "rows": [],
     }
+    shown = {"progress": progress}
     for count in lanes:
-        place = folder / f"lanes_{count}"
-        start = time.monotonic()
-        with watched(f"{count} px/clock: elaborating", enabled=progress):
-            derived, note = fit(bundle, place / "bundle", count)
-            text = to_verilog(TopZynq(derived), name=NAME)
-        elaboration_s = time.monotonic() - start
-        source = place / f"{NAME}.v"
-        if not source.exists() or source.read_text() != text:
-            source.write_text(text)
-        verilog_sha256 = hashlib.sha256(text.encode()).hexdigest()
-        for stall, chosen in runs:
-            images = frames[chosen]
-            parts = [verilog_sha256, hashlib.sha256(images.tobytes()).hexdigest(), list(stall), sources]
-            key = hashlib.sha256(json.dumps(parts).encode()).hexdigest()
-            row = before.get(key)
-            if row is None:
-                found = simulate(
-                    derived,
-                    source,
-                    images,
-                    Emulator(derived.pipeline).run(images, progress=progress),
-                    place,
-                    name=NAME,
-                    stall=stall,
-                    build_args=build_args,
-                    progress=progress,
-                )
-                row = {
-                    "lanes": count,
-                    "weights": "loadable" if derived.pipeline.layers[0].loadable else "baked",
-                    "note": note,
-                    "stalls": any(stall),
-                    "frames": found.frames,
-                    "values_compared": found.values_compared,
-                    "stream_markers_compared": found.markers_compared,
-                    "mismatches": found.mismatches,
-                    "first_mismatch": found.first_mismatch,
-                    "cycles": found.cycles,
-                    "latency_cycles": found.latency_cycles,
-                    "simulation_s_per_frame": found.wall_s["simulate"] / found.frames,
-                    "bundle_sha256": derived.digest,
-                    "verilog_sha256": verilog_sha256,
-                    "key": key,
-                }
-                if not any(stall):  # the stalled run has the simulator of the one before
-                    row |= {"elaboration_s": elaboration_s, "build_s": found.wall_s["build"]}
+        design = Step(
+            "elaborate", elaborate, {"bundle": bundle, "lanes": count}, (BUNDLE, SOURCE, NOTE), shown
+        )
+        elaborated = kept.perform(design)
+        elaborated.place(folder / f"lanes_{count}")
+        note = read_json(elaborated.path(NOTE))["note"]
+        place = {"workplace": folder / f"lanes_{count}", "build_args": build_args}
+        hardware = {"bundle": design.output(BUNDLE), "verilog": design.output(SOURCE)}
+        for stimulus in runs:
+            step = Step("verify", simulated, hardware | stimulus, (), shown | place)
+            row = {"lanes": count, "note": note, **kept.perform(step).value}
+            if not row["stalls"]:
+                row["elaboration_s"] = elaborated.seconds
             content["rows"].append(row)
-            write_json(file, content)
+            write_json(folder / FILE, content)
     return content
 
 

@@ -1,31 +1,19 @@
 """report.json, and the page a person would rather look at."""
 
-import base64
-import io
 from pathlib import Path
 
-import jinja2
-import matplotlib
-
-from fastac.report.content import content, summary_rows
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
+from fastac.report.content import content, summary_rows
+from fastac.report.figures import base64_png
 from fastac.report.picture import draw_cycles, rgb
+from fastac.report.render import render
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
-from fastac.store.files import write_json
-
-
-def _png(figure) -> str:
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=110, bbox_inches="tight")
-    plt.close(figure)
-    return base64.b64encode(buffer.getvalue()).decode()
+from fastac.store.files import write_json, write_text
 
 
 def frames_figure(data: Dataset, index: np.ndarray, results: dict, scene: Scene) -> str:
@@ -60,7 +48,7 @@ def frames_figure(data: Dataset, index: np.ndarray, results: dict, scene: Scene)
             axis.set_yticks([])
             if "mm" in title or title.endswith("N"):
                 figure.colorbar(shown, ax=axis, shrink=0.75).ax.tick_params(labelsize=6)
-    return _png(figure)
+    return base64_png(figure)
 
 
 def force_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tuple[int, ...]) -> str:
@@ -75,7 +63,7 @@ def force_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tu
         panel.set_xlabel(f"true F_{'xyz'[force_axis]}, N")
         panel.set_ylabel(f"found F_{'xyz'[force_axis]}, N")
     panels[0, 0].legend()
-    return _png(figure)
+    return base64_png(figure)
 
 
 def cycles_figure(report: dict) -> str:
@@ -83,7 +71,7 @@ def cycles_figure(report: dict) -> str:
     figure, axis = plt.subplots(figsize=(8, 1.8))
     draw_cycles(axis, report["latency_cycles_by_formula"]["stage"])
     axis.legend(fontsize=6, ncol=4, loc="upper center", bbox_to_anchor=(0.5, -0.35))
-    return _png(figure)
+    return base64_png(figure)
 
 
 def curves_figure(bundle: Bundle) -> str:
@@ -105,7 +93,7 @@ def curves_figure(bundle: Bundle) -> str:
                 axis.semilogy(epochs, values, label=key)
             axis.set_xlabel("epoch")
         axis.legend(fontsize=7)
-    return _png(figure)
+    return base64_png(figure)
 
 
 def _choice(axis, curves: dict[str, np.ndarray]) -> None:
@@ -134,11 +122,6 @@ def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
         index = data.indices("test")
         _, everything = accuracy.compare_pipelines(bundle, data, index, progress=False)
         figures.insert(1, ("Force on the held-out grid", force_figure(data, index, everything, axes)))
-    template = jinja2.Environment(
-        loader=jinja2.PackageLoader(__package__, "."), autoescape=True, undefined=jinja2.StrictUndefined
-    ).get_template("page.html.j2")
-    page = template.render(report=report, figures=figures, rows=summary_rows(report))
+    page = render("report/build.html.j2", report=report, figures=figures, rows=summary_rows(report))
     write_json(folder / "report.json", report)
-    temporary = folder / ".report.html.part"
-    temporary.write_text(page)
-    temporary.replace(folder / "report.html")
+    write_text(folder / "report.html", page)

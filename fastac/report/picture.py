@@ -17,6 +17,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.result import Result
 from fastac.scenes.schema import AXES
 from fastac.sensor.dataset import Dataset
+from fastac.store.files import write_atomically
 
 DPI = 100
 
@@ -94,9 +95,8 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
         axis.set_axis_off()
         axis.set_anchor("N")
         if title.endswith("mm"):
-            figure.colorbar(drawn, ax=axis, shrink=0.9, pad=0.02, location="bottom").ax.tick_params(
-                labelsize=7
-            )
+            bar = figure.colorbar(drawn, ax=axis, shrink=0.9, pad=0.02, location="bottom", panchor=(0.5, 1))
+            bar.ax.tick_params(labelsize=7)
     if with_force:
         truth = data.forces_n(held_out, scene.force_axes)
         found = emulator.run(data.frames[held_out], wanted=["force_n"]).force_n
@@ -111,9 +111,8 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     axis.tick_params(labelsize=7)
     figure.legend(*axis.get_legend_handles_labels(), fontsize=7, ncol=6, loc="outside lower center")
     axis.set_title(heading(report), fontsize=9)
-    temporary = path.with_name(f".{path.stem}.part{path.suffix}")
-    figure.savefig(temporary, dpi=DPI)
-    temporary.replace(path)
+    with write_atomically(path) as temporary:
+        figure.savefig(temporary, dpi=DPI)
     plt.close(figure)
 
 

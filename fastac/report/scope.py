@@ -17,7 +17,6 @@ from fastac.synth import resources
 
 ABSENT = "–"
 SEED = 1
-STAGES = (*dict.fromkeys(("control", *resources.STAGES.values())),)
 AREAS = {"dsp48e2": "DSP48E2", "lut": "look-up tables", "ramb36": "RAMB36"}
 STEPS = {
     "data": "presses",
@@ -103,7 +102,8 @@ class Scope:
     def elaborated(self) -> dict[str, str]:
         """Look-up tables by stage."""
         return {
-            name: f"{self.stages[name]['lut']:,.0f}" if name in self.stages else ABSENT for name in STAGES
+            name: f"{self.stages[name]['lut']:,.0f}" if name in self.stages else ABSENT
+            for name in resources.stage_names()
         }
 
     def verified(self) -> dict[str, str]:

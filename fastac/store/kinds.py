@@ -8,7 +8,7 @@ literal dict, so that an entry's code can be found without running it.
 
 import sys
 from collections.abc import Iterator, Mapping
-from typing import TypeVar
+from typing import ClassVar, TypeVar
 
 from fastac.store.recording import listed, looked_up
 
@@ -25,16 +25,26 @@ class UnknownKindError(KeyError):
 class Kinds(Mapping[str, Value]):
     """A frozen mapping from names to what they stand for, whose use inside a step is recorded."""
 
+    tables: ClassVar[list["Kinds"]] = []
+    """All that have been imported."""
+
     def __init__(self, kind: str, entries: Mapping[str, Value]):
         self.kind = kind
         self._entries = dict(entries)
-        self._table = f"{sys._getframe(1).f_globals['__name__']}:{kind}"
+        self.table = f"{sys._getframe(1).f_globals['__name__']}:{kind}"
+        """Where the table is, for the step engine."""
+        Kinds.tables.append(self)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names, for planners: looking at them is not recorded."""
+        return tuple(self._entries)
 
     def __getitem__(self, name: str) -> Value:
         if name not in self._entries:
             self._list()
             raise UnknownKindError(f"{self.kind}: {name!r} is unknown; there is {', '.join(self._entries)}")
-        looked_up(self._table, name)
+        looked_up(self.table, name)
         return self._entries[name]
 
     def __contains__(self, name: object) -> bool:
@@ -53,4 +63,4 @@ class Kinds(Mapping[str, Value]):
         return f"Kinds({self.kind!r}, {list(self)})"
 
     def _list(self) -> None:
-        listed(self._table, list(self._entries))
+        listed(self.table, list(self._entries))

@@ -84,6 +84,12 @@ def is_settings(value: object) -> bool:
     return hasattr(type(value), "watched") and hasattr(type(value), "value_at")
 
 
+def needed_steps(step: Step) -> Iterator[Step]:
+    """The steps whose outputs are arguments, each once."""
+    found = [leaf for name, value in step.arguments.items() for _, leaf in leaves(value, name)]
+    return iter({leaf.step: None for leaf in found if isinstance(leaf, Output)})
+
+
 def leaves(value: object, place: str) -> Iterator[tuple[str, object]]:
     """Everything inside lists, tuples and dicts, with its place: `scenes[0]`; plain values in one piece."""
     for inner, item in _items(value):

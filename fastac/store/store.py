@@ -17,7 +17,7 @@ from fastac.store.closure import Code
 from fastac.store.entries import Entry
 from fastac.store.files import write_json
 from fastac.store.recording import Recording, recording, unrecorded
-from fastac.store.steps import VALUE, Output, Step, StepError, assembled, leaves
+from fastac.store.steps import VALUE, Step, StepError, assembled, needed_steps
 from fastac.store.traces import Inputs
 
 Announce = Callable[[str, str], None]
@@ -51,7 +51,7 @@ class Store:
         announce = announce or _silent
         performed = {} if performed is None else performed
         if step not in performed:
-            needed = {other: self.perform(other, announce, performed) for other in _upstream(step)}
+            needed = {other: self.perform(other, announce, performed) for other in needed_steps(step)}
             performed[step] = self._perform(step, needed, announce)
         return performed[step]
 
@@ -60,7 +60,7 @@ class Store:
         self.code.refresh()
         entry = self._kept(inputs)
         if entry is None:
-            with self._locked(inputs.bucket, lambda: announce(step.name, "waiting")):
+            with self._locked(inputs.run, lambda: announce(step.name, "waiting")):
                 entry = self._kept(inputs)
                 if entry is None:
                     announce(step.name, "running")
@@ -70,6 +70,11 @@ class Store:
         announce(step.name, "kept")
         inputs.include(entry)
         return entry
+
+    def latest(self, step: Step) -> Entry | None:
+        """What was performed or used last of all steps of this name and function, whatever they were given."""
+        found = self._candidates(step.name, "*")
+        return next((entry for entry in found if entry.trace["function"] == step.code), None)
 
     def value(self, step: Step, announce: Announce | None = None) -> object:
         """The result of a step without outputs; tuples have become lists."""
@@ -115,7 +120,7 @@ class Store:
     def _look(self, step: Step) -> tuple[Entry | None, str]:
         """The current entry, if there is one, and what to say about it; performs nothing."""
         upstream = {}
-        for other in _upstream(step):
+        for other in needed_steps(step):
             entry, reason = self._look(other)
             if entry is None:
                 return None, reason if reason.startswith("needs ") else f"needs {other.name}: {reason}"
@@ -165,11 +170,12 @@ class Store:
         return entry
 
     def _run(self, inputs: Inputs) -> Entry:
-        """Perform a step whose bucket is locked."""
+        """Perform a step whose run is locked; other settings of the same bucket may run meanwhile."""
         step = inputs.step
-        self._discard_damaged(inputs)
+        with self._locked(inputs.bucket, lambda: None):
+            self._discard_damaged(inputs)
         self.code.loaded(step.code)
-        part = self.folder / ".part" / inputs.bucket
+        part = self.folder / ".part" / inputs.run
         shutil.rmtree(part, ignore_errors=True)
         part.mkdir(parents=True)
         try:
@@ -244,12 +250,6 @@ class Store:
             yield
         finally:
             lock.release()
-
-
-def _upstream(step: Step) -> Iterator[Step]:
-    """The steps whose outputs are arguments, each once."""
-    found = [leaf for name, value in step.arguments.items() for _, leaf in leaves(value, name)]
-    return iter({leaf.step: None for leaf in found if isinstance(leaf, Output)})
 
 
 def _arguments(inputs: Inputs, record: Recording) -> dict[str, object]:

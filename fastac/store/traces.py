@@ -58,6 +58,12 @@ class Inputs:
         """What entries that differ in no plain argument and no file have in common."""
         return content_hash(self.step.name, self.step.code, list(self.step.written), self.arguments)[:16]
 
+    @property
+    def run(self) -> str:
+        """The bucket and all settings: runs of which one is enough. Such a name locks the run."""
+        whole = {place: settings.unwatched().model_dump_json() for place, settings in self.settings.items()}
+        return self.bucket + content_hash(whole)[:8]
+
     def include(self, entry: entries.Entry) -> None:
         """Tell the steps around this one what it depends on, as if they had read it themselves."""
         for recording in recordings():

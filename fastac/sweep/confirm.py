@@ -10,8 +10,10 @@ from fastac.gateware.cycle_model import cycles
 from fastac.models.integer import bundle as bundles
 from fastac.scenes.schema import Scene
 from fastac.sensor import samples
+from fastac.store.store import open_store
 from fastac.sweep.front import Source, TradeError
-from fastac.sweep.points import PointModels, Setting, latency, point_key
+from fastac.sweep.point_steps import latency
+from fastac.sweep.points import PointModels, Setting, point_key
 from fastac.sweep.results import Row
 from fastac.sweep.spec import Point
 
@@ -46,16 +48,15 @@ def models_of(source: Source, row: Row) -> PointModels:
     """A row's models. Raises TradeError where they are no longer those that were measured."""
     setting = Setting(**source.facts["setting"])
     scene = Scene.model_validate(row.scene)
-    if point_key(Point({}, scene).content, setting) != row.key:
+    models, store = PointModels(scene, setting), open_store(Path(setting.store))
+    if point_key(Point({}, scene).content, setting) != row.key or not store.is_current(models.point):
         raise TradeError(f"{source.results.path}: sources or data have changed since: run fastac sweep again")
-    return PointModels(scene, setting)
+    return models
 
 
 def confirm(source: Source, row: Row, folder: Path, *, progress: bool) -> Confirmation:
     """Build a row's hardware in `folder` and send held-out frames through it."""
     models = models_of(source, row)
-    for step in models.steps.values():
-        step.perform()
     bundle = bundles.save(folder / "bundle", models.pipeline, models.floats)
     hardware.write_verilog(bundle, folder / "verilog", progress=progress)
     index = samples.evenly_spaced(models.index, FRAMES)

@@ -11,6 +11,7 @@ import tomli_w
 
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
+from fastac.store.files import write_text
 from fastac.sweep.results import Results, Row
 
 ERRORS = {
@@ -244,8 +245,5 @@ def write_scene(row: Row, path: Path, origin: str) -> Scene:
     sensor = {name: row.scene["sensor"][name] for name in shown} | content["sensor"]
     lines = [f"# {origin}", *(f"# {name} = {value:.6g}" for name, value in sorted(row.metrics.items()))]
     text = "\n".join(lines) + "\n" + tomli_w.dumps(content | {"sensor": sensor})
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.part")
-    temporary.write_text(text)
-    temporary.replace(path)
+    write_text(path, text)
     return scenes.load(path)

@@ -4,16 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import jinja2
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from fastac.report.figures import save_png
 from fastac.report.paper import EDGE
+from fastac.report.render import render
 from fastac.report.tables import Table, number
+from fastac.store.files import write_text
 from fastac.sweep import front
 from fastac.sweep.front import COSTS, ERRORS, TUNING, Source
 from fastac.sweep.results import Row
@@ -241,15 +240,11 @@ def picture(shown: Trade, error: str, path: Path) -> None:
         panel.grid(alpha=0.3, which="both")
     panels[0].set_ylabel(ERRORS[error])
     panels[0].legend(fontsize=7)
-    temporary = path.with_name(f".{path.name}.part")
-    plot.savefig(temporary, format="png", dpi=120, bbox_inches="tight")
-    plt.close(plot)
-    temporary.replace(path)
+    save_png(plot, path)
 
 
 def write(shown: Trade, folder: Path) -> list[Path]:
     """The page and its pictures; returns the files. The page holds all it needs, Plotly's code too."""
-    folder.mkdir(parents=True, exist_ok=True)
     written, figures = [], []
     for error in shown.errors:
         path = folder / PICTURE.format(error)
@@ -258,12 +253,10 @@ def write(shown: Trade, folder: Path) -> list[Path]:
         script = "inline" if not figures else False
         html = figure(shown, error).to_html(full_html=False, include_plotlyjs=script)
         figures.append((ERRORS[error], html))
-    template = jinja2.Environment(
-        loader=jinja2.PackageLoader(__package__, "."), autoescape=True, undefined=jinja2.StrictUndefined
-    ).get_template("page.html.j2")
     origins = {name: text for source in shown.sources for name, text in source.facts["origins"].items()}
     simulated = {row.scene["sensor"]["source"] for row in shown.rows}
-    page = template.render(
+    page = render(
+        "sweep/trade.html.j2",
         figures=figures,
         tables=tables(shown),
         origins=origins,
@@ -271,7 +264,5 @@ def write(shown: Trade, folder: Path) -> list[Path]:
         frames_are=" and ".join(sorted(simulated)),
         paper={"cycles": PAPER_CYCLES, "label": PAPER_LABEL},
     )
-    temporary = folder / f".{PAGE}.part"
-    temporary.write_text(page)
-    temporary.replace(folder / PAGE)
+    write_text(folder / PAGE, page)
     return [folder / PAGE, *written]

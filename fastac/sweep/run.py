@@ -3,25 +3,20 @@
 import traceback
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from time import monotonic
 
 import torch
 from threadpoolctl import threadpool_limits
 
 from fastac.scenes.schema import Scene
+from fastac.store.likeness import likeness
 from fastac.store.progress import progress_bar
-from fastac.sweep.points import (
-    POINT_SOURCES,
-    PointModels,
-    Setting,
-    Step,
-    generation,
-    origins,
-    point_key,
-    sources,
-)
+from fastac.store.recording import unrecorded
+from fastac.store.steps import Step, needed_steps
+from fastac.store.store import open_store
+from fastac.sweep.point_steps import origins
+from fastac.sweep.points import PointModels, Setting, code_digest, generation, point_key
 from fastac.sweep.pools import Pool, single_threaded
 from fastac.sweep.results import Results, Row
 from fastac.sweep.spec import Point, Spec, grid
@@ -31,22 +26,21 @@ ATTEMPTS = 2
 
 
 def perform(task: dict) -> dict:
-    """A worker's task: train a step or measure a point. Whatever goes wrong is in the answer."""
-    start = monotonic()
+    """A worker's task: perform a shared step or measure a point. Whatever goes wrong is in the answer."""
     single_threaded()
     torch.set_num_threads(1)
-    if task["sources"] != sources(POINT_SOURCES):
+    setting = Setting(**task["setting"])
+    if task["code"] != code_digest(Path(setting.store)):
         return {"failed": "this worker has other sources than the sweep that it works for"}
-    models = PointModels(Scene.model_validate(task["scene"]), Setting(**task["setting"]))
+    models, store = PointModels(Scene.model_validate(task["scene"]), setting), open_store(Path(setting.store))
     try:
-        with threadpool_limits(1):
+        with threadpool_limits(1), unrecorded():
             if task["step"] is not None:
-                models.steps[task["step"]].perform()
+                store.perform(models.shared[task["step"]])
                 return {}
-            return {"metrics": models.metrics(), "seconds": monotonic() - start}
-    except (
-        ValueError
-    ) as error:  # of the scene: a word too short, a device too small, data that lack something
+            entry = store.perform(models.point)
+            return {"metrics": entry.value, "seconds": entry.seconds}
+    except ValueError as error:  # a word too short, a device too small, data that lack something
         return {"infeasible": _line(error)}
     except Exception as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
@@ -95,7 +89,11 @@ class Sweep:
         self.jobs: list[Job] = []
         self.running: dict[Future, tuple[Job, Step | None]] = {}
         self.attempts: dict[str, int] = {}
-        self.present: set[str] = set()
+        self.store = open_store(Path(setting.store))
+        self.generation, self.code = generation(setting), code_digest(Path(setting.store))
+        self.present: dict[str, bool] = {}
+        """By what steps have in common, whether their result is there; forgotten when a step has run."""
+        self.keys: dict[Step, str] = {}
         self.bar = progress_bar(total=source.total, desc="sweep", unit="point", enabled=progress, leave=True)
 
     def run(self) -> dict[str, int]:
@@ -121,30 +119,47 @@ class Sweep:
         while (point := self.source.ask(len(self.jobs) + len(self.running))) is not None:
             asked = True
             key = point_key(point.content, self.setting)
-            if key in self.known:
-                self._finish(Job(key, point, []), self.known[key])
-            elif point.scene is None:
+            models = point.scene and PointModels(point.scene, self.setting)
+            if self._is_known(key, models):
+                row = replace(self.known[key], generation=self.generation)
+                self.results.add(row)
+                self._finish(Job(key, point, []), row)
+            elif models is None:
                 self._finish(Job(key, point, []), {"infeasible": point.error})
             else:
-                steps = list(PointModels(point.scene, self.setting).steps.values())
-                self.jobs.append(Job(key, point, steps))
+                self.jobs.append(Job(key, point, list(models.shared.values())))
         return asked
 
+    def _is_known(self, key: str, models: PointModels | None) -> bool:
+        """Whether the results have the point as the present code would find it."""
+        row = self.known.get(key)
+        if row is None or row.generation == self.generation:
+            return row is not None
+        return row.status == "done" and models is not None and self.store.is_current(models.point)
+
+    def _key(self, step: Step) -> str:
+        """What steps have in common that need running once; of a name that never ran, the name."""
+        if step not in self.keys:
+            known = likeness(self.store, step)
+            if known is None:
+                return step.name
+            self.keys[step] = known
+        return self.keys[step]
+
     def _is_present(self, step: Step) -> bool:
-        if step.key not in self.present and step.path.exists():
-            self.present.add(step.key)
-        return step.key in self.present
+        key = self._key(step)
+        if key not in self.present:
+            self.present[key] = self.store.is_current(step)
+        return self.present[key]
 
     def _next(self) -> tuple[Job, Step | None] | None:
         """What a free worker does: steps before points, for points take less time."""
-        busy = {step.key for _, step in self.running.values() if step is not None}
+        busy = {self._key(step) for _, step in self.running.values() if step is not None}
         for job in self.jobs:
             for step in job.steps:
-                if (
-                    not self._is_present(step)
-                    and step.key not in busy
-                    and all(map(self._is_present, step.needs))
-                ):
+                if self._is_present(step) or self._key(step) in busy:
+                    continue
+                if all(map(self._is_present, needed_steps(step))):
                     return job, step
         for job in self.jobs:
             if all(map(self._is_present, job.steps)):
@@ -159,7 +174,7 @@ class Sweep:
                 "scene": job.point.scene.model_dump(mode="json"),
                 "setting": asdict(self.setting),
                 "step": step and step.name,
-                "sources": sources(POINT_SOURCES),
+                "code": self.code,
             }
             self.bar.set_postfix_str(step.name if step else "points")
             if step is not None and step.name == "data":
@@ -176,7 +191,7 @@ class Sweep:
         try:
             outcome = future.result()
         except BrokenProcessPool:
-            key = step.key if step else job.key
+            key = self._key(step) if step else job.key
             self.attempts[key] = self.attempts.get(key, 0) + 1
             if self.attempts[key] < ATTEMPTS:
                 self._return(job, step)
@@ -202,8 +217,11 @@ class Sweep:
     def _outcome(self, job: Job, step: Step | None, outcome: dict) -> None:
         if step is None:
             self._finish(job, outcome)
-        elif outcome:  # no point that needs the step can be measured
-            for other in [j for j in self.jobs if any(s.key == step.key for s in j.steps)]:
+            return
+        failed = self._key(step)
+        self.present.clear()
+        if outcome:  # no point that needs the step can be measured
+            for other in [j for j in self.jobs if any(self._key(s) == failed for s in j.steps)]:
                 self.jobs.remove(other)
                 self._finish(other, outcome)
 
@@ -221,7 +239,7 @@ class Sweep:
                 outcome.get("metrics", {}),
                 outcome.get(status, ""),
                 outcome.get("seconds", 0.0),
-                generation(self.setting),
+                self.generation,
             )
             self.results.add(row)
             self.known[row.key], name = row, status

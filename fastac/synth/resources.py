@@ -2,8 +2,8 @@
 
 Each stage's look-up tables are a sum of a few counts that follow from its words, such as the bits of its
 adders, with non-negative factors. The factors are fitted to designs that Yosys has counted
-(`fastac/synth/resource_samples.py`, `resource_samples.json`). Block RAM follows from each memory's words in the
-same way; DSP slices are the products of the architecture.
+(`fastac/synth/resource_samples.py`, `resource_samples.json`). Block RAM follows from each memory's words in
+the same way; DSP slices are the products of the architecture.
 """
 
 import json
@@ -20,42 +20,49 @@ from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
-from fastac.synth.energy import Frame, Work
+from fastac.synth.energy import normals_works
+from fastac.synth.solvers import SOLVERS
+from fastac.synth.work import Frame, Work
 
 SAMPLES = Path(__file__).with_name("resource_samples.json")
 COUNTED = ("lut", "ramb36", "dsp48e2")
 FITTED = ("lut", "ramb36")
-STAGES = {
+BEFORE_SOLVER = {
     "background": "background",
     "mlp": "normals",
     "divider": "gradients",
     "solver.source": "source",
     "solver.row_forward": "transforms",
-    "solver.column_forward": "transforms",
-    "solver.column_inverse": "transforms",
     "solver.row_inverse": "transforms",
-    "solver.to_columns": "transposition",
-    "solver.to_rows": "transposition",
-    "solver.division": "division",
-    "solver.elimination": "recurrences",
-    "solver.substitution": "recurrences",
-    "solver.reversal": "reversal",
+}
+BEHIND_SOLVER = {
     "depth_output": "depth",
     "displacement": "depth",
     "force_stream": "force",
 }
-"""Stages by the names that instances begin with; what is not here is "control"."""
+"""Stages of every design by the names that instances begin with."""
 BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
 HALF_SHAPES = ((36, 512, 0.5), (18, 1024, 0.5), (9, 2048, 0.5), (4, 4096, 0.5), (2, 8192, 0.5))
 """Bits and words of a RAMB36E2, and of a RAMB18E2, which is half of one (Xilinx UG573)."""
-SHALLOW_WORDS = 256
-"""Memories of so few words become distributed RAM, unless they are asked to be blocks."""
+
+
+def stages() -> dict[str, str]:
+    """Stages by the names that instances begin with, of all solvers; what is not here is "control"."""
+    of_solvers = {
+        f"solver.{name}": stage for costs in SOLVERS.values() for name, stage in costs.instances.items()
+    }
+    return BEFORE_SOLVER | of_solvers | BEHIND_SOLVER
+
+
+def stage_names() -> tuple[str, ...]:
+    """Each stage that a design of any solver may have, once."""
+    return (*dict.fromkeys(("control", *stages().values())),)
 
 
 def stage_of(instance: str) -> str:
     """The stage that an instance of the elaborated design belongs to."""
     name = instance.removesuffix(" (own logic)")
-    for prefix, stage in STAGES.items():
+    for prefix, stage in stages().items():
         if name == prefix or name.startswith(f"{prefix}."):
             return stage
     return "control"
@@ -93,25 +100,11 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
     if solver is not None:
         source, difference = pipeline.source, scene.poisson.mode == "difference"
         own = signed_width(int(np.abs(source.offset).max()))
-        deep = frame.inner_beats > SHALLOW_WORDS
-        if deep:
+        if frame.deep:
             yield "source", 1, lanes * (source.width if loadable and difference else own), frame.inner_beats
-        transforms = [solver.row_forward, solver.row_inverse]
-        if scene.poisson.solver == "tridiagonal":
-            yield "reversal", 1, lanes * solver.elimination.output_width, frame.inner_beats
-            for recurrence in (solver.elimination, solver.substitution):
-                words = int((recurrence.varying + 1).sum())
-                yield "recurrences", lanes, recurrence.shift, -(-words // lanes)
-        else:
-            page = 2 * frame.row_beats**2 * lanes
-            for transform in (solver.row_forward, solver.column_inverse):
-                yield "transposition", lanes, transform.output_width, page
-            transforms += [solver.column_forward, solver.column_inverse]
-            distance = int(solver.division.shift.max() - solver.division.shift.min()).bit_length()
-            if deep:
-                yield "division", 1, lanes * (17 + distance), frame.inner_beats
+        yield from SOLVERS[scene.poisson.solver].memories(frame, solver)
         half = (frame.size + 1) // 2
-        for transform in transforms:
+        for transform in SOLVERS[scene.poisson.solver].transforms(solver):
             yield "transforms", 1, lanes * half * transform.coefficient_width, frame.row_beats
         rest = signed_width(int(np.abs(pipeline.depth.rest).max()))
         if "depth" in scene.outputs and difference and rest > 1:
@@ -134,7 +127,7 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
     """By stage, the counts that its look-up tables and block RAM are fitted to."""
     scene, frame, solver = pipeline.scene, Frame(pipeline), pipeline.solver
     lanes = frame.lanes
-    normals, words = list(frame.normals(pipeline.layers)), 0
+    normals, words = list(normals_works(frame, pipeline.layers)), 0
     loadable = pipeline.layers[0].loadable
     if loadable:
         words = sum(layer.weight.size * layer.weight_bits for layer in pipeline.layers)
@@ -155,17 +148,9 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
     if solver is not None:
         half, source = (frame.size + 1) // 2, pipeline.source
         found["source"] = {"one": 1, "bits": lanes * source.terms * source.width}
-        transforms = [solver.row_forward, solver.row_inverse]
-        if scene.poisson.solver == "tridiagonal":
-            both = (solver.elimination, solver.substitution)
-            found["recurrences"] = {"one": 1, "bits": lanes * sum(r.output_width + r.shift for r in both)}
-            found["reversal"] = {"one": 1, "bits": lanes * solver.elimination.output_width}
-        else:
-            transforms += [solver.column_forward, solver.column_inverse]
-            width = solver.row_forward.output_width + solver.column_inverse.output_width
-            found["transposition"] = {"one": 1, "bits": lanes * lanes * width}
-            distance = int(solver.division.shift.max() - solver.division.shift.min()).bit_length()
-            found["division"] = {"one": 1, "bits": lanes * solver.division.product_width * distance}
+        costs = SOLVERS[scene.poisson.solver]
+        transforms = costs.transforms(solver)
+        found |= costs.features(frame, solver)
         folds = sum(half * (t.input_width + 1) for t in transforms)
         found["transforms"] = {
             # A single lane adds and subtracts in turn; several have halves of either kind.

@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """The Poisson solver: two separable sine transforms around a division, streamed end to end."""
 
+from typing import ClassVar
+
 from amaranth import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -11,7 +13,7 @@ from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_interval
 from fastac.gateware.poisson.transposer import Transposer
 from fastac.gateware.stream.queues import SkidBuffer
-from fastac.models.integer.dst2d import EigenvalueDivision
+from fastac.models.integer.dst2d import EigenvalueDivision, reciprocal_distance
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.source import PoissonSource
 
@@ -34,6 +36,9 @@ class PoissonSolver(wiring.Component):
     `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
     No way of `ready` reaches past a transform, which takes from registers alone.
     """
+
+    last_row_first = False
+    engines: ClassVar = {SineTransform: Dst1Engine, EigenvalueDivision: EigenvalueDivider}
 
     def __init__(
         self,
@@ -74,9 +79,14 @@ class PoissonSolver(wiring.Component):
         self.interval = frame_interval(height, width, lanes)
 
     @staticmethod
-    def stages_of(width: int, lanes: int, divergence: str, distance: int) -> dict[str, int]:
-        """`stages` for images of `width` pixels; distance : of the division's shifts."""
+    def stages_of(width: int, lanes: int, divergence: str, distance: int | None = None) -> dict[str, int]:
+        """`stages` for images of `width` pixels.
+
+        distance : of the largest from the lowest shift of the division; None: that of `reciprocals`
+        """
         size = width - 2
+        if distance is None:
+            distance = reciprocal_distance(size)
         beats = -(-size // lanes)
         row, frame = beats - 1, size * beats - 1
         source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)

@@ -5,7 +5,7 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.stream.handshake import pipeline_handshake
-from fastac.models.integer.tridiagonal import Elimination, Recurrence, Substitution
+from fastac.models.integer.tridiagonal import Recurrence
 
 
 class RowRecurrence(wiring.Component):
@@ -33,10 +33,10 @@ class RowRecurrence(wiring.Component):
     def __init__(self, recurrence: Recurrence, *, lanes: int):
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
-        if not isinstance(recurrence, Elimination | Substitution):
+        if not isinstance(recurrence, Recurrence):
             raise ValueError(f"recurrence {type(recurrence).__name__}: expected Elimination or Substitution")
         self.recurrence, self.lanes = recurrence, lanes
-        self.downwards = isinstance(recurrence, Elimination)
+        self.downwards = recurrence.downwards
         self.beats = -(-recurrence.size // lanes)
         if self.beats < self.loop:
             raise ValueError(

@@ -6,6 +6,7 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.stream.tables import TableFormat
+from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import signed_width
 
@@ -42,7 +43,7 @@ class PoissonSourceStream(wiring.Component):
             raise ValueError(f"offset {source.offset.shape}: expected {(height - 2, width - 2)}")
         self.source, self.height, self.width, self.lanes = source, height, width, lanes
         self.beats = -(-(width - 2) // lanes)
-        self.central = source.divergence == "central"
+        self.span = STENCILS[source.divergence].span
         self.rows_ahead, self.beats_ahead = self.ahead(source.divergence, lanes)
         own_bits = signed_width(int(np.abs(source.offset).max()))
         self.loadable = loadable
@@ -65,8 +66,8 @@ class PoissonSourceStream(wiring.Component):
     @staticmethod
     def ahead(divergence: str, lanes: int) -> tuple[int, int]:
         """Rows and beats of slopes after the one of its own place that a beat of sources is complete."""
-        central = divergence == "central"
-        return 2 if central else 1, 2 if central and lanes == 1 else 1
+        span = STENCILS[divergence].span
+        return span, -(-span // lanes)
 
     @classmethod
     def delay_of(cls, row: int, beat: int, *, width: int, lanes: int, divergence: str) -> int:
@@ -92,7 +93,7 @@ class PoissonSourceStream(wiring.Component):
             with m.If(x == row_beats - 1):
                 m.d.sync += [x.eq(0), y.eq(Mux(y == self.height - 1, 0, y + 1))]
         past = data.StructLayout(
-            {"p": slope, "q": slope, "q_before": slope} if self.central else {"q": slope}
+            {"p": slope, "q": slope, "q_before": slope} if self.span == 2 else {"q": slope}
         )
         m.submodules.rows = rows = memory.Memory(
             shape=data.ArrayLayout(past, lanes), depth=row_beats, init=[]
@@ -129,7 +130,7 @@ class PoissonSourceStream(wiring.Component):
             p, q = slopes[lane]
             before, now = read.data[lane], write.data[lane]
             m.d.comb += now.q.eq(q)
-            if self.central:
+            if self.span == 2:
                 m.d.comb += [now.p.eq(p), now.q_before.eq(before.q)]
                 m.d.comb += [newest[lane].p.eq(before.p), newest[lane].dq.eq(q - before.q_before)]
             else:
@@ -159,7 +160,7 @@ class PoissonSourceStream(wiring.Component):
             dq = Signal(signed(slope.width + 1), reset_less=True, name=f"dq_{lane}")
             divergence = Signal(signed(slope.width + 2), reset_less=True, name=f"divergence_{lane}")
             known = Signal(offset, reset_less=True, name=f"offset_{lane}")
-            right = window[lane + 2 if self.central else lane + 1]
+            right = window[lane + self.span]
             with m.If(advance):
                 m.d.sync += [
                     dp.eq(right.p - window[lane].p),

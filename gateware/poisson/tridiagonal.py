@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """The Poisson solver without a transposer: sine transforms of the rows around Thomas's algorithm."""
 
+from typing import ClassVar
+
 from amaranth import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
@@ -20,8 +22,8 @@ class TridiagonalPoissonSolver(wiring.Component):
     """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2, last row first.
 
     Source, DST-I of the rows, elimination down the rows, reversal of the rows' order, substitution up the
-    rows, DST-I of the rows back (models/integer/tridiagonal.py). Each stage sustains `lanes` values a clock, and
-    consecutive frames overlap: a frame every `interval` clocks.
+    rows, DST-I of the rows back (models/integer/tridiagonal.py). Each stage sustains `lanes` values a clock,
+    and consecutive frames overlap: a frame every `interval` clocks.
 
     Members
     -------
@@ -36,6 +38,13 @@ class TridiagonalPoissonSolver(wiring.Component):
     `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
     No way of `ready` reaches past a transform, which takes from registers alone.
     """
+
+    last_row_first = True
+    engines: ClassVar = {
+        SineTransform: Dst1Engine,
+        Elimination: RowRecurrence,
+        Substitution: RowRecurrence,
+    }
 
     def __init__(
         self,

@@ -5,28 +5,26 @@ The emulator must equal it on every value, and gives way to it where float64 wou
 
 import numpy as np
 
-from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.words import round_shift
 from fastac.models.loops.frames import Outputs
 
 
-def _transform(transform: SineTransform, rows: np.ndarray) -> np.ndarray:
-    return round_shift(rows @ transform.matrix, transform.shift, transform.rounding)
+def _in_int64(stage, words: np.ndarray) -> np.ndarray:
+    """A stage's output without float64, which a sine transform's own product passes through."""
+    if isinstance(stage, SineTransform):
+        return round_shift(words @ stage.matrix, stage.shift, stage.rounding)
+    return stage(words)
 
 
-def solve(solver, source: np.ndarray) -> np.ndarray:
-    """A source (N, N) to the solution (N, N), as `Solver` and `TridiagonalSolver` define it."""
-    rows = _transform(solver.row_forward, source)
-    if isinstance(solver, Solver):
-        spectrum = _transform(solver.column_forward, rows.T)
-        modes = _transform(solver.column_inverse, solver.division(spectrum)).T
-    else:
-        modes = solver.substitution(solver.elimination(rows))
-    return _transform(solver.row_inverse, modes)
+def solve(solver: IntegerSolver, source: np.ndarray) -> np.ndarray:
+    """A source (N, N) to the solution (N, N), as the solver defines it."""
+    *_, (_, _, solution) = solver.steps(source, _in_int64)
+    return solution
 
 
 def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:

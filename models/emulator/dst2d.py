@@ -9,7 +9,7 @@ from fastac.models.loops.sines import fold_columns, fold_rows, round_and_scale, 
 
 
 class TransformTables:
-    """`bounds.Solver`: transforms of rows and columns, one frame after another."""
+    """`dst2d.Solver` in float64: transforms of rows and columns, one frame after another."""
 
     frame_axis = 0
 
@@ -24,8 +24,7 @@ class TransformTables:
         order = self.row_forward.order
         reciprocal = -division.mantissa * 2.0**-division.shift
         self.reciprocal = np.ascontiguousarray(reciprocal[order][:, order])
-        stages = ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
-        self.halves = [added(getattr(solver, name).rounding) for name in stages]
+        self.halves = [added(stage.rounding) for stage in solver.parts.values()]
 
     def solve(self, x: np.ndarray) -> None:
         """Sources (frames, N, N) to solutions, in place."""

@@ -10,19 +10,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fastac.models.emulator.dst2d import TransformTables
 from fastac.models.emulator.exactness import EXACT_FLOAT32, require_exact
-from fastac.models.emulator.tridiagonal import RecurrenceTables
-from fastac.models.integer.dst2d import Solver
+from fastac.models.emulator.solvers import SOLVERS
 from fastac.models.integer.features import limits
 from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.tridiagonal import TridiagonalSolver
 from fastac.models.loops.frames import CHUNK
 from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.pixels import (
-    AHEAD,
     depth_and_displacement,
     displacement_words,
     interleave_normals,
@@ -33,7 +30,6 @@ from fastac.models.loops.pixels import (
 )
 
 UNWANTED = {kind: np.empty((0, 0), kind) for kind in (np.int64, np.float32)}
-SOLVERS = {Solver: TransformTables, TridiagonalSolver: RecurrenceTables}
 
 
 class ExactTables:
@@ -64,8 +60,8 @@ class ExactTables:
         if pipeline.solver is not None:
             require_exact("source", pipeline.source.bound)
             require_exact("depth", 1 << pipeline.depth.width)
-            self.solver = SOLVERS[type(pipeline.solver)](pipeline.solver)
-            self.ahead = AHEAD[pipeline.source.divergence]
+            self.solver = SOLVERS[pipeline.scene.poisson.solver](pipeline.solver)
+            self.ahead = STENCILS[pipeline.source.divergence].ahead
             self.offset = pipeline.source.offset.astype(np.float64)
             self.rest = pipeline.depth.rest.astype(np.float64)
         if pipeline.force is not None:

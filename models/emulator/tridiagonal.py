@@ -14,7 +14,7 @@ from fastac.models.loops.sines import fold_rows, unfold_rows
 
 
 class RecurrenceTables:
-    """`tridiagonal.TridiagonalSolver`: recurrences over the rows, of all modes and frames at once."""
+    """`tridiagonal.TridiagonalSolver` in float64: recurrences over rows, of all modes and frames at once."""
 
     frame_axis = 1
 
@@ -31,8 +31,7 @@ class RecurrenceTables:
         order = self.row_forward.order
         self.elimination, self.substitution = self.elimination[:, order], self.substitution[:, order]
         self.unit = 2.0**-substitution.drop
-        stages = (solver.row_forward, elimination, substitution, solver.row_inverse)
-        self.halves = [added(stage.rounding) for stage in stages]
+        self.halves = [added(stage.rounding) for stage in solver.parts.values()]
 
     @staticmethod
     def _coefficients(name: str, recurrence: Recurrence, reach: int, known: int = 0) -> np.ndarray:

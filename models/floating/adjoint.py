@@ -1,4 +1,4 @@
-"""The force without depth: weights of the slopes through the adjoint of the discrete Poisson solver.
+"""Force from slopes without solving for depth: weights from the adjoint of the discrete Poisson solver.
 
 Without the clamp everything from the slopes to the resultant is linear. With g the slopes, D the divergence,
 L the 5-point Laplacian on the inner region with a zero boundary, and w a weight per inner pixel,
@@ -11,23 +11,17 @@ as L is symmetric. Prior and background meet only the constant −Σ (a·p_rest 
 import numpy as np
 
 from fastac.models.floating.poisson import solve, source_of
+from fastac.models.integer.laplacian import STENCILS, transposed_differences
 
 
 def transposed_divergence(g: np.ndarray, divergence: str) -> np.ndarray:
     """Dᵀ of `poisson.source_of`: fields (..., N, N) to weights of the slopes (..., N + 2, N + 2, 2)."""
-    n = g.shape[-1]
-    weights = np.zeros((*g.shape[:-2], n + 2, n + 2, 2))
-    inner, ahead, behind = slice(1, n + 1), slice(2, n + 2), slice(0, n)
-    plus, minus, unit = (ahead, behind, 0.5) if divergence == "central" else (inner, behind, 1.0)
-    weights[..., inner, plus, 0] += unit * g
-    weights[..., inner, minus, 0] -= unit * g
-    weights[..., plus, inner, 1] += unit * g
-    weights[..., minus, inner, 1] -= unit * g
-    return weights
+    return STENCILS[divergence].scale * transposed_differences(g, divergence)
 
 
 def slope_weights(weight: np.ndarray, divergence: str, pitch_mm: float) -> np.ndarray:
-    """Weights of the displacement (axes, N, N), N per mm, to weights of the slopes (axes, H, W, 2), in N."""
+    """Weights of the slopes, (axes, H, W, 2) in N, from weights of the displacement, (axes, N, N) in N per
+    mm."""
     return -pitch_mm * transposed_divergence(solve(weight), divergence)
 
 

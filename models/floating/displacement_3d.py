@@ -1,7 +1,8 @@
 """The 3-D displacement field of frames: d_x and d_y from the markers, d_z from the depth.
 
 Source: Lu et al., "FasTac", section "3D Displacement Field Extraction via Depth Reconstruction and Marker
-Tracking". Only the inner pixels, the image less its one-pixel boundary, as the solver finds depth there.
+Tracking". Fields cover the N × N inner pixels, the image less its one-pixel boundary, where the solver
+computes depth.
 """
 
 from dataclasses import dataclass
@@ -14,24 +15,24 @@ from fastac.models.loops.frames import over_frames, require_frames
 from fastac.models.vision.markers import Detector, MarkerError, associate
 
 MAX_LOST = 0.05
-"""Share of the markers that a frame may lack: its field then is that of the others."""
+"""Largest share of lost markers in a frame whose field is still computed, from the remaining markers."""
 
 
 @dataclass(frozen=True, eq=False)
 class Displacements:
-    """What was found in a number of frames, of which those that lack too many markers are left out."""
+    """Displacement fields of a number of frames, without those in which too many markers are lost."""
 
     field_mm: np.ndarray
     """(kept, 3, N, N) float32: d_x, d_y, and d_z, which is positive where the skin is pressed."""
     kept: np.ndarray
-    """(frames,) bool: whose fields these are."""
+    """(frames,) bool: the frames that `field_mm` holds."""
     lost: np.ndarray
-    """(frames,) int64: markers that were not found."""
+    """(frames,) int64: number of markers that were not found."""
 
 
 @dataclass(frozen=True, eq=False)
 class MarkerField:
-    """The dots of one gel at rest, and the tangential field from where a frame has them."""
+    """The markers of one gel in its background frame, and the tangential field of other frames."""
 
     detector: Detector
     field: TangentialField
@@ -39,7 +40,10 @@ class MarkerField:
 
     @classmethod
     def of_background(cls, pipeline: FloatPipeline) -> "MarkerField":
-        """From the frame at rest and the scene's dots; MarkerError where there are none to be found."""
+        """From the markers in the pipeline's background frame.
+
+        Raises MarkerError where the scene has no markers or too few are found.
+        """
         sensor = pipeline.scene.sensor
         if sensor.markers is None:
             raise MarkerError(
@@ -51,10 +55,11 @@ class MarkerField:
         return cls(detector, field, sensor.markers.spacing_mm / sensor.pitch_mm)
 
     def tangential_px(self, frame: np.ndarray) -> tuple[np.ndarray | None, int]:
-        """The field (H, W, 2) of one frame (H, W, C) uint8, and how many markers are lost.
+        """The tangential field (H, W, 2), in px, of one frame (H, W, C) uint8, and the number of lost
+        markers.
 
-        Each frame is a press of its own, so the dots are looked for from where they rest. None where more
-        than MAX_LOST of them are lost.
+        Frames are independent presses, so markers are searched from their background positions. The field is
+        None where more than MAX_LOST of the markers are lost.
         """
         rest = self.field.centre_px
         found = self.detector.detect(frame)
@@ -69,7 +74,11 @@ class MarkerField:
 def displacement_fields(
     pipeline: FloatPipeline, frames: np.ndarray, *, progress: bool = False
 ) -> Displacements:
-    """Displacements in frames (frames, H, W, C) uint8; the scene has markers and finds depth."""
+    """The 3-D displacement fields of frames (frames, H, W, C) uint8.
+
+    The scene must have markers and a depth solver. Raises MarkerError where it has no markers, or every frame
+    has lost too many.
+    """
     require_frames(frames, pipeline.background)
     markers = MarkerField.of_background(pipeline)
     pitch_mm = pipeline.scene.sensor.pitch_mm

@@ -1,7 +1,7 @@
-"""HyperForce: position-dependent convolution kernels from a coordinate-conditioned hypernetwork.
+"""HyperForce: the force as a convolution with position-dependent kernels from a hypernetwork.
 
-F = Σ_p w(c(p)) · v(p), with w(c(p)) the K×K kernel that the hypernetwork gives for the pixel's normalised
-3-D coordinate and v(p) the displacement patch around it (zero outside the inner region).
+F = Σ_p w(c(p)) · v(p), where the hypernetwork w gives a K×K kernel for the normalised 3-D coordinate c(p) of
+pixel p, and v(p) is the K×K patch of the displacement around p, zero outside the inner pixels.
 Source: Lu et al., "FasTac", section "FEM-inspired Dynamic Convolution Network".
 """
 
@@ -11,7 +11,7 @@ from torch import nn
 
 
 def coordinates(rest_depth: np.ndarray) -> np.ndarray:
-    """Normalised 3-D coordinates (N, N, 3) of the inner pixels of a skin at rest, (N, N), in −1 … 1."""
+    """Normalised 3-D coordinates x, y, z in −1 … 1, (N, N, 3), from the undeformed skin's depth (N, N)."""
     n = len(rest_depth)
     line = np.linspace(-1, 1, n)
     low, high = rest_depth.min(), rest_depth.max()
@@ -20,7 +20,10 @@ def coordinates(rest_depth: np.ndarray) -> np.ndarray:
 
 
 class HyperForce(nn.Module):
-    """Kernels for every inner pixel; `axes` force components from the normal displacement."""
+    """The model of `axes` force components from the normal displacement; the hypernetwork is `layers`.
+
+    coordinate : (N, N, 3), see `coordinates`; kernel_size : K; hidden : neurons of the hypernetwork's layers
+    """
 
     def __init__(self, coordinate: np.ndarray, *, kernel_size: int, hidden: int, axes: int = 1):
         super().__init__()
@@ -38,13 +41,16 @@ class HyperForce(nn.Module):
         self.register_buffer("unit", torch.tensor(1.0))
 
     def kernels(self) -> torch.Tensor:
-        """(axes, N, N, K, K) in N per mm."""
+        """The kernels of all inner pixels, (axes, N, N, K, K) in N per mm."""
         k = self.kernel_size
         weights = self.layers(self.coordinate) * self.unit
         return weights.reshape(self.size, self.size, self.axes, k, k).permute(2, 0, 1, 3, 4)
 
     def set_force_unit(self, displacement: torch.Tensor, force_n: torch.Tensor) -> None:
-        """Choose the unit so that weights of order one give forces of the order of `force_n`."""
+        """Set the kernels' unit so that network outputs of order one give forces of the order of `force_n`.
+
+        displacement : (frames, …) in mm; force_n : (frames, axes)
+        """
         volume = displacement.abs().flatten(1).sum(dim=1).mean()
         unit = float(force_n.abs().mean() / volume.clamp(min=1e-9))
         self.unit.fill_(unit / self.kernel_size)
@@ -65,15 +71,17 @@ def _fold(kernels: torch.Tensor) -> torch.Tensor:
 
 
 def collapse(kernels: np.ndarray) -> np.ndarray:
-    """Kernels (axes, N, N, K, K) to one weight per pixel, (axes, N, N): its share of the resultant.
+    """Collapse kernels (axes, N, N, K, K) to one weight per pixel, (axes, N, N), for the resultant force.
 
-    Exact algebra: swapping the sums over pixels and over the window's offsets.
+    Exact: the sums over pixels and over the offsets in a patch are exchanged, so that the resultant is
+    Σ weight · displacement.
     """
     return _fold(torch.from_numpy(kernels.astype(np.float64))).numpy()
 
 
 def force_map(displacement: np.ndarray, kernels: np.ndarray) -> np.ndarray:
-    """Displacements (..., N, N) in mm and kernels to each pixel's force, (..., axes, N, N) in N."""
+    """Force of each pixel, (..., axes, N, N) in N, from displacements (..., N, N) in mm and kernels
+    (axes, N, N, K, K) in N per mm."""
     half = kernels.shape[-1] // 2
     padding = [(0, 0)] * (displacement.ndim - 2) + [(half, half), (half, half)]
     shape = kernels.shape[-2:]

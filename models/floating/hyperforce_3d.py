@@ -1,7 +1,7 @@
-"""HyperForce on the 3-D displacement field, and the forms of it that the paper compares.
+"""HyperForce on the 3-D displacement field, with the variants that the paper compares.
 
-F_α = Σ_p w_α(c(p)) · v(p), with v(p) the K×K patches of d_x, d_y, d_z that are the input. The kernels are
-dynamic, from the hypernetwork, or fixed: one for all pixels.
+F_α = Σ_p w_α(c(p)) · v(p), where v(p) are the K×K patches of those components d_x, d_y, d_z that are inputs.
+The kernels w are dynamic (from the hypernetwork, one per pixel) or fixed (one for all pixels).
 Source: Lu et al., "FasTac", section "FEM-inspired Dynamic Convolution Network" and its table of force modes.
 """
 
@@ -12,18 +12,22 @@ from torch import nn
 from fastac.models.floating.hyperforce import HyperForce, force_map
 
 INPUTS = {"xy": (0, 1), "z": (2,), "xyz": (0, 1, 2)}
-"""Components of the displacement that a model may see."""
+"""Components of the displacement that are a model's inputs, by the name of the variant."""
 
 
 class _Everywhere(nn.Module):
-    """One feature, the same at every pixel: what makes of the hypernetwork's last layer a fixed kernel."""
+    """A constant feature at every pixel, with which the hypernetwork's last layer gives one fixed kernel."""
 
     def forward(self, coordinate: torch.Tensor) -> torch.Tensor:
         return torch.ones_like(coordinate[:, :1])
 
 
 class HyperForce3D(HyperForce):
-    """Kernels for every inner pixel and each of `inputs`; displacements (frames, inputs, N, N) to forces."""
+    """The model: displacements (frames, inputs, N, N) in mm to forces (frames, axes) in N.
+
+    inputs : a key of INPUTS; dynamic : kernels from the hypernetwork, otherwise one for all pixels
+    Raises ValueError on other `inputs`.
+    """
 
     def __init__(
         self,
@@ -44,11 +48,12 @@ class HyperForce3D(HyperForce):
             self.layers = nn.Sequential(_Everywhere(), nn.Linear(1, outputs * kernel_size**2, bias=False))
 
     def kernels(self) -> torch.Tensor:
-        """(axes, inputs, N, N, K, K) in N per mm."""
+        """The kernels, (axes, inputs, N, N, K, K) in N per mm."""
         return super().kernels().unflatten(0, self.shape)
 
     def basis(self) -> torch.Tensor:
-        """What the kernels are linear in, (pixels, features): hidden outputs, and 1 for a bias."""
+        """The features in which the kernels are linear, (pixels, features): the last hidden layer's outputs,
+        and 1 for a bias."""
         hidden = self.layers[:-1](self.coordinate)
         if self.layers[-1].bias is None:
             return hidden
@@ -57,8 +62,8 @@ class HyperForce3D(HyperForce):
     def collapsed(self) -> torch.Tensor:
         """One weight per pixel and input, (axes, inputs, N, N).
 
-        The sum over a window's offsets of kernels that are linear in the basis is a convolution of the basis
-        images: the same algebra as `hyperforce.collapse`, without ever having all kernels in memory.
+        Equal to `hyperforce.collapse` of the kernels, but without all kernels in memory: the kernels are
+        linear in the basis, so the sum over a patch's offsets is a convolution of the basis images.
         """
         last, k, n = self.layers[-1], self.kernel_size, self.size
         weight = last.weight if last.bias is None else torch.cat([last.weight, last.bias[:, None]], dim=1)
@@ -69,9 +74,10 @@ class HyperForce3D(HyperForce):
 
     @torch.inference_mode()
     def features(self, displacement: torch.Tensor) -> np.ndarray:
-        """Displacements (frames, inputs, N, N) in mm to (frames, inputs · K² · features of the basis).
+        """Features in which the force is linear, (frames, inputs · K² · basis features), from displacements
+        (frames, inputs, N, N) in mm.
 
-        The force is linear in them, with the last layer's weights.
+        The last layer's weights are the coefficients.
         """
         k, n, basis = self.kernel_size, self.size, self.basis()
         half = k // 2
@@ -86,7 +92,7 @@ class HyperForce3D(HyperForce):
 
     @torch.no_grad()
     def set_last_layer(self, weights: np.ndarray) -> None:
-        """Give the last layer the weights (features, axes), in N per unit of `features`."""
+        """Set the last layer to the weights (features, axes), in N per unit of `features`."""
         last = self.layers[-1]
         found = torch.from_numpy(weights.T / self.unit.item()).to(last.weight.dtype)
         found = found.reshape(len(last.weight), -1)
@@ -96,6 +102,6 @@ class HyperForce3D(HyperForce):
 
     @torch.inference_mode()
     def force_map_n(self, displacement: np.ndarray) -> np.ndarray:
-        """Displacements (..., inputs, N, N) in mm to each pixel's force, (..., axes, N, N) in N."""
+        """Force of each pixel, (..., axes, N, N) in N, from displacements (..., inputs, N, N) in mm."""
         kernels = self.kernels().numpy()
         return sum(force_map(displacement[..., c, :, :], kernels[:, c]) for c in range(self.shape[1]))

@@ -1,5 +1,6 @@
-"""The position-aware pixel network: (ΔB, ΔG, ΔR, ΔNIR, x, y) → surface normal, 16-16-16-3.
+"""The position-aware pixel network in floating point: (ΔB, ΔG, ΔR[, ΔNIR], x, y) to a surface normal.
 
+A multi-layer perceptron, by default with layers of 16, 16, 16 and 3 neurons, applied to each pixel.
 Source: Lu et al., "FasTac", section "Position-Aware MLP for Surface Normal Estimation".
 """
 
@@ -13,14 +14,17 @@ from fastac.models.integer.features import HIDDEN, scales
 
 
 class UnitLength(torch.nn.Module):
-    """Vectors to unit length."""
+    """A module that scales vectors (…, 3) to unit length."""
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return torch.nn.functional.normalize(x, dim=-1)
 
 
 class PixelNetwork(nn.Module):
-    """Features (pixels, channels + 2), scaled as `features.scales`, to normals (pixels, 3) of any length."""
+    """The network: features (pixels, channels + 2), scaled by `features.scales`, to normals (pixels, 3).
+
+    The normals are not of unit length.
+    """
 
     def __init__(self, inputs: int, hidden: tuple[int, ...] = HIDDEN):
         super().__init__()
@@ -29,7 +33,7 @@ class PixelNetwork(nn.Module):
         for a, b in pairwise(sizes):
             layers += [nn.Linear(a, b), nn.ReLU()]
         self.layers = nn.Sequential(*layers, nn.Linear(sizes[-1], 3))
-        # Start from a surface that faces the camera: n_z > 0 everywhere keeps the slopes finite.
+        # Initially a surface that faces the camera: with n_z > 0 everywhere the slopes are finite.
         with torch.no_grad():
             self.layers[-1].bias.copy_(torch.tensor([0.0, 0.0, 1.0]))
 
@@ -38,11 +42,15 @@ class PixelNetwork(nn.Module):
 
     @property
     def linear_layers(self) -> list[nn.Linear]:
+        """The fully connected layers, in order."""
         return [layer for layer in self.layers if isinstance(layer, nn.Linear)]
 
 
 def slopes_of(normal: np.ndarray, limit: float) -> np.ndarray:
-    """Normals (..., 3) of any length to slopes (p, q), (..., 2), clipped to ±limit; safe for n_z <= 0."""
+    """Normals (..., 3) of any length to slopes p = −n_x/n_z, q = −n_y/n_z, (..., 2), clipped to ±limit.
+
+    Where n_z ≤ 0 a slope is ±limit, with the sign of the component.
+    """
     n_z = normal[..., 2:]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         slopes = -normal[..., :2] / n_z
@@ -51,7 +59,8 @@ def slopes_of(normal: np.ndarray, limit: float) -> np.ndarray:
 
 
 def predict(network: PixelNetwork, features: np.ndarray) -> np.ndarray:
-    """Integer features (..., channels + 2) to float normals (..., 3) of any length."""
+    """Run the network on integer features (..., channels + 2); returns float64 normals (..., 3) of any
+    length."""
     x = features.reshape(-1, features.shape[-1]).astype(np.float32)
     x *= scales(features.shape[-1] - 2).astype(np.float32)
     with torch.inference_mode():

@@ -1,4 +1,4 @@
-"""The float models from frames to force: what quantisation is measured against."""
+"""The float pipeline, from frames to normals, depth and force: the reference for the loss by quantisation."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -9,14 +9,14 @@ import torch
 
 from fastac.models.floating import network as pixel_normals
 from fastac.models.floating.hyperforce import collapse, force_map
-from fastac.models.floating.poisson import divergence_scale, solve, source_of
+from fastac.models.floating.poisson import solve, source_of
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.features import scales
-from fastac.models.integer.laplacian import boundary_term, eigenvalues, sine_matrix
+from fastac.models.integer.laplacian import STENCILS, boundary_term, eigenvalues, sine_matrix
 from fastac.models.loops.frames import Outputs, choose_outputs, over_frames, require_frames
 from fastac.models.loops.network import FrameNetwork
-from fastac.models.loops.pixels import AHEAD, interleave_slopes, limited_slopes, source, unit_normals
+from fastac.models.loops.pixels import interleave_slopes, limited_slopes, source, unit_normals
 from fastac.models.loops.sines import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
@@ -24,8 +24,13 @@ from fastac.scenes.schema import Scene
 
 @dataclass(frozen=True, eq=False)
 class FloatPipeline:
-    """network; the force's kernels (axes, N, N, K, K) in N per mm or, for the adjoint, weights of the slopes
-    (axes, H, W, 2) in N, or None; see IntegerPipeline for the rest."""
+    """A scene's models in floating point.
+
+    network : the pixel network; background : (H, W, C) uint8, the no-contact reference frame
+    rest_depth_mm : (H, W) depth of the undeformed skin, the boundary prior of the solver
+    force_weights : kernels (axes, N, N, K, K) in N per mm or, for the adjoint solver, weights of the slopes
+        (axes, H, W, 2) in N; None without force
+    """
 
     scene: Scene
     network: pixel_normals.PixelNetwork
@@ -37,7 +42,8 @@ class FloatPipeline:
     def from_arrays(
         cls, arrays: dict[str, np.ndarray], scene: Scene, background: np.ndarray, rest_depth_mm: np.ndarray
     ) -> "FloatPipeline":
-        """From a bundle's floats: `network.k.weight`, `network.k.bias`, maybe `force.float_weights`."""
+        """From a bundle's float arrays: `network.k.weight`, `network.k.bias`, and optionally
+        `force.float_weights`."""
         count = sum(k.startswith("network.") and k.endswith(".weight") for k in arrays)
         weights = [torch.from_numpy(arrays[f"network.{k}.weight"]) for k in range(count)]
         network = pixel_normals.PixelNetwork(
@@ -56,7 +62,8 @@ class FloatPipeline:
 
     @cached_property
     def _tables(self) -> list[np.ndarray]:
-        """The network's layers (neurons, inputs + 1), the features' scales and the bias in them."""
+        """Weights of each layer, (neurons, inputs + 1) float32: the features' scales are multiplied into the
+        first layer, and the last column is the bias."""
         scale, tables = scales(self.background.shape[-1]), []
         for layer in self.network.linear_layers:
             weight = layer.weight.detach().numpy() * scale
@@ -70,7 +77,7 @@ class FloatPipeline:
         return _AfterSlopes(self)
 
     def rest_slopes(self) -> np.ndarray:
-        """The slopes that are found at rest, (H, W, 2)."""
+        """The slopes that the network gives for the background frame, (H, W, 2)."""
         slopes = np.empty((1, *self.background.shape[:2], 2), np.float32)
         _Worker(self)(self.background[None], {"slopes": slopes})
         return slopes[0]
@@ -85,7 +92,7 @@ class FloatPipeline:
         return solve(source - rest) + self.rest_depth_mm[1:-1, 1:-1] / pitch
 
     def rest_px(self) -> np.ndarray:
-        """What the pipeline finds at rest, (N, N) in px: the zero of the displacement."""
+        """The depth of the background frame, (N, N) in px: where the displacement is zero."""
         return self._solve(self.rest_slopes()[None].astype(np.float64))[0]
 
     @property
@@ -107,12 +114,12 @@ class FloatPipeline:
         return found
 
     def stages(self) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
-        """What `run` does to a frame, stage by stage, for those who measure their times.
+        """The stages of `run` for one frame, as separate functions, to measure their times.
 
         normals : frame (H, W, C) uint8 to slopes (H, W, 2)
-        depth : these to the displacement (N, N) in mm, which is overwritten by the next
-        force : that to force_n (axes,)
-        The scene finds depth and, for the last one, force.
+        depth : slopes to the displacement (N, N) in mm
+        force : displacement, which is overwritten, to force_n (axes,); only with force weights
+        The scene must have a depth solver.
         """
         worker, after = _Worker(self), self._after
         slopes = np.empty((1, *self.background.shape[:2], 2), np.float32)
@@ -129,7 +136,10 @@ class FloatPipeline:
     def run(
         self, frames: np.ndarray, *, wanted: Iterable[str] | None = None, progress: bool = False
     ) -> Result:
-        """Frames (frames, H, W, C) uint8 to all that the scene wants, or to the fields `wanted`."""
+        """Process frames (frames, H, W, C) uint8; returns all outputs of the scene, or the fields `wanted`.
+
+        Raises ValueError on frames of another shape or type, or an unknown field.
+        """
         outputs = choose_outputs(self.outputs, wanted)
         require_frames(frames, self.background)
         after = None if outputs.keys() <= {"normals", "slopes"} else self._after
@@ -141,15 +151,14 @@ class FloatPipeline:
 
 
 class _AfterSlopes:
-    """From slopes to displacement and force, all by their change from rest: linear, and exactly 0 at rest."""
+    """Displacement and force from slopes, computed from the slopes less those of the background frame.
+
+    Solver and force weights are linear, so that the background gives exactly zero.
+    """
 
     def __init__(self, pipeline: FloatPipeline):
         scene, self.weights = pipeline.scene, pipeline.force_weights
-        self.divergence, self.force, self.wants_map = (
-            scene.poisson.divergence,
-            scene.force,
-            scene.wants_force_map,
-        )
+        self.stencil, self.force = STENCILS[scene.poisson.divergence], scene.force
         self.rest_slopes = _by_planes(pipeline.rest_slopes())
         self.has_solver = scene.wants_solver
         if self.has_solver:
@@ -168,9 +177,9 @@ class _AfterSlopes:
 
     def _source(self, slopes: np.ndarray) -> np.ndarray:
         """`poisson.source_of` of slopes (H, W, 2), less that at rest, (N, N)."""
-        found, scale = np.empty_like(self.rest_source), np.float32(divergence_scale(self.divergence))
+        found, scale = np.empty_like(self.rest_source), np.float32(self.stencil.scale)
         planes = np.ascontiguousarray(np.moveaxis(slopes, -1, 0))
-        source(planes, AHEAD[self.divergence], scale, self.rest_source, found)
+        source(planes, self.stencil.ahead, scale, self.rest_source, found)
         return found
 
     def solved(self, slopes: np.ndarray) -> np.ndarray:
@@ -189,15 +198,16 @@ class _AfterSlopes:
         return x
 
     def force_n(self, x: np.ndarray) -> np.ndarray:
-        """What the force is linear in to its components (axes,)."""
+        """The force (axes,) in N, from the displacement (N, N) or, for the adjoint, the slopes' change."""
         return self.weight @ x.reshape(-1).astype(np.float64)
 
     def clamped(self, displacement_mm: np.ndarray) -> np.ndarray:
-        """In place, if the scene says so."""
+        """The displacement with negative values set to zero, in place, if the scene clamps."""
         return np.maximum(displacement_mm, 0, out=displacement_mm) if self.force.clamp else displacement_mm
 
     def __call__(self, slopes: np.ndarray, out: dict[str, np.ndarray]) -> None:
-        """Slopes (H, W, 2) of one frame into the places of its outputs."""
+        """Compute the outputs of one frame from its slopes (H, W, 2), and write them into the arrays of
+        `out`."""
         if self.has_solver:
             x = self.solved(slopes)
             if "displacement_mm" in out:
@@ -215,12 +225,12 @@ class _AfterSlopes:
 
 
 def _by_planes(slopes: np.ndarray) -> np.ndarray:
-    """The same (H, W, 2), but p and q each on their own in memory."""
+    """A copy of slopes (H, W, 2) in which p and q are contiguous planes in memory."""
     return np.moveaxis(np.ascontiguousarray(np.moveaxis(slopes, -1, 0)), 0, -1)
 
 
 class _Worker:
-    """One thread's scratch memory; called with a chunk of frames and the places of its outputs."""
+    """The pipeline in one thread, with its scratch memory; see `over_frames`."""
 
     def __init__(self, pipeline: FloatPipeline, after: _AfterSlopes | None = None):
         self.network = FrameNetwork(pipeline._tables, pipeline.background)

@@ -8,17 +8,12 @@ Source: Lu et al., "FasTac", boundary-prior fast Poisson reconstruction; Press e
 import numpy as np
 from scipy.fft import dstn
 
-from fastac.models.integer.laplacian import divergence_of, eigenvalues
-
-
-def divergence_scale(divergence: str) -> float:
-    """px per px² of one unit of `integer.divergence_of`."""
-    return 0.5 if divergence == "central" else 1.0
+from fastac.models.integer.laplacian import STENCILS, divergence_of, eigenvalues
 
 
 def source_of(slopes: np.ndarray, divergence: str) -> np.ndarray:
     """Slopes (..., H, W, 2) to the source (..., H − 2, W − 2) of the 5-point Laplacian, px per px²."""
-    return divergence_of(slopes, divergence) * divergence_scale(divergence)
+    return divergence_of(slopes, divergence) * STENCILS[divergence].scale
 
 
 def solve(source: np.ndarray) -> np.ndarray:

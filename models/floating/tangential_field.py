@@ -1,7 +1,8 @@
-"""The dense displacement field: tangential from markers, normal from depth.
+"""Dense tangential displacement from marker displacements, by radial basis functions.
 
-The paper ("3D Displacement Field Extraction"): u_tan(p) = Σ w_k φ(|p − c_k|) with the inverse multiquadric
-φ(r) = 1 / √(r² + ε²), the weights solved from the markers' displacements; d_z = D_0 − D_t.
+The paper (Lu et al., "FasTac", "3D Displacement Field Extraction"): u_tan(p) = Σ w_k φ(|p − c_k|) with the
+inverse multiquadric φ(r) = 1 / √(r² + ε²), where the weights w_k interpolate the markers' displacements, and
+the normal displacement d_z = D_0 − D_t, the background's depth less the frame's.
 """
 
 from functools import lru_cache
@@ -14,19 +15,19 @@ from scipy.spatial.distance import cdist
 from fastac.models.vision.markers import MarkerError, TrackedMarkers
 
 MINIMUM = 3
-"""Markers that shift, rotation and stretch of a plane take at least."""
+"""Smallest number of markers: three determine an affine motion of the plane."""
 CLOSEST = 1e-2
-"""Smallest distance of two markers, in ε: nearer ones are one marker twice, and the equations singular."""
+"""Smallest distance of two markers, in units of ε: closer ones make the equations nearly singular."""
 
 
 class TangentialField:
-    """Interpolation from one set of markers to every pixel: a matrix that is computed once.
+    """Interpolation from one set of markers to every pixel, by a matrix that is computed once.
 
-    centre_px : (M, 2) markers at rest, (u, v)
-    epsilon_px : the kernel's shape; default the median distance of neighbouring markers
+    centre_px : (M, 2) positions (u, v) of the markers in the background frame
+    epsilon_px : the kernel's shape parameter ε; by default the median distance of neighbouring markers
 
-    Exact at the markers; far from all of them it decays to zero, as the paper's kernel does. Raises
-    MarkerError on fewer than three markers, two at one place, or a value that is not finite.
+    Exact at the markers; far from all of them the field decays to zero, as the paper's kernel does. Raises
+    MarkerError on fewer than three markers, two at the same position, or a value that is not finite.
     """
 
     def __init__(self, centre_px: np.ndarray, height_px: int, width_px: int, epsilon_px: float | None = None):
@@ -47,7 +48,7 @@ class TangentialField:
         v, u = np.indices((height_px, width_px)).reshape(2, -1)
         among = cho_factor(self._kernel(centre_px))
         self.matrix = cho_solve(among, self._kernel(np.stack([u, v], axis=-1)).T).T
-        """(H·W, M): pixel displacements from marker displacements."""
+        """(H·W, M): maps marker displacements to pixel displacements."""
         self._of_subset = lru_cache(maxsize=8)(self._subset)
 
     def _kernel(self, points_px: np.ndarray) -> np.ndarray:
@@ -57,7 +58,7 @@ class TangentialField:
         return TangentialField(self.centre_px[list(kept)], self.height_px, self.width_px, self.epsilon_px)
 
     def dense_px(self, displacement_px: np.ndarray) -> np.ndarray:
-        """Marker displacements (…, M, 2) to those of every pixel (…, H, W, 2), float64, in pixels."""
+        """Displacement of every pixel, (…, H, W, 2) float64, from marker displacements (…, M, 2), in px."""
         if displacement_px.shape[-2:] != self.centre_px.shape:
             raise MarkerError(
                 f"marker displacements: {displacement_px.shape}: expected (…, {len(self.centre_px)}, 2)"
@@ -66,10 +67,10 @@ class TangentialField:
         return dense.reshape(*displacement_px.shape[:-2], self.height_px, self.width_px, 2)
 
     def tracked_px(self, tracked: TrackedMarkers) -> np.ndarray:
-        """The field (H, W, 2) of one frame, in pixels, from the markers that are seen in it.
+        """The field (H, W, 2) of one frame, in px, from the markers found in it.
 
-        Where markers are lost, the field of the remaining ones, whose matrix is kept for the next frame.
-        Raises MarkerError where fewer than three remain.
+        Where markers are lost, the remaining ones are interpolated. Raises MarkerError where fewer than three
+        remain.
         """
         kept = np.flatnonzero(~tracked.lost)
         if len(kept) < MINIMUM:
@@ -79,16 +80,18 @@ class TangentialField:
         return self.for_markers(kept).dense_px(tracked.displacement_px[kept])
 
     def for_markers(self, kept: np.ndarray) -> "TangentialField":
-        """The field of the markers with these indices, whose matrix is kept for the next frame."""
+        """The field of the markers with the indices `kept` alone; the last eight such fields are cached."""
         return self if len(kept) == len(self.centre_px) else self._of_subset(tuple(kept.tolist()))
 
 
 def displacement_mm(
     tangential_px: np.ndarray, background_depth_mm: np.ndarray, depth_mm: np.ndarray, pitch_mm: float
 ) -> np.ndarray:
-    """d_x, d_y, d_z of every pixel, (…, H, W, 3) in mm; d_z = background depth less depth, pressing positive.
+    """Displacement d_x, d_y, d_z of every pixel, (…, H, W, 3) in mm.
 
-    `tangential_px` (…, H, W, 2), depths (…, H, W) in mm.
+    tangential_px : (…, H, W, 2); depths : (…, H, W) in mm
+    d_z is the background's depth less the frame's: positive where the skin is pressed. Raises MarkerError on
+    shapes that do not fit.
     """
     normal = background_depth_mm - depth_mm
     if tangential_px.shape != (*normal.shape, 2):

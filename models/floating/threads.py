@@ -1,4 +1,4 @@
-"""How many threads torch may use."""
+"""Restriction of torch to a single thread."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,7 +8,8 @@ import torch
 
 @contextmanager
 def single_thread() -> Iterator[None]:
-    """Run torch on one thread: layers this small lose more to handing work over than they gain."""
+    """Run torch on one thread inside the context: for layers this small, parallel threads cost more than they
+    save."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     try:

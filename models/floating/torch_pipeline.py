@@ -1,6 +1,6 @@
-"""The float pipeline on a torch device, such as a GPU: the same stages, one frame at a time.
+"""The float pipeline on a torch device, such as a GPU: the stages of `FloatPipeline`, one frame at a time.
 
-The network is the pipeline's own; the sine transforms are products with its matrix, as in the float pipeline.
+The sine transforms are matrix products, as in the float pipeline.
 """
 
 from collections.abc import Callable
@@ -11,11 +11,14 @@ import torch
 from fastac.models.floating.hyperforce import collapse
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.features import integer_features, scales
-from fastac.models.integer.laplacian import eigenvalues, sine_matrix
+from fastac.models.integer.laplacian import STENCILS, divergence_of, eigenvalues, sine_matrix
 
 
 class TorchPipeline:
-    """All tables of a float pipeline on `device`; the scene finds depth, and force if there are weights."""
+    """A float pipeline with its weights on `device`; the scene must have a depth solver.
+
+    Force is computed if the pipeline has force weights.
+    """
 
     def __init__(self, pipeline: FloatPipeline, device: str):
         scene, background = pipeline.scene, pipeline.background
@@ -55,7 +58,7 @@ class TorchPipeline:
             x = torch.relu(torch.addmm(bias, x, weight.T))
         weight, bias = self.layers[-1]
         normal = torch.addmm(bias, x, weight.T)
-        # A surface that faces away is as steep as slopes can be; its division would change their sign.
+        # Where n_z ≤ 0 the slope is the limit: the quotient would have the wrong sign.
         slopes = torch.where(
             normal[:, 2:] > 0, -normal[:, :2] / normal[:, 2:], -torch.sign(normal[:, :2]) * self.limit
         )
@@ -64,11 +67,8 @@ class TorchPipeline:
     @torch.inference_mode()
     def depth(self, slopes: torch.Tensor) -> torch.Tensor:
         """Slopes (H, W, 2) to the displacement (N, N) in mm."""
-        p, q = (slopes - self.rest_slopes).unbind(dim=-1)
-        if self.divergence == "central":
-            source = (p[1:-1, 2:] - p[1:-1, :-2] + q[2:, 1:-1] - q[:-2, 1:-1]) / 2
-        else:
-            source = p[1:-1, 1:-1] - p[1:-1, :-2] + q[1:-1, 1:-1] - q[:-2, 1:-1]
+        change, scale = slopes - self.rest_slopes, STENCILS[self.divergence].scale
+        source = divergence_of(change, self.divergence) * scale
         return self.sine @ (self.sine @ source @ self.sine * self.reciprocal) @ self.sine
 
     @torch.inference_mode()
@@ -78,14 +78,15 @@ class TorchPipeline:
         return self.weight @ x.reshape(-1)
 
     def stages(self) -> dict[str, Callable[[torch.Tensor], torch.Tensor]]:
-        """As `FloatPipeline.stages`, on tensors of the device."""
+        """As `FloatPipeline.stages`, on tensors on the device."""
         found = {"normals": self.normals, "depth": self.depth}
         return found if self.weight is None else found | {"force": self.force}
 
     def to_device(self, frame: np.ndarray) -> torch.Tensor:
+        """Copy a frame to the device."""
         return torch.from_numpy(frame).to(self.device)
 
     def synchronise(self) -> None:
-        """Until the device has done what it was given."""
+        """Wait until the device has finished its queued work."""
         if self.device.type == "cuda":
             torch.cuda.synchronize(self.device)

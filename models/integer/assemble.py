@@ -5,18 +5,15 @@ from dataclasses import replace
 import numpy as np
 
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
-from fastac.models.integer.dst2d import solver
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
-from fastac.models.integer.laplacian import boundary_term, divergence_of
+from fastac.models.integer.laplacian import STENCILS, boundary_term, divergence_of
 from fastac.models.integer.network import GradientRatio, Layer
 from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.solvers import SOLVERS
 from fastac.models.integer.source import PoissonSource
-from fastac.models.integer.tridiagonal import tridiagonal_solver
 from fastac.models.integer.words import Fixed, to_words
 from fastac.scenes.schema import Scene
-
-CHOOSERS = {"dst2d": solver, "tridiagonal": tridiagonal_solver}
 
 
 def quantise_weights(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.ndarray]:
@@ -38,8 +35,8 @@ def assemble(
     `with_limits` what makes a frame suspect.
 
     Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
-    (models/integer/bounds.py), of any weights where the scene's are loadable. Raises ValueError where a bound does
-    not fit the scene's data bits.
+    (models/integer/bounds.py), of any weights where the scene's are loadable. Raises ValueError where a bound
+    does not fit the scene's data bits.
     """
     numbers, pitch = scene.numbers, scene.sensor.pitch_mm
     loadable = scene.hardware.weights == "loadable"
@@ -65,7 +62,7 @@ def assemble(
         return pipeline
 
     divergence = scene.poisson.divergence
-    unit = Fixed(62, ratio.fraction + (divergence == "central"))
+    unit = Fixed(62, ratio.fraction + STENCILS[divergence].fraction_bits)
     rest_slopes = pipeline.slopes(pipeline.normals(background[None]))[0]
     if scene.poisson.mode == "difference":
         offset = divergence_of(rest_slopes, divergence)[0]
@@ -75,7 +72,7 @@ def assemble(
     any_rest = loadable and scene.poisson.mode == "difference"
     source = PoissonSource(divergence, ratio.width, offset, 4 * ratio.limit if any_rest else None)
     slope_limit = ratio.limit * 2.0**-ratio.fraction
-    chosen = CHOOSERS[scene.poisson.solver](
+    chosen = SOLVERS[scene.poisson.solver].fitted(
         offset=np.zeros_like(offset) if any_rest else offset,
         source=Fixed(source.width, unit.fraction),
         slope_limit=2 * slope_limit if any_rest else slope_limit,

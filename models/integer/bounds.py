@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from fastac.models.integer.laplacian import sine_matrix
+from fastac.models.integer.laplacian import STENCILS, sine_matrix
 from fastac.models.integer.words import Fixed
 
 GUARD_BITS = 4
@@ -29,7 +29,7 @@ class Stage:
 
 def stencil_norms(matrix: np.ndarray, divergence: str) -> tuple[np.ndarray, np.ndarray]:
     """L1 norms over a row or column of slopes: (along the derivative, across it), each (N,)."""
-    kernel = {"central": np.array([0.5, 0.0, -0.5]), "backward": np.array([1.0, -1.0])}[divergence]
+    kernel = STENCILS[divergence].kernel
     along = np.abs(np.array([np.convolve(row, kernel) for row in matrix])).sum(axis=1)
     return along, np.abs(matrix).sum(axis=1)
 
@@ -47,19 +47,13 @@ def green_norm(matrix: np.ndarray, reciprocal: np.ndarray, divergence: str) -> f
 @lru_cache(maxsize=16)
 def _green_norm(size: int, of_matrix: bytes, of_reciprocal: bytes, divergence: str) -> float:
     matrix, reciprocal = (np.frombuffer(table).reshape(size, size) for table in (of_matrix, of_reciprocal))
-    half = (size + 1) // 2
+    half, stencil = (size + 1) // 2, STENCILS[divergence]
     worst = 0.0
     for i in range(half):
         rows = matrix @ (matrix[i][:, None] * reciprocal)
         green = (rows * matrix[i:half, None, :]) @ matrix
         padded = np.pad(green, ((0, 0), (2, 2), (2, 2)))
-        if divergence == "central":
-            norms = [
-                0.5 * np.abs(padded[:, 2:] - padded[:, :-2]),
-                0.5 * np.abs(padded[:, :, 2:] - padded[:, :, :-2]),
-            ]
-        else:
-            norms = [np.abs(np.diff(padded, axis=1)), np.abs(np.diff(padded, axis=2))]
+        norms = [stencil.scale * np.abs(stencil.differences(padded, axis)) for axis in (1, 2)]
         worst = max(worst, float(sum(x.sum(axis=(1, 2)) for x in norms).max()))
     return worst
 

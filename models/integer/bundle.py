@@ -23,16 +23,15 @@ from pydantic import ValidationError
 from fastac.models.integer import (
     bounds,
     depth,
-    dst2d,
     force,
     frame_validity,
     network,
     sine_transform,
     source,
-    tridiagonal,
     words,
 )
 from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.solvers import SOLVERS
 from fastac.scenes.schema import Scene, describe
 
 FORMAT_VERSION = 3
@@ -44,21 +43,17 @@ CLASSES = {
         network.GradientRatio,
         source.PoissonSource,
         sine_transform.SineTransform,
-        dst2d.EigenvalueDivision,
         depth.Depth,
         depth.DisplacementQuantiser,
         force.PatchForce,
         force.WeightedSum,
-        dst2d.Solver,
-        tridiagonal.Elimination,
-        tridiagonal.Substitution,
-        tridiagonal.TridiagonalSolver,
         bounds.Stage,
         words.Fixed,
         frame_validity.FrameValidity,
         IntegerPipeline,
     )
 }
+"""What every bundle may hold, by the names in bundle.json; the solver's classes come from its table."""
 
 
 class BundleError(ValueError):
@@ -103,7 +98,16 @@ def _flatten(value, name: str, arrays: dict[str, np.ndarray]):
     return value
 
 
-def _restore(value, arrays: dict[str, np.ndarray]):
+def _solver_classes(scene: Scene) -> dict[str, type]:
+    """The classes of the scene's solver and of its stages, by name."""
+    if not scene.wants_solver:
+        return {}
+    solver = SOLVERS[scene.poisson.solver]
+    kinds = (solver, *(field.type for field in dataclasses.fields(solver)))
+    return {kind.__name__: kind for kind in kinds if dataclasses.is_dataclass(kind)}
+
+
+def _restore(value, arrays: dict[str, np.ndarray], classes: dict[str, type]):
     if not isinstance(value, dict):
         return value
     if "array" in value:
@@ -111,9 +115,10 @@ def _restore(value, arrays: dict[str, np.ndarray]):
     if "scene" in value:
         return Scene.model_validate(value["scene"])
     if "tuple" in value:
-        return tuple(_restore(v, arrays) for v in value["tuple"])
+        return tuple(_restore(v, arrays, classes) for v in value["tuple"])
     if "class" in value:
-        return CLASSES[value["class"]](**{k: _restore(v, arrays) for k, v in value["fields"].items()})
+        found = {k: _restore(v, arrays, classes) for k, v in value["fields"].items()}
+        return classes[value["class"]](**found)
     return value
 
 
@@ -197,7 +202,8 @@ def load(path: Path | str) -> Bundle:
     if stated != digest:
         raise BundleError(f"{path}: sha256 = {stated}: the content's is {digest}; it was changed or damaged")
     try:
-        pipeline = _restore(content["pipeline"], integers)
+        scene = _restore(content["pipeline"]["fields"]["scene"], {}, {})
+        pipeline = _restore(content["pipeline"], integers, CLASSES | _solver_classes(scene))
     except ValidationError as error:
         raise BundleError(f"{file}: scene: {describe(error)}") from None
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -1,12 +1,13 @@
-"""The Poisson solver of two sine transforms and a division, in integers, with every word's width."""
+"""The Poisson solver of two sine transforms and a division in integers, and each word's width."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from fastac.models.integer.bounds import GUARD_BITS, Stage, coefficients, green_norm, stencil_norms
-from fastac.models.integer.laplacian import eigenvalues, row_eigenvalues
+from fastac.models.integer.laplacian import STENCILS, eigenvalues, row_eigenvalues
 from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.words import (
     LARGEST_ERROR,
     NEAREST,
@@ -83,7 +84,7 @@ def normalised(magnitude: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 @dataclass(frozen=True, eq=False)
-class Solver:
+class Solver(IntegerSolver):
     """The integer solver's four transforms and the division, with each word's worst case."""
 
     row_forward: SineTransform
@@ -92,95 +93,88 @@ class Solver:
     column_inverse: SineTransform
     row_inverse: SineTransform
     stages: tuple[Stage, ...]
+    transposed_before = frozenset({"column_forward", "row_inverse"})
 
-    @property
-    def depth_format(self) -> Fixed:
-        return self.stages[-1].format
+    @classmethod
+    def fitted(
+        cls,
+        *,
+        offset: np.ndarray,
+        source: Fixed,
+        slope_limit: float,
+        divergence: str,
+        coefficient_fraction: int,
+        data_bits: int,
+        rounding: str = NEAREST,
+    ) -> "Solver":
+        check_rounding(rounding)
+        n = len(offset)
+        fraction = source.fraction + GUARD_BITS
+        matrix = coefficients(n, coefficient_fraction)
+        s = matrix * 2.0**-coefficient_fraction
+        mantissa, exponent = reciprocals(n)
+        reciprocal = mantissa * 2.0**-exponent
+        along, across = stencil_norms(s, divergence)
+        norm = STENCILS[divergence].norm
+        constant = source.to_float(offset)
+        stages = []
 
-    def __call__(self, source: np.ndarray) -> np.ndarray:
-        """Sources (..., N, N), integers, to solutions (..., N, N) in words of `depth_format`."""
-        rows = self.row_forward(source)
-        spectrum = self.column_forward(np.swapaxes(rows, -1, -2))  # (…, column mode n, row mode m)
-        solution = self.column_inverse(self.division(spectrum))
-        return self.row_inverse(np.swapaxes(solution, -1, -2))
+        def choose(name: str, bound: np.ndarray) -> float:
+            """Fix the word of a stage; returns the rounding error it adds, in px."""
+            word = fit(float(bound.max()), width=data_bits, fraction=fraction)
+            stages.append(Stage(name, float(bound.max()), word))
+            return LARGEST_ERROR[rounding] * 2.0**-word.fraction
 
+        # Rows: (i, n).
+        bound = slope_limit * (along + norm * across)[None, :] + np.abs(constant @ s)
+        e1 = choose("row_forward", bound)
+        # Columns: (m, n).
+        bound = slope_limit * (np.outer(across, along) + np.outer(along, across)) + np.abs(s @ constant @ s)
+        bound += e1 * across[:, None]
+        e2 = choose("column_forward", bound)
+        e3 = choose("division", (bound + e2) * reciprocal)
+        # Inverse columns, (i, n): one N×N operator per mode n, over source rows.
+        solution = s @ constant @ s * reciprocal
+        operators = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
+        across_rows = np.abs(operators).sum(axis=2)
+        along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
+        bound = slope_limit * (across_rows * along[:, None] + along_rows * across[:, None]).T + np.abs(
+            s @ solution
+        )
+        bound += e1 * across_rows.T + e2 * (np.abs(s) @ reciprocal) + e3 * across[:, None]
+        e4 = choose("column_inverse", bound)
+        # Inverse rows, (i, j).
+        errors = (e1 * across_rows.T + e2 * (np.abs(s) @ reciprocal) + (e3 * across[:, None] + e4)) @ np.abs(
+            s
+        )
+        bound = slope_limit * green_norm(s, reciprocal, divergence) + np.abs(s @ solution @ s) + errors
+        choose("row_inverse", bound)
 
-def solver(
-    *,
-    offset: np.ndarray,
-    source: Fixed,
-    slope_limit: float,
-    divergence: str,
-    coefficient_fraction: int,
-    data_bits: int,
-    rounding: str = NEAREST,
-) -> Solver:
-    """Choose every word of the solver from its worst case.
+        words = [source] + [stage.format for stage in stages]
 
-    offset : (N, N) integers in the source's unit, as in PoissonSource
-    source : format of the right-hand side; slope_limit : the largest |slope| that the slopes' word holds
-    rounding : of every stage; a floor's errors are up to a whole unit, and the words hold them
+        def transform(into: Fixed, out: Fixed) -> SineTransform:
+            shift = coefficient_fraction + into.fraction - out.fraction
+            return SineTransform(matrix, shift, into.width, out.width, rounding)
 
-    Raises ValueError where `data_bits` cannot hold a bound.
-    """
-    check_rounding(rounding)
-    n = len(offset)
-    fraction = source.fraction + GUARD_BITS
-    matrix = coefficients(n, coefficient_fraction)
-    s = matrix * 2.0**-coefficient_fraction
-    mantissa, exponent = reciprocals(n)
-    reciprocal = mantissa * 2.0**-exponent
-    along, across = stencil_norms(s, divergence)
-    twice = 1.0 if divergence == "central" else 2.0  # Σ|stencil| across the transform's direction
-    constant = source.to_float(offset)
-    stages = []
+        return cls(
+            row_forward=transform(words[0], words[1]),
+            column_forward=transform(words[1], words[2]),
+            division=EigenvalueDivision(
+                mantissa,
+                exponent + words[2].fraction - words[3].fraction,
+                words[2].width,
+                words[3].width,
+                rounding,
+            ),
+            column_inverse=transform(words[3], words[4]),
+            row_inverse=transform(words[4], words[5]),
+            stages=tuple(stages),
+        )
 
-    def choose(name: str, bound: np.ndarray) -> float:
-        """Fix the word of a stage; returns the rounding error it adds, in px."""
-        word = fit(float(bound.max()), width=data_bits, fraction=fraction)
-        stages.append(Stage(name, float(bound.max()), word))
-        return LARGEST_ERROR[rounding] * 2.0**-word.fraction
-
-    # Rows: (i, n).
-    bound = slope_limit * (along + twice * across)[None, :] + np.abs(constant @ s)
-    e1 = choose("row_forward", bound)
-    # Columns: (m, n).
-    bound = slope_limit * (np.outer(across, along) + np.outer(along, across)) + np.abs(s @ constant @ s)
-    bound += e1 * across[:, None]
-    e2 = choose("column_forward", bound)
-    e3 = choose("division", (bound + e2) * reciprocal)
-    # Inverse columns, (i, n): one N×N operator per mode n, over source rows.
-    solution = s @ constant @ s * reciprocal
-    operators = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
-    across_rows = np.abs(operators).sum(axis=2)
-    along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
-    bound = slope_limit * (across_rows * along[:, None] + along_rows * across[:, None]).T + np.abs(
-        s @ solution
-    )
-    bound += e1 * across_rows.T + e2 * (np.abs(s) @ reciprocal) + e3 * across[:, None]
-    e4 = choose("column_inverse", bound)
-    # Inverse rows, (i, j).
-    errors = (e1 * across_rows.T + e2 * (np.abs(s) @ reciprocal) + (e3 * across[:, None] + e4)) @ np.abs(s)
-    bound = slope_limit * green_norm(s, reciprocal, divergence) + np.abs(s @ solution @ s) + errors
-    choose("row_inverse", bound)
-
-    words = [source] + [stage.format for stage in stages]
-
-    def transform(into: Fixed, out: Fixed) -> SineTransform:
-        shift = coefficient_fraction + into.fraction - out.fraction
-        return SineTransform(matrix, shift, into.width, out.width, rounding)
-
-    return Solver(
-        row_forward=transform(words[0], words[1]),
-        column_forward=transform(words[1], words[2]),
-        division=EigenvalueDivision(
-            mantissa,
-            exponent + words[2].fraction - words[3].fraction,
-            words[2].width,
-            words[3].width,
-            rounding,
-        ),
-        column_inverse=transform(words[3], words[4]),
-        row_inverse=transform(words[4], words[5]),
-        stages=tuple(stages),
-    )
+    def mode_operators(self) -> dict[str, np.ndarray]:
+        s = self.row_forward.matrix.astype(np.float64)
+        forward = np.broadcast_to(s, (len(s), *s.shape))
+        reciprocal = self.division.mantissa * 2.0**-self.division.shift
+        divided = reciprocal.T[:, :, None] * forward
+        back = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
+        return {"column_forward": forward, "division": divided, "column_inverse": back}

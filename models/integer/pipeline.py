@@ -5,13 +5,12 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
-from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import GradientRatio, Layer
+from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.source import PoissonSource
-from fastac.models.integer.tridiagonal import TridiagonalSolver
 from fastac.scenes.schema import Scene
 
 
@@ -29,7 +28,7 @@ class IntegerPipeline:
     rest_depth_mm: np.ndarray  # (H, W), the skin at rest; its rim is the boundary prior
     validity: FrameValidity
     source: PoissonSource | None = None
-    solver: Solver | TridiagonalSolver | None = None
+    solver: IntegerSolver | None = None
     depth: Depth | None = None
     quantiser: DisplacementQuantiser | None = None
     force: PatchForce | WeightedSum | None = None  # on the displacement or, for the adjoint, on the slopes

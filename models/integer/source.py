@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fastac.models.integer.laplacian import divergence_of
+from fastac.models.integer.laplacian import STENCILS, divergence_of
 from fastac.models.integer.words import signed_width
 
 
@@ -29,8 +29,8 @@ class PoissonSource:
         largest = int(np.abs(self.offset).max())
         if self.offset_limit is not None and largest > self.offset_limit:
             raise ValueError(f"offset {largest}: expected at most {self.offset_limit}")
-        if self.divergence not in ("central", "backward"):
-            raise ValueError(f"divergence {self.divergence!r}: expected central or backward")
+        if self.divergence not in STENCILS:
+            raise ValueError(f"divergence {self.divergence!r}: expected {' or '.join(STENCILS)}")
 
     @property
     def terms(self) -> int:

@@ -14,12 +14,14 @@ Source: Press et al., "Numerical Recipes", 3rd ed., sections 2.4 and 20.4.1.
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import ClassVar
 
 import numpy as np
 
 from fastac.models.integer.bounds import GUARD_BITS, Stage, coefficients, green_norm, stencil_norms
-from fastac.models.integer.laplacian import eigenvalues
+from fastac.models.integer.laplacian import STENCILS, eigenvalues
 from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.words import (
     LARGEST_ERROR,
     NEAREST,
@@ -43,6 +45,8 @@ class Recurrence:
     input_width: int
     output_width: int
     rounding: str = field(default=NEAREST, kw_only=True)
+    downwards: ClassVar[bool]
+    """Whether it runs from the first row to the last."""
 
     def __post_init__(self):
         check_rounding(self.rounding)
@@ -78,6 +82,8 @@ class Elimination(Recurrence):
     y before the first row is 0. Input and output have the same fraction.
     """
 
+    downwards = True
+
     def __call__(self, r: np.ndarray) -> np.ndarray:
         """Row-transformed sources (..., N, N), rows by modes, to y of the same shape."""
         y, above = np.empty(r.shape, np.int64), 0
@@ -94,6 +100,7 @@ class Substitution(Recurrence):
     """
 
     drop: int
+    downwards = False
 
     def __post_init__(self):
         super().__post_init__()
@@ -107,25 +114,6 @@ class Substitution(Recurrence):
             total = self.coefficient[i] * below + (y[..., i, :] << (self.shift - self.drop))
             z[..., i, :] = below = round_shift(total, self.shift, self.rounding)
         return z
-
-
-@dataclass(frozen=True, eq=False)
-class TridiagonalSolver:
-    """The integer solver: two transforms around two recurrences, with each word's worst case."""
-
-    row_forward: SineTransform
-    elimination: Elimination
-    substitution: Substitution
-    row_inverse: SineTransform
-    stages: tuple[Stage, ...]
-
-    @property
-    def depth_format(self) -> Fixed:
-        return self.stages[-1].format
-
-    def __call__(self, source: np.ndarray) -> np.ndarray:
-        """Sources (..., N, N), integers, to solutions (..., N, N) in words of `depth_format`."""
-        return self.row_inverse(self.substitution(self.elimination(self.row_forward(source))))
 
 
 def thomas_coefficients(size: int, fraction: int) -> np.ndarray:
@@ -158,93 +146,115 @@ def row_operators(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return down, up
 
 
-def tridiagonal_solver(
-    *,
-    offset: np.ndarray,
-    source: Fixed,
-    slope_limit: float,
-    divergence: str,
-    coefficient_fraction: int,
-    data_bits: int,
-    rounding: str = NEAREST,
-) -> TridiagonalSolver:
-    """Choose every word of the solver from its worst case; parameters and errors as of `bounds.solver`.
-
-    A word's worst case is the L1 norm of the integer tables' own way from the slopes to it, times the
-    slopes' limit, plus the constant, plus every rounding before it, times the L1 norm of that rounding's way.
-    A recurrence carries its own roundings along: in y[i] they add up to what one is at most, half a unit or
-    with a floor a whole one, times Σ_k Π c[j] over k < j <= i, 38 times in the lowest mode of N = 126.
-    """
-    check_rounding(rounding)
-    n = len(offset)
-    matrix = coefficients(n, coefficient_fraction)
-    s = matrix * 2.0**-coefficient_fraction
-    table = thomas_coefficients(n, coefficient_fraction)
-    c = table * 2.0**-coefficient_fraction
-    down, up = row_operators(c)
-    eliminate = down * c.T[:, None, :]  # from −r to y
-    solve = up @ eliminate  # from −r to z
-    along, across = stencil_norms(s, divergence)
-    twice = 1.0 if divergence == "central" else 2.0  # Σ|stencil| across the transform's direction
-    constant = source.to_float(offset) @ s  # (i, n)
-    stages: list[Stage] = []
-
-    def reached(operators: np.ndarray) -> np.ndarray:
-        """What slopes and constant reach through operators (n, i, k), (i, n)."""
-        across_rows = np.abs(operators).sum(axis=2)
-        along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
-        slopes = across_rows * along[:, None] + along_rows * across[:, None]
-        return (slope_limit * slopes + np.abs(np.einsum("nik,kn->ni", operators, constant))).T
-
-    def ways(operators: np.ndarray) -> np.ndarray:
-        """Σ over the rows k of a rounding's ways (n, i, k), (i, n)."""
-        return operators.sum(axis=2).T
-
-    def choose(name: str, bound: np.ndarray, own: np.ndarray | float, fraction: int) -> float:
-        """Fix a word that holds `bound` and `own` of its own roundings; returns the largest one, in px."""
-        for bits in range(fraction, -1, -1):
-            worst = float((bound + own * (LARGEST_ERROR[rounding] * 2.0**-bits)).max())
-            word = fit(worst, width=data_bits, fraction=bits)
-            if word.fraction == bits:
-                break
-        stages.append(Stage(name, worst, word))
-        return LARGEST_ERROR[rounding] * 2.0**-word.fraction
-
-    fraction = source.fraction + GUARD_BITS
-    rows = slope_limit * (along + twice * across)[None, :] + np.abs(constant)
-    choose("row_forward", rows, 0.0, fraction)
-    # Rows and y share their fraction: y − r is then one bit wider, and fits the multiplier's port.
-    own = ways(eliminate) + ways(down)
-    error = choose("elimination", reached(eliminate), own, stages[0].format.fraction)
-    y = stages[1].format
-    r = fit(float(rows.max()), width=data_bits, fraction=y.fraction)
-    stages[0] = Stage("row_forward", stages[0].bound_px, r)
-    disturbed = error * ways(solve + up @ down)
-    error = choose("back_substitution", reached(solve) + disturbed, ways(up), y.fraction)
-    z = stages[2].format
-    disturbed += error * ways(up)
-    # Of the way from slopes to solution the ideal one is symmetric, so quick to search; to it comes what the
-    # rounded coefficients change at most: both stencils' weights times Σ over modes and rows of the change.
-    change = np.abs(solve - _ideal(s, n)).sum(axis=2).T * across
-    norm = green_norm(s, -1 / eigenvalues(n), divergence) + 2 * twice * float((change @ np.abs(s)).max())
-    still = np.abs(np.einsum("nik,kn->in", solve, constant) @ s)
-    choose("row_inverse", slope_limit * norm + still + disturbed @ np.abs(s), 0.0, fraction)
-
-    depth = stages[3].format
-    shift = coefficient_fraction
-    return TridiagonalSolver(
-        row_forward=SineTransform(
-            matrix, shift + source.fraction - r.fraction, source.width, r.width, rounding
-        ),
-        elimination=Elimination(table, shift, r.width, y.width, rounding=rounding),
-        substitution=Substitution(table, shift, y.width, z.width, y.fraction - z.fraction, rounding=rounding),
-        row_inverse=SineTransform(
-            matrix, shift + z.fraction - depth.fraction, z.width, depth.width, rounding
-        ),
-        stages=tuple(stages),
-    )
-
-
 def _ideal(s: np.ndarray, n: int) -> np.ndarray:
     """From −r to z by the sines `s` along the columns, as `green_norm` has it, (mode, i, k)."""
     return np.einsum("im,mn,mk->nik", s, -1 / eigenvalues(n), s, optimize=True)
+
+
+@dataclass(frozen=True, eq=False)
+class TridiagonalSolver(IntegerSolver):
+    """The integer solver: two transforms around two recurrences, with each word's worst case."""
+
+    row_forward: SineTransform
+    elimination: Elimination
+    substitution: Substitution
+    row_inverse: SineTransform
+    stages: tuple[Stage, ...]
+
+    @classmethod
+    def fitted(
+        cls,
+        *,
+        offset: np.ndarray,
+        source: Fixed,
+        slope_limit: float,
+        divergence: str,
+        coefficient_fraction: int,
+        data_bits: int,
+        rounding: str = NEAREST,
+    ) -> "TridiagonalSolver":
+        """See `IntegerSolver.fitted`.
+
+        A word's worst case is the L1 norm of the integer tables' own way from the slopes to it, times the
+        slopes' limit, plus the constant, plus every rounding before it, times the L1 norm of that rounding's
+        way. A recurrence carries its own roundings along: in y[i] they add up to what one is at most, half a
+        unit or with a floor a whole one, times Σ_k Π c[j] over k < j <= i, 38 times in the lowest mode of
+        N = 126.
+        """
+        check_rounding(rounding)
+        n = len(offset)
+        matrix = coefficients(n, coefficient_fraction)
+        s = matrix * 2.0**-coefficient_fraction
+        table = thomas_coefficients(n, coefficient_fraction)
+        c = table * 2.0**-coefficient_fraction
+        down, up = row_operators(c)
+        eliminate = down * c.T[:, None, :]  # from −r to y
+        solve = up @ eliminate  # from −r to z
+        along, across = stencil_norms(s, divergence)
+        weight = STENCILS[divergence].norm
+        constant = source.to_float(offset) @ s  # (i, n)
+        stages: list[Stage] = []
+
+        def reached(operators: np.ndarray) -> np.ndarray:
+            """What slopes and constant reach through operators (n, i, k), (i, n)."""
+            across_rows = np.abs(operators).sum(axis=2)
+            along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
+            slopes = across_rows * along[:, None] + along_rows * across[:, None]
+            return (slope_limit * slopes + np.abs(np.einsum("nik,kn->ni", operators, constant))).T
+
+        def ways(operators: np.ndarray) -> np.ndarray:
+            """Σ over the rows k of a rounding's ways (n, i, k), (i, n)."""
+            return operators.sum(axis=2).T
+
+        def choose(name: str, bound: np.ndarray, own: np.ndarray | float, fraction: int) -> float:
+            """Fix a word that holds `bound` and `own` of its own roundings; returns the largest, in px."""
+            for bits in range(fraction, -1, -1):
+                worst = float((bound + own * (LARGEST_ERROR[rounding] * 2.0**-bits)).max())
+                word = fit(worst, width=data_bits, fraction=bits)
+                if word.fraction == bits:
+                    break
+            stages.append(Stage(name, worst, word))
+            return LARGEST_ERROR[rounding] * 2.0**-word.fraction
+
+        fraction = source.fraction + GUARD_BITS
+        rows = slope_limit * (along + weight * across)[None, :] + np.abs(constant)
+        choose("row_forward", rows, 0.0, fraction)
+        # Rows and y share their fraction: y − r is then one bit wider, and fits the multiplier's port.
+        own = ways(eliminate) + ways(down)
+        error = choose("elimination", reached(eliminate), own, stages[0].format.fraction)
+        y = stages[1].format
+        r = fit(float(rows.max()), width=data_bits, fraction=y.fraction)
+        stages[0] = Stage("row_forward", stages[0].bound_px, r)
+        disturbed = error * ways(solve + up @ down)
+        error = choose("back_substitution", reached(solve) + disturbed, ways(up), y.fraction)
+        z = stages[2].format
+        disturbed += error * ways(up)
+        # Of the way from slopes to solution the ideal one is symmetric, so quick to search; to it comes what
+        # the rounded coefficients change at most: both stencils' weights times Σ over modes and rows of it.
+        change = np.abs(solve - _ideal(s, n)).sum(axis=2).T * across
+        norm = green_norm(s, -1 / eigenvalues(n), divergence)
+        norm += 2 * weight * float((change @ np.abs(s)).max())
+        still = np.abs(np.einsum("nik,kn->in", solve, constant) @ s)
+        choose("row_inverse", slope_limit * norm + still + disturbed @ np.abs(s), 0.0, fraction)
+
+        depth = stages[3].format
+        shift = coefficient_fraction
+        return cls(
+            row_forward=SineTransform(
+                matrix, shift + source.fraction - r.fraction, source.width, r.width, rounding
+            ),
+            elimination=Elimination(table, shift, r.width, y.width, rounding=rounding),
+            substitution=Substitution(
+                table, shift, y.width, z.width, y.fraction - z.fraction, rounding=rounding
+            ),
+            row_inverse=SineTransform(
+                matrix, shift + z.fraction - depth.fraction, z.width, depth.width, rounding
+            ),
+            stages=tuple(stages),
+        )
+
+    def mode_operators(self) -> dict[str, np.ndarray]:
+        c = self.elimination.coefficient * 2.0**-self.elimination.shift
+        down, up = row_operators(c)
+        eliminate = down * c.T[:, None, :]
+        return {"elimination": eliminate, "substitution": up @ eliminate}

@@ -1,4 +1,4 @@
-"""Work over many frames: a thread for each core, a chunk of frames at a time."""
+"""Parallel processing of many frames: one thread per core, each with a chunk of frames at a time."""
 
 import os
 import threading
@@ -12,10 +12,10 @@ from threadpoolctl import ThreadpoolController
 from fastac.store.progress import progress_bar
 
 CHUNK = 16
-"""Frames that are under way at once in each thread; bounds the memory."""
+"""Frames per call of a worker; bounds the memory."""
 
 Outputs = dict[str, tuple[tuple[int, ...], type]]
-"""Of each output the shape for one frame and the element type."""
+"""For each output, by name, its shape for one frame and its element type."""
 
 
 @cache
@@ -24,13 +24,13 @@ def _blas() -> ThreadpoolController:
 
 
 def threads() -> int:
-    """OMP_NUM_THREADS where it is set, as for BLAS; else one for each core."""
+    """Number of threads: OMP_NUM_THREADS if it is set, as for BLAS, otherwise one per core."""
     stated = os.environ.get("OMP_NUM_THREADS", "")
     return int(stated) if stated.isdecimal() and int(stated) else os.cpu_count() or 1
 
 
 def choose_outputs(outputs: Outputs, wanted: Iterable[str] | None) -> Outputs:
-    """The outputs that are wanted, or all; raises ValueError for one that there is not."""
+    """The outputs named in `wanted`, or all for None; raises ValueError for an unknown name."""
     if wanted is None:
         return outputs
     for name in (wanted := tuple(wanted)):
@@ -40,7 +40,7 @@ def choose_outputs(outputs: Outputs, wanted: Iterable[str] | None) -> Outputs:
 
 
 def require_frames(frames: np.ndarray, background: np.ndarray) -> None:
-    """Raise ValueError where frames are not uint8 of the background's shape."""
+    """Raise ValueError unless frames are (frames, H, W, C) uint8, with the background's H, W and C."""
     if frames.shape[1:] != background.shape or frames.dtype != np.uint8:
         raise ValueError(f"frames {frames.shape} {frames.dtype}: expected {background.shape} uint8 each")
 
@@ -53,11 +53,14 @@ def over_frames(
     progress: bool,
     label: str,
 ) -> dict[str, np.ndarray]:
-    """Arrays (frames, …) of `outputs`, filled chunk by chunk.
+    """Process frames chunk by chunk; returns an array (frames, …) for each of `outputs`.
 
-    worker : called once in each thread, so that its result may own scratch memory; that is called with a
-        chunk of frames and, by name, the places of its outputs
-    NumPy, torch and compiled loops do without the interpreter's lock, BLAS on one thread in each of ours.
+    worker : called once in each thread, and returns the function that processes a chunk; that function may
+        own scratch memory. It is called with a chunk of frames and, by name, the views of the result arrays
+        that it fills.
+    label : name of the progress bar
+    Threads run in parallel because NumPy, torch and compiled loops release the interpreter's lock; BLAS is
+    limited to one thread in each. Raises ValueError without frames.
     """
     if not len(frames):
         raise ValueError("frames: none to process")

@@ -1,4 +1,4 @@
-"""The pixel network over whole frames: its tables as the compiled loops read them, and their memory."""
+"""The pixel network on whole frames: weights in the compiled loops' layout, with their scratch memory."""
 
 from collections.abc import Sequence
 
@@ -10,13 +10,13 @@ from fastac.models.loops.network_kernel import forward, packed
 
 
 class FrameNetwork:
-    """The scratch memory of one thread, called on one frame after another.
+    """The pixel network for one thread, called with one frame after another.
 
-    tables : of each layer (neurons, inputs + 1), the bias last: the hidden layers' of one element type, the
-        last one's of its own; computed in those types
+    tables : weights of each layer, (neurons, inputs + 1), the bias in the last column. The hidden layers have
+        one element type, the last layer may have another; each is computed in its type.
     background : (H, W, C) uint8
-    requantise : of each hidden layer its multipliers · 2**−shift (neurons,) and the largest activation, as
-        `integer.Requantisation`; None: activations are rectified only
+    requantise : for each hidden layer the factors multiplier · 2**−shift, (neurons,), and the largest
+        activation, as in `integer.network.Requantisation`; None for rectified activations (ReLU) alone
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class FrameNetwork:
         self.normal = np.empty((len(last), height * width), last.dtype)
 
     def __call__(self, frame: np.ndarray) -> np.ndarray:
-        """A frame (H, W, C) uint8 to the network's outputs (3, H · W), valid until the next call."""
+        """The network's outputs (3, H · W) for a frame (H, W, C) uint8; overwritten by the next call."""
         cv2.split(frame, [*self.planes])
         planes = self.planes.reshape(len(self.planes), -1)
         tables = self.hidden, self.neurons, self.tops, self.requantised, self.last

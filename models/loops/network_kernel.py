@@ -1,4 +1,4 @@
-"""The pixel network's loops, compiled: a block of pixels through all layers while it stays in the cache."""
+"""Compiled loops of the pixel network: a block of pixels passes all layers while it stays in the cache."""
 
 import numpy as np
 from numba import njit
@@ -6,13 +6,15 @@ from numba import njit
 from fastac.models.loops.vector_tile import NEURONS, PIXELS, tile_linear, tile_rectified, tile_requantised
 
 BLOCK = 4 * PIXELS
-"""Pixels under way at once: two layers' planes of 16 neurons take 16 KiB in float32."""
+"""Pixels per block: the activations of two layers of 16 neurons take 16 KiB in float32."""
 
 
 def packed(table: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
-    """(neurons, inputs + 1), the bias last, as the tiles read it: (tiles, inputs + 2, NEURONS).
+    """Rearrange weights (neurons, inputs + 1), the bias last, into the tiles' layout (tiles, inputs + 2,
+    NEURONS).
 
-    A tile's rows are biases, scales and the weights of each input; neurons of zeros fill the last tile.
+    A tile's rows are the biases, the scales (0 without), and the weights of each input; the last tile is
+    padded with zero neurons.
     """
     neurons, columns = table.shape
     rows = np.zeros((columns + 1, -(-neurons // NEURONS) * NEURONS), table.dtype)
@@ -24,7 +26,7 @@ def packed(table: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
 
 @njit(nogil=True, cache=True)
 def _fill(frame, rest, start, count, features):
-    """The features (C + 2, BLOCK) of `count` pixels from `start` on."""
+    """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`."""
     channels = len(frame)
     for c in range(len(rest)):
         plane, known = features[c], rest[c, start:]
@@ -39,7 +41,7 @@ def _fill(frame, rest, start, count, features):
 
 @njit(nogil=True, cache=True)
 def _layer(table, inputs, neurons, x, y, top, requantised):
-    """Planes x (inputs, BLOCK) to activations y (neurons, BLOCK)."""
+    """One hidden layer: inputs x (inputs, BLOCK) to activations y (neurons, BLOCK)."""
     for j in range(-(-neurons // NEURONS)):
         weights, real, source = table[j].ctypes.data, table[j, 0, 0], x[0, 0]
         for p in range(0, BLOCK, PIXELS):
@@ -61,16 +63,17 @@ def _last_layer(table, inputs, x, y):
 
 @njit(nogil=True, cache=True)
 def forward(frame, rest, hidden, neurons, tops, requantised, last, out):
-    """One frame through the network.
+    """Run the network on one frame and write its outputs into `out`.
 
-    frame : planes (C, pixels) uint8
-    rest : the background's planes and the two of the coordinates' codes, (C + 2, pixels) float32
-    hidden : the hidden layers' tables, `packed`, at the beginning of (layers, tiles, rows, NEURONS)
-    neurons : (layers,) of each hidden layer
-    tops : the largest activation of each hidden layer, of that type
-    requantised : whether activations are, as `integer.Requantisation`; else rectified only
-    last : the last layer's table
-    out : (outputs, pixels), of the last layer's type
+    frame : (C, pixels) uint8, planes of the channels
+    rest : (C + 2, pixels) float32, planes of the background's channels and of the two coordinate codes
+    hidden : (layers, tiles, rows, NEURONS), each hidden layer's `packed` table, padded to a common shape
+    neurons : (layers,) number of neurons of each hidden layer
+    tops : (layers,) largest activation of each hidden layer, in the hidden layers' type
+    requantised : whether activations are requantised as in `integer.network.Requantisation`, or only
+        rectified
+    last : the last layer's `packed` table
+    out : (outputs, pixels), in the last layer's type
     """
     pixels, rows = frame.shape[1], hidden.shape[1] * NEURONS
     features = np.zeros((len(rest), BLOCK), tops.dtype)

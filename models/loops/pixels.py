@@ -1,4 +1,4 @@
-"""Compiled loops over the pixels of one frame, between network and solver and after it.
+"""Compiled per-pixel loops for one frame: slopes, divergence, depth and displacement, and their words.
 
 Each reads and writes memory once where NumPy would for every operation. They are IEEE's operations in the
 order that is written, so that integers in float64 stay exact. An output of no elements is not wanted.
@@ -9,14 +9,13 @@ import math
 import numpy as np
 from numba import njit
 
-AHEAD = {"central": 1, "backward": 0}
-"""Of `source`: how far beyond the pixel a difference reaches; see `integer.PoissonSource`."""
 _compiled = njit(nogil=True, cache=True, error_model="numpy")
 
 
 @_compiled
 def unit_normals(normal, shortest, out):
-    """Normals (3, pixels) to unit ones (pixels · 3,); lengths below `shortest` count as that."""
+    """Scale normals (3, pixels) to unit length, written to `out` (pixels · 3,); lengths are at least
+    `shortest`."""
     n_x, n_y, n_z = normal[0], normal[1], normal[2]
     for p in range(len(n_x)):
         x, y, z = n_x[p], n_y[p], n_z[p]
@@ -29,7 +28,7 @@ def unit_normals(normal, shortest, out):
 
 @_compiled
 def interleave_normals(normal, out):
-    """Normals (3, pixels) to words (pixels · 3,)."""
+    """Copy normals (3, pixels) to `out` (pixels · 3,), the components of a pixel side by side."""
     n_x, n_y, n_z = normal[0], normal[1], normal[2]
     for p in range(len(n_x)):
         out[3 * p] = n_x[p]
@@ -39,7 +38,7 @@ def interleave_normals(normal, out):
 
 @_compiled
 def interleave_slopes(slopes, unit, out):
-    """Slopes (2, pixels) in multiples of `unit` to (pixels · 2,)."""
+    """Write slopes (2, pixels) times `unit` to `out` (pixels · 2,), p and q of a pixel side by side."""
     p_x, q_y = slopes[0], slopes[1]
     for p in range(len(p_x)):
         out[2 * p] = p_x[p] * unit
@@ -92,7 +91,7 @@ def limited_slopes(normal, limit, out):
 def source(slopes, ahead, scale, offset, out):
     """Divergence of slopes (2, H, W) times `scale`, less `offset` (H − 2, W − 2), into `out`.
 
-    ahead : that of AHEAD
+    ahead : of the divergence's `laplacian.Stencil`
     """
     rows, columns = out.shape
     for i in range(rows):

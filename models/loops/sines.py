@@ -1,9 +1,10 @@
-"""The DST-I folded: half the products, for its sines are even or odd about the middle.
+"""The folded DST-I: a discrete sine transform with half the products, by its even and odd symmetry.
 
-S[k, N − 1 − n] = (−1)**k S[k, n]. So even modes k see only x[n] + x[N − 1 − n], odd ones only the difference:
-two products of half the size. On the way back even modes give one sum, odd ones another; the two halves of
-the row are their sum and their difference. A folded axis holds sums, then differences; its modes are the even
-ones, then the odd ones. With integers all of that is exact, within the bounds of the whole product.
+S[k, N − 1 − n] = (−1)**k S[k, n], so that even modes k depend only on the sums x[n] + x[N − 1 − n] and odd
+ones only on the differences: two matrix products of half the size. In the inverse transform the even modes
+give one partial result and the odd ones another; their sum and their difference are the two halves of the
+row. A folded axis holds the sums, then the differences; its transform the even modes, then the odd ones. With
+integers all of this is exact, within the bounds of the full product.
 """
 
 from functools import cached_property
@@ -15,47 +16,48 @@ _compiled = njit(nogil=True, cache=True)
 
 
 def is_foldable(matrix: np.ndarray) -> bool:
-    """Whether the rows of a table (N, N) are even and odd about the middle in turn, exactly."""
+    """Whether the rows of a table (N, N) are alternately even and odd about the middle, exactly."""
     sign = np.where(np.arange(len(matrix)) % 2, -1, 1)
     return np.array_equal(matrix[:, ::-1], matrix * sign[:, None])
 
 
 class FoldedSine:
-    """A symmetric DST-I's table (N, N), of which only a quarter is read; see `is_foldable`."""
+    """The two half-size tables of a symmetric DST-I table (N, N); see `is_foldable`."""
 
     def __init__(self, matrix: np.ndarray):
         size = len(matrix)
         self.first = size - size // 2
-        """How many even modes there are, and sums."""
+        """Number of even modes, and of sums."""
         self.even = np.ascontiguousarray(matrix[: self.first, 0::2])
         self.odd = np.ascontiguousarray(matrix[: size - self.first, 1::2])
         self.order = np.r_[0:size:2, 1:size:2]
-        """The modes as they lie in memory."""
+        """(N,) modes in the order in which they are stored: even ones, then odd ones."""
 
     @cached_property
     def _back(self) -> tuple[np.ndarray, np.ndarray]:
         return np.ascontiguousarray(self.even.T), np.ascontiguousarray(self.odd.T)
 
     def rows(self, x: np.ndarray, out: np.ndarray) -> None:
-        """Folded rows (rows, N) to their modes."""
+        """Transform folded rows x (rows, N) into modes, written to `out`."""
         m = self.first
         np.matmul(x[:, :m], self.even, out=out[:, :m])
         np.matmul(x[:, m:], self.odd, out=out[:, m:])
 
     def rows_back(self, x: np.ndarray, out: np.ndarray) -> None:
-        """Modes (rows, N) to the even and the odd ones' sums."""
+        """Inverse transform of modes x (rows, N): the even and the odd modes' partial results, for
+        `unfold_rows`."""
         m, (even, odd) = self.first, self._back
         np.matmul(x[:, :m], even, out=out[:, :m])
         np.matmul(x[:, m:], odd, out=out[:, m:])
 
     def columns(self, x: np.ndarray, out: np.ndarray) -> None:
-        """`rows` of the columns."""
+        """As `rows`, along the columns."""
         m, (even, odd) = self.first, self._back
         np.matmul(even, x[:m], out=out[:m])
         np.matmul(odd, x[m:], out=out[m:])
 
     def columns_back(self, x: np.ndarray, out: np.ndarray) -> None:
-        """`rows_back` of the columns."""
+        """As `rows_back`, along the columns."""
         m = self.first
         np.matmul(self.even, x[:m], out=out[:m])
         np.matmul(self.odd, x[m:], out=out[m:])
@@ -63,13 +65,13 @@ class FoldedSine:
 
 @_compiled
 def _rounded(value, half_unit):
-    """floor(value + half_unit); the value itself where that is None."""
+    """Round to an integer, floor(value + half_unit); without rounding where half_unit is None."""
     return value if half_unit is None else np.floor(value + half_unit)
 
 
 @_compiled
 def fold_rows(x, out):
-    """Each row of x (rows, N) folded."""
+    """Fold each row of x (rows, N) into sums and differences."""
     size = x.shape[1]
     half = size // 2
     for i in range(len(x)):
@@ -84,7 +86,7 @@ def fold_rows(x, out):
 
 @_compiled
 def fold_columns(x, half_unit, out):
-    """The columns of x (N, columns), `_rounded`, folded."""
+    """Round x (N, columns) by `_rounded`, and fold each column into sums and differences."""
     size = len(x)
     half = size // 2
     for i in range(half):
@@ -101,7 +103,7 @@ def fold_columns(x, half_unit, out):
 
 @_compiled
 def unfold_columns(x, half_unit, out):
-    """The columns whose even and odd modes' sums x (N, columns) are, `_rounded`."""
+    """Unfold the columns of x (N, columns), the results of `columns_back`, and round by `_rounded`."""
     size = len(x)
     half = size // 2
     for i in range(half):
@@ -117,7 +119,7 @@ def unfold_columns(x, half_unit, out):
 
 @_compiled
 def unfold_rows(x, half_unit, out):
-    """The rows whose even and odd modes' sums x (rows, N) are, `_rounded`."""
+    """Unfold the rows of x (rows, N), the results of `rows_back`, and round by `_rounded`."""
     size = x.shape[1]
     half = size // 2
     for i in range(len(x)):
@@ -131,7 +133,7 @@ def unfold_rows(x, half_unit, out):
 
 @_compiled
 def round_and_scale(x, half_unit, scale, half_scaled):
-    """In place, x times scale (N, N), `_rounded` before and after it."""
+    """Multiply x by scale, both (N, N), in place, and round by `_rounded` before and after."""
     for i in range(len(x)):
         row, factor = x[i], scale[i]
         for j in range(len(row)):

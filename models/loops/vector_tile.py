@@ -1,8 +1,9 @@
-"""A tile of a fully connected layer in vector registers: NEURONS sums of PIXELS pixels, for compiled loops.
+"""A tile of a fully connected layer in vector registers, as an intrinsic for compiled (numba) loops.
 
-Loops over arrays would write each partial sum to memory and read it back; these vectors are named, so that
-they stay in registers until the activations are known. LLVM splits them into whatever the processor has.
-The arithmetic is IEEE's, with fused multiply-adds; nothing is reordered.
+A tile has NEURONS × PIXELS sums. A loop over arrays would write each partial sum to memory and read it back;
+here they are LLVM vector variables, which stay in registers until the activations are computed. LLVM splits
+them into the processor's vector width. The arithmetic is IEEE 754 with fused multiply-adds, in the written
+order.
 """
 
 from llvmlite import ir
@@ -14,7 +15,7 @@ PIXELS = LANES * VECTORS
 
 
 def _vector(builder, value):
-    """A number in each lane."""
+    """A vector with `value` in each lane."""
     kind = ir.VectorType(value.type, LANES)
     one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
     mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
@@ -40,10 +41,12 @@ def _rectified(builder, total, scale, top):
 
 
 def _requantised(builder, total, scale, top):
-    """`integer.Requantisation` of integers that the type holds; `scale` is multiplier · 2**−shift.
+    """`integer.network.Requantisation` of integers that the type holds exactly; `scale` is multiplier ·
+    2**−shift.
 
-    The product may be rounded up to an integer, never beyond one. The remainder, rounded once, keeps its
-    sign and tells: where it is negative, the floor was one too many.
+    The rounded product can reach the next integer, but not pass it. So its floor is right or one too large:
+    too large where the remainder a · scale − q, computed by a fused multiply-add with the exact sign, is
+    negative.
     """
     one = _vector(builder, ir.Constant(total.type.element, 1.0))
     zero = _vector(builder, ir.Constant(total.type.element, 0.0))
@@ -57,12 +60,12 @@ def _requantised(builder, total, scale, top):
 def _tile(activation):
     @intrinsic
     def tile(typing_context, real, source, table, inputs, x, stride, y, top):
-        """Write NEURONS rows of PIXELS activations.
+        """Compute and write NEURONS rows of PIXELS activations.
 
-        real, source : numbers of the type to compute in and of that of the inputs; their values are not used
-        table : address of rows of NEURONS: bias, scale, then the weights of each input
-        x, y : addresses of inputs and activations, rows of `stride` numbers of which PIXELS count
-        top : the largest activation, of the type `real`
+        real, source : numbers whose types are those of the arithmetic and of the inputs; values are not used
+        table : address of a `packed` tile, rows of NEURONS numbers: biases, scales, weights of each input
+        x, y : addresses of inputs and activations, rows `stride` numbers apart with PIXELS numbers each
+        top : the largest activation, of the type of `real`
         """
 
         def generate(context, builder, signature, values):

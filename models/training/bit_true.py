@@ -1,4 +1,7 @@
-"""Quantisation-aware fine-tuning: the forward pass is the integer arithmetic itself."""
+"""Quantisation-aware fine-tuning of the pixel network: the forward pass is the hardware's integer arithmetic.
+
+Gradients pass the roundings by the straight-through estimator (Bengio, Léonard, Courville, arXiv:1308.3432).
+"""
 
 import numpy as np
 import torch
@@ -11,10 +14,11 @@ from fastac.scenes.model_schema import Training
 
 
 class _Requantise(torch.autograd.Function):
-    """`Requantisation` of whole accumulators (neurons, pixels), exactly.
+    """Exact `Requantisation` of accumulators (neurons, pixels), with a straight-through gradient.
 
-    Gradients are those of a · multiplier · 2**−shift within its range. One function in place of its parts:
-    memory is what limits them, and each would write its results there.
+    The gradient is that of a · multiplier · 2**−shift, clipped to the activations' range. It is one autograd
+    function instead of several operations because memory bandwidth limits it: each operation would write its
+    result to memory.
     """
 
     @staticmethod
@@ -36,11 +40,11 @@ class _Requantise(torch.autograd.Function):
 
 
 class BitTrueNetwork(torch.nn.Module):
-    """The integer layers as a network: forward exact, gradients straight through the roundings.
+    """The integer layers as a trainable network: an exact forward pass and straight-through gradients.
 
-    Weights are kept in units of their last place, biases in `BIAS_UNIT`s of theirs, multipliers as logarithms
-    in `1/LOG_UNIT`: steps of one size then mean about as much in each. All are rounded on every use. With
-    hidden_weights False the hidden layers' weights stay as they are.
+    The parameters are weights in units of their last place, biases in units of BIAS_UNIT last places, and
+    logarithms of the multipliers times LOG_UNIT, so that one learning rate suits them all. Each is rounded
+    whenever it is used. With hidden_weights False the weights of the hidden layers are not trained.
     """
 
     BIAS_UNIT, LOG_UNIT = 16, 2000
@@ -63,7 +67,7 @@ class BitTrueNetwork(torch.nn.Module):
         self.last_type = torch.float32 if top * layers[-1].input_limit.sum() < 1 << 23 else torch.float64
 
     def _integers(self, index: int) -> tuple[torch.Tensor, torch.Tensor]:
-        """Weights and biases of a layer, rounded, with gradients."""
+        """Rounded weights and biases of a layer, with straight-through gradients."""
         layer = self.layers[index]
         weight = self.weights[index].clamp(-layer.weight_limit, layer.weight_limit)
         bias = (self.biases[index] * self.BIAS_UNIT).clamp(-layer.bias_limit, layer.bias_limit)
@@ -73,8 +77,9 @@ class BitTrueNetwork(torch.nn.Module):
         return torch.exp(self.multipliers[index] / self.LOG_UNIT).clamp(1, (1 << 17) - 1)
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
-        """Integer features (pixels, inputs), float32, to the last layer's integers, float32 or float64."""
-        x = x.round().T  # a row a neuron: what is one number a neuron then meets whole rows
+        """Integer features (pixels, inputs), float32, to the last layer's integers, (pixels, 3), as
+        floats."""
+        x = x.round().T  # one row per neuron, so that per-neuron factors multiply contiguous rows
         for index, layer in enumerate(self.layers[:-1]):
             weight, bias = self._integers(index)
             a = torch.addmm(bias[:, None], weight, x)
@@ -83,7 +88,7 @@ class BitTrueNetwork(torch.nn.Module):
         return torch.addmm(bias[:, None], weight, x.to(self.last_type)).T
 
     def quantised(self) -> tuple[Layer, ...]:
-        """The layers with the integers learned so far."""
+        """The layers with the present, rounded parameters."""
         result = []
         for index, layer in enumerate(self.layers):
             weight, bias = (t.detach().numpy().round().astype(np.int64) for t in self._integers(index))
@@ -105,13 +110,13 @@ def finetune(
 ) -> tuple[tuple[Layer, ...], list[dict]]:
     """Bit-true fine-tuning of quantised layers; returns the tuned layers and the learning curve.
 
-    pixels : features and normals by split name, as of `labelled`
-    network : the float network that the layers were quantised from; it teaches the integers. The labels would
-        also teach them, but with their noise, which moves the integers by more than the quantisation does.
+    pixels : features and normals by split name, from `labelled_splits`
+    network : the float network that the layers were quantised from, used as the teacher: its outputs are the
+        targets, because the noise of the labels would move the integers by more than quantisation does
 
-    At 8 bits the hidden weights are best left alone (`settings.finetune_weights`): they hop between two
-    neighbouring integers on every step, and where they stop is chance. Biases, multipliers and the wide last
-    layer have steps fine enough to be learned.
+    At 8 bits the hidden weights should stay fixed (`settings.finetune_weights` false): they jump between two
+    neighbouring integers on every step, and end on either at random. Biases, multipliers and the wider words
+    of the last layer have steps fine enough to be trained.
     """
     if not settings.finetune_epochs:
         return layers, []

@@ -1,12 +1,12 @@
-"""Training the pixel network from forces alone: its slopes and the weights of the slopes learned together.
+"""Training of the pixel network from forces alone: network and slope weights are learned together.
 
-Without normals nobody says what the slopes are. They become whatever two numbers per pixel, functions of its
-colour change and its place, explain the force best as Σ (a·Δp + b·Δq); the hardware is the same. The start is
-the best linear model, a ridge on the pixels' differences from the background: its fields of weights, one for
-each channel, are reduced to the two mixtures of channels that carry most of it, and the network begins as
-these mixtures. From there network and fields, sums of cosines, descend the L1 distance of the force, on
-frames averaged over small blocks: contacts are smooth, and it is many times faster.
-The fields are fitted once more afterwards, by models/training/slope_force.py, to what each arithmetic finds.
+Without labelled normals the network's slopes are latent: the two functions of a pixel's colour change and
+position that best explain the force as Σ (a·Δp + b·Δq). The hardware stays the same. Training starts from the
+best linear model, a ridge regression on the pixels' differences from the background. Its weight fields, one
+for each channel, are reduced to the two linear combinations of channels that explain most of it, and the
+network is initialised to compute these. Then network and fields a, b (sums of cosines) are trained on the L1
+error of the force, on frames averaged over blocks, which is faster and loses little since contacts are
+smooth. Afterwards models/training/slope_force.py fits the fields again, to the slopes of each arithmetic.
 """
 
 import copy
@@ -30,12 +30,12 @@ from fastac.sensor.dataset import Dataset
 from fastac.store.progress import progress_bar
 
 LEAST_PX = 32
-"""Averaged frames keep at least so many pixels along each side."""
+"""Smallest side of block-averaged frames, in blocks."""
 INITIAL_SLOPE = 1.0
-"""The linear model's slopes reach this in one pixel of ten thousand: a quarter of the default limit."""
+"""Scale of the linear model's slopes: their 99.99th percentile, a quarter of the default slope limit."""
 LEAST_N_Z = 1e-2
 DISTILLED_PX = 1 << 20
-"""Pixels of the training frames from which the integers learn the float network."""
+"""Number of pixels with the float network's normals on which the integers are fine-tuned."""
 
 
 def background_differences(data: Dataset, index: np.ndarray) -> np.ndarray:
@@ -46,19 +46,21 @@ def background_differences(data: Dataset, index: np.ndarray) -> np.ndarray:
 def linear_fields(
     pixels: dict[str, np.ndarray], force_n: dict[str, np.ndarray], *, progress: bool = False
 ) -> tuple[np.ndarray, int]:
-    """The linear model of pixels (frames, H, W, C): its fields of weights (axes, H, W, C).
+    """Fit the linear model F = Σ fields · pixels; returns its fields (axes, H, W, C) and their number of
+    cosines.
 
-    Also how many cosines along each axis they are made of. Both arguments by split name.
+    pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); both by split name
     """
     fields, history = slope_force.fit(pixels, force_n, progress=progress)
     return fields, min(history, key=lambda entry: entry["validation_mae_n"])["cosines"]
 
 
 def channel_mixtures(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
-    """The two mixtures of channels (2, C) that carry most of Σ fields · change, by reduced-rank regression.
+    """The two linear combinations of channels (2, C) that explain most of Σ fields · change.
 
-    fields (axes, H, W, C); change (frames, H, W, C). A mixture reaches INITIAL_SLOPE in one pixel of ten thousand.
-    Source: Izenman, "Modern Multivariate Statistical Techniques", section 6.3.
+    fields : (axes, H, W, C); change : (frames, H, W, C)
+    By reduced-rank regression (Izenman, "Modern Multivariate Statistical Techniques", section 6.3). Each is
+    scaled so that the 99.99th percentile of its magnitude is INITIAL_SLOPE.
     """
     channels = fields.shape[-1]
     flat = change.reshape(-1, channels).astype(np.float64)
@@ -71,10 +73,11 @@ def channel_mixtures(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
 
 
 def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> PixelNetwork:
-    """A network whose slopes are `mixtures` (2, C) of the scaled differences: a linear model.
+    """A network whose slopes are the combinations `mixtures` (2, C) of the scaled differences: a linear
+    model.
 
-    The first four neurons of each layer carry both mixtures, each as two rectified halves; the others are
-    random, and their way out starts at zero.
+    The first four neurons of each layer carry the positive and the negative part of both combinations. The
+    other neurons are initialised at random, with output weights of zero.
     """
     network = PixelNetwork(mixtures.shape[1] + 2, hidden)
     halves = torch.tensor(np.stack([mixtures[0], -mixtures[0], mixtures[1], -mixtures[1]]))
@@ -92,7 +95,8 @@ def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> Pi
 
 
 def block_size(height: int, width: int) -> int:
-    """Pixels along each side of the blocks that are averaged."""
+    """Side in px of the blocks over which frames are averaged: the largest power of two that divides the
+    image and leaves LEAST_PX blocks along each side."""
     block = 1
     while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < LEAST_PX):
         block *= 2
@@ -107,10 +111,12 @@ def block_averages(images: np.ndarray, block: int) -> np.ndarray:
 
 
 class ForceFromPixels(torch.nn.Module):
-    """Differences from the background to forces, through a pixel network's slopes and fields of weights."""
+    """The force from differences to the background: pixel network, slopes, and their weighted sum."""
 
     def __init__(self, network: PixelNetwork, fields: np.ndarray, shape: tuple[int, int, int], limit: float):
-        """fields (axes, m, m, 2): the lowest cosines of the slopes' weights, in N; shape (H, W, C)."""
+        """fields : (axes, m, m, 2), DCT coefficients of the slopes' weights in N
+        shape : (H, W, C) of the frames; limit : the largest |slope|
+        """
         super().__init__()
         height, width, channels = shape
         block = block_size(height, width)
@@ -133,7 +139,7 @@ class ForceFromPixels(torch.nn.Module):
 
     def forward(self, change: torch.Tensor) -> torch.Tensor:
         """Averaged differences (frames, H / block, W / block, C), float32, to forces (frames, axes) in N."""
-        change = torch.cat([change, torch.zeros_like(change[:1])])  # the last is the rest
+        change = torch.cat([change, torch.zeros_like(change[:1])])  # last: the background, with no difference
         codes = self.codes.expand(*change.shape[:3], 2)
         slopes = self.slopes(torch.cat([change, codes], dim=-1))
         weights = torch.einsum("ik,jl,aklt->aijt", self.rows, self.columns, self.fields * self.unit)
@@ -141,7 +147,7 @@ class ForceFromPixels(torch.nn.Module):
 
 
 def initial_model(data: Dataset, scene: Scene, *, progress: bool = False) -> ForceFromPixels:
-    """The linear model, of the two best mixtures of channels, as a network and fields."""
+    """The linear model on the two best combinations of channels, as a network and weight fields."""
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
     change = {split: background_differences(data, index) for split, index in splits.items()}
     force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
@@ -156,9 +162,10 @@ def initial_model(data: Dataset, scene: Scene, *, progress: bool = False) -> For
 
 @single_thread()
 def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[PixelNetwork, list[dict]]:
-    """Fit network and fields to the train split's forces; returns the network and the learning curve.
+    """Fit network and weight fields to the train split's forces; returns the network and the learning curve.
 
-    What is best on the validation split is kept, the linear start included; without one, the last.
+    The parameters with the smallest validation error are kept, the initial linear model included; without a
+    validation split, the last ones.
     """
     settings = scene.training
     torch.manual_seed(settings.seed)
@@ -227,9 +234,10 @@ def _error(model: ForceFromPixels, change: dict, force: dict) -> float:
 def distillation_pixels(
     network: PixelNetwork, data: Dataset, *, limit: int = DISTILLED_PX, seed: int = 0
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Features (pixels, inputs) and the normals that the network finds there, by split name.
+    """Features (pixels, inputs) and the float network's unit normals (pixels, 3), by split name.
 
-    Up to `limit` pixels of a split, as many from each frame: the integers learn from the float network.
+    At most `limit` random pixels of a split, equally many from each frame. They are the targets of the
+    integers' fine-tuning where there are no labelled normals.
     """
     teacher = torch.nn.Sequential(ScaledNetwork(network, scales(data.frames.shape[-1])), UnitLength())
     height, width = data.frames.shape[1:3]

@@ -1,7 +1,7 @@
-"""Training HyperForce on the displacements that the pipeline finds.
+"""Training of HyperForce, the hypernetwork of the force kernels, on displacements found by a pipeline.
 
-Source: Lu et al., "FasTac": L1 on the resultant, AdamW; every step needs each pixel's collapsed weight only
-once, whatever the batch.
+As in the paper (Lu et al., "FasTac"): AdamW on the L1 error of the resultant force. A step computes one
+collapsed weight per pixel for the whole batch, see `hyperforce.collapse`.
 """
 
 import copy
@@ -17,6 +17,7 @@ from fastac.store.progress import progress_bar
 
 
 def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:
+    """The untrained model of a scene; rest_depth_mm (H, W) is the undeformed skin's depth."""
     return HyperForce(
         coordinates(rest_depth_mm[1:-1, 1:-1]),
         kernel_size=scene.force.kernel_size,
@@ -34,10 +35,11 @@ def train(
     *,
     progress: bool = False,
 ) -> tuple[HyperForce, list[dict]]:
-    """Fit the kernels; `displacement_mm` (frames, N, N) and `force_n` (frames, axes) by split name.
+    """Fit the kernels; returns the model and the learning curve.
 
-    Displacements are clamped at zero if the scene says so, as in the paper. What is best on the validation
-    split is kept.
+    displacement_mm : (frames, N, N) and force_n : (frames, axes), both by split name
+    Negative displacements are set to zero if the scene clamps, as in the paper. The parameters with the
+    smallest validation error are kept; without a validation split, the last ones.
     """
     settings = scene.training
     pressed = {k: torch.from_numpy(v.astype(np.float32)) for k, v in _pressed(scene, displacement_mm).items()}
@@ -82,11 +84,11 @@ def train(
 def refit_last_layer(
     scene: Scene, model: HyperForce, displacement_mm: dict[str, np.ndarray], force_n: dict[str, np.ndarray]
 ) -> tuple[HyperForce, list[dict]]:
-    """The hypernetwork's last layer anew, by ridge regression, and the errors of all that was tried.
+    """Refit the hypernetwork's last layer by ridge regression; returns a new model and the validation errors.
 
-    With the other layers fixed the force is linear in the last one's weights, so that they have a best
-    solution, for any pipeline's displacements: the clamp turns noise into force, so kernels must know the
-    noise of the arithmetic they run on. Parameters as of `train`; `model` stays as it is.
+    With the other layers fixed the force is linear in the last layer's weights, so they have a closed-form
+    solution. It is computed for the displacements of the arithmetic that will be used: the clamp rectifies
+    noise into force, so the kernels have to fit the noise of that arithmetic. Parameters as of `train`.
     """
     last, k = model.layers[-1], model.kernel_size
     with torch.inference_mode():
@@ -112,7 +114,7 @@ def refit_last_layer(
 
 
 def _pressed(scene: Scene, displacement_mm: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Clamped at zero if the scene says so."""
+    """The displacements, with negative ones set to zero if the scene clamps."""
     if not scene.force.clamp:
         return displacement_mm
     return {split: np.maximum(frames, 0) for split, frames in displacement_mm.items()}

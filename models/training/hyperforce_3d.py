@@ -1,15 +1,14 @@
-"""Training HyperForce on 3-D displacements: AdamW on the resultant, and the last layer in closed form.
+"""Training of HyperForce on 3-D displacements: AdamW on the resultant, and a last layer in closed form.
 
-The force is linear in the last layer, so that the hidden ones' outputs are features of a ridge regression. It
-is solved twice, for the hidden layers as they start and as AdamW leaves them; the first alone converges in
-seconds, and costs nothing to keep where it is better.
-Batch, epochs, rate, weight decay and seed are the scene's. Training stops early when the validation error no
-longer falls, can be interrupted after any epoch, and then goes on to the same bits.
-Source: Lu et al., "FasTac": L1 on the three resultants, AdamW.
+The force is linear in the last layer's weights, so that the hidden layers' outputs are the features of a
+ridge regression. It is solved for the hidden layers at their random initialisation, which takes seconds, and
+again after training with AdamW; the model with the smallest validation error is returned. Batch, epochs,
+learning rate, weight decay and seed are the scene's. Training stops early when the validation error no longer
+falls. It can be interrupted after any epoch; resumed from its checkpoint, it gives bit for bit the same
+model. Source: Lu et al., "FasTac": AdamW on the L1 error of the three resultants.
 """
 
 import copy
-import os
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -21,19 +20,20 @@ from fastac.models.floating.hyperforce_3d import INPUTS, HyperForce3D
 from fastac.models.floating.threads import single_thread
 from fastac.models.training import ridge
 from fastac.scenes.schema import Scene
+from fastac.store.files import write_atomically
 from fastac.store.progress import progress_bar
 
 PATIENCE = 15
 """Epochs without a smaller validation error after which training stops."""
 WARM_UP = 0.1
-"""Share of all steps in which the learning rate rises; it then falls as a cosine."""
+"""Share of all steps in which the learning rate rises linearly; it then falls as a cosine."""
 MOMENTS = ("exp_avg", "exp_avg_sq", "step")
 
 
 def input_components(scene: Scene, field_mm: np.ndarray, inputs: str) -> torch.Tensor:
-    """The components of displacements (frames, 3, N, N) that a model sees, float32.
+    """A model's inputs, (frames, inputs, N, N) float32, from displacements (frames, 3, N, N) in mm.
 
-    d_z is clamped at zero if the scene says so; d_x and d_y have both signs.
+    Negative d_z are set to zero if the scene clamps; d_x and d_y keep both signs.
     """
     chosen = field_mm[:, INPUTS[inputs]].astype(np.float32)
     if scene.force.clamp and "z" in inputs:
@@ -53,12 +53,13 @@ def train(
     checkpoint: Path | None = None,
     progress: bool = False,
 ) -> tuple[HyperForce3D, list[dict]]:
-    """The model and its learning curve, from `train` and `validation` of field and force.
+    """Fit the model to the splits `train` and `validation`; returns it and its learning curve.
 
-    field_mm : (frames, 3, N, N) displacements by split name; force_n : (frames, axes)
-    checkpoint : written after each epoch; where there is one, of the same training, it goes on from there
-    The first and the last entry of the curve are the closed forms, before and after AdamW; what is best on
-    the validation split is kept.
+    field_mm : (frames, 3, N, N) displacements and force_n : (frames, axes), both by split name
+    inputs, dynamic : the variant, see `HyperForce3D`
+    checkpoint : file written after each epoch; if it exists, training resumes from it
+    The first and the last entry of the curve are the closed-form solutions before and after AdamW. Raises
+    ValueError where a split is missing, or the checkpoint is damaged or of another model.
     """
     for split in ("train", "validation"):
         if not len(field_mm.get(split, ())):
@@ -95,7 +96,8 @@ def train(
 def refit_last_layer(
     model: HyperForce3D, x: dict[str, torch.Tensor], force_n: dict[str, np.ndarray]
 ) -> HyperForce3D:
-    """The last layer anew, by ridge regression, strength by the validation split; `model` stays as it is."""
+    """A copy of `model` with its last layer refitted by ridge regression, regularised by the validation
+    split."""
     features = {split: model.features(frames) for split, frames in x.items()}
     fitted = copy.deepcopy(model)
     fitted.set_last_layer(ridge.best_weights(features, force_n)[0])
@@ -104,7 +106,7 @@ def refit_last_layer(
 
 @torch.inference_mode()
 def error_n(model: HyperForce3D, x: torch.Tensor, force_n: torch.Tensor) -> float:
-    """Absolute error of the force, summed over its axes, mean over the frames."""
+    """Absolute error of the force in N, summed over its axes, mean over the frames."""
     return (model(x) - force_n).abs().sum(dim=1).mean().item()
 
 
@@ -113,7 +115,7 @@ def _errors(model: HyperForce3D, x: dict, force: dict) -> dict[str, float]:
 
 
 class _Run:
-    """A training under way: model, optimiser, learning curve, and the best so far."""
+    """The state of a training run: model, optimiser, learning curve, and the best parameters so far."""
 
     def __init__(self, scene: Scene, rest_depth_mm, x, force_n, inputs: str, dynamic: bool):
         self.settings = settings = scene.training
@@ -147,9 +149,9 @@ class _Run:
         return self.settings.force_learning_rate * (1 + np.cos(np.pi * (step - warm) / (steps - warm))) / 2
 
     def epoch(self, x: torch.Tensor, force_n: torch.Tensor) -> float:
-        """One pass over the training frames; their mean error while it lasts, N."""
+        """One pass over the training frames; returns their mean error during it, in N."""
         number, count, total = len(self.history), len(x), 0.0
-        # A generator of its own for each epoch: training goes on alike wherever it was interrupted.
+        # One generator per epoch, so that a resumed training shuffles as an uninterrupted one.
         order = np.random.default_rng((self.settings.seed, number)).permutation(count)
         batches = torch.from_numpy(order).split(self.settings.force_batch)
         for k, index in enumerate(batches, start=number * len(batches)):
@@ -163,6 +165,7 @@ class _Run:
         return total / count
 
     def judge(self, train_mae_n: float, validation_mae_n: float) -> None:
+        """Append an epoch to the learning curve, and keep its parameters if they are the best so far."""
         self.history.append(
             {
                 "epoch": len(self.history) + 1,
@@ -182,10 +185,8 @@ class _Run:
                 arrays[f"optimiser.{k}.{moment}"] = self.optimiser.state[parameter][moment].numpy()
         for key in self.history[0]:
             arrays[f"history.{key}"] = np.array([entry[key] for entry in self.history])
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f".{path.stem}.part.npz")
-        np.savez(temporary, best_n=self.best_n, **arrays)
-        os.replace(temporary, path)
+        with write_atomically(path) as temporary:
+            np.savez(temporary, best_n=self.best_n, **arrays)
 
     def load(self, path: Path) -> None:
         """Raises ValueError where the file is damaged or of another model."""

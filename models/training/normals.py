@@ -1,7 +1,7 @@
-"""Training the pixel network: in floating point, then bit-true.
+"""Training of the pixel network in floating point on labelled normals, with an optional ensemble of teachers.
 
-Bit-true fine-tuning runs the integer arithmetic of models/integer forward, and passes gradients straight
-through its roundings; what it optimises is exactly what the hardware computes.
+Loss and network are the paper's (Lu et al., "FasTac", section "Position-Aware MLP for Surface Normal
+Estimation"). models/training/bit_true.py then fine-tunes the quantised network.
 """
 
 import copy
@@ -20,8 +20,11 @@ from fastac.store.progress import progress_bar
 
 
 def normal_loss(predicted: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
-    """The paper's L_n: mean over pixels of the L1 distance of unit normals; both (pixels, 3)."""
-    # As nn.functional.normalize, in operations that do not mind a row for each component.
+    """The paper's loss L_n: mean over pixels of the L1 distance between unit normals; both (pixels, 3).
+
+    `predicted` is normalised here; `truth` must be of unit length.
+    """
+    # Equal to nn.functional.normalize, in operations that are fast for column-major inputs too.
     unit = predicted * predicted.square().sum(dim=-1, keepdim=True).clamp_min(1e-24).rsqrt()
     return (unit - truth).abs().sum(dim=-1).mean()
 
@@ -33,10 +36,11 @@ TEACHER_WEIGHT_DECAY = 0.05
 def labelled_pixels(
     data: Dataset, split: str, *, flat_fraction: float = 0.0, seed: int = 0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """All pixels of a split whose normal is known: features (pixels, inputs), normals (pixels, 3).
+    """All pixels of a split whose normal is known: features (pixels, inputs) and unit normals (pixels, 3).
 
-    flat_fraction : where the background itself is among the frames, keep as many of its pixels that they are
-    this share of the result (all of them if 0). Raises ValueError where there is nothing to learn from.
+    flat_fraction : share of the result taken from frames that equal the background, if there are any; chosen
+        at random with `seed`. 0 keeps all of their pixels.
+    Raises ValueError where the split has no labelled pixel in contact.
     """
     if data.normals is None:
         raise ValueError("normals: missing, so there is nothing to train the pixel network on")
@@ -63,9 +67,11 @@ def labelled_pixels(
 
 @dataclass(frozen=True)
 class Fit:
-    """How a network is fitted: Adam with a cosine schedule on the paper's loss.
+    """Settings of a training run: AdamW with a cosine learning-rate schedule on `normal_loss`.
 
-    input_noise : of ΔI, as a fraction of its spread; position_noise : as a fraction of half the image
+    batch : pixels; rate : initial learning rate; label : name of the progress bar
+    input_noise : standard deviation of the noise added to ΔI, as a fraction of ΔI's standard deviation
+    position_noise : standard deviation of the noise added to x and y, as a fraction of half the image
     """
 
     epochs: int
@@ -81,10 +87,10 @@ class Fit:
     def __call__(self, model, x, y, *, validation=None, teacher=None, copies=0, progress=False) -> list[dict]:
         """Fit `model` to features x (pixels, inputs) and normals y (pixels, 3); returns the learning curve.
 
-        teacher : module from noisy features to normals that replace y
-        copies : give the model as many copies of each batch, each with noise of its own
-        The best weights on `validation`, a pair like (x, y), are left in the model, the first ones included;
-        without it, the last.
+        teacher : module from noisy features to normals, which then replace y as targets
+        copies : if not 0, the model gets this many copies of each batch, each with its own noise
+        validation : a pair like (x, y); the model ends with the weights of the smallest validation loss,
+            the initial ones included. Without it, with the last weights.
         """
         torch.manual_seed(self.seed)
         generator = torch.Generator().manual_seed(self.seed)
@@ -141,7 +147,7 @@ def _loss(model, x: torch.Tensor, y: torch.Tensor) -> float:
 
 
 class ScaledNetwork(torch.nn.Module):
-    """A float network on integer features."""
+    """A float network preceded by the scaling of integer features, (pixels, inputs) to (pixels, 3)."""
 
     def __init__(self, network: torch.nn.Module, feature_scales: np.ndarray):
         super().__init__()
@@ -153,9 +159,9 @@ class ScaledNetwork(torch.nn.Module):
 
 
 def labelled_splits(data: Dataset, settings: Training) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """The labelled pixels, features and normals, that the network is trained on, by split name.
+    """Features and normals of the labelled pixels for training, as {"train": (x, y), "validation": (x, y)}.
 
-    The validation split is a fixed sample, or absent where there is none.
+    The validation pixels are a fixed random sample; the key is absent where the dataset has no such split.
     """
     seed = settings.seed
     found = {"train": labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=seed)}
@@ -167,7 +173,7 @@ def labelled_splits(data: Dataset, settings: Training) -> dict[str, tuple[np.nda
 
 
 def _tensors(pixels: dict[str, tuple[np.ndarray, np.ndarray]]) -> tuple[torch.Tensor, torch.Tensor] | None:
-    """The validation split's pixels, or None where there are none."""
+    """The validation split's features and normals as tensors, or None where there is no such split."""
     if "validation" not in pixels:
         return None
     x, y = pixels["validation"]
@@ -177,9 +183,11 @@ def _tensors(pixels: dict[str, tuple[np.ndarray, np.ndarray]]) -> tuple[torch.Te
 def train(
     data: Dataset, settings: Training, hidden: tuple[int, ...] = HIDDEN, *, progress: bool = False
 ) -> tuple[PixelNetwork, list[dict]]:
-    """Fit the float network to a dataset's train split; returns it and its learning curve.
+    """Fit the float network to a dataset's train split; returns the network and its learning curve.
 
-    hidden : neurons of its hidden layers
+    hidden : neurons of each hidden layer
+    With `settings.teachers` an ensemble of wide networks is trained first, and the network learns from it.
+    Raises ValueError where there is nothing to train on.
     """
     pixels = labelled_splits(data, settings)
     x, y = pixels["train"]

@@ -1,22 +1,24 @@
-"""Ridge regression of forces on any features: one solution, without start, steps or seed.
+"""Ridge regression of forces on features, in closed form, with the regularisation chosen by validation.
 
-The regularisation is the one of the smallest error on frames that were not fitted: those of the validation
-split or, without one, every fifth training frame.
+The regularisation with the smallest error on held-out frames is chosen: on those of the validation split or,
+without one, on every fifth training frame.
 Source: Hastie et al., "The Elements of Statistical Learning", 2nd ed., section 3.4.1.
 """
 
 import numpy as np
 
 REGULARISATION = 10.0 ** np.arange(-9, 1, 0.5)
-"""Tried, relative to the mean eigenvalue of the frames' inner products."""
+"""Strengths that are tried, relative to the mean eigenvalue of the frames' Gram matrix."""
 HELD_OUT = 5
-"""Where there is no validation split every so many training frames one is held out for the choice."""
+"""Without a validation split, one of this many training frames is held out to choose the regularisation."""
 
 
 def solve(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.ndarray:
-    """Ridge weights (regularisations, features, axes) of x (frames, features), each scaled to its own spread.
+    """Ridge weights (regularisations, features, axes) of x (frames, features) for force_n (frames, axes) in
+    N.
 
-    One singular value decomposition serves all strengths of the regularisation.
+    Each feature is scaled to a root mean square of 1 for the penalty. One singular value decomposition serves
+    all regularisation strengths.
     """
     x = x.astype(np.float64)
     spread = np.sqrt((x**2).mean(axis=0))
@@ -28,9 +30,11 @@ def solve(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.
 
 
 def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
-    """The error of every regularisation on unseen frames; x (frames, features) and force_n by split name.
+    """The error of every regularisation on held-out frames, as [{"regularisation": …, "validation_mae_n":
+    …}].
 
-    Raises ValueError where there are too few frames to hold any out, or no force to learn.
+    x (frames, features) and force_n (frames, axes) by split name. Raises ValueError where there are too few
+    frames to hold any out, or all forces are zero.
     """
     if "validation" not in x and len(x["train"]) < HELD_OUT:
         raise ValueError(f"split: {len(x['train'])} training frames without validation: expected {HELD_OUT}")
@@ -40,8 +44,10 @@ def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) 
 
 
 def best_weights(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> tuple[np.ndarray, list[dict]]:
-    """The weights (features, axes) of the best attempt, and all `validation_errors`; with a validation split one
-    decomposition serves both."""
+    """The weights (features, axes) with the best regularisation, and all `validation_errors`.
+
+    With a validation split a single decomposition serves both.
+    """
     history, weights = _try_all(x, force_n)
     if "validation" in x:
         return weights[history.index(best(history))], history
@@ -49,7 +55,8 @@ def best_weights(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> tu
 
 
 def _try_all(x, force_n) -> tuple[list[dict], np.ndarray]:
-    """The validation_errors, and the weights of each, from the frames that were not held out."""
+    """The validation errors, and the weights (regularisations, features, axes) fitted without held-out
+    frames."""
     if "validation" in x:
         seen, unseen = (x["train"], force_n["train"]), (x["validation"], force_n["validation"])
     else:
@@ -67,10 +74,11 @@ def _try_all(x, force_n) -> tuple[list[dict], np.ndarray]:
 
 
 def best(history: list[dict]) -> dict:
-    """The attempt of the smallest error."""
+    """The entry of `validation_errors` with the smallest error."""
     return min(history, key=lambda entry: entry["validation_mae_n"])
 
 
 def fit(x: np.ndarray, force_n: np.ndarray, attempt: dict) -> np.ndarray:
-    """Weights (features, axes) from all of x (frames, features), as `attempt` says."""
+    """Weights (features, axes) from all frames of x (frames, features), with the regularisation of
+    `attempt`."""
     return solve(x, force_n, np.array([attempt["regularisation"]]))[0]

@@ -1,9 +1,10 @@
-"""The adjoint's weights learned directly: F = Σ (a·Δp + b·Δq), a and b smooth over the image.
+"""Ridge regression of the force on the slopes: F = Σ (a·Δp + b·Δq), with a and b smooth over the image.
 
-Δp, Δq are the slopes less those at rest. Each field is a sum of the lowest m × m cosines (DCT-II) and the fit
-is ridge regression (models/training/ridge.py); m and the regularisation are those of the smallest error on frames that
-were not fitted. Unlike weights that come from the displacement through the adjoint, these know how noise and
-errors of the pixel network appear in the slopes.
+Δp and Δq are the slopes less those of the background frame. The fields a and b, sums of the lowest m × m
+cosines (DCT-II), are fitted by ridge regression (models/training/ridge.py); m and the regularisation are
+those of the smallest error on held-out frames. They replace the weights that models/floating/adjoint.py
+derives from weights of the displacement; fitted to found slopes, they take the pixel network's noise and
+errors into account.
 """
 
 import numpy as np
@@ -13,25 +14,26 @@ from fastac.models.training import ridge
 from fastac.store.progress import progress_bar
 
 SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
-"""Cosines along each axis that are tried."""
+"""Numbers m of cosines along each axis that are tried."""
 
 
 def cosine_basis(length: int, size: int) -> np.ndarray:
-    """The lowest cosines over `length` pixels, (length, size)."""
+    """The `size` lowest cosines of the orthonormal DCT-II over `length` pixels, (length, size)."""
     return idct(np.eye(length)[:, :size], axis=0, norm="ortho")
 
 
 def lowest_cosines(change: np.ndarray, size: int) -> np.ndarray:
-    """The lowest cosines of slopes' differences (frames, H, W, terms): (frames, size, size, terms)."""
+    """DCT-II coefficients of the lowest size × size cosines, (frames, H, W, terms) to (frames, size, size,
+    terms)."""
     return np.stack([dctn(frame, axes=(0, 1), norm="ortho")[:size, :size] for frame in change])
 
 
 def fit(
     change: dict[str, np.ndarray], force_n: dict[str, np.ndarray], *, progress: bool = False
 ) -> tuple[np.ndarray, list[dict]]:
-    """Weights of the slopes (axes, H, W, 2) in N, and the errors of all that was tried.
+    """Fit the weights of the slopes, (axes, H, W, terms) in N; returns them and the errors of all m tried.
 
-    change : slopes less those at rest (frames, H, W, 2) by split name, or any other number of terms a pixel
+    change : (frames, H, W, terms) by split name, such as slopes less those of the background, with two terms
     force_n : (frames, axes) by split name
     """
     height, width, terms = change["train"].shape[1:]

@@ -1,8 +1,8 @@
-"""Several wide pixel networks at once: teachers for the one small network that the hardware holds.
+"""An ensemble of wide pixel networks, the teachers in the distillation of the hardware's small network.
 
-Where recordings are few, a single small network's error varies with its random start by more than the
-recordings' noise; the mean of several wide ones varies little, and a small network can be trained to give
-that mean at any input, not only at the labelled ones.
+With few recordings, the error of a single small network varies with its random initialisation by more than
+the recordings' noise. The mean of several wide networks varies little, and the small network is trained to
+reproduce it at any input, not only at the labelled ones.
 Source: Hinton, Vinyals, Dean, "Distilling the Knowledge in a Neural Network", 2015.
 """
 
@@ -13,10 +13,10 @@ from torch import nn
 
 
 class Ensemble(nn.Module):
-    """`teachers` networks with three hidden layers of `width`, evaluated together.
+    """`teachers` networks with three hidden layers of `width` neurons, evaluated together.
 
-    In training mode scaled features, (pixels, inputs) or (teachers, pixels, inputs), give each teacher's
-    normals (teachers, pixels, 3); in evaluation mode their mean direction, (pixels, 3).
+    Input: scaled features, (pixels, inputs) or (teachers, pixels, inputs). Output: in training mode each
+    teacher's unit normals, (teachers, pixels, 3); in evaluation mode their mean direction, (pixels, 3).
     """
 
     def __init__(self, inputs: int, *, teachers: int, width: int):

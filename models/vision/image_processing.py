@@ -1,14 +1,16 @@
-"""From RAW10 to B, G, R, NIR: the paper's list of steps, and a direct binning of each cell beside it.
+"""Image processing from RAW10 to the channels B, G, R, NIR: the paper's demosaicing, or binning of 4 × 4
+cells.
 
-The paper ("Spectral Demultiplexing and Pre-processing"): dead-pixel correction, black level, NIR sampled at
-odd rows and columns and interpolated, infrared subtraction
+The paper's steps (Lu et al., "FasTac", "Spectral Demultiplexing and Pre-processing") are dead-pixel
+correction, black-level subtraction, NIR sampled at odd rows and columns and interpolated, infrared
+subtraction
 
     Ĩ = clip(I_blc − α · min(I_NIR, I_max / β), 0, I_max),
 
-rearrangement to BGGR, demosaicing, 8-bit NIR, crop and downsampling. It gives neither α, β nor the filters of
-the steps; those here are each named where they stand. Binning takes the mean of each colour in a 4 × 4 cell
-instead, after the same first two steps: a quarter of the resolution in one pass. The colours' centres in a
-cell are up to one raw pixel apart along each axis, and binning leaves them so.
+rearrangement to a BGGR Bayer mosaic, demosaicing, 8-bit NIR, crop and downsampling. The paper gives neither α
+and β nor the filters of the steps; each function names the one that it uses. Binning instead takes, after the
+same first two steps, the mean of each colour in a 4 × 4 cell: a quarter of the resolution in one pass. The
+centres of a cell's colours are up to one raw pixel apart along each axis; binning does not correct this.
 """
 
 from dataclasses import dataclass
@@ -21,33 +23,34 @@ from fastac.sensor.optics.mosaic import CELL, CHANNELS, LAYOUT, MosaicError, che
 from fastac.sensor.optics.raw10 import MAXIMUM
 
 SAME_FILTER = np.zeros((9, 9), np.uint8)
-"""The eight nearest pixels that share the filter of the middle one at every phase of the pattern: (±2, ±2),
-(0, ±4) and (±4, 0)."""
+"""Mask of the eight nearest pixels that have the centre's colour filter wherever in the pattern the centre
+is: (±2, ±2), (0, ±4) and (±4, 0)."""
 for _v, _u in ((2, 2), (2, 6), (6, 2), (6, 6), (0, 4), (8, 4), (4, 0), (4, 8)):
     SAME_FILTER[_v, _u] = 1
 DEMOSAIC_SCALE = 64
-"""Demosaicing works on 16-bit integers: RAW10 values take six bits of fraction along."""
+"""Factor from RAW10 values to the 16-bit integers of OpenCV's demosaicing: six fractional bits."""
 
 
 class ImageProcessingError(ValueError):
-    """An image that the processing cannot take; the message is one line with what was expected."""
+    """An image or a setting that cannot be processed; the message is one line with what was expected."""
 
 
 @dataclass(frozen=True)
 class ImageProcessing:
-    """Settings of both paths. Values are RAW10 digital numbers."""
+    """Settings of demosaicing and binning; levels are in RAW10 digital numbers (DN)."""
 
     black_level_dn: float = 64.0
     alpha: float = 0.8
-    """Strength of the infrared subtraction: NIR light in a visible pixel over that in an NIR pixel."""
+    """Strength of the infrared subtraction: NIR response of a visible pixel relative to an NIR pixel."""
     beta: float = 1.0
-    """The NIR that is subtracted is at most I_max / β."""
+    """Limit of the infrared subtraction: NIR values above I_max / β are clipped to it."""
     dead_pixel_dn: float = 128.0
-    """A pixel that leaves the range of its eight neighbours of the same filter by more than this is dead."""
+    """A pixel counts as dead where it is outside the range of its eight SAME_FILTER neighbours by more than
+    this."""
     crop_px: tuple[int, int] | None = None
-    """Height and width of the window, centred on whole cells, that is kept; None keeps all."""
+    """Height and width of the central window that is kept, aligned to whole cells; None keeps the image."""
     downsample: int = 4
-    """Raw pixels along each axis that an output pixel averages; binning wants a multiple of four."""
+    """Raw pixels along each axis per output pixel; binning requires a multiple of four."""
 
     def __post_init__(self):
         for key, low, high in (("black_level_dn", 0, MAXIMUM), ("alpha", 0, 4), ("beta", 1, MAXIMUM)):
@@ -88,12 +91,12 @@ class ImageProcessing:
         )
 
     def subtract_nir(self, visible: np.ndarray, nir: np.ndarray) -> np.ndarray:
-        """The paper's equation, of arrays that broadcast."""
+        """The paper's infrared subtraction (see the module), for arrays that broadcast."""
         estimate = np.minimum(nir, np.float32(MAXIMUM / self.beta))
         return np.clip(visible - np.float32(self.alpha) * estimate, 0, MAXIMUM)
 
     def window(self, height_px: int, width_px: int) -> tuple[slice, slice]:
-        """Rows and columns that are kept: the middle of the image, beginning with a whole cell."""
+        """Slices of the rows and columns that are kept: the central window, aligned to whole cells."""
         size = height_px, width_px
         try:
             return window(*size, self.crop_px or size, multiple_of=self.downsample)
@@ -102,7 +105,8 @@ class ImageProcessing:
 
 
 def check_raw(raw: np.ndarray) -> None:
-    """Raise ImageProcessingError unless this is a RAW10 image, MosaicError unless its cells are whole."""
+    """Raise ImageProcessingError unless `raw` is (H, W) uint16 of at most 1023 and two cells; MosaicError
+    unless it consists of whole cells."""
     if raw.dtype != np.uint16 or raw.ndim != 2:
         raise ImageProcessingError(f"RAW image: {raw.dtype} {raw.shape}: expected uint16 (height, width)")
     check_cells(*raw.shape, "RAW image")
@@ -115,10 +119,10 @@ def check_raw(raw: np.ndarray) -> None:
 
 
 def correct_dead_pixels(raw: np.ndarray, threshold_dn: float) -> np.ndarray:
-    """Dead and hot pixels of (H, W) uint16 replaced by the median of their same-filter neighbours.
+    """Replace dead and hot pixels of (H, W) uint16 by the median of their SAME_FILTER neighbours.
 
-    A pixel counts as dead where it leaves the range of its eight neighbours by more than the threshold.
-    Beyond an edge stands what lies two cells inwards: never the pixel itself.
+    A pixel counts as dead where it is outside the range of these eight neighbours by more than the threshold.
+    At the edges the mosaic is padded by the pixels two cells inwards, never by the pixel itself.
     """
     padded = pad_periodically(raw, CELL, 2 * CELL)
     inside = slice(CELL, -CELL), slice(CELL, -CELL)
@@ -133,7 +137,8 @@ def correct_dead_pixels(raw: np.ndarray, threshold_dn: float) -> np.ndarray:
 
 
 def pad_periodically(mosaic: np.ndarray, margin: int, period: int) -> np.ndarray:
-    """(H, W) with a margin of pixels that repeat those one period inwards, so that filters stay in place."""
+    """Pad a mosaic (H, W) by `margin` on each side with the pixels one period inwards, which keeps the colour
+    filters' pattern."""
     indices = []
     for size in mosaic.shape:
         index = np.arange(-margin, size + margin)
@@ -144,15 +149,15 @@ def pad_periodically(mosaic: np.ndarray, margin: int, period: int) -> np.ndarray
 
 
 def interpolate_nir(level: np.ndarray) -> np.ndarray:
-    """NIR at every pixel: I_NIR(2m + 1, 2n + 1) is sampled, the rest linear between, (H, W) float32.
+    """NIR at every pixel, (H, W) float32: samples at (2m + 1, 2n + 1), bilinear interpolation between them.
 
-    Row and column 0 lie outside the samples and repeat the nearest.
+    Row 0 and column 0, outside the samples, repeat row 1 and column 1.
     """
     return _between(_between(level[1::2, 1::2]).T).T
 
 
 def _between(samples: np.ndarray) -> np.ndarray:
-    """Rows 1, 3, 5, … are given; row 0 repeats row 1, the others are the mean of their neighbours."""
+    """Interpolate rows from the samples at rows 1, 3, 5, …: means of two neighbours; row 0 repeats row 1."""
     dense = np.empty((2 * len(samples), samples.shape[1]), samples.dtype)
     dense[0] = samples[0]
     dense[1::2] = samples
@@ -161,10 +166,10 @@ def _between(samples: np.ndarray) -> np.ndarray:
 
 
 def to_bggr(visible: np.ndarray) -> np.ndarray:
-    """A corrected RGB-IR mosaic (H, W) as a BGGR Bayer mosaic of the same size.
+    """Convert an RGB-IR mosaic (H, W), after infrared subtraction, to a BGGR Bayer mosaic of the same size.
 
-    B at (0, 0), (2, 2) and all G stay. NIR pixels become R, the mean of the two diagonal neighbours that are;
-    R pixels become B, the mean of the four nearest B, two pixels away along the axes.
+    B at (0, 0) and (2, 2) and all G are kept. NIR pixels become R: the mean of their two diagonal neighbours
+    that are R. R pixels become B: the mean of the four nearest B, two pixels away along the axes.
     """
     bayer = visible.copy()
     padded = pad_periodically(visible, 2, CELL)
@@ -206,12 +211,12 @@ def downsample(image: np.ndarray, factor: int) -> np.ndarray:
 
 
 def to_8_bits(image: np.ndarray) -> np.ndarray:
-    """RAW10 values, clipped to their range, as rounded 8-bit ones: 1023 is 255."""
+    """Convert RAW10 values to rounded 8-bit ones, with 1023 as 255; values are clipped to the range."""
     return np.rint(np.clip(image, 0, MAXIMUM) * np.float32(255 / MAXIMUM)).astype(np.uint8)
 
 
 def channels(raw: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """One RAW10 image (4H, 4W) uint16 as the sensor's channels (H, W, C) uint8."""
+    """Process one RAW10 image (4H, 4W) uint16 into the sensor's channels (H, W, C) uint8."""
     keys = ("black_level_dn", "alpha", "beta", "dead_pixel_dn")
     processing = ImageProcessing(**{key: getattr(sensor.raw10, key) for key in keys})
     by = processing.demosaic if sensor.raw10.method == "demosaic" else processing.bin_cells
@@ -219,5 +224,5 @@ def channels(raw: np.ndarray, sensor: Sensor) -> np.ndarray:
 
 
 def as_channels(image: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """What a camera of that sensor gives, processed if it is RAW10."""
+    """The channels (H, W, C) uint8 of a frame: processed if the sensor sends RAW10, otherwise unchanged."""
     return channels(image, sensor) if sensor.frames == "raw10" else image

@@ -1,4 +1,4 @@
-"""Marker dots: found in an image by threshold and blobs, and followed from frame to frame.
+"""Marker dots: detection by threshold and connected components, and tracking from frame to frame.
 
 The paper ("3D Displacement Field Extraction"): sparse marker displacements are extracted by thresholding and
 blob detection. Positions are (u, v) in pixels, u along x; index i is the centre of pixel i.
@@ -15,9 +15,9 @@ from fastac.models.vision.image_processing import as_channels
 from fastac.scenes.sensor_schema import Sensor
 
 NEIGHBOURS = 6
-"""Markers around one whose median motion predicts its own."""
+"""Number of neighbouring markers whose median motion predicts a marker's motion."""
 ROUNDS = 5
-"""Of association and prediction; two usually settle it."""
+"""Largest number of rounds of assignment and prediction; two usually suffice."""
 
 
 class MarkerError(ValueError):
@@ -26,16 +26,16 @@ class MarkerError(ValueError):
 
 @dataclass(frozen=True)
 class Detector:
-    """Finds dark dots on a brighter skin, however unevenly it is lit."""
+    """Detects dark dots on a brighter, unevenly lit skin."""
 
     diameter_px: float
-    """Of a dot at rest."""
+    """Diameter of a dot on the undeformed skin."""
     contrast: float = 0.3
-    """A pixel belongs to a dot where it lacks more than this share of the skin's brightness around it."""
+    """Threshold: a pixel belongs to a dot where it is darker than the skin around by more than this share."""
     area_range: tuple[float, float] = (0.25, 2.5)
-    """Smallest and largest area of a blob, in areas of a dot at rest."""
+    """Smallest and largest area of a blob, relative to a dot's area on the undeformed skin."""
     elongation: float = 2.5
-    """Longest side of a blob's bounding box over its shortest, at most."""
+    """Largest ratio of the longer to the shorter side of a blob's bounding box."""
 
     def __post_init__(self):
         if not 2 <= self.diameter_px <= 200:
@@ -46,8 +46,9 @@ class Detector:
     def detect(self, image: np.ndarray) -> np.ndarray:
         """Centres (K, 2) of the dots of an image (H, W) or (H, W, C) uint8, row by row, float64.
 
-        A colour image is averaged over its channels. A centre is the mean place of a blob's pixels, weighted
-        by how much light each lacks. Blobs that touch the image's edge are left out: part of them is unseen.
+        A colour image is averaged over its channels. A centre is the centroid of a blob's pixels, weighted by
+        how much darker than the skin each is. Blobs that touch the image's edge are left out, as their centre
+        is unknown. Raises MarkerError on another type or shape.
         """
         if image.dtype != np.uint8 or image.ndim not in (2, 3):
             raise MarkerError(f"image: {image.dtype} {image.shape}: expected uint8 (H, W) or (H, W, C)")
@@ -61,10 +62,11 @@ class Detector:
         return np.stack(places, axis=-1) / weight[:, None]
 
     def _threshold(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The light that each pixel lacks, float32 ≥ 0, and where that makes a dot, uint8 0 or 1.
+        """How much darker than the skin each pixel is, (H, W) float32 ≥ 0, and the mask of dots, uint8 0 or
+        1.
 
-        The skin's brightness is a closing with a disc wider than a dot, smoothed: dots do not darken it.
-        Glints inside a dot are closed likewise.
+        The skin's brightness is estimated by a morphological closing with a disc wider than a dot, which
+        removes the dots, and a box filter.
         """
         size = int(np.ceil(self.diameter_px * 1.5)) | 1
         disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
@@ -85,12 +87,12 @@ class Detector:
 
 
 def associate(expected_px: np.ndarray, found_px: np.ndarray, max_step_px: float) -> np.ndarray:
-    """For each expected marker (M, 2) the index of the found one (K, 2), −1 where none is near: (M,) int64.
+    """The index of the found dot (K, 2) for each expected marker (M, 2), −1 for none: (M,) int64.
 
-    The one-to-one assignment of least total squared distance, then repeated from where the median motion of
-    each marker's neighbours puts it, until nothing changes: where the motion is smooth it may exceed half the
-    spacing. All dots moved alike by more than that cannot be told from a shift the other way. A pair farther
-    apart than `max_step_px`, after the neighbours' motion, is none.
+    The one-to-one assignment with the smallest sum of squared distances is repeated, each time from positions
+    predicted by the median motion of each marker's neighbours, until it no longer changes. So a smooth motion
+    may exceed half the spacing of the markers; a motion common to all markers may not, for it is ambiguous.
+    Pairs farther apart than `max_step_px` from the prediction are not assigned.
     """
     matched = np.full(len(expected_px), -1, np.int64)
     if not len(expected_px) or not len(found_px):
@@ -116,18 +118,23 @@ def associate(expected_px: np.ndarray, found_px: np.ndarray, max_step_px: float)
 
 @dataclass(frozen=True)
 class TrackedMarkers:
+    """The markers of a reference frame in another frame."""
+
     position_px: np.ndarray
-    """(M, 2) where each marker of the reference is; of a lost one, where it was last seen."""
+    """(M, 2) position of each marker; for a lost one, its last known position."""
     displacement_px: np.ndarray
-    """(M, 2) from the reference; of a lost one, the last known."""
+    """(M, 2) displacement of each marker from the reference; for a lost one, the last known."""
     lost: np.ndarray
-    """(M,) bool: not found in this frame."""
+    """(M,) bool: markers that were not found in this frame."""
     new_px: np.ndarray
-    """(K, 2) dots that belong to no marker of the reference."""
+    """(K, 2) positions of detected dots that are no marker of the reference."""
 
 
 class Tracker:
-    """Follows the markers of a reference frame. Lost ones are looked for again where they were last seen."""
+    """Tracks the markers of a reference frame, (M, 2). Lost ones are searched where they were last found.
+
+    Raises MarkerError on an empty or malformed reference, or a `max_step_px` that is not positive.
+    """
 
     def __init__(self, reference_px: np.ndarray, max_step_px: float):
         reference_px = np.asarray(reference_px, float)
@@ -141,7 +148,7 @@ class Tracker:
         self.position_px = reference_px.copy()
 
     def update(self, found_px: np.ndarray) -> TrackedMarkers:
-        """The markers in the next frame, from the centres (K, 2) that a detector found in it.
+        """The markers in the next frame, from the centres (K, 2) of the dots detected in it.
 
         Raises MarkerError where not one marker is found.
         """
@@ -157,7 +164,7 @@ class Tracker:
 
 @dataclass(frozen=True)
 class Markers:
-    """The dots of one gel: where they are in the background frame, and how they are found again."""
+    """The markers of one gel: their positions in the background frame, and detection in other frames."""
 
     sensor: Sensor
     detector: Detector
@@ -166,7 +173,7 @@ class Markers:
 
     @classmethod
     def of_background(cls, image: np.ndarray, sensor: Sensor) -> "Markers":
-        """Those that a camera's frame shows; raises MarkerError where it shows too few."""
+        """The markers in a background frame, channels or RAW10; raises MarkerError where there are none."""
         dots, pitch = sensor.markers, sensor.pitch_mm
         detector = Detector(2 * dots.radius_mm / pitch)
         reference = detector.detect(as_channels(image, sensor))
@@ -175,6 +182,10 @@ class Markers:
         return cls(sensor, detector, reference, step)
 
     def find(self, image: np.ndarray) -> TrackedMarkers:
-        """In a camera's frame; each is a press of its own, so dots are looked for from where they rest."""
+        """Find the markers in a frame, channels or RAW10.
+
+        Frames are independent presses, so markers are searched from their background positions. Raises
+        MarkerError where none is found.
+        """
         found = self.detector.detect(as_channels(image, self.sensor))
         return Tracker(self.reference_px, self.max_step_px).update(found)

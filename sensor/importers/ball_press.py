@@ -1,78 +1,52 @@
-"""Recorded ball presses: photographs and their contact circles, to the dataset format.
+"""Imports photographs of ball presses, with labelled contact circles, as a dataset.
 
 The labels are a CSV file with columns image, center_x_px, center_y_px, radius_px, split (train, validation
-or test), in pixel indices of the original photographs. Inside the circle the skin lies against the ball, so
-its normals are known. Just outside, the gel forms a shoulder that nobody measured: it is not valid, and its
-normals are NaN. The one sample of known flat skin is the background itself, stored last, in split train.
+or test), in pixel indices of the original photographs. Inside the circle the skin touches the ball, so its
+normals are known. Outside it the gel forms a shoulder that was not measured: its pixels are not valid, and
+their normals are NaN. The background is the one sample of flat skin; it is stored last, in split train.
 """
 
-import csv
 import math
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fastac.sensor import dataset
 from fastac.sensor.geometry import ball_slopes, normals_from_slopes
+from fastac.sensor.importers.csv_rows import Split, read_rows, where
 from fastac.sensor.importers.footage import CHANNELS, ImportFailure, photograph
 from fastac.sensor.importers.resample import Resampling
 
-COLUMNS = ("image", "center_x_px", "center_y_px", "radius_px", "split")
+
+@dataclass(frozen=True)
+class Label:
+    """A photograph and the circle in which ball and gel touch, in pixels of the photograph."""
+
+    image: str
+    center_x_px: float
+    center_y_px: float
+    radius_px: float
+    split: Split
 
 
-def _rows(labels: Path) -> list[dict]:
-    """The labels, with numbers converted and the line of each kept for errors."""
-    try:
-        with labels.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            for column in COLUMNS:
-                if column not in (reader.fieldnames or ()):
-                    raise ImportFailure(f"{labels}: {column}: missing column")
-            rows = [_row(row, f"{labels}, line {reader.line_num}") for row in reader]
-    except FileNotFoundError:
-        raise ImportFailure(f"{labels}: no such file") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ImportFailure(f"{labels}: not a readable CSV file: {error}") from None
-    if not rows:
-        raise ImportFailure(f"{labels}: image: expected at least one row")
-    return rows
-
-
-def _row(row: dict, where: str) -> dict:
-    numbers = {"where": where}
-    for column in COLUMNS:
-        value = row[column]
-        if value is None or not value.strip():
-            raise ImportFailure(f"{where}: {column}: missing value")
-        numbers[column] = value.strip()
-        if column.endswith("_px"):
-            try:
-                numbers[column] = float(value)
-            except ValueError:
-                numbers[column] = math.nan
-            if not math.isfinite(numbers[column]):
-                raise ImportFailure(f"{where}: {column} = {value!r}: expected a number")
-    if numbers["split"] not in dataset.SPLITS:
-        raise ImportFailure(
-            f"{where}: split = {numbers['split']!r}: expected one of {', '.join(dataset.SPLITS)}"
-        )
-    return numbers
-
-
-def _check_circle(row: dict, height: int, width: int, ball_mm: float, px_per_mm: float) -> None:
-    radius = row["radius_px"]
+def _check_circle(
+    label: Label, place: str, height: int, width: int, ball_mm: float, px_per_mm: float
+) -> None:
+    """Raise ImportFailure for a circle larger than the ball or beyond the image; `place` names its line."""
+    radius = label.radius_px
     if radius <= 0:
-        raise ImportFailure(f"{row['where']}: radius_px = {radius:g}: expected more than 0")
+        raise ImportFailure(f"{place}: radius_px = {radius:g}: expected more than 0")
     if radius / px_per_mm >= ball_mm / 2:
         raise ImportFailure(
-            f"{row['where']}: radius_px = {radius:g}: {radius / px_per_mm:.3f} mm at {px_per_mm:g} px/mm,"
+            f"{place}: radius_px = {radius:g}: {radius / px_per_mm:.3f} mm at {px_per_mm:g} px/mm,"
             f" expected less than the ball's radius of {ball_mm / 2:g} mm"
         )
     for key, size in (("center_x_px", width), ("center_y_px", height)):
-        if not radius - 0.5 <= row[key] <= size - 0.5 - radius:
+        value = getattr(label, key)
+        if not radius - 0.5 <= value <= size - 0.5 - radius:
             raise ImportFailure(
-                f"{row['where']}: {key} = {row[key]:g}: a circle of radius {radius:g} px leaves the image"
-                f" of {size} px"
+                f"{place}: {key} = {value:g}: a circle of radius {radius:g} px leaves the image of {size} px"
             )
 
 
@@ -108,7 +82,7 @@ def import_folder(
     for key, value in (("ball_mm", ball_mm), ("px_per_mm", px_per_mm)):
         if not (math.isfinite(value) and value > 0):
             raise ImportFailure(f"{folder}: {key} = {value:g}: expected more than 0")
-    rows = _rows(labels)
+    rows = read_rows(labels, Label, others_allowed=True)
     untouched = photograph(background)
     resampling = Resampling(*untouched.shape[:2], height_px, width_px)
     pitch_mm = resampling.scale / px_per_mm
@@ -121,20 +95,20 @@ def import_folder(
     center_px = np.full((n, 2), np.nan)
     radius_px = np.full(n, np.nan)
     in_photograph = resampling.valid()
-    for i, row in enumerate(rows):
-        path = folder / row["image"]
+    for i, (label, line) in enumerate(rows):
+        path, place = folder / label.image, where(labels, line)
         if not path.is_file():
-            raise ImportFailure(f"{row['where']}: image = {row['image']!r}: not in {folder}")
+            raise ImportFailure(f"{place}: image = {label.image!r}: not in {folder}")
         image = photograph(path)
         if image.shape != untouched.shape:
             raise ImportFailure(
                 f"{path}: size = {image.shape[1]} x {image.shape[0]} px:"
                 f" expected the background's {untouched.shape[1]} x {untouched.shape[0]}"
             )
-        _check_circle(row, *untouched.shape[:2], ball_mm, px_per_mm)
+        _check_circle(label, place, *untouched.shape[:2], ball_mm, px_per_mm)
         frames[i] = np.rint(resampling.frame(image, untouched))
-        center_px[i] = resampling.points_px(np.array([row["center_x_px"], row["center_y_px"]]))
-        radius_px[i] = row["radius_px"] / resampling.scale
+        center_px[i] = resampling.points_px(np.array([label.center_x_px, label.center_y_px]))
+        radius_px[i] = label.radius_px / resampling.scale
         inside, inside_normals = _inside(center_px[i], radius_px[i], pitch_mm, ball_mm, shape)
         valid[i] = inside & in_photograph
         normals[i][inside] = inside_normals
@@ -151,7 +125,7 @@ def import_folder(
         source=f"recorded: ball presses from {folder.name}",
         background=frames[-1],
         frames=frames,
-        split=np.array([*(row["split"] for row in rows), "train"]),
+        split=np.array([*(label.split for label, _ in rows), "train"]),
         normals=normals,
         valid=valid,
         indenter={

@@ -1,7 +1,7 @@
-"""The skin at rest as the sensor's CAD has it: the scene's own surface, a height map, or an STL file.
+"""The undeformed skin from the sensor's CAD: the scene's own surface, a height map, or an STL file.
 
-x and y are in mm from the image's centre, z in mm away from the camera, zero at the lowest corner of the
-image as in a dataset; a file's own zero of z does not matter.
+x and y are in mm from the image's centre. z is in mm, positive away from the camera and zero at the lowest
+corner of the image, as in a dataset; a constant added to a file's heights has no effect.
 """
 
 from collections.abc import Callable
@@ -18,16 +18,16 @@ from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.mechanics.indenter import Ball
 
 SEARCH_POINTS_PER_PIXEL = 8
-"""Points along each side of a pixel that are searched for the first touch."""
+"""Points along each side of a pixel at which the first touch is searched."""
 
 
 @dataclass(frozen=True)
 class Cad:
-    """A skin over an image."""
+    """The surface of the undeformed skin above a sensor's image."""
 
     sensor: Sensor
     depth_at_mm: Callable[[np.ndarray, np.ndarray], np.ndarray]
-    """z above x and y, arrays of one shape within the image."""
+    """z at x and y, arrays of one shape with values inside the image."""
     slopes: tuple[np.ndarray, np.ndarray]
     """p and q at the pixels, (H, W) each."""
 
@@ -41,9 +41,9 @@ class Cad:
         return normals_from_slopes(*self.slopes)
 
     def first_touch_mm(self, ball_mm: float, x_mm: float, y_mm: float) -> float:
-        """z of a ball's lowest point where it first touches the skin, led down at x_mm, y_mm.
+        """z of a ball's lowest point when, moving down at (x_mm, y_mm), it first touches the skin.
 
-        Searched at every pixel below the ball, then between those around the first to touch.
+        Searched at every pixel below the ball, then on a finer grid around the pixel that touches first.
         """
         half, at, reach, step = (
             half_extent_mm(self.sensor),
@@ -62,20 +62,20 @@ class Cad:
 
 
 def half_extent_mm(sensor: Sensor) -> np.ndarray:
-    """x and y of the outermost pixels' centres, (2,)."""
+    """x and y of the last pixel's centre, (2,) in mm: half the image's extent."""
     return np.array([sensor.width_px - 1, sensor.height_px - 1]) * sensor.pitch_mm / 2
 
 
 def of_scene(sensor: Sensor) -> Cad:
-    """The surface that the scene itself describes."""
+    """The surface described by the scene's sensor: flat or an ellipsoid."""
     return Cad(sensor, lambda x, y: rest_depth_at_mm(sensor, x, y), rest_slopes(sensor))
 
 
 def of_file(sensor: Sensor, path: Path, pitch_mm: float | None = None) -> Cad:
-    """The surface in an STL file, in mm, its origin on the image's axis; or in a height map, `.npy`.
+    """The surface in an STL file, in mm with its origin on the image's axis, or in a height map, `.npy`.
 
-    A height map is (rows, columns) of z in mm, rows along y, `pitch_mm` apart, its middle on the axis.
-    Raises ImportFailure on a file that is no surface or does not span the image.
+    A height map holds z in mm, (rows, columns) with rows along y, sampled every `pitch_mm` and centred on the
+    image's axis. Raises ImportFailure on a file that cannot be read or does not cover the image.
     """
     if path.suffix.lower() == ".stl":
         if pitch_mm is not None:
@@ -93,7 +93,7 @@ def of_file(sensor: Sensor, path: Path, pitch_mm: float | None = None) -> Cad:
 
 
 def read_array(path: Path) -> np.ndarray:
-    """The array in an `.npy` file, nothing unpickled. Raises ImportFailure where there is none."""
+    """The array in an `.npy` file, without unpickling. Raises ImportFailure where it cannot be read."""
     try:
         return np.load(path, allow_pickle=False)
     except FileNotFoundError:
@@ -103,7 +103,8 @@ def read_array(path: Path) -> np.ndarray:
 
 
 def _of_samples(sensor: Sensor, path: Path, x: np.ndarray, y: np.ndarray, height: np.ndarray) -> Cad:
-    """A cubic spline through heights at x (columns,), y (rows,); zero at the lowest corner of the image."""
+    """A cubic spline through heights (rows, columns) at x (columns,) and y (rows,), shifted to zero at the
+    lowest corner of the image."""
     half = half_extent_mm(sensor)
     for key, axis, need in (("x", x, half[0]), ("y", y, half[1])):
         if axis[-1] < need - 1e-9:
@@ -123,9 +124,9 @@ def _of_samples(sensor: Sensor, path: Path, x: np.ndarray, y: np.ndarray, height
 
 
 def _stl_heights(sensor: Sensor, path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The highest point of a mesh over a grid that covers the image: x, y and heights, NaN where none is.
+    """The upper surface of a mesh on a grid with the image's pitch and a margin of two pixels.
 
-    The grid has the image's pitch and a margin of two.
+    Returns x, y and heights (rows, columns), NaN where the mesh has no point.
     """
     import trimesh  # slow to load, and needed for STL files only
 
@@ -151,7 +152,7 @@ def _stl_heights(sensor: Sensor, path: Path) -> tuple[np.ndarray, np.ndarray, np
 
 
 def _raise_to(height: np.ndarray, x: np.ndarray, y: np.ndarray, a, b, c) -> None:
-    """Raise the grid's heights to a triangle where they lie under it."""
+    """Raise the grid's heights to those of the triangle a, b, c where it lies above them, in place."""
     low, high = np.minimum(np.minimum(a, b), c), np.maximum(np.maximum(a, b), c)
     columns = slice(*np.searchsorted(x, (low[0] - 1e-9, high[0] + 1e-9)))
     rows = slice(*np.searchsorted(y, (low[1] - 1e-9, high[1] + 1e-9)))

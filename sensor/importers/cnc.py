@@ -1,6 +1,8 @@
-"""Recordings on a machine with a force gauge: the protocol that it is told, and what it brings home.
+"""Positioning machine (CNC) with a force gauge: plans the poses of a protocol and imports the recording.
 
-A recording is a folder with poses.csv (poses.py) and a frame per row (cnc_frames.py). Normals and depth are rendered from pose, ball and CAD (pose_labels.py), forces are the gauge's.
+A recording is a folder with the measured poses and forces, poses.csv (poses.py), and a frame for each of its
+rows (cnc_frames.py). Ground-truth normals and depth are rendered from pose, ball and CAD (pose_labels.py);
+forces are those of the gauge.
 """
 
 from collections.abc import Callable
@@ -25,7 +27,10 @@ Point = tuple[float, float, float]
 
 
 def planned_poses(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) -> list[Pose]:
-    """The poses and loads of a scene's protocol, z where the ball first touches `cad`, plus `origin_mm`."""
+    """The poses and loads of a scene's protocol in the machine's coordinates, with z at first touch.
+
+    cad : the undeformed skin; origin_mm : the sensor's origin in the machine's coordinates
+    """
     found, ball_mm = [], scene.protocol.ball_mm
     for station in stations(scene):
         touch = cad.first_touch_mm(ball_mm, station.x_mm, station.y_mm)
@@ -38,9 +43,10 @@ def planned_poses(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) ->
 def write_recording(
     scene: Scene, data: dataset.Dataset, folder: Path, origin_mm: Point, progress: bool
 ) -> None:
-    """Write the samples of a virtual rig as a machine would have recorded them; poses.csv comes last.
+    """Write a simulated dataset as a recording in `folder`, as a machine would have recorded it.
 
-    Raises ImportFailure where the folder has something in it, or the data lack the ball's pose.
+    poses.csv is written last. Raises ImportFailure where the folder is not empty, or the dataset has no z of
+    the ball.
     """
     if folder.exists() and any(folder.iterdir()):
         raise ImportFailure(f"{folder}: not empty: expected a new folder for the recording")
@@ -62,13 +68,14 @@ def write_recording(
 
 
 class MarkerFinder(Protocol):
-    """What finds the dots of one gel in its frames; `models.vision.markers.Markers` does."""
+    """Finds the markers of one gel in its frames, as `models.vision.markers.Markers`."""
 
     reference_px: np.ndarray
-    """(M, 2), where they rest."""
+    """(M, 2) positions (u, v) in the background frame."""
 
     def find(self, image: np.ndarray):
-        """`.position_px` (M, 2) and `.lost` (M,) in a frame; raises ValueError where it shows no dots."""
+        """The markers in a frame: `.position_px` (M, 2) and `.lost` (M,); raises ValueError where none is
+        found."""
 
 
 def import_recording(
@@ -84,11 +91,13 @@ def import_recording(
     skip_lost: bool = False,
     progress: bool = True,
 ) -> None:
-    """Import the recording in `folder` into the dataset `output`.
+    """Import the machine's recording in `folder` into the dataset `output`.
 
+    ball_mm : the ball's diameter
     origin_mm : the sensor's origin in the machine's coordinates
-    marker_finder_of : makes what follows the gel's dots from the background frame; None where the skin has none.
-        Raises ValueError where the background shows no dots.
+    raw_size_px : height and width of packed RAW10 images; None: those of the scene's window
+    marker_finder_of : makes what follows the gel's dots from the background frame; None where the skin has
+        none. Raises ValueError where the background shows no dots.
     skip_lost : leave samples out, and count them, in which a marker is not found; else that is an error
 
     The last sample is the background itself: the skin at rest as `cad` has it, in split train, without force.
@@ -150,7 +159,7 @@ def import_recording(
 
 
 def _positions(dots: MarkerFinder, image: np.ndarray, where: str, skip_lost: bool) -> np.ndarray | None:
-    """Where the dots are in a frame, (M, 2); None for a frame to skip."""
+    """Positions of the markers in a frame, (M, 2); None for a frame to leave out."""
     try:
         found = dots.find(image)
     except ValueError as error:

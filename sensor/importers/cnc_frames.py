@@ -1,11 +1,11 @@
-"""The frames of a recording on a machine: one file per sample in a folder, read and written.
+"""Frame files of a machine's recording: one file per sample in a folder.
 
-000012.raw      RAW10, packed as the camera sends it (sensor/optics/raw10.py)
-000012.npy      the same unpacked, uint16 (rows, columns); or channels, uint8 (H, W, C) in the scene's order
-000012.png      channels as an RGB photograph; where the scene has NIR, 000012.nir.png beside it, grey
+000012.raw      RAW10 image, packed as the camera sends it (sensor/optics/raw10.py)
+000012.npy      RAW10 image unpacked, uint16 (rows, columns); or channels, uint8 (H, W, C) in scene order
+000012.png      channels as an RGB image; where the scene has NIR, with the 8-bit grey 000012.nir.png
 
-`background` in place of the number is the frame with nothing touching. RAW10 images larger than the window of
-4 × 4 raw pixels a pixel are cut to its middle.
+`background` in place of the number is the no-contact reference frame. RAW10 images larger than the window of
+4 × 4 raw pixels per pixel are cropped to their centre.
 """
 
 from dataclasses import dataclass
@@ -25,12 +25,13 @@ SUFFIXES = {"raw10": (".raw", ".npy"), "channels": (".npy", ".png")}
 
 
 def stem(index: int) -> str:
+    """The file name, without suffix, of the sample with this index."""
     return f"{index:06d}"
 
 
 @dataclass(frozen=True)
 class CncFrames:
-    """Frames of one scene's sensor in a folder."""
+    """Reads and writes the frames of one scene's sensor in a folder."""
 
     folder: Path
     sensor: Sensor
@@ -38,7 +39,7 @@ class CncFrames:
     """Height and width of packed RAW10 images; None: those of the window."""
 
     def read(self, name: str) -> np.ndarray:
-        """One frame: RAW10 (4H, 4W) uint16, or channels (H, W, C) uint8, as the scene has them.
+        """Read a frame: RAW10 (4H, 4W) uint16, or channels (H, W, C) uint8, as the scene's sensor sends them.
 
         Raises ImportFailure where it is missing, of another size or type, or truncated.
         """
@@ -93,7 +94,7 @@ class CncFrames:
         return np.dstack([colours, nir])
 
     def write(self, name: str, frame: np.ndarray) -> None:
-        """One frame as `read` takes it: packed RAW10, or an array of channels."""
+        """Write a frame: packed RAW10, or an array of channels."""
         if self.sensor.frames == "raw10":
             (self.folder / f"{name}.raw").write_bytes(pack(frame).tobytes())
         else:

@@ -1,4 +1,4 @@
-"""Recorded frames, one at a time: a video file or a folder of photographs, and why one cannot be read."""
+"""Recorded frames from a video file or a folder of photographs, read one at a time."""
 
 import re
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from PIL import Image
 
 CHANNELS = ("B", "G", "R")
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
-"""Of the files in a folder that are taken for photographs."""
+"""Suffixes of the files in a folder that count as photographs."""
 
 
 class ImportFailure(ValueError):
@@ -18,7 +18,10 @@ class ImportFailure(ValueError):
 
 
 def photograph(path: Path) -> np.ndarray:
-    """An RGB photograph as (height, width, C) uint8 in the order B, G, R."""
+    """Read an RGB image file as (height, width, 3) uint8 in the order B, G, R.
+
+    Raises ImportFailure on a missing or unreadable file, or another mode than RGB.
+    """
     try:
         with Image.open(path) as image:
             if image.mode != "RGB":
@@ -31,7 +34,7 @@ def photograph(path: Path) -> np.ndarray:
 
 
 def _by_number(path: Path) -> list:
-    """The order of names in which frame2 comes before frame10."""
+    """Sort key that orders names by the numbers in them: frame2 before frame10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
 
@@ -50,7 +53,7 @@ class Photographs:
         return cls(folder, tuple(sorted(files, key=_by_number)))
 
     def index_of(self, name: str) -> int | None:
-        """Which frame a file name is; None if it is not in the folder."""
+        """Index of the frame with this file name; None if it is not in the folder."""
         names = [file.name for file in self.files]
         return names.index(name) if name in names else None
 
@@ -61,12 +64,12 @@ class Photographs:
 
 @dataclass(frozen=True)
 class Video:
-    """A video file; nothing of it is kept, each iteration decodes it again."""
+    """A video file; frames are not kept in memory, each iteration decodes it again."""
 
     path: Path
 
     def index_of(self, name: str) -> None:
-        """The frames of a video have no names."""
+        """None: the frames of a video have no names."""
         return
 
     def __iter__(self) -> Iterator[np.ndarray]:
@@ -85,7 +88,10 @@ class Video:
 
 
 def footage(path: Path) -> Photographs | Video:
-    """The frames at `path`. Raises ImportFailure if there is nothing or no photograph."""
+    """The frames at `path`, a video file or a folder.
+
+    Raises ImportFailure if it does not exist or the folder has no photographs.
+    """
     if path.is_dir():
         return Photographs.of(path)
     if not path.is_file():

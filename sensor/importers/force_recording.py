@@ -1,4 +1,5 @@
-"""Recordings with a force gauge, a video or photographs and one force per frame, to the dataset format."""
+"""Importer of recordings with a force gauge: a video or photographs, and a CSV file with a force per
+frame."""
 
 import math
 from collections.abc import Iterator
@@ -14,11 +15,11 @@ from fastac.sensor.importers.resample import Resampling
 from fastac.store.progress import progress_bar
 
 REST_SHARE = 0.1
-"""A background frame with a larger share of the recording's largest force is no frame at rest."""
+"""Largest force in a background frame, as a share of the recording's largest force."""
 
 
 def _check_frames(labels: Labels, first: int) -> None:
-    """Raise ImportFailure unless every frame from `first` to the last one that has a row has one."""
+    """Raise ImportFailure unless every frame from `first` to the last labelled one has a row."""
     known = np.concatenate([[first - 1], labels.frame[labels.frame >= first]])
     gaps = np.flatnonzero(np.diff(known) > 1)
     if len(gaps):
@@ -29,9 +30,9 @@ def _check_frames(labels: Labels, first: int) -> None:
 def _frames(
     source: Photographs | Video, labels: Labels, stop: int, progress: bool, label: str
 ) -> Iterator[tuple[int, np.ndarray]]:
-    """Index and image of the frames before `stop`, which must be there and of one size.
+    """Yield index and image of the frames before `stop`, which must exist and have the same size.
 
-    Where `stop` is behind the last frame that has a row, no frame may be left.
+    Where `stop` is behind the last labelled frame, the recording must end there too.
     """
     shape, last, index = None, int(labels.frame[-1]), -1
     with progress_bar(source, total=stop, desc=label, unit="frame", enabled=progress) as bar:
@@ -52,9 +53,9 @@ def _frames(
 
 
 def _at_rest(labels: Labels, count: int, per_group: bool) -> dict[int, int]:
-    """Which frames show the background of which group: {frame: group's number}, group 0 if all share one.
+    """The background frames: {frame index: number of the group}, group 0 if all share one background.
 
-    Raises ImportFailure where a group is too short, or where the gauge says that something touches.
+    Raises ImportFailure where a group is too short, or the force gauge shows contact in a background frame.
     """
     if per_group:
         chosen = {}
@@ -78,7 +79,7 @@ def _at_rest(labels: Labels, count: int, per_group: bool) -> dict[int, int]:
 
 
 def _backgrounds(source, labels: Labels, chosen: dict[int, int], progress: bool) -> np.ndarray:
-    """The mean of each group's frames at rest, float64 (groups, height, width, C)."""
+    """The mean of each group's background frames, float64 (groups, height, width, C)."""
     sums, counts = None, np.bincount(list(chosen.values()))
     for index, image in _frames(source, labels, max(chosen) + 1, progress, "background"):
         if sums is None:
@@ -89,7 +90,7 @@ def _backgrounds(source, labels: Labels, chosen: dict[int, int], progress: bool)
 
 
 def _split(labels: Labels, held_out: tuple[str, ...]) -> np.ndarray:
-    """The file's own split, or that by groups; without `held_out` the last group is the test."""
+    """The file's own split, or a split by groups; without `held_out` the last group is the test split."""
     for name in held_out:
         if name not in labels.groups:
             raise ImportFailure(f"{labels.path}: group {name!r}: expected one of {', '.join(labels.groups)}")
@@ -124,11 +125,12 @@ def import_recording(
 ) -> None:
     """Import the frames of `source`, a video or a folder, with the forces of a CSV file (see force_labels).
 
-    background_frames : the mean of the first so many frames is the background; they may lack a row, and then
-        are no samples
-    per_group : each group has its own rest, the mean of its own first frames. Its frames are then shifted by
-        what its rest differs from the mean of all: only differences from the rest mean anything.
-    pitch_mm : of a resampled pixel; held_out : groups for the test (default: the last)
+    background_frames : number of leading no-contact frames averaged into the background; those without a row
+        in the CSV file are not imported as samples
+    per_group : average the leading no-contact frames of each group into a background of its own. The group's
+        frames are then shifted by the difference of this background from the mean of all groups' backgrounds,
+        so that one background serves all: the pipeline uses differences from it only.
+    pitch_mm : size of a resampled pixel; held_out : groups of the test split (default: the last)
 
     Frames are padded to the target's aspect by the background and resampled by exact area averaging. A video
     is decoded twice rather than kept. Raises ImportFailure on anything missing, unreadable or inconsistent.

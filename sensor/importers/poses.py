@@ -1,10 +1,10 @@
-"""The poses of a protocol as a CSV file: what a machine is told, and what it says it did.
+"""The poses of a protocol as a CSV file: those that a machine shall reach, or those that it recorded.
 
     split, index, x_mm, y_mm, z_mm, load_n, tangential_x_n, tangential_y_n[, force_x_n, force_y_n, force_z_n]
 
-One row per sample; x, y, z of the ball's lowest point in the sensor's axes, plus the machine's own origin if
-it has one. As the machine is told, z is where the ball first touches the skin and the forces are what it has
-to reach; in a recording z is where it stood, and the last three columns are what the gauge measured.
+One row per sample; x, y, z of the ball's lowest point along the sensor's axes, relative to the machine's
+origin. In a plan, z is where the ball first touches the skin, and the forces are those to reach. In a
+recording, z is where the ball stood, and the last three columns are what the gauge measured.
 """
 
 import csv
@@ -12,17 +12,23 @@ import math
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass, fields
 from pathlib import Path
+from typing import Annotated
 
-from fastac.sensor.dataset import SPLITS
+from pydantic import Field
+
+from fastac.sensor.importers.csv_rows import Split, read_rows, where
 from fastac.sensor.importers.footage import ImportFailure
+from fastac.store.files import write_atomically
 
 MEASURED = ("force_x_n", "force_y_n", "force_z_n")
 
 
 @dataclass(frozen=True)
 class Pose:
-    split: str
-    index: int
+    """One sample: position of the ball's lowest point (mm), forces to reach and forces measured (N)."""
+
+    split: Split
+    index: Annotated[int, Field(ge=0)]
     x_mm: float
     y_mm: float
     z_mm: float
@@ -46,61 +52,26 @@ def write(path: Path, poses: Iterable[Pose]) -> None:
     poses = list(poses)
     measured = any(math.isfinite(pose.force_z_n) for pose in poses)
     columns = COLUMNS if measured else COLUMNS[: -len(MEASURED)]
-    temporary = path.with_name(f".{path.name}.part")
-    with temporary.open("w", newline="", encoding="utf-8") as file:
+    with write_atomically(path) as temporary, temporary.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(columns)
         for pose in poses:
             row = astuple(pose)[: len(columns)]
             writer.writerow([f"{v + 0:.9g}" if isinstance(v, float) else v for v in row])
-    temporary.replace(path)
 
 
 def read(path: Path, *, measured: bool) -> list[tuple[Pose, str]]:
-    """Poses and, for errors, where each stands. `measured`: the columns of measured forces must be there.
+    """The poses of a file and, for errors, its name with the line of each.
 
-    Raises ImportFailure on a missing or unknown column, a value that is none, or an index there twice.
+    measured : whether the columns of measured forces are required
+
+    Raises ImportFailure on a missing or unknown column, a value of another type, or an index named twice.
     """
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            have = tuple(reader.fieldnames or ())
-            for column in COLUMNS if measured else COLUMNS[: -len(MEASURED)]:
-                if column not in have:
-                    raise ImportFailure(f"{path}: {column}: missing column")
-            for column in have:
-                if column not in COLUMNS:
-                    raise ImportFailure(f"{path}: {column}: unknown column: expected {', '.join(COLUMNS)}")
-            rows = [(row, f"{path}, line {reader.line_num}") for row in reader]
-    except FileNotFoundError:
-        raise ImportFailure(f"{path}: no such file") from None
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise ImportFailure(f"{path}: not a readable CSV file: {error}") from None
-    if not rows:
-        raise ImportFailure(f"{path}: index: expected at least one row")
     poses, seen = [], set()
-    for row, where in rows:
-        pose = _pose(row, where)
+    for pose, line in read_rows(path, Pose, needed=MEASURED if measured else ()):
+        place = where(path, line)
         if pose.index in seen:
-            raise ImportFailure(f"{where}: index = {pose.index}: there twice")
+            raise ImportFailure(f"{place}: index = {pose.index}: named twice")
         seen.add(pose.index)
-        poses.append((pose, where))
+        poses.append((pose, place))
     return poses
-
-
-def _pose(row: dict, where: str) -> Pose:
-    values = {}
-    for column, text in row.items():
-        if column is None or text is None:
-            raise ImportFailure(f"{where}: expected as many values as columns")
-        try:
-            values[column] = text.strip() if column == "split" else float(text)
-        except ValueError:
-            values[column] = math.nan
-        if column != "split" and not math.isfinite(values[column]):
-            raise ImportFailure(f"{where}: {column} = {text!r}: expected a number")
-    if values["split"] not in SPLITS:
-        raise ImportFailure(f"{where}: split = {values['split']!r}: expected one of {', '.join(SPLITS)}")
-    if values["index"] != int(values["index"]) or values["index"] < 0:
-        raise ImportFailure(f"{where}: index = {values['index']:g}: expected a whole number from 0")
-    return Pose(**values | {"index": int(values["index"])})

@@ -1,4 +1,4 @@
-"""Exact area averaging of photographs onto a sensor's grid, padded to its aspect by the background."""
+"""Resampling of photographs to a sensor's pixel grid by exact area averaging, padded from the background."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -8,10 +8,10 @@ from scipy.sparse import csr_array
 
 
 def overlaps(source_px: int, target_px: int, scale: float) -> np.ndarray:
-    """Share of each target pixel that each source pixel covers, float64 (target, source).
+    """Share of each target pixel's length that each source pixel covers, float64 (target, source).
 
-    Both grids share their centre; a target pixel is `scale` source pixels wide. A row sums to 1 where
-    the target pixel lies wholly in the source, and to less where it sticks out.
+    Both grids have the same centre; a target pixel is `scale` source pixels wide. A row sums to 1 where the
+    target pixel lies wholly inside the source image, and to less otherwise.
     """
     offset = (source_px - target_px * scale) / 2
     start = offset + np.arange(target_px)[:, None] * scale
@@ -21,10 +21,11 @@ def overlaps(source_px: int, target_px: int, scale: float) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Resampling:
-    """From photographs (height, width) onto (target_height, target_width), centred, aspect kept.
+    """Resampling of photographs (height, width) to (target_height, target_width), centred, with the aspect
+    ratio kept.
 
-    The photograph fills one axis; along the other the target shows the background's outermost row or
-    column, in every frame alike, so that a difference from the background is zero there.
+    The photograph fills one axis. Along the other, every frame is padded with the outermost row or column of
+    the background, so that the difference from the background is zero there.
     """
 
     height: int
@@ -44,7 +45,7 @@ class Resampling:
         )
 
     def valid(self) -> np.ndarray:
-        """Pixels that lie wholly in the photograph, bool (target_height, target_width)."""
+        """Mask of the pixels that lie wholly inside the photograph, bool (target_height, target_width)."""
         rows, columns = (weights.sum(axis=1) > 1 - 1e-9 for weights in self._overlaps())
         return rows[:, None] & columns
 
@@ -64,7 +65,7 @@ class Resampling:
         return tuple(map(csr_array, self._overlaps()))
 
     def covered(self, image: np.ndarray) -> np.ndarray:
-        """The image's (height, width, C) share of every target pixel, float64: zero in the padding."""
+        """An image (height, width, C) resampled, float64, with zero in the padding."""
         rows, columns = self._sparse_overlaps
         high = rows @ image.reshape(self.height, -1).astype(float)
         turned = high.reshape(self.target_height, self.width, -1).swapaxes(0, 1)
@@ -76,9 +77,9 @@ class Resampling:
         return self.background(background) + self.covered(image - background.astype(float))
 
     def points_px(self, points: np.ndarray) -> np.ndarray:
-        """Positions (…, 2) as (u, v) pixel indices, of the original to the resampled image.
+        """Convert positions (…, 2), (u, v) in px, from the original to the resampled image.
 
-        Index i is the centre of pixel i in both.
+        In both, integer positions are pixel centres.
         """
         original = np.array([self.width, self.height])
         target = np.array([self.target_width, self.target_height])

@@ -12,7 +12,7 @@ from scipy.interpolate import RectBivariateSpline
 from fastac.sensor.mechanics.press import FemError
 
 Surface = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""z, p and q, of one shape; z is infinite outside, slopes are zero there."""
+"""z in mm, p and q, arrays of one shape; outside the outline z is infinite and the slopes are zero."""
 
 
 def _positive(**lengths: float) -> None:
@@ -34,6 +34,8 @@ def _along(x: np.ndarray, y: np.ndarray, angle_deg: float) -> tuple[np.ndarray, 
 
 @dataclass(frozen=True)
 class Ball:
+    """A sphere."""
+
     ball_mm: float
     """Diameter."""
 
@@ -47,7 +49,7 @@ class Ball:
 
 @dataclass(frozen=True)
 class Cylinder:
-    """Lying: its axis is horizontal, `angle_deg` from x towards y."""
+    """A cylinder whose axis is parallel to the image, `angle_deg` from x towards y."""
 
     diameter_mm: float
     length_mm: float
@@ -66,9 +68,9 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class Edge:
-    """A straight wedge pointing down, `angle_deg` from x towards y, with a rounded tip.
+    """A straight wedge pointing down, its edge rounded and `angle_deg` from x towards y.
 
-    z = (√(s² + r²) − r) / tan(opening/2) with s across the edge and r its rounding: a hyperbola.
+    z = (√(s² + r²) − r) / tan(opening/2), a hyperbola, with s the distance from the edge and r its rounding.
     """
 
     length_mm: float
@@ -92,7 +94,7 @@ class Edge:
 
 @dataclass(frozen=True)
 class FlatPunch:
-    """Round, its face level."""
+    """A round punch whose face is parallel to the image."""
 
     diameter_mm: float
 
@@ -104,10 +106,10 @@ class FlatPunch:
 
 @dataclass(frozen=True, eq=False)
 class HeightMap:
-    """Any surface, sampled on a square grid centred on the axis; between samples a bicubic spline."""
+    """Any surface, sampled on a square grid centred on the axis and interpolated by a bicubic spline."""
 
     height_mm: np.ndarray
-    """(rows, columns) of the lower surface, rows along y; its zero does not matter."""
+    """(rows, columns) of the lower surface, rows along y; a constant added to it has no effect."""
     pitch_mm: float
 
     def __post_init__(self):

@@ -2,14 +2,14 @@
 
 The layer's response to pressure p is u = c · (G ∗ (c · p)), u downwards in mm, p in MPa:
 
-- G is a layer of uniform thickness bonded to a rigid base, known in Fourier space (Johnson, "Contact
-  Mechanics", 5.8; O'Sullivan and King, J. Tribology 110, 1988, without shear traction).
+- G is the response of a layer of uniform thickness bonded to a rigid base, known in Fourier space (Johnson,
+  "Contact Mechanics", 5.8; O'Sullivan and King, J. Tribology 110, 1988, without shear traction).
 - c is a smooth positive modulation. c² is the compliance relative to that of the uniform layer: it grows
   along y with the layer's thickness and falls to exactly zero at the rim, where the skin is fixed.
 
 The operator is symmetric and positive, so the contact under a prescribed load has one solution: pressure ≥ 0,
-gap ≥ 0, and one of them zero everywhere. It is found by the conjugate gradients of Polonsky and Keer,
-Wear 231 (1999) 206. Load and displacement are vertical: the skin's slope enters through the gap only.
+gap ≥ 0, and one of them zero at every pixel. It is computed by the conjugate-gradient method of Polonsky and
+Keer, Wear 231 (1999) 206. Load and displacement are vertical: the skin's slope enters through the gap only.
 """
 
 from dataclasses import dataclass
@@ -22,35 +22,39 @@ from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
 from fastac.sensor.mechanics.press import ContactError
 
 GAP_TOLERANCE = 1e-6
-"""Largest |gap| where pressed, relative to the approach: 1 nm at 1 mm. The most exact depth solver of the
-project is off by 19 nm (design, section 4), so the ground truth must not be what limits it."""
+"""Largest |gap| in contact, relative to the approach: 1 nm at 1 mm. The project's most exact depth solver has
+an error of 19 nm, so the ground truth has to be more exact than that."""
 MAX_ITERATIONS = 500
 RIM_MODULATION = 0.05
-"""Modulation below which a pixel counts as rim: it is 400 times stiffer than the layer and cannot be in
-contact."""
+"""Modulation c below which a pixel belongs to the fixed rim and cannot be in contact: its compliance, c², is
+less than 1/400 of the layer's."""
 
 
 @dataclass(frozen=True)
 class Contact:
+    """The equilibrium of a rigid body pressed on the layer."""
+
     displacement_mm: np.ndarray
-    """(H, W) float64: rest depth minus current depth; positive in contact, negative where the skin bulges."""
+    """(H, W) float64: undeformed minus deformed depth; positive in contact, negative where the skin
+    bulges."""
     pressure_mpa: np.ndarray
     """(H, W) float64, positive in contact and zero elsewhere; its sum times the pixel's area is the load."""
     gap_mm: np.ndarray
-    """(H, W) float64: ball minus skin; infinite beside the ball."""
+    """(H, W) float64: height of the body's surface above the skin; infinite outside its outline."""
     approach_mm: float
-    """How far the ball moved from first touch."""
+    """How far the body moved along −z from first touch."""
     contact_radius_mm: float
-    """Radius of the disc that has the contact's area, seen along z."""
+    """Radius of a disc with the contact's area, seen along z."""
 
 
 def layer_compliance(k: np.ndarray, elastomer: Elastomer) -> np.ndarray:
-    """Surface displacement over pressure of the bonded layer, mm/MPa, at angular wavenumbers k ≥ 0 in 1/mm.
+    """Ratio of surface displacement to pressure of the bonded layer, in mm/MPa, at angular wavenumbers k ≥ 0
+    in 1/mm.
 
     With x = k·h, κ = 3 − 4ν:
     2(1 − ν²)/(E k) · (κ sinh 2x − 2x) / (κ cosh 2x + 2x² + (κ² + 1)/2),
-    written with decaying exponentials so that it overflows nowhere. For k → 0 it is h over the
-    confined (oedometric) modulus.
+    written with decaying exponentials to avoid overflow. For k → 0 it is h over the confined (oedometric)
+    modulus. Source: Johnson, "Contact Mechanics", 5.8.
     """
     nu, e, h = elastomer.poisson_ratio, elastomer.modulus_mpa, elastomer.thickness_mm
     kappa = 3 - 4 * nu
@@ -64,7 +68,8 @@ def layer_compliance(k: np.ndarray, elastomer: Elastomer) -> np.ndarray:
 
 
 def modulation(sensor: Sensor) -> np.ndarray:
-    """c, float64 (H, W): √(1 ± thickness_variation) at the ends of y, a quintic step to zero at the rim."""
+    """c, float64 (H, W): √(1 ∓ thickness_variation) at the first and last row, and a quintic step to zero at
+    the rim."""
     rows = np.arange(sensor.height_px)
     columns = np.arange(sensor.width_px)
     to_edge = np.minimum.outer(np.minimum(rows, rows[::-1]), np.minimum(columns, columns[::-1]))
@@ -74,7 +79,7 @@ def modulation(sensor: Sensor) -> np.ndarray:
 
 
 class Layer:
-    """The elastomer of one sensor, with its response precomputed; presses on it are independent."""
+    """The elastomer of one sensor, with its Fourier response precomputed; presses on it are independent."""
 
     def __init__(self, sensor: Sensor):
         self.sensor = sensor
@@ -92,13 +97,13 @@ class Layer:
         self._kernel = irfft2(self._response, self._shape)
 
     def displacement_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
-        """u = c · (G ∗ (c · p)), (H, W) to (H, W)."""
+        """Displacement (H, W) in mm from pressure (H, W) in MPa: u = c · (G ∗ (c · p))."""
         spectrum = rfft2(self.modulation * pressure_mpa, self._shape)
         full = irfft2(spectrum * self._response, self._shape)
         return self.modulation * full[: self.sensor.height_px, : self.sensor.width_px]
 
     def _window_operator(self, rows: slice, columns: slice):
-        """The same operator on a window of the image: u there from pressures there."""
+        """The operator of `displacement_mm` restricted to a window of the image: a function from p to u."""
         height, width = rows.stop - rows.start, columns.stop - columns.start
         shape = next_fast_len(2 * height, real=True), next_fast_len(2 * width, real=True)
         kernel = np.zeros(shape)
@@ -128,8 +133,10 @@ class Layer:
         return contact
 
     def press_surface(self, surface_mm: np.ndarray, *, load_n: float, what: str = "surface") -> Contact:
-        """Press any rigid lower surface z (H, W), infinite beside it, along −z with `load_n`; `what` is for
-        errors. Only where the surface stands along x and y matters, not how high.
+        """Press a rigid body with the lower surface z (H, W), in mm, along −z with `load_n`.
+
+        Outside the body's outline z is infinite; a constant added to z has no effect. `what` names the body
+        in errors.
 
         Raises ContactError where the contact would reach the fixed rim or the layer's base.
         """
@@ -138,7 +145,10 @@ class Layer:
         return self._settle(surface_mm - self.rest_depth_mm, load_n, f"{what} with {load_n:g} N")
 
     def _settle(self, free_gap: np.ndarray, load_n: float, where: str) -> Contact:
-        """The contact of a body that is `free_gap` (H, W) above the skin, infinite beside it."""
+        """The equilibrium of a body whose surface is `free_gap` (H, W) mm above the undeformed skin.
+
+        `free_gap` is infinite outside the body's outline; `where` begins errors.
+        """
         free_gap = free_gap - free_gap.min()
         under = np.isfinite(free_gap)
 
@@ -170,7 +180,11 @@ class Layer:
 
     @staticmethod
     def _solve(apply, free_gap, allowed, total):
-        """Pressures ≥ 0 that sum to `total` and leave the gap ≥ 0, after Polonsky and Keer."""
+        """Pressures ≥ 0 with sum `total` and gaps ≥ 0, by the method of Polonsky and Keer, Wear 231 (1999)
+        206.
+
+        apply : from pressures to displacements, both (h, w); allowed : (h, w) bool, pixels that may touch
+        """
         if not allowed.any():
             raise ContactError("the ball touches nothing but the fixed rim")
         scale = np.ptp(free_gap[allowed])

@@ -1,4 +1,4 @@
-"""Presses of a ball on the elastic layer: slopes, depth and force from its displacement and pressure."""
+"""Ball presses on the elastic layer: slopes, depth and force from the layer's displacement and pressure."""
 
 import numpy as np
 
@@ -10,9 +10,9 @@ from fastac.sensor.protocol import Station
 
 
 def surface(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: float):
-    """The pressed skin: normals (H, W, 3) and depth_mm (H, W), float64.
+    """Normals (H, W, 3) and depth_mm (H, W), float64, of the skin deformed by a ball at (x_mm, y_mm).
 
-    Where the skin touches the ball its slopes are the ball's own.
+    Where the skin touches the ball its slopes are the ball's.
     """
     p, q = deformed_slopes(contact.displacement_mm, layer.sensor)
     in_contact = contact.pressure_mpa > 0
@@ -23,10 +23,11 @@ def surface(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: f
 
 
 def contact_force_n(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ball_mm: float) -> np.ndarray:
-    """The skin's force on the ball, (3,) in N, z positive in compression.
+    """Force of the skin on the ball, (3,) in N, z positive in compression.
 
-    Without friction the pressure acts along the surface's normal: a pressure P on the image's plane gives
-    (−p, −q, 1)·P, with the ball's slopes p, q. On a tilted skin a vertical press so has tangential forces.
+    Without friction the pressure acts along the surface's normal: a pressure P per area of the image plane
+    gives (−p, −q, 1)·P, with the ball's slopes p, q. So a vertical press on a tilted skin has tangential
+    forces too.
     """
     in_contact = contact.pressure_mpa > 0
     p, q = ball_slopes(layer.x_mm[in_contact] - x_mm, layer.y_mm[in_contact] - y_mm, ball_mm)
@@ -35,11 +36,13 @@ def contact_force_n(contact: Contact, layer: Layer, x_mm: float, y_mm: float, ba
 
 
 class LayerRig:
+    """The frictionless elastic layer of a sensor; see `press.Rig`."""
+
     def __init__(self, sensor: Sensor):
         self.layer = Layer(sensor)
 
     def presses(self, station: Station, ball_mm: float) -> list[PressedSkin]:
-        """One sample: a layer has no friction, and a scene with it no tangential loads."""
+        """The one sample of a station: the layer is frictionless, so it has no tangential loads."""
         x_mm, y_mm = station.x_mm, station.y_mm
         contact = self.layer.press(x_mm, y_mm, ball_mm=ball_mm, load_n=station.load_n)
         normals, depth_mm = surface(contact, self.layer, x_mm, y_mm, ball_mm)
@@ -55,7 +58,7 @@ class LayerRig:
 
 
 class LayerProbe:
-    """A ball on the elastic layer, whose states do not depend on what was before."""
+    """A ball on the elastic layer; without friction each state follows from its load alone."""
 
     def __init__(self, rig: LayerRig, ball_mm: float, x_mm: float, y_mm: float):
         self._rig, self._ball_mm, self._at = rig, ball_mm, (x_mm, y_mm)

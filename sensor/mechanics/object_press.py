@@ -1,6 +1,7 @@
-"""Test objects pressed on the virtual sensor: the skin, and the force on it pixel by pixel.
+"""Presses of test objects on the elastic layer: the deformed skin and the force of every pixel.
 
-On the elastic layer, which is solved at the pixels: the finite-element mesh is coarser than a pit or a ridge.
+The layer model is used because it is solved at every pixel: the finite-element mesh is too coarse for the
+objects' pits and ridges.
 """
 
 from dataclasses import dataclass
@@ -15,16 +16,18 @@ from fastac.sensor.mechanics.press import PressedSkin
 
 @dataclass(frozen=True)
 class ObjectPress:
+    """A pressed object: the skin, and how the force is distributed over it."""
+
     pressed: PressedSkin
     force_map_n: np.ndarray
-    """(H, W, 3) force of each pixel's skin on the object; its sum is the resultant."""
+    """(H, W, 3) force in N of each pixel's skin on the object; its sum is the resultant."""
 
 
 def press_object(layer: Layer, height_map: HeightMap, name: str, load_n: float) -> ObjectPress:
     """Press an object on the middle of the skin along −z with `load_n`.
 
-    Where the skin touches the object its slopes are the object's own. Without friction the force of a pixel
-    with pressure P is (−p, −q, 1)·P times its area. Raises ContactError for a load that is too much.
+    Where the skin touches the object its slopes are the object's. Without friction the force of a pixel with
+    pressure P is (−p, −q, 1)·P times its area. Raises ContactError for a load beyond the contact model.
     """
     z, p_object, q_object = height_map.surface(layer.x_mm, layer.y_mm)
     contact = layer.press_surface(z, load_n=load_n, what=name)

@@ -1,7 +1,7 @@
-"""Test objects after the paper's: a strawberry's skin, a fingerprint, an array of LED pads, as height maps.
+"""Height maps of test objects like the paper's: a strawberry's skin, a fingerprint, an array of LED pads.
 
-Heights are those of the lower surface, which faces the sensor, away from it positive. Sizes are typical ones
-of the real things, and assumptions.
+Heights are those of the lower surface, which faces the sensor; they are positive away from it. Sizes are
+assumptions, typical of the real objects.
 """
 
 import numpy as np
@@ -17,14 +17,16 @@ def _grid(size_mm: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _bowl(x: np.ndarray, y: np.ndarray, radius_x_mm: float, radius_y_mm: float) -> np.ndarray:
-    """The lower side of a body with these radii of curvature, a paraboloid."""
+    """A paraboloid with these radii of curvature at its lowest point, (rows, columns) in mm."""
     return x**2 / (2 * radius_x_mm) + y**2 / (2 * radius_y_mm)
 
 
 def strawberry(
     size_mm: float = 14.0, spacing_mm: float = 2.4, pit_mm: float = 0.35, pit_radius_mm: float = 0.45
 ) -> HeightMap:
-    """A body of 14 and 20 mm radius with pits of `pit_mm` depth in a triangular lattice, a seed in each.
+    """A body with radii of curvature of 14 and 20 mm and pits, `pit_mm` deep, in a triangular lattice.
+
+    Each pit holds a seed.
 
     A pit's profile is Gaussian; the seed fills a third of it.
     """
@@ -41,7 +43,7 @@ def strawberry(
 
 
 def fingerprint(size_mm: float = 14.0, period_mm: float = 0.8, ridge_mm: float = 0.12) -> HeightMap:
-    """A fingertip of 12 and 18 mm radius with ridges `period_mm` apart that arch around a core."""
+    """A fingertip with radii of curvature of 12 and 18 mm and ridges, `period_mm` apart, around a core."""
     x, y = _grid(size_mm)
     core = np.hypot(x, 0.7 * (y + 1.5))
     loop = core + 0.5 * np.sin(np.arctan2(y + 1.5, x) * 2)
@@ -52,11 +54,11 @@ def fingerprint(size_mm: float = 14.0, period_mm: float = 0.8, ridge_mm: float =
 def led_pads(
     size_mm: float = 14.0, spacing_mm: float = 1.8, pad_mm: float = 0.9, height_mm: float = 0.25
 ) -> HeightMap:
-    """A level board with square pads that stand out by `height_mm`; their edges are 0.1 mm wide."""
+    """A flat board with square pads raised by `height_mm`; their edges are 0.1 mm wide."""
     x, y = _grid(size_mm)
 
     def inside(along: np.ndarray) -> np.ndarray:
-        """1 on a pad, 0 between, of coordinates along one axis; a pad's middle is at 0."""
+        """1 on a pad and 0 between pads, for coordinates along one axis; 0 is the centre of a pad."""
         from_middle = np.abs((along + spacing_mm / 2) % spacing_mm - spacing_mm / 2)
         return 1 / (1 + np.exp((from_middle - pad_mm / 2) / 0.025))
 

@@ -1,4 +1,4 @@
-"""A press on either kind of gel: what it makes of the skin, and the force."""
+"""The interface of the contact models: the pressed skin, and the rigs and probes that press it."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -18,33 +18,39 @@ class ContactError(ValueError):
 
 @dataclass(frozen=True)
 class PressedSkin:
-    """The skin under a ball."""
+    """The skin pressed by an indenter, at the pixels, and the resultant force."""
 
     normals: np.ndarray
     """(H, W, 3) float64 outward unit normals."""
     depth_mm: np.ndarray
-    """(H, W) float64, z."""
+    """(H, W) float64, height z of the deformed skin."""
     in_contact: np.ndarray
-    """(H, W) bool: the skin lies against the ball, and its slopes are the ball's."""
+    """(H, W) bool: pixels whose skin touches the indenter; depth and slopes there are the indenter's."""
     force_n: np.ndarray
-    """(3,) the skin's force on the ball, z positive in compression."""
+    """(3,) force of the skin on the indenter along x, y, z; z is positive in compression."""
     pose: dict[str, float]
-    """What a dataset keeps of the indenter."""
+    """The indenter's pose and size, as a dataset stores them."""
     tangential_mm: np.ndarray | None = None
-    """(H, W, 2) displacement in x and y of the skin that is at each pixel at rest; None: none."""
+    """(H, W, 2) displacement along x and y of the skin point that is at each pixel when nothing touches; None
+    for a model without tangential displacement."""
 
 
 class Rig(Protocol):
-    def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
-        """The samples of a station, in its order; an error in place of one that friction cannot carry.
+    """One sensor's gel, on which a ball performs the press protocol."""
 
-        Raises ContactError where the vertical load is already too much.
+    def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
+        """The samples of a station in its order, with an error in place of one that friction cannot carry.
+
+        Raises ContactError where the contact model cannot carry the vertical load.
         """
 
 
 class Probe(Protocol):
-    def at_load(self, load_n: float) -> PressedSkin:
-        """The next state: led along z until F_z = load_n; the pose has `approach_mm`, from first touch.
+    """An indenter that stays on the gel while its load changes."""
 
-        Raises ContactError for a load that cannot be carried.
+    def at_load(self, load_n: float) -> PressedSkin:
+        """Move the indenter along z until F_z = load_n; the pose has `approach_mm`, measured from first
+        touch.
+
+        Raises ContactError for a load that the contact model cannot carry.
         """

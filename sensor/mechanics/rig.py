@@ -1,8 +1,8 @@
-"""Contacts in time: an indenter stays on the virtual skin and is led from one load to the next.
+"""Selection of the contact model: the rig of a sensor's gel, and a probe that stays in contact on it.
 
-Each state is an equilibrium, for the gel settles faster than a camera sees: no inertia, no viscosity.
-Frames are instantaneous: an exposure of T would leave sin(πfT)/(πfT) of the amplitude at f, 98.4% at 100 Hz
-and 1 ms.
+Every state is a static equilibrium, without inertia or viscosity: the gel is assumed to settle faster than
+the camera's frame time. Frames are instantaneous: an exposure of duration T would reduce the amplitude of a
+vibration of frequency f by sin(πfT)/(πfT), to 98.4% at 100 Hz and 1 ms.
 """
 
 from pathlib import Path
@@ -13,7 +13,7 @@ from fastac.sensor.mechanics.press import Probe, Rig
 
 
 def rig_of(sensor: Sensor, store: Path | str, *, progress: bool = True) -> Rig:
-    """The gel that the scene asks for; `store` is where a finite-element compliance is kept."""
+    """The rig for the sensor's contact model; `store` is the folder of the step store."""
     if sensor.elastomer.mechanics == "layer":
         from fastac.sensor.mechanics.layer_rig import LayerRig
 
@@ -24,7 +24,7 @@ def rig_of(sensor: Sensor, store: Path | str, *, progress: bool = True) -> Rig:
 
 
 def probe_of(rig: Rig, ball_mm: float, x_mm: float, y_mm: float) -> Probe:
-    """A ball over the skin of either rig."""
+    """A ball of diameter `ball_mm` above (x_mm, y_mm) on the gel of a rig, not yet in contact."""
     if isinstance(rig, LayerRig):
         return LayerProbe(rig, ball_mm, x_mm, y_mm)
     from fastac.sensor.mechanics.fem.probe import (

@@ -1,4 +1,4 @@
-"""What the camera makes of the light: exposure, noise, 8-bit digital numbers."""
+"""The camera of the virtual sensor: gain, photon and read noise, 8-bit digital numbers (DN)."""
 
 from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
@@ -12,12 +12,12 @@ from fastac.sensor.optics.light import irradiance
 from fastac.sensor.optics.skin_paint import albedo
 
 BACKGROUND_EXPOSURES = 16
-"""Frames that a background is averaged over, as users do to be rid of its noise."""
+"""Number of no-contact frames averaged into a background, to reduce its noise."""
 
 
 @lru_cache
 def _gain(sensor: Sensor) -> np.ndarray:
-    """Digital numbers over irradiance, (C,)."""
+    """Digital numbers per unit of irradiance, one gain per channel, (C,)."""
     at_rest = irradiance(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
     return sensor.light.brightest_dn / at_rest.max(axis=(0, 1))
 
@@ -27,16 +27,18 @@ def noise_free_image(
 ) -> np.ndarray:
     """The noise-free image in digital numbers, (H, W, C) float64, not yet clipped to 8 bits.
 
-    Each channel's gain brings the brightest pixel of the untouched skin to `sensor.light.brightest_dn`, but
-    its paint, which scales all channels alike and moves by `tangential_mm` (sensor/optics/skin_paint.py).
+    Each channel's gain brings the brightest pixel of the undeformed, unpainted skin to
+    `sensor.light.brightest_dn`. The paint's albedo then scales all channels alike; it moves with the skin by
+    `tangential_mm` (H, W, 2), see sensor/optics/skin_paint.py.
     """
     return _gain(sensor) * irradiance(normals, depth_mm, sensor) * albedo(sensor, tangential_mm)[..., None]
 
 
 def _expose(image: np.ndarray, sensor: Sensor, normal: np.ndarray) -> np.ndarray:
-    """One exposure of a noise-free image: photon noise, read noise, rounding to 8 bits.
+    """One exposure (H, W, C) uint8 of a noise-free image (H, W, C) in DN: photon noise, read noise, rounding.
 
-    normal : (H, W, C), drawn from the standard normal distribution
+    normal : (H, W, C), samples of the standard normal distribution
+    The variance is noise_dn² + DN / electrons_per_dn.
     """
     return _noisy(image, normal, float(sensor.noise_dn), float(sensor.electrons_per_dn))
 
@@ -59,8 +61,8 @@ def render(
 ) -> np.ndarray:
     """One frame (H, W, C) uint8 of a skin with outward unit normals (H, W, 3) and z = depth_mm (H, W).
 
-    Channels are the sensor's, in its order. What is painted on the skin has moved by `tangential_mm`
-    (H, W, 2), x and y. See `_expose` for the noise.
+    Channels are the sensor's, in its order. The paint has moved by `tangential_mm` (H, W, 2), along x and y.
+    See `_expose` for the noise.
     """
     shape = (*depth_mm.shape, len(sensor.channel_names))
     with ThreadPoolExecutor(1) as beside:
@@ -70,7 +72,8 @@ def render(
 
 
 def background(sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
-    """The untouched skin (H, W, C) uint8: the rounded mean of several frames."""
+    """The background, (H, W, C) uint8: the rounded mean of BACKGROUND_EXPOSURES frames of the undeformed
+    skin."""
     image = noise_free_image(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
     frames = [_expose(image, sensor, rng.standard_normal(image.shape)) for _ in range(BACKGROUND_EXPOSURES)]
     return np.rint(np.mean(frames, axis=0)).astype(np.uint8)

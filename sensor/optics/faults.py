@@ -1,4 +1,7 @@
-"""What goes wrong with a sensor in use, done to good frames: drift, lights, pixels, focus."""
+"""Fault injection into frames: gain and offset drift, failing lights, dead pixels, defocus.
+
+Frames are (N, H, W, C) uint8; each function returns new ones, rounded and clipped to 0 … 255.
+"""
 
 import numpy as np
 from scipy.ndimage import gaussian_filter
@@ -9,24 +12,25 @@ def _pixels(values: np.ndarray) -> np.ndarray:
 
 
 def gain(frames: np.ndarray, factor: float) -> np.ndarray:
-    """Frames (N, H, W, C) uint8 as a camera of `factor` times the gain, or lights as bright, would send."""
+    """Frames of a camera with `factor` times the gain, or of lights `factor` times as bright."""
     return _pixels(frames.astype(np.float32) * factor)
 
 
 def offset(frames: np.ndarray, offset_dn: float) -> np.ndarray:
-    """The same with so many digital numbers more in every pixel."""
+    """Frames with `offset_dn` digital numbers added to every pixel, as by a drifting black level."""
     return _pixels(frames.astype(np.float32) + offset_dn)
 
 
 def dimmed(frames: np.ndarray, channel: int, factor: float) -> np.ndarray:
-    """One channel's light at `factor` of its brightness; 0: it has failed."""
+    """Frames with one channel's light at `factor` times its brightness; 0 is a light that has failed."""
     values = frames.astype(np.float32)
     values[..., channel] *= factor
     return _pixels(values)
 
 
 def dead_pixels(frames: np.ndarray, share: float, seed: int = 1) -> np.ndarray:
-    """A share of the sensor's pixels, the same in all frames, at 0 or at 255, each in all its channels."""
+    """Frames in which a share of the pixels, the same in all frames, is stuck at 0 or 255 in every
+    channel."""
     rng = np.random.default_rng(seed)
     height, width = frames.shape[1:3]
     dead = rng.permutation(height * width)[: round(share * height * width)]
@@ -37,7 +41,8 @@ def dead_pixels(frames: np.ndarray, share: float, seed: int = 1) -> np.ndarray:
 
 
 def defocused(frames: np.ndarray, sigma_px: float) -> np.ndarray:
-    """Blurred by a Gaussian of so many pixels; edges are continued."""
+    """Frames blurred by a Gaussian with a standard deviation of `sigma_px`; edge pixels are repeated
+    outwards."""
     if not sigma_px:
         return frames.copy()
     blurred = gaussian_filter(frames.astype(np.float32), (0, sigma_px, sigma_px, 0), mode="nearest")

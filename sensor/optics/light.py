@@ -1,10 +1,11 @@
-"""Light on the skin from inside the fingertip: four near-field sources and a diffuse share.
+"""Illumination of the skin from inside the fingertip, for photometric stereo: near-field sources plus
+ambient.
 
-The paper puts LEDs of four colours at the four corners of a board behind a translucent skeleton; R and G
-shine perpendicular to B and NIR. The skin is Lambertian (Woodham 1979) with a specular share, and is seen
-from below along z, so the lit side's normal is −n. Each source's irradiance falls with distance d as
-1/(d² + s²), s the size of the glow that the skeleton makes of it. A slope turned away from a source gets none
-of its light, nor does one that other parts of the skin hide (sensor/optics/shadow.py).
+The paper has LEDs of four colours at the four corners of a board behind a translucent skeleton; R and G shine
+perpendicular to B and NIR. The skin reflects as a Lambertian surface (Woodham, MIT AI memo 1979) with a
+specular share. It is seen from below along z, so the normal of its lit side is −n. A source's irradiance
+falls with distance d as 1/(d² + s²), with s the radius of the glow that the skeleton spreads it to. A surface
+that is turned away from a source gets none of its light, and cast shadows less (sensor/optics/shadow.py).
 """
 
 import os
@@ -20,12 +21,12 @@ from fastac.sensor.optics.sources import source_mm
 
 
 def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.ndarray:
-    """Light that the skin sends back, per channel of the sensor, (H, W, C) float64 in arbitrary units.
+    """Light reflected to the camera, per channel of the sensor, (H, W, C) float64 in arbitrary units.
 
-    `normals` (H, W, 3) are outward unit normals, `depth_mm` (H, W) is z. A source that faces a pixel at
-    its distance from the image's centre at z = 0 gives it 1 − ambient; the diffuse share gives ambient. The
-    specular share follows Blinn (SIGGRAPH 1977): the paint's flakes lie nearly flat, and send light where
-    half-way between source and camera is near their normal.
+    `normals` (H, W, 3) are outward unit normals, `depth_mm` (H, W) is z. The unit is such that ambient light
+    contributes `light.ambient`, and a source 1 − ambient to a Lambertian pixel that faces it at its distance
+    from the image's centre at z = 0. The specular share is Blinn's (SIGGRAPH 1977): max(−n · h, 0) to the
+    power `light.shininess`, with h half-way between the directions to source and camera.
     """
     light = sensor.light
     x, y = (axis.ravel() for axis in pixel_centres_mm(sensor))
@@ -49,10 +50,10 @@ def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.
 
 @njit(cache=True, nogil=True)
 def _shine(x_mm, y_mm, z_mm, normals, source_mm, reference_mm2, softening_mm2):
-    """max(−n · l, 0), max(−n · h, 0) and the decrease with distance of pixels (H · W); normals (3, H · W).
+    """max(−n · l, 0), max(−n · h, 0) and the falloff with distance, (H · W) each; normals are (3, H · W).
 
-    h is half-way between the unit vectors l to the source and −z to the camera. −n · (l − z) is −n · l, the
-    cosine, plus n_z; and |l − z|² is 2 − 2 l_z.
+    l is the unit vector to the source, −z that to the camera, and h = (l − z) / |l − z|. Here −n · (l − z) is
+    −n · l, the cosine, plus n_z; and |l − z|² is 2 − 2 l_z.
     """
     direct, half_way, falloff = np.empty((3, len(x_mm)))
     for i in range(len(x_mm)):
@@ -68,7 +69,8 @@ def _shine(x_mm, y_mm, z_mm, normals, source_mm, reference_mm2, softening_mm2):
 
 @njit(cache=True, nogil=True)
 def _add(direct, lobe, falloff, seen, specular, ambient, sent):
-    """What the Lambertian, the specular and the diffuse share add up to, into `sent` (H · W)."""
+    """Write the sum of the Lambertian, the specular and the ambient light of every pixel into `sent` (H ·
+    W)."""
     for i in range(len(sent)):
         mirrored = lobe[i] if direct[i] > 0 else 0.0
         share = (1 - specular) * direct[i] + specular * mirrored

@@ -1,30 +1,31 @@
-"""The 4 × 4 RGB-IR colour filter array of OmniVision's sensors, and what it makes of a four-channel image.
+"""The 4 × 4 RGB-IR colour filter array of OmniVision's image sensors, and the mosaic of a four-channel image.
 
     B G R G
     G I G I
     R G B G
     G I G I
 
-NIR lies at odd rows and odd columns and what is rearranged is a BGGR Bayer cell: the two facts that the paper
-states of its OV2736 ("Spectral Demultiplexing and Pre-processing"). With green on one half of the pixels they
-leave this layout, up to a swap of the B, R pairs.
+The paper states of its OV2736 that NIR pixels are at odd rows and odd columns, and that the rearranged mosaic
+is a BGGR Bayer pattern ("Spectral Demultiplexing and Pre-processing"). With green at half of the pixels, only
+this layout and the one with B and R swapped satisfy both.
 """
 
 import numpy as np
 
 CHANNELS = ("B", "G", "R", "NIR")
 CELL = 4
-"""Rows and columns of the pattern."""
+"""Rows and columns of the pattern's unit cell."""
 LAYOUT = np.array([[0, 1, 2, 1], [1, 3, 1, 3], [2, 1, 0, 1], [1, 3, 1, 3]])
-"""Index into CHANNELS of each phase (v mod 4, u mod 4)."""
+"""Index into CHANNELS of the filter at (v mod 4, u mod 4)."""
 
 
 class MosaicError(ValueError):
-    """An image that cannot be what it is given as; the message is one line with what was expected."""
+    """An image or parameter that does not fit the filter array; the message is one line with what was
+    expected."""
 
 
 def check_cells(height_px: int, width_px: int, what: str) -> None:
-    """Raise MosaicError unless an image consists of whole cells of the pattern."""
+    """Raise MosaicError, beginning with `what`, unless an image consists of whole cells of the pattern."""
     for key, size in (("height", height_px), ("width", width_px)):
         if size < CELL or size % CELL:
             raise MosaicError(
@@ -35,9 +36,10 @@ def check_cells(height_px: int, width_px: int, what: str) -> None:
 def window(
     height_px: int, width_px: int, kept_px: tuple[int, int], *, multiple_of: int = CELL
 ) -> tuple[slice, slice]:
-    """Rows and columns of the middle `kept_px` (height, width) of an image, beginning with a whole cell.
+    """Slices of rows and columns of the central window `kept_px` (height, width), aligned to whole cells.
 
-    Raises MosaicError where that is larger than the image or no multiple of the cell and of `multiple_of`.
+    Raises MosaicError where the window is larger than the image or not a multiple of the cell and of
+    `multiple_of`.
     """
     slices = []
     for key, size, kept in zip(("height", "width"), (height_px, width_px), kept_px, strict=True):
@@ -52,10 +54,10 @@ def window(
 
 
 def mosaic(channels: np.ndarray, crosstalk: tuple[float, float, float]) -> np.ndarray:
-    """What reaches each pixel through its filter: (…, H, W, 4) in B, G, R, NIR to (…, H, W), float64.
+    """The mosaic that the filter array passes: (…, H, W, 4) in B, G, R, NIR to (…, H, W), float64.
 
-    A visible pixel also sees `crosstalk` (of B, G, R) times the NIR light at its place. Raises MosaicError on
-    another number of channels or a size that is no whole number of cells.
+    A B, G or R pixel also receives its `crosstalk` times the NIR light at its position. Raises MosaicError on
+    another number of channels or a size that is not a whole number of cells.
     """
     if channels.ndim < 3 or channels.shape[-1] != len(CHANNELS):
         raise MosaicError(f"channels: shape = {channels.shape}: expected (…, height, width, 4)")

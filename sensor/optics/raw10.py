@@ -1,4 +1,4 @@
-"""MIPI CSI-2 RAW10: four pixels in five bytes.
+"""Packing and unpacking of MIPI CSI-2 RAW10 images: four 10-bit pixels in five bytes.
 
 Bytes 0 to 3 hold bits 9 to 2 of pixels 0 to 3; byte 4 holds their bits 1 and 0, pixel 0 in the lowest two
 (MIPI CSI-2, RAW10; the Linux kernel's V4L2_PIX_FMT_SBGGR10P).
@@ -7,14 +7,14 @@ Bytes 0 to 3 hold bits 9 to 2 of pixels 0 to 3; byte 4 holds their bits 1 and 0,
 import numpy as np
 
 MAXIMUM = 2**10 - 1
-"""The largest RAW10 value, the paper's I_max."""
+"""The largest RAW10 value, I_max in the paper."""
 PIXELS, BYTES = 4, 5
-"""Pixels of a group, and the bytes that they take."""
+"""Pixels in a group, and bytes of a packed group."""
 _SHIFTS = np.arange(0, 2 * PIXELS, 2, dtype=np.uint8)
 
 
 class Raw10Error(ValueError):
-    """Data that is no RAW10 image; the message is one line with what was expected."""
+    """Data that are not a RAW10 image; the message is one line with what was expected."""
 
 
 def _check_width(width_px: int) -> None:
@@ -23,9 +23,9 @@ def _check_width(width_px: int) -> None:
 
 
 def pack(raw: np.ndarray) -> np.ndarray:
-    """Pixels (…, H, W) uint16 of at most 10 bits to bytes (…, H, 5 W / 4) uint8.
+    """Pack pixels (…, H, W) uint16, at most 1023, into bytes (…, H, 5 W / 4) uint8.
 
-    Raises Raw10Error on another type, a value beyond 1023 or a width that is no multiple of four.
+    Raises Raw10Error on another type, a larger value or a width that is not a multiple of four.
     """
     if raw.dtype != np.uint16:
         raise Raw10Error(f"RAW10: pixels are {raw.dtype}: expected uint16")
@@ -40,9 +40,9 @@ def pack(raw: np.ndarray) -> np.ndarray:
 
 
 def unpack(data: bytes | np.ndarray, height_px: int, width_px: int) -> np.ndarray:
-    """One packed image, bytes or uint8 of any shape, to pixels (H, W) uint16.
+    """Unpack one image, bytes or uint8 of any shape, into pixels (H, W) uint16.
 
-    Raises Raw10Error on another type and where the data are not exactly one image long.
+    Raises Raw10Error on another type or length than that of one image.
     """
     _check_width(width_px)
     if isinstance(data, np.ndarray) and data.dtype != np.uint8:

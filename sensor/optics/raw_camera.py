@@ -1,8 +1,8 @@
 """A camera with an RGB-IR filter array: from the light of four channels to a 10-bit RAW image.
 
 In order: vignetting, filter array with crosstalk of NIR into the visible pixels, photon noise, read noise,
-black level, dead and hot pixels, 10 bits. The layout is that of the paper's OV2736 (sensor/optics/mosaic.py); its
-data sheet is not public, so that every number here is an assumption, named in `RawCamera`.
+black level, dead and hot pixels, 10 bits. The layout is that of the paper's OV2736 (sensor/optics/mosaic.py);
+its data sheet is not public, so that every number here is an assumption, named in `RawCamera`.
 """
 
 from dataclasses import dataclass
@@ -16,21 +16,22 @@ MAXIMUM = 2**10 - 1
 
 @dataclass(frozen=True)
 class RawCamera:
-    """One camera; its dead pixels are its own, the same in every frame."""
+    """Parameters of one camera, in 10-bit digital numbers (DN); its dead pixels are the same in every
+    frame."""
 
     crosstalk: tuple[float, float, float] = (0.8, 0.8, 0.8)
-    """NIR response of B, G and R pixels over that of NIR pixels: colour filters hardly stop 850 nm."""
+    """NIR response of B, G and R pixels relative to that of NIR pixels: colour filters pass 850 nm."""
     black_level_dn: int = 64
     electrons_per_dn: float = 8.0
-    """A full well of 7,700 electrons."""
+    """Conversion gain; at the default, full scale above the black level is 7,700 electrons."""
     read_noise_dn: float = 1.0
-    """Standard deviation."""
+    """Standard deviation of the read noise."""
     vignetting: float = 0.2
-    """Share of the light that the corners lack; it grows with the square of the distance from the centre."""
+    """Relative loss of light in the corners; it grows with the square of the distance from the centre."""
     dead_share: float = 1e-4
-    """Share of pixels that are always 0 or, as many, always 1023."""
+    """Share of defective pixels, half of them always 0 (dead) and half always 1023 (hot)."""
     seed: int = 0
-    """Of where the dead pixels are."""
+    """Seed of the defective pixels' positions."""
 
     def __post_init__(self):
         limits = {
@@ -47,15 +48,16 @@ class RawCamera:
             raise MosaicError(f"crosstalk = {self.crosstalk}: expected three numbers of 0 to 2, for B, G, R")
 
     def shading(self, height_px: int, width_px: int) -> np.ndarray:
-        """Share of the light that reaches each pixel, (H, W): 1 in the centre, 1 − vignetting in corners."""
+        """Vignetting factor of each pixel, (H, W): 1 in the centre, 1 − vignetting in the corners."""
         v, u = np.linspace(-1, 1, height_px), np.linspace(-1, 1, width_px)
         return 1 - self.vignetting * (v[:, None] ** 2 + u**2) / 2
 
     def expected_dn(self, light: np.ndarray) -> np.ndarray:
-        """The noise-free mosaic above black, (H, W) float64 in digital numbers, not clipped.
+        """The noise-free mosaic above the black level, (H, W) float64 in DN, not clipped.
 
-        `light` (H, W, 4) is scene-linear B, G, R, NIR; 1 fills an NIR pixel in the centre, or a visible one
-        if there is no NIR light, to 1023 − black level. Raises MosaicError on what is not finite or negative.
+        `light` (H, W, 4) is scene-linear B, G, R, NIR. A value of 1 gives 1023 − black level in an NIR pixel
+        at the centre, and in a visible one without NIR light. Raises MosaicError on values that are not
+        finite or are negative.
         """
         image = mosaic(light, self.crosstalk)
         if not (np.isfinite(light).all() and light.min() >= 0):
@@ -63,14 +65,14 @@ class RawCamera:
         return image * self.shading(*image.shape) * (MAXIMUM - self.black_level_dn)
 
     def dead_pixels(self, height_px: int, width_px: int) -> tuple[np.ndarray, np.ndarray]:
-        """Which pixels are dead and which are hot, bool (H, W) each."""
+        """Masks of the dead and of the hot pixels, (H, W) bool each."""
         draw = np.random.default_rng(self.seed).random((height_px, width_px))
         return draw < self.dead_share / 2, draw > 1 - self.dead_share / 2
 
     def expose(self, light: np.ndarray, rng: np.random.Generator) -> np.ndarray:
         """One RAW image (H, W) uint16 of scene-linear `light` (H, W, 4); see `expected_dn`.
 
-        Saturates at 0 and 1023, as the sensor's converter does.
+        Saturates at 0 and 1023, as the sensor's analogue-to-digital converter does.
         """
         expected = self.expected_dn(light)
         electrons = rng.poisson(expected * self.electrons_per_dn)

@@ -1,6 +1,7 @@
-"""Frames of a sensor whose scene wants RAW10: the camera's window, 4 × 4 raw pixels to a pixel.
+"""RAW10 frames of the virtual sensor: the window of the camera's image with 4 × 4 raw pixels per pixel.
 
-Light and grain are those of the pixels, linear between them; dots are drawn at the window's resolution.
+Illumination and paint grain are computed per pixel and interpolated linearly to raw pixels; marker dots are
+drawn at the resolution of the raw pixels.
 """
 
 import cv2
@@ -15,6 +16,7 @@ from fastac.sensor.optics.skin_paint import coverage, marker_pixels
 
 
 def raw_camera(sensor: Sensor) -> RawCamera:
+    """The camera with the parameters of the scene's `sensor.raw10`."""
     keys = ("crosstalk", "black_level_dn", "electrons_per_dn", "read_noise_dn", "vignetting", "dead_share")
     return RawCamera(**{key: getattr(sensor.raw10, key) for key in keys})
 
@@ -22,9 +24,10 @@ def raw_camera(sensor: Sensor) -> RawCamera:
 def window_light(
     normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor, tangential_mm: np.ndarray | None = None
 ) -> np.ndarray:
-    """Scene-linear B, G, R, NIR (4H, 4W, 4) float32 of a skin as `sensor.camera.render` takes it.
+    """Scene-linear light B, G, R, NIR, (4H, 4W, 4) float32, of a skin; parameters as of `camera.render`.
 
-    The camera behind the filter array sees all four colours, whichever of them the scene keeps.
+    All four channels are rendered even if the scene keeps three: the filter array has NIR pixels, and NIR
+    crosstalk reaches the visible ones.
     """
     plain = sensor.model_copy(update={"channels": "bgr+nir", "markers": None})
     light = noise_free_image(normals, depth_mm, plain, tangential_mm).astype(np.float32)
@@ -51,7 +54,11 @@ def render_raw10(
 
 
 def background_raw10(sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
-    """The untouched skin (4H, 4W) uint16: the rounded mean of several images, dead pixels included."""
+    """The background, (4H, 4W) uint16: the rounded mean of BACKGROUND_EXPOSURES images of the undeformed
+    skin.
+
+    Dead and hot pixels are included.
+    """
     camera = raw_camera(sensor)
     light = window_light(normals_from_slopes(*rest_slopes(sensor)), rest_depth_mm(sensor), sensor)
     images = [camera.expose(light, rng) for _ in range(BACKGROUND_EXPOSURES)]

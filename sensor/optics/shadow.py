@@ -1,9 +1,9 @@
-"""Cast shadows: how much of each source a point of the skin sees past the skin's other parts.
+"""Cast shadows: the share of each light source that a point of the skin sees past other parts of the skin.
 
-Light travels through the gel, below the skin. From a point towards a source the ray's clearance c is the
-skin's height above the ray; what stands above the ray hides the glow from its edge on. A glow of radius s,
-seen past an edge at the fraction t of the way, is covered to (1 − c/(s·t))/2 (a straight edge over a source
-whose brightness is uniform across it), so that of several edges the worst counts:
+Light travels through the gel, below the skin. Along the ray from a point to the centre of a source, the
+clearance c is the skin's height above the ray; where it is small or negative the skin hides part of the
+source. A straight edge at the fraction t of the ray hides the share (1 − c/(s·t))/2 of a source of radius s
+with uniform brightness. Of several edges the one that hides most is used:
 
     visible = clip(1/2 + min c/(2·s·t), 0, 1).
 """
@@ -18,17 +18,18 @@ from fastac.sensor.geometry import pixel_centres_mm
 from fastac.sensor.optics.sources import source_mm
 
 FIRST_PX = 3.0
-"""Distance of the first sample: nearer ones are the slope itself, which shades by Lambert's law."""
+"""Distance of a ray's first sample: nearer skin is the local slope, whose shading is Lambert's law."""
 GROWTH = 1.15
-"""Of each sample's distance over the one before: far edges cast softer shadows."""
+"""Ratio of successive sample distances: far edges cast softer shadows, so coarser samples suffice."""
 
 
 @lru_cache
 def _rays(sensor: Sensor, channel: str) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The way from each pixel to a source (H · W) in px; of S samples along it 1/distance (S,) in 1/px, the
-    pixel there (H · W, S), and how many of them (H · W) there are.
+    """The rays from all pixels to a channel's source, sampled at S distances.
 
-    Beyond the image, where the housing is, and beyond the source is none: nothing is in the way there.
+    Returns the horizontal distance from each pixel to the source (H · W,) in px; the samples' 1/distance (S,)
+    in 1/px; the index of the pixel at each sample (H · W, S); and the number of samples of each ray (H · W,).
+    Rays end at the image's border, where the housing begins, or at the source.
     """
     x, y = pixel_centres_mm(sensor)
     height, width = x.shape
@@ -56,7 +57,7 @@ def _rays(sensor: Sensor, channel: str) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 @njit(cache=True, nogil=True)
 def _visible(depth_mm, source_z_mm, radius_mm, distance_px, inverse_px, index, count):
-    """`visible` of (H · W) pixels; `_rays` describes the last four arguments."""
+    """`visible` for all pixels, (H · W,); the last four arguments are those that `_rays` returns."""
     height = depth_mm.astype(np.float32)
     share = np.empty_like(depth_mm)
     for pixel in range(len(height)):
@@ -65,7 +66,7 @@ def _visible(depth_mm, source_z_mm, radius_mm, distance_px, inverse_px, index, c
         for i in range(count[pixel]):
             rise = (height[samples[i]] - height[pixel]) * inverse_px[i]
             worst = rise if rise < worst else worst
-        # Of the worst sample, over its fraction of the way.
+        # Clearance of the sample that hides most, divided by its fraction t of the ray.
         clearance = worst * distance_px[pixel] + (depth_mm[pixel] - source_z_mm)
         share[pixel] = min(max(0.5 + clearance / (2 * radius_mm), 0.0), 1.0)
     return share
@@ -74,7 +75,7 @@ def _visible(depth_mm, source_z_mm, radius_mm, distance_px, inverse_px, index, c
 def visible(depth_mm: np.ndarray, sensor: Sensor, channel: str) -> np.ndarray:
     """Share of a channel's source that each pixel of the skin sees, (H, W), 0 to 1.
 
-    `depth_mm` (H, W) is z. 1 everywhere for a source without extent unless something is in the way.
+    `depth_mm` (H, W) is z. A source's radius is `light.softening_mm`, and at least a pixel.
     """
     source_z = source_mm(channel, sensor.light)[2]
     radius = max(sensor.light.softening_mm, sensor.pitch_mm)

@@ -1,4 +1,4 @@
-"""What is painted on the skin, and moves with it: the grain of the reflective coat, and the marker dots."""
+"""The paint on the skin, which moves with it: the grain of the reflective coating, and the marker dots."""
 
 from functools import lru_cache
 
@@ -11,14 +11,16 @@ from fastac.scenes.sensor_schema import Sensor
 
 @lru_cache
 def grain(sensor: Sensor) -> np.ndarray:
-    """The coat's albedo relative to its mean, (H, W): part of the sensor, the same in every frame."""
+    """The coating's albedo relative to its mean, (H, W): a fixed pattern of the sensor, the same in all
+    frames."""
     pattern = np.random.default_rng(0).standard_normal((sensor.height_px, sensor.width_px))
     return np.maximum(1 + sensor.grain * pattern, 0)
 
 
 @lru_cache
 def marker_centres_mm(sensor: Sensor) -> np.ndarray:
-    """x and y (M, 2) of the dots at rest, row by row: a grid about the centre, inside the fixed rim."""
+    """x and y, (M, 2), of the dots on the undeformed skin, row by row: a centred grid inside the fixed
+    rim."""
     if sensor.markers is None:
         return np.empty((0, 2))
     lines = []
@@ -31,9 +33,10 @@ def marker_centres_mm(sensor: Sensor) -> np.ndarray:
 
 
 def marker_pixels(sensor: Sensor, tangential_mm: np.ndarray | None = None) -> np.ndarray:
-    """Where the dots' centres are seen, (M, 2) as (u, v) in px, of a skin displaced by `tangential_mm`.
+    """Image positions of the dots' centres, (M, 2) as (u, v) in px, on a skin displaced by `tangential_mm`.
 
-    tangential_mm : (H, W, 2), displacement in x and y of the skin that was at each pixel at rest; None: rest
+    tangential_mm : (H, W, 2), displacement along x and y of the point that is at each pixel of the undeformed
+        skin; None for the undeformed skin
     """
     centres = marker_centres_mm(sensor)
     half = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
@@ -47,8 +50,8 @@ def marker_pixels(sensor: Sensor, tangential_mm: np.ndarray | None = None) -> np
 def albedo(sensor: Sensor, tangential_mm: np.ndarray | None = None) -> np.ndarray:
     """The skin's albedo at each pixel, (H, W), of a skin displaced by `tangential_mm` as in `marker_pixels`.
 
-    The grain is looked up where each pixel's skin came from, to first order in the displacement. Dots keep
-    their shape, and a pixel at a dot's edge is dark by the share of it that the dot covers.
+    The grain is sampled at the undeformed position of each pixel's skin, to first order in the displacement.
+    Dots keep their shape; a pixel at a dot's edge is darkened in proportion to the area that the dot covers.
     """
     paint = grain(sensor)
     if tangential_mm is not None:
@@ -60,9 +63,9 @@ def albedo(sensor: Sensor, tangential_mm: np.ndarray | None = None) -> np.ndarra
 
 @njit(cache=True, nogil=True)
 def _moved(image: np.ndarray, moved_px: np.ndarray) -> np.ndarray:
-    """An image (H, W) whose points were moved by `moved_px` (H, W, 2), x and y: bilinear, constant outside.
+    """An image (H, W) warped by the displacement `moved_px` (H, W, 2), x and y; bilinear, edges repeated.
 
-    scipy.ndimage.map_coordinates of order 1, value for value, in a sixth of its time.
+    Equal to scipy.ndimage.map_coordinates of order 1, value for value, and six times as fast.
     """
     height, width = image.shape
     found = np.empty_like(image)
@@ -83,7 +86,7 @@ def _moved(image: np.ndarray, moved_px: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _pair(index: int, size: int) -> tuple[int, int]:
-    """An index and the next one, both brought inside 0 … size − 1."""
+    """An index and the next one, both clipped to 0 … size − 1."""
     return min(max(index, 0), size - 1), min(max(index + 1, 0), size - 1)
 
 

@@ -1,4 +1,4 @@
-"""cocotb bench of the AXI4-Lite slave before six words of memory, the last of which cannot be written."""
+"""cocotb testbench of AxiLiteSlave in front of six words of memory, the last of them read-only."""
 
 import os
 import random
@@ -17,13 +17,13 @@ def expected_response(word, *, writing):
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(stall=[0, 0.3, 0.8])
-async def reads_and_writes_at_once(dut, stall):
+async def simultaneous_reads_and_writes(dut, stall):
     master = await start(dut, stall=stall)
     rng = random.Random(2)
     memory = bytearray(4 * WORDS)
 
     async def writes():
-        # Only the lower three words, so that what the readers of the others find is known.
+        # Writes go to the lower three words only, so that the other words' values are known to the reads.
         for _ in range(60):
             size = rng.choice([1, 2, 4])
             address = rng.randrange(0, 12, size)
@@ -47,6 +47,7 @@ async def reads_and_writes_at_once(dut, stall):
 
 
 async def handshake(dut, channel, **payload):
+    """Transfer one beat on an AXI4-Lite channel."""
     for name, value in payload.items():
         getattr(dut, f"axil__{name}").value = value
     valid = getattr(dut, f"axil__{channel}valid")
@@ -71,7 +72,7 @@ async def write_order_and_held_response(dut, data_first):
     await ClockCycles(dut.clk, 10)
     assert not int(dut.axil__bvalid.value)
     await handshake(dut, **second)
-    # A second write may be accepted, but happens only after the first was answered.
+    # A second write may be accepted, but takes effect only after the first one's response was taken.
     await handshake(dut, "aw", awaddr=4)
     await handshake(dut, "w", wdata=0xFFFFFFFF, wstrb=1)
     for _ in range(10):

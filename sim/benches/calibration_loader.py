@@ -1,4 +1,7 @@
-"""cocotb bench of the calibration loader against a model of it, clock by clock; settings from its test."""
+"""cocotb testbench of CalibrationLoader, compared with a model in every clock.
+
+Settings are in the file BENCH; tests/gateware/bus/test_calibration_loader.py makes them.
+"""
 
 import json
 import os
@@ -9,63 +12,66 @@ import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
-SET = json.loads(Path(os.environ["BENCH"]).read_text())
-IMAGES, START, TABLES = SET["images"], SET["start"], SET["tables"]
+SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
+IMAGES, START, TABLES = SETTINGS["images"], SETTINGS["start"], SETTINGS["tables"]
 IDENTIFIER, LENGTH = IMAGES[0]["words"][0], len(IMAGES[0]["words"])
 
 
 class Model:
-    """What the hardware must hold: `ports` are its outputs, `memory` what was written to the tables."""
+    """Model: `words` received of an incomplete image, the `active` image, and the tables' `memory`."""
 
     def __init__(self):
         self.words: list[int] = []
         self.loading = self.complete = False
-        self.force = START
+        self.active = START
         self.memory = {name: {} for name in TABLES}
 
-    def expects(self, word: int) -> bool:
+    def accepts(self, word: int) -> bool:
+        """Whether `word` may be the next word of an image."""
         return bool(self.words) or word == IDENTIFIER
 
-    def take(self, word: int) -> None:
+    def accept(self, word: int) -> None:
         self.words.append(word)
         self.loading = True
         if len(self.words) == LENGTH:
-            [self.force] = [image for image in IMAGES if image["words"] == self.words]
+            [self.active] = [image for image in IMAGES if image["words"] == self.words]
             self.words, self.complete = [], True
 
     def tick(self) -> None:
-        """A clock after the last word the image computes."""
+        """End of a clock: one clock after its last word, a complete image becomes active."""
         if self.complete:
             self.loading = self.complete = False
 
 
-class Run:
+class Testbench:
+    """Driver of the loader's host bus, and scoreboard of all of its outputs."""
+
     def __init__(self, dut, seed: int):
         self.dut, self.rng, self.model = dut, random.Random(seed), Model()
-        self.refused, self.known = 0, False
+        self.refused, self.model_valid = 0, False
 
     @classmethod
-    async def begin(cls, dut, seed: int = 1) -> "Run":
+    async def start(cls, dut, seed: int = 1) -> "Testbench":
         Clock(dut.clk, 10, unit="ns").start()
-        run = cls(dut, seed)
-        # What a run before has left: a complete image ends it, whatever state that is.
-        await run.clock(reset=1)
-        await run.clock(restart=1)
+        bench = cls(dut, seed)
+        # A complete image ends whatever state the previous test left.
+        await bench.cycle(reset=1)
+        await bench.cycle(restart=1)
         for word in IMAGES[0]["words"]:
-            await run.clock(write=1, word=word)
-            run.model.take(word)
-        run.known = True
-        await run.check()
-        return run
+            await bench.cycle(write=1, word=word)
+            bench.model.accept(word)
+        bench.model_valid = True
+        await bench.check_all()
+        return bench
 
-    async def clock(self, *, write=0, word=0, idle=1, restart=0, reset=0) -> int:
-        """One clock, in which the outputs are the model's; returns `taken` in it."""
+    async def cycle(self, *, write=0, word=0, idle=1, restart=0, reset=0) -> int:
+        """Drive one clock, compare the outputs with the model, and return `taken`."""
         dut = self.dut
         dut.host__write.value, dut.host__word.value, dut.host__idle.value = write, word, idle
         dut.host__restart.value, dut.rst.value = restart, reset
         await ReadOnly()
         taken = int(dut.host__taken.value)
-        if self.known:
+        if self.model_valid:
             self.check_outputs()
         self.model.tick()
         for name, memory in self.model.memory.items():
@@ -76,147 +82,148 @@ class Run:
         return taken
 
     async def write(self, word: int, *, idle: int = 1, reset: int = 0) -> None:
-        """Offer a word; the model says whether it is taken."""
-        expected = int(idle and self.model.expects(word))
-        taken = await self.clock(write=1, word=word, idle=idle, reset=reset)
+        """Write a word and check that it is accepted or refused as in the model."""
+        expected = int(idle and self.model.accepts(word))
+        taken = await self.cycle(write=1, word=word, idle=idle, reset=reset)
         assert taken == expected, f"word {word:#x}: taken {taken}, expected {expected}"
         if taken:
-            self.model.take(word)
+            self.model.accept(word)
         else:
             self.refused += 1
 
     def check_outputs(self) -> None:
+        """Compare the outputs with the model."""
         dut, model = self.dut, self.model
         assert int(dut.host__loading.value) == model.loading
         assert int(dut.host__received.value) == len(model.words)
         if model.loading:
             assert int(dut.host__bundle_hash.value) == 0
             return
-        assert int(dut.host__bundle_hash.value) == int(model.force["hash"], 16)
-        for name, value in model.force["registers"].items():
+        assert int(dut.host__bundle_hash.value) == int(model.active["hash"], 16)
+        for name, value in model.active["registers"].items():
             assert int(getattr(dut, name).value) == int(value, 16), name
 
-    async def check(self) -> None:
-        """Registers, and everything that ever reached the tables, a clock after the last word."""
+    async def check_all(self) -> None:
+        """Compare registers and the content of all tables after an image."""
         for _ in range(2):
-            await self.clock()
+            await self.cycle()
         assert not self.model.loading
         for name, memory in self.model.memory.items():
-            expected = {k: int(value, 16) for k, value in enumerate(self.model.force["tables"][name])}
+            expected = {k: int(value, 16) for k, value in enumerate(self.model.active["tables"][name])}
             assert memory == expected, name
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
-async def starts_with_its_own(dut):
-    """Must be the first test: what the registers hold before anything is loaded."""
+async def initial_registers(dut):
+    """The registers' initial values; must be the first test, before anything is loaded."""
     Clock(dut.clk, 10, unit="ns").start()
-    run = Run(dut, 0)
-    run.known = True
-    await run.clock()
-    await run.clock(reset=1)
-    await run.clock()
+    bench = Testbench(dut, 0)
+    bench.model_valid = True
+    await bench.cycle()
+    await bench.cycle(reset=1)
+    await bench.cycle()
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
-async def image_after_image(dut):
-    """The same registers and tables in any order of images; none is taken in part."""
-    run = await Run.begin(dut)
+async def successive_images(dut):
+    """Images in any order give their own registers and tables, and each becomes active as a whole."""
+    bench = await Testbench.start(dut)
     for image in [*IMAGES, *reversed(IMAGES)]:
         for word in image["words"]:
-            await run.write(word)
-        await run.check()
-    assert not run.refused
+            await bench.write(word)
+        await bench.check_all()
+    assert not bench.refused
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
-async def first_word(dut):
-    """Other hardware's image and words beyond the last change nothing."""
-    run = await Run.begin(dut)
+async def wrong_first_words(dut):
+    """Another hardware's identifier, and words after the last word of an image, are refused."""
+    bench = await Testbench.start(dut)
     for word in (IDENTIFIER ^ 1, IDENTIFIER ^ 1 << 31, IDENTIFIER ^ 0xFFFFFFFF):
-        await run.write(word)
-    assert run.refused == 3
+        await bench.write(word)
+    assert bench.refused == 3
     for word in [*IMAGES[1]["words"], IDENTIFIER ^ 1, IDENTIFIER ^ 2]:
-        await run.write(word)
-    assert run.refused == 5
-    await run.check()
+        await bench.write(word)
+    assert bench.refused == 5
+    await bench.check_all()
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
-async def frames_under_way(dut):
-    """Words are refused while they are, before an image and inside."""
-    run = await Run.begin(dut)
+async def words_refused_while_not_idle(dut):
+    """Words are refused while frames are in flight, before an image and inside one."""
+    bench = await Testbench.start(dut)
     for word in IMAGES[1]["words"]:
-        await run.write(word, idle=0)
-        await run.write(word)
-    await run.check()
-    assert run.refused == LENGTH
+        await bench.write(word, idle=0)
+        await bench.write(word)
+    await bench.check_all()
+    assert bench.refused == LENGTH
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
-async def partial_load(dut):
-    """Neither a reset nor a restart ends the loading; a restart begins anew, a reset goes on."""
-    run = await Run.begin(dut)
+async def reset_or_restart_inside_an_image(dut):
+    """Neither ends `loading`; after a reset the image goes on, after a restart it begins again."""
+    bench = await Testbench.start(dut)
     for cut in range(1, LENGTH):
         for word in IMAGES[1]["words"][:cut]:
-            await run.write(word)
-        await run.clock(reset=1)
+            await bench.write(word)
+        await bench.cycle(reset=1)
         if cut % 2:
-            await run.clock(restart=1)
-            run.model.words.clear()
-            await run.write(IDENTIFIER ^ 1)
+            await bench.cycle(restart=1)
+            bench.model.words.clear()
+            await bench.write(IDENTIFIER ^ 1)
             cut = 0
         for word in IMAGES[1]["words"][cut:]:
-            await run.write(word)
-        await run.check()
+            await bench.write(word)
+        await bench.check_all()
         for word in IMAGES[0]["words"]:
-            await run.write(word)
-        await run.check()
+            await bench.write(word)
+        await bench.check_all()
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def reset_with_every_word(dut):
-    """Each is taken, and the loading ends though the clock after the last word is one of reset, too."""
-    run = await Run.begin(dut)
+    """Words are accepted during reset, and an image becomes active even if reset follows its last word."""
+    bench = await Testbench.start(dut)
     for image in reversed(IMAGES):
         for word in image["words"]:
-            await run.write(word, reset=1)
-        await run.clock(reset=1)
-        await run.check()
+            await bench.write(word, reset=1)
+        await bench.cycle(reset=1)
+        await bench.check_all()
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def restart_without_loading(dut):
-    """Nor does it harm in the clock after the last word."""
-    run = await Run.begin(dut)
-    await run.clock(restart=1)
-    await run.check()
+    """A restart has no effect between images, even in the clock after the last word."""
+    bench = await Testbench.start(dut)
+    await bench.cycle(restart=1)
+    await bench.check_all()
     for word in IMAGES[1]["words"]:
-        await run.write(word)
-    await run.clock(restart=1)
-    await run.check()
+        await bench.write(word)
+    await bench.cycle(restart=1)
+    await bench.check_all()
 
 
 @cocotb.test(timeout_time=5, timeout_unit="ms")
-async def anything_in_any_order(dut):
-    """Pauses, frames, wrong first words, resets, and restarts, all at random."""
-    run = await Run.begin(dut, 3)
-    rng, complete = run.rng, 0
+async def random_events(dut):
+    """Random pauses, frames, wrong first words, resets and restarts."""
+    bench = await Testbench.start(dut, 3)
+    rng, complete = bench.rng, 0
     while complete < 30:
         words = rng.choice(IMAGES)["words"]
-        while run.model.words != words[:-1] or not run.model.words:
+        while bench.model.words != words[:-1] or not bench.model.words:
             event = rng.random()
-            if event < 0.005 and run.model.words:
-                await run.clock(restart=1)
-                run.model.words.clear()
+            if event < 0.005 and bench.model.words:
+                await bench.cycle(restart=1)
+                bench.model.words.clear()
                 words = rng.choice(IMAGES)["words"]
             elif event < 0.01:
-                await run.clock(reset=1)
+                await bench.cycle(reset=1)
             elif event < 0.1:
-                await run.clock(word=rng.getrandbits(32), idle=rng.getrandbits(1))
-            elif event < 0.15 and not run.model.words:
-                await run.write(rng.getrandbits(32))
+                await bench.cycle(word=rng.getrandbits(32), idle=rng.getrandbits(1))
+            elif event < 0.15 and not bench.model.words:
+                await bench.write(rng.getrandbits(32))
             else:
-                await run.write(words[len(run.model.words)], idle=int(rng.random() < 0.8))
-        await run.write(words[-1])
-        await run.check()
+                await bench.write(words[len(bench.model.words)], idle=int(rng.random() < 0.8))
+        await bench.write(words[-1])
+        await bench.check_all()
         complete += 1

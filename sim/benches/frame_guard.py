@@ -1,4 +1,7 @@
-"""cocotb bench of the frame guard: sequences of beats, good and bad; settings come from its test."""
+"""cocotb testbench of FrameGuard: sequences of good and faulty beats, with random pauses on all sides.
+
+Settings are in the file BENCH; tests/gateware/stream/test_frame_guard.py makes them with a golden model.
+"""
 
 import json
 import os
@@ -9,7 +12,7 @@ import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
-SET = json.loads(Path(os.environ["BENCH"]).read_text())
+SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
 FLAGS = ("line_short", "line_long", "frame_short", "frame_long", "no_start", "frame_started", "frame_done")
 
 
@@ -28,30 +31,36 @@ async def reset(dut):
     dut.rst.value = 0
 
 
-class Run:
-    """One sequence of beats [data, last, start, enable] from reset to silence."""
+class SequenceRun:
+    """Driver and monitors for one sequence of beats [tdata, tlast, tuser, enable], and what they record.
+
+    stalls : probabilities per clock that the driver, `o` or `tag` pauses, and that `hold` is high
+    """
 
     def __init__(self, dut, rng, stalls):
         self.dut, self.rng, self.stalls = dut, rng, stalls
         self.beats, self.tags, self.bad = [], [], []
         self.flags = dict.fromkeys(FLAGS, 0)
-        self.taken_at, self.left_at = [], []
+        self.accepted_at, self.output_at = [], []
         self.started_at, self.done_at = [], []
 
     async def play(self, beats):
+        """Send `beats` and record all outputs until nothing has been valid for `linger` clocks."""
         dut, rng = self.dut, self.rng
         slow_in, slow_out, slow_tag, holds = self.stalls
         offered = idle = cycle = 0
         held = None
-        while idle < SET["linger"]:
-            assert cycle < SET["timeout_cycles"], f"hang: {len(self.taken_at)} of {len(beats)} beats taken"
-            if offered == len(self.taken_at) and offered < len(beats) and rng.random() >= slow_in:
+        while idle < SETTINGS["linger"]:
+            assert cycle < SETTINGS["timeout_cycles"], (
+                f"hang: {len(self.accepted_at)} of {len(beats)} beats taken"
+            )
+            if offered == len(self.accepted_at) and offered < len(beats) and rng.random() >= slow_in:
                 word, last, user, enable = beats[offered]
                 dut.axis__tdata.value = word
                 dut.axis__tlast.value, dut.axis__tuser.value = last, user
                 dut.enable.value = enable
                 offered += 1
-            dut.axis__tvalid.value = int(offered > len(self.taken_at))
+            dut.axis__tvalid.value = int(offered > len(self.accepted_at))
             dut.o__ready.value = int(rng.random() >= slow_out)
             dut.tag__ready.value = int(rng.random() >= slow_tag)
             dut.hold.value = int(rng.random() < holds)
@@ -64,20 +73,22 @@ class Run:
             if int(dut.frame_started.value):
                 assert not int(dut.hold.value)
                 # The beat that starts the frame is the last one accepted before: FrameTimer relies on it.
-                assert beats[len(self.taken_at) - 1][2]
+                assert beats[len(self.accepted_at) - 1][2]
             if took:
-                self.taken_at.append(cycle)
+                self.accepted_at.append(cycle)
             if int(dut.tag__valid.value) and int(dut.tag__ready.value):
-                # A frame's tag comes behind its last beat and before the last beat of the next.
+                # A frame's tag comes after its last beat and before the last beat of the next frame.
                 frame = len(self.tags) + 1
-                assert frame * SET["frame_beats"] <= len(self.beats) < (frame + 1) * SET["frame_beats"]
+                assert (
+                    frame * SETTINGS["frame_beats"] <= len(self.beats) < (frame + 1) * SETTINGS["frame_beats"]
+                )
                 self.tags.append(int(dut.tag__payload.value))
             offer = (int(dut.o__valid.value), int(dut.o__payload.value))
             assert held in (None, offer), "an offer was changed or withdrawn"
             held = offer if offer[0] and not int(dut.o__ready.value) else None
             if offer[0] and int(dut.o__ready.value):
                 self.beats.append(int(dut.o__payload.value))
-                self.left_at.append(cycle)
+                self.output_at.append(cycle)
             for flag in FLAGS:
                 self.flags[flag] += int(getattr(dut, flag).value)
             if int(dut.frame_started.value):
@@ -93,22 +104,27 @@ class Run:
 @cocotb.parametrize(
     stalls=[(0, 0, 0, 0), (0.3, 0.3, 0.3, 0), (0, 0.8, 0.95, 0), (0.8, 0, 0.95, 0), (0, 0, 0, 0.9)]
 )
-async def every_sequence(dut, stalls):
+async def outputs_of_every_sequence(dut, stalls):
     rng = random.Random(1)
     await start(dut)
-    for sequence in SET["sequences"]:
-        run = Run(dut, rng, stalls)
+    for sequence in SETTINGS["sequences"]:
+        run = SequenceRun(dut, rng, stalls)
         await run.play([(int(word, 16), *rest) for word, *rest in sequence["beats"]])
         name = sequence["name"]
         assert run.flags == sequence["flags"], f"{name}: flags {run.flags}, expected {sequence['flags']}"
         assert run.bad == run.tags == sequence["bad"], f"{name}: {run.bad}, {run.tags}, {sequence['bad']}"
         assert run.beats == [int(word, 16) for word in sequence["expected"]], f"{name}: pixels differ"
         if sequence["steady"] and not any(stalls):
-            # Good frames: a beat every clock without a gap, and the stated latency.
+            # Good frames: one beat per clock without gaps, and the stated latency.
             n = len(run.beats)
-            assert run.taken_at == list(range(run.taken_at[0], run.taken_at[0] + n))
-            assert [o - i for i, o in zip(run.taken_at, run.left_at, strict=True)] == [SET["latency"]] * n
-            first, last = run.taken_at[:: SET["frame_beats"]], run.taken_at[SET["frame_beats"] - 1 : :]
+            assert run.accepted_at == list(range(run.accepted_at[0], run.accepted_at[0] + n))
+            assert [o - i for i, o in zip(run.accepted_at, run.output_at, strict=True)] == [
+                SETTINGS["latency"]
+            ] * n
+            first, last = (
+                run.accepted_at[:: SETTINGS["frame_beats"]],
+                run.accepted_at[SETTINGS["frame_beats"] - 1 : :],
+            )
             assert run.started_at == [cycle + 1 for cycle in first]
-            assert run.done_at == [cycle + 1 for cycle in last[:: SET["frame_beats"]]]
+            assert run.done_at == [cycle + 1 for cycle in last[:: SETTINGS["frame_beats"]]]
         await reset(dut)

@@ -1,4 +1,4 @@
-"""cocotb bench of the frame timer: frames that overlap as a pipeline's do, checked at every pulse."""
+"""cocotb testbench of FrameTimer: random overlapping frames, all outputs compared in every clock."""
 
 import random
 from collections import deque
@@ -13,7 +13,7 @@ INPUTS = ("accepted", "frame_started", "frame_done", "frame_bad", "flush", "resu
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(hurry=[0.05, 0.5, 0.95])
 async def overlapping_frames(dut, hurry):
-    """`hurry` is the probability per clock that a result leaves as soon as it may."""
+    """hurry : probability per clock that a result leaves when it may"""
     rng = random.Random(1)
     Clock(dut.clk, 10, unit="ns").start()
     for name in INPUTS:
@@ -53,7 +53,7 @@ async def overlapping_frames(dut, hurry):
         for name, value in expected.items():
             assert int(getattr(dut, name).value) == value, f"clock {cycle}: {name}"
 
-        # What the outputs are from the next clock on.
+        # The outputs expected from the next clock on.
         if flush:
             open_frame = previous_first = None
             for queue in waiting.values():

@@ -1,4 +1,4 @@
-"""AXI4-Lite accesses from a cocotb bench, with pauses on every channel."""
+"""AXI4-Lite master for cocotb testbenches: reset, read and write, with random pauses on every channel."""
 
 import random
 from collections.abc import Iterator
@@ -8,6 +8,7 @@ from cocotb.triggers import RisingEdge
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
 OKAY, SLVERR, DECERR = 0, 2, 3
+"""AXI response codes."""
 
 
 async def reset(dut) -> None:
@@ -21,6 +22,7 @@ async def reset(dut) -> None:
 
 
 def pauses(stall: float, seed: int) -> Iterator[bool]:
+    """Whether to pause in each clock: True with probability `stall`."""
     rng = random.Random(seed)
     while True:
         yield rng.random() < stall
@@ -38,12 +40,12 @@ async def start(dut, *, stall: float = 0, seed: int = 1) -> AxiLiteMaster:
 
 
 async def read(master: AxiLiteMaster, address: int) -> tuple[int, int]:
-    """The word at `address` and the response."""
+    """Read 32 bits at `address`; returns (value, response)."""
     result = await master.read(address, 4)
     return int.from_bytes(result.data, "little"), int(result.resp)
 
 
 async def write(master: AxiLiteMaster, address: int, value: int, size: int = 4) -> int:
-    """Write the `size` low bytes of `value` from `address` on; the other bytes are not strobed."""
+    """Write the `size` low bytes of `value` to `address` with just their strobes; returns the response."""
     result = await master.write(address, value.to_bytes(size, "little"))
     return int(result.resp)

@@ -1,4 +1,4 @@
-"""cocotb bench of one input and one output stream; settings come from `sim.stream.check`."""
+"""cocotb testbench for components with one input and one output stream; used by `sim.check_stream.check`."""
 
 import json
 import os
@@ -9,14 +9,14 @@ import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
-SET = json.loads(Path(os.environ["BENCH"]).read_text())
-INPUTS, EXPECTED, MASKS = ([int(x, 16) for x in SET[key]] for key in ("inputs", "expected", "masks"))
+SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
+INPUTS, EXPECTED, MASKS = ([int(x, 16) for x in SETTINGS[key]] for key in ("inputs", "expected", "masks"))
 
 
 @cocotb.test()
-@cocotb.parametrize(stall=SET["stalls"])
+@cocotb.parametrize(stall=SETTINGS["stalls"])
 async def values_order_latency_flags(dut, stall):
-    rng = random.Random(SET["seed"])
+    rng = random.Random(SETTINGS["seed"])
     cocotb.start_soon(Clock(dut.clk, 10, unit="ns").start())
     dut.rst.value = 1
     dut.i__valid.value = dut.o__ready.value = 0
@@ -24,27 +24,29 @@ async def values_order_latency_flags(dut, stall):
         await RisingEdge(dut.clk)
     dut.rst.value = 0
 
-    offered, taken_at, left_at, received = 0, [], [], []
-    flags = dict.fromkeys(SET["flags"], 0)
+    offered, accepted_at, output_at, received = 0, [], [], []
+    flags = dict.fromkeys(SETTINGS["flags"], 0)
     idle = cycle = 0
-    # After the last expected beat, linger: nothing more may come.
+    # Go on for 64 clocks after the last expected beat: no more may come.
     while idle < 64:
-        assert cycle < SET["timeout_cycles"], f"hang: {len(received)} of {len(EXPECTED)} after {cycle} cycles"
-        # A stream may not withdraw what it has offered, so a stall is decided before the offer.
-        if offered == len(taken_at) and offered < len(INPUTS) and rng.random() >= stall:
+        assert cycle < SETTINGS["timeout_cycles"], (
+            f"hang: {len(received)} of {len(EXPECTED)} after {cycle} cycles"
+        )
+        # A valid beat must not be withdrawn, so a pause is decided before the beat is offered.
+        if offered == len(accepted_at) and offered < len(INPUTS) and rng.random() >= stall:
             dut.i__payload.value = INPUTS[offered]
             offered += 1
-        dut.i__valid.value = int(offered > len(taken_at))
+        dut.i__valid.value = int(offered > len(accepted_at))
         dut.o__ready.value = int(rng.random() >= stall)
         await ReadOnly()
         if int(dut.i__valid.value) and int(dut.i__ready.value):
-            taken_at.append(cycle)
+            accepted_at.append(cycle)
         if int(dut.o__valid.value) and int(dut.o__ready.value):
             received.append(int(dut.o__payload.value))
-            left_at.append(cycle)
+            output_at.append(cycle)
             for flag in flags:
                 flags[flag] += int(getattr(dut, flag).value)
-        idle = idle + 1 if len(received) >= len(EXPECTED) and len(taken_at) == len(INPUTS) else 0
+        idle = idle + 1 if len(received) >= len(EXPECTED) and len(accepted_at) == len(INPUTS) else 0
         await RisingEdge(dut.clk)
         cycle += 1
 
@@ -56,7 +58,7 @@ async def values_order_latency_flags(dut, stall):
         f"{len(wrong)} of {len(EXPECTED)} beats differ, the first is beat {wrong[0]}:"
         f" {received[wrong[0]]:#x}, expected {EXPECTED[wrong[0]]:#x}"
     )
-    assert flags == SET["flags"], f"flags {flags}, expected {SET['flags']}"
+    assert flags == SETTINGS["flags"], f"flags {flags}, expected {SETTINGS['flags']}"
     if not stall:
-        measured = [[i, o, left_at[o] - taken_at[i]] for i, o, _ in SET["latencies"]]
-        assert measured == SET["latencies"], f"latencies {measured}, expected {SET['latencies']}"
+        measured = [[i, o, output_at[o] - accepted_at[i]] for i, o, _ in SETTINGS["latencies"]]
+        assert measured == SETTINGS["latencies"], f"latencies {measured}, expected {SETTINGS['latencies']}"

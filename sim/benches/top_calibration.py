@@ -1,8 +1,9 @@
-"""cocotb bench of the whole hardware whose calibration changes while it runs.
+"""cocotb testbench of the top level: loading calibrations between frames.
 
-The frames `own` are as the bundle in the hardware makes them, `other` the same images as another one does,
-whose image is `words`. Every test ends with the bundle's own calibration, with which the next one begins.
-See tests/gateware/test_top_calibration.py.
+There are two bundles. The frames `own` carry the golden outputs of the bundle that the hardware was built
+from, the frames `other` those of a second bundle for the same images; `words` holds both calibration images.
+Every test ends with the hardware's own calibration, with which the next one begins.
+tests/gateware/test_top_calibration.py makes the settings.
 """
 
 import sys
@@ -11,161 +12,170 @@ import cocotb
 from cocotb.triggers import ClockCycles
 
 from fastac.sim.benches.host import OKAY, SLVERR, write
-from fastac.sim.benches.top import ADDRESS, LINGER, SET
-from fastac.sim.benches.top_run import ENABLE, FRAME_BEATS, INTERRUPT, STALLS, TEST, Run, beats, flags
+from fastac.sim.benches.top import ADDRESS, LINGER, SETTINGS
+from fastac.sim.benches.top_testbench import (
+    ENABLE,
+    FRAME_BEATS,
+    INTERRUPT,
+    STALLS,
+    TEST,
+    Testbench,
+    error_bits,
+    frame_beats_of,
+)
 
 RESTART, LOADING = 16, 8
-OWN, OTHER = SET["own"], SET["other"]
-IMAGES = {name: SET["words"][name] for name in ("own", "other")}
-HASH = SET["hash"]
-REFUSED = flags("calibration_refused")
+OWN, OTHER = SETTINGS["own"], SETTINGS["other"]
+IMAGES = {name: SETTINGS["words"][name] for name in ("own", "other")}
+HASH = SETTINGS["hash"]
+REFUSED = error_bits("calibration_refused")
 
 
-async def offer(run: Run, word: int, size: int = 4) -> int:
-    return await write(run.host.master, ADDRESS["CALIBRATION"], word, size)
+async def offer(bench: Testbench, word: int, size: int = 4) -> int:
+    return await write(bench.host.master, ADDRESS["CALIBRATION"], word, size)
 
 
-async def load(run: Run, name: str, start: int = 0, end: int | None = None) -> None:
-    """Words of an image; from the first to the last one the hardware says that it is loading."""
+async def load(bench: Testbench, name: str, start: int = 0, end: int | None = None) -> None:
+    """Write an image's words `start` to `end`; check the registers that report the progress."""
     words = IMAGES[name]
     for k, word in list(enumerate(words, 1))[start:end]:
-        assert await offer(run, word) == OKAY, f"word {k} of {len(words)} refused"
+        assert await offer(bench, word) == OKAY, f"word {k} of {len(words)} refused"
         if k in (1, len(words) // 2, len(words) - 1):
-            await run.expect(CALIBRATION_RECEIVED=k, BUNDLE_HASH_LOW=0, BUNDLE_HASH_HIGH=0)
-            assert await run.host.read("STATUS") & LOADING
+            await bench.expect_registers(CALIBRATION_RECEIVED=k, BUNDLE_HASH_LOW=0, BUNDLE_HASH_HIGH=0)
+            assert await bench.host.read("STATUS") & LOADING
     if end is None:
-        await run.expect(
+        await bench.expect_registers(
             CALIBRATION_RECEIVED=0,
             BUNDLE_HASH_LOW=HASH[name] & 0xFFFFFFFF,
             BUNDLE_HASH_HIGH=HASH[name] >> 32,
         )
-        assert not await run.host.read("STATUS") & LOADING
+        assert not await bench.host.read("STATUS") & LOADING
 
 
-async def send(run: Run, frames: list[int]) -> None:
-    """Frames, and everything that they give."""
-    run.mark()
-    run.streams.beats += beats(*frames)
-    await run.finish(frames)
+async def send(bench: Testbench, frames: list[int]) -> None:
+    """Send frames and compare all of their outputs."""
+    bench.compare_from_here()
+    bench.streams.beats += frame_beats_of(*frames)
+    await bench.expect_frames(frames)
 
 
-async def no_error(run: Run) -> None:
-    assert not await run.host.read("ERRORS") & REFUSED
+async def no_error(bench: Testbench) -> None:
+    assert not await bench.host.read("ERRORS") & REFUSED
 
 
 @cocotb.test(**TEST)
 @cocotb.parametrize(stall=STALLS)
-async def between_frames(dut, stall):
-    """And back again. Frames that come while words are loaded wait, and lose nothing."""
-    run = await Run.begin(dut, stall)
-    await run.expect(CALIBRATION_WORDS=len(IMAGES["own"]), CALIBRATION_LAYOUT=IMAGES["own"][0])
-    await send(run, OWN)
+async def calibration_between_frames(dut, stall):
+    """Load the other calibration and the own one again; frames that come meanwhile wait and are complete."""
+    bench = await Testbench.start(dut, stall)
+    await bench.expect_registers(CALIBRATION_WORDS=len(IMAGES["own"]), CALIBRATION_LAYOUT=IMAGES["own"][0])
+    await send(bench, OWN)
     half = len(IMAGES["own"]) // 2
     for name, frames in (("other", OTHER), ("own", OWN)):
-        run.mark()
-        await load(run, name, 0, half)
-        run.streams.beats += beats(*frames)
-        before = len(run.streams.taken_at)
+        bench.compare_from_here()
+        await load(bench, name, 0, half)
+        bench.streams.beats += frame_beats_of(*frames)
+        before = len(bench.streams.accepted_at)
         await ClockCycles(dut.clk, 2 * FRAME_BEATS)
-        assert len(run.streams.taken_at) == before + 1, "a frame did not wait with its first beat"
-        await load(run, name, half)
-        await run.finish(frames)
-    await no_error(run)
+        assert len(bench.streams.accepted_at) == before + 1, "a frame did not wait with its first beat"
+        await load(bench, name, half)
+        await bench.expect_frames(frames)
+    await no_error(bench)
 
 
 @cocotb.test(**TEST)
-@cocotb.parametrize(stall=STALLS, closed=[False, True])
-async def under_way(dut, stall, closed):
-    """Words are refused from a frame's first beat to its last result, and change nothing."""
-    run = await Run.begin(dut, stall)
-    run.streams.beats += beats(*OWN[:2])
-    await run.taken(FRAME_BEATS // 2)
-    run.streams.closed = closed
+@cocotb.parametrize(stall=STALLS, blocked=[False, True])
+async def words_refused_while_frames_are_in_flight(dut, stall, blocked):
+    """From a frame's first beat to its last result, words are refused and change nothing."""
+    bench = await Testbench.start(dut, stall)
+    bench.streams.beats += frame_beats_of(*OWN[:2])
+    await bench.send_only(FRAME_BEATS // 2)
+    bench.streams.blocked = blocked
     for word in IMAGES["other"][:5]:
-        assert await offer(run, word) == SLVERR
-    await run.expect(CALIBRATION_RECEIVED=0, BUNDLE_HASH_LOW=HASH["own"] & 0xFFFFFFFF)
-    run.streams.limit = sys.maxsize
-    if closed and run.streams.sinks:
+        assert await offer(bench, word) == SLVERR
+    await bench.expect_registers(CALIBRATION_RECEIVED=0, BUNDLE_HASH_LOW=HASH["own"] & 0xFFFFFFFF)
+    bench.streams.limit = sys.maxsize
+    if blocked and bench.streams.sinks:
         await ClockCycles(dut.clk, 4 * FRAME_BEATS)
-    while await run.host.read("STATUS") & 1:
-        refused = await offer(run, IMAGES["other"][0])
+    while await bench.host.read("STATUS") & 1:
+        refused = await offer(bench, IMAGES["other"][0])
         if refused == OKAY:  # the last result left between the two accesses
             break
-        run.streams.closed = False
+        bench.streams.blocked = False
     else:
-        assert await offer(run, IMAGES["other"][0]) == OKAY
-    await load(run, "other", 1)
-    await run.finish(OWN[:2])
-    assert await run.host.read("ERRORS") & REFUSED
-    await run.host.write("ERRORS", REFUSED)
-    await no_error(run)
-    await send(run, OTHER[:2])
-    await load(run, "own")
-    await send(run, OWN[:2])
-    await no_error(run)
+        assert await offer(bench, IMAGES["other"][0]) == OKAY
+    await load(bench, "other", 1)
+    await bench.expect_frames(OWN[:2])
+    assert await bench.host.read("ERRORS") & REFUSED
+    await bench.host.write("ERRORS", REFUSED)
+    await no_error(bench)
+    await send(bench, OTHER[:2])
+    await load(bench, "own")
+    await send(bench, OWN[:2])
+    await no_error(bench)
 
 
 @cocotb.test(**TEST)
-async def other_hardwares_image(dut):
-    """Refused with its first word, and the frames after it are as before; so are partial writes."""
-    run = await Run.begin(dut)
-    await send(run, OWN[:1])
+async def image_of_other_hardware(dut):
+    """Another hardware's image is refused at its first word, as are partial writes; frames are unchanged."""
+    bench = await Testbench.start(dut)
+    await send(bench, OWN[:1])
     first = IMAGES["own"][0]
     for word, size in ((first ^ 1, 4), (first ^ 1 << 31, 4), (first & 0xFFFFFF, 3)):
-        assert await offer(run, word, size) == SLVERR
-    await run.expect(CALIBRATION_RECEIVED=0)
-    assert not await run.host.read("STATUS") & LOADING
-    await send(run, OWN[1:])
-    assert await run.host.read("ERRORS") & REFUSED
+        assert await offer(bench, word, size) == SLVERR
+    await bench.expect_registers(CALIBRATION_RECEIVED=0)
+    assert not await bench.host.read("STATUS") & LOADING
+    await send(bench, OWN[1:])
+    assert await bench.host.read("ERRORS") & REFUSED
 
 
 @cocotb.test(**TEST)
 @cocotb.parametrize(reset=["soft", "hard"])
-async def half_loaded(dut, reset):
-    """A reset leaves it half loaded, and nothing computes; a restart begins the image anew."""
-    run = await Run.begin(dut)
+async def reset_inside_an_image(dut, reset):
+    """A reset keeps a half loaded image, and no frame starts; `restart_calibration` discards it."""
+    bench = await Testbench.start(dut)
     half = len(IMAGES["other"]) // 2
-    await load(run, "other", 0, half)
-    await (run.soft_reset if reset == "soft" else run.hard_reset)()
-    await run.expect(CALIBRATION_RECEIVED=half, BUNDLE_HASH_LOW=0, BUNDLE_HASH_HIGH=0)
-    run.mark()
-    run.streams.beats += beats(*OTHER)
-    before = len(run.streams.taken_at)
-    await run.host.write("CONTROL", ENABLE | INTERRUPT | RESTART)
-    await run.expect(CALIBRATION_RECEIVED=0, CONTROL=ENABLE | INTERRUPT)
-    assert await run.host.read("STATUS") & LOADING
-    assert await offer(run, IMAGES["other"][half]) == SLVERR
+    await load(bench, "other", 0, half)
+    await (bench.soft_reset if reset == "soft" else bench.hard_reset)()
+    await bench.expect_registers(CALIBRATION_RECEIVED=half, BUNDLE_HASH_LOW=0, BUNDLE_HASH_HIGH=0)
+    bench.compare_from_here()
+    bench.streams.beats += frame_beats_of(*OTHER)
+    before = len(bench.streams.accepted_at)
+    await bench.host.write("CONTROL", ENABLE | INTERRUPT | RESTART)
+    await bench.expect_registers(CALIBRATION_RECEIVED=0, CONTROL=ENABLE | INTERRUPT)
+    assert await bench.host.read("STATUS") & LOADING
+    assert await offer(bench, IMAGES["other"][half]) == SLVERR
     await ClockCycles(dut.clk, LINGER)
-    assert len(run.streams.taken_at) == before + 1, "a frame did not wait with its first beat"
-    await load(run, "other")
-    await run.finish(OTHER)
-    # It outlives both resets.
-    for again in (run.soft_reset, run.hard_reset):
+    assert len(bench.streams.accepted_at) == before + 1, "a frame did not wait with its first beat"
+    await load(bench, "other")
+    await bench.expect_frames(OTHER)
+    # Both kinds of reset keep a loaded calibration.
+    for again in (bench.soft_reset, bench.hard_reset):
         await again()
-        await send(run, OTHER[:1])
-    await load(run, "own")
-    await send(run, OWN[:1])
+        await send(bench, OTHER[:1])
+    await load(bench, "own")
+    await send(bench, OWN[:1])
 
 
 @cocotb.test(**TEST)
-async def a_first_word_as_a_frame_starts(dut):
-    """Whichever comes first: a frame is of one calibration alone, and none is lost."""
-    run = await Run.begin(dut)
+async def first_word_while_a_frame_starts(dut):
+    """Whichever comes first, each frame uses one calibration only, and no frame is lost."""
+    bench = await Testbench.start(dut)
     answers = []
     for delay in range(-6, 7):
-        run.mark()
+        bench.compare_from_here()
         if delay < 0:
-            run.streams.beats += beats(0)
+            bench.streams.beats += frame_beats_of(0)
             await ClockCycles(dut.clk, -delay)
-        writing = cocotb.start_soon(offer(run, IMAGES["other"][0]))
+        writing = cocotb.start_soon(offer(bench, IMAGES["other"][0]))
         if delay >= 0:
             await ClockCycles(dut.clk, 1 + delay)
-            run.streams.beats += beats(0)
+            bench.streams.beats += frame_beats_of(0)
         answers.append(await writing)
         if answers[-1] == OKAY:
-            await load(run, "other", 1)
-            await run.finish(OTHER[:1])
-            await load(run, "own")
+            await load(bench, "other", 1)
+            await bench.expect_frames(OTHER[:1])
+            await load(bench, "own")
         else:
-            await run.finish(OWN[:1])
+            await bench.expect_frames(OWN[:1])
     assert set(answers) == {OKAY, SLVERR}, f"answers {answers}"

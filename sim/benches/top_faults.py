@@ -1,14 +1,13 @@
-"""cocotb bench of the whole hardware when things go wrong, and of what a host can tell it to do.
+"""cocotb testbench of the top level: faulty input, resets inside frames, and the host's controls.
 
-Settings and frames, good or repaired, are in the folder BENCH, see sim/benches/top_run.py and
-tests/gateware/test_top_zynq.py.
+Settings and frames are in the folder BENCH, see top_testbench.py; tests/gateware/test_top_zynq.py makes them.
 """
 
 import cocotb
 from cocotb.triggers import RisingEdge
 
-from fastac.sim.benches.top import SET
-from fastac.sim.benches.top_run import (
+from fastac.sim.benches.top import SETTINGS
+from fastac.sim.benches.top_testbench import (
     CAPTURE,
     COLUMNS,
     ENABLE,
@@ -17,130 +16,130 @@ from fastac.sim.benches.top_run import (
     LINE_BEATS,
     STALLS,
     TEST,
-    Run,
-    beats,
-    flags,
+    Testbench,
+    error_bits,
+    frame_beats_of,
 )
 
 
 def line(frame: int, row: int, length: int, last: int, first: int) -> list[tuple[int, int, int]]:
-    """`length` beats from a row of an image on, with or without an end of line and a start of frame."""
+    """`length` beats from the start of a row on; `last`: with end of line; `first`: with start of frame."""
     begin = row * LINE_BEATS
-    words = [word for word, *_ in beats(frame)][begin : begin + length]
+    words = [word for word, *_ in frame_beats_of(frame)][begin : begin + length]
     return [(word, last * (k == length - 1), first * (k == 0)) for k, word in enumerate(words)]
 
 
 @cocotb.test(**TEST)
-@cocotb.parametrize(scenario=list(SET["scenarios"]), stall=STALLS)
+@cocotb.parametrize(scenario=list(SETTINGS["scenarios"]), stall=STALLS)
 async def bad_input(dut, scenario, stall):
-    """Repaired and marked, reported once, and the frames around it are as if nothing had been."""
+    """A faulty frame is repaired, marked as bad and reported once; the frames around it are unchanged."""
     dut._log.info("scenario %s", scenario)
-    run, scene = await Run.begin(dut, stall), SET["scenarios"][scenario]
-    run.streams.beats += [beat for each in scene["lines"] for beat in line(*each)]
-    await run.finish(scene["frames"], scene["bad"])
-    await run.expect(FRAME_COUNT=len(scene["frames"]), FRAME_ERRORS=sum(scene["bad"]))
-    errors = flags(*scene["errors"])
-    await run.expect(ERRORS=errors)
-    await run.host.write("ERRORS", ~errors & 0xFFFFFFFF)
-    await run.expect(ERRORS=errors)
-    await run.host.write("ERRORS", errors)
-    await run.expect(ERRORS=0)
+    bench, scene = await Testbench.start(dut, stall), SETTINGS["scenarios"][scenario]
+    bench.streams.beats += [beat for each in scene["lines"] for beat in line(*each)]
+    await bench.expect_frames(scene["frames"], scene["bad"])
+    await bench.expect_registers(FRAME_COUNT=len(scene["frames"]), FRAME_ERRORS=sum(scene["bad"]))
+    errors = error_bits(*scene["errors"])
+    await bench.expect_registers(ERRORS=errors)
+    await bench.host.write("ERRORS", ~errors & 0xFFFFFFFF)
+    await bench.expect_registers(ERRORS=errors)
+    await bench.host.write("ERRORS", errors)
+    await bench.expect_registers(ERRORS=0)
 
 
 @cocotb.test(**TEST)
 @cocotb.parametrize(
-    kind=["hard", "soft"], cut=[1, FRAME_BEATS // 2, FRAME_BEATS - 1], closed=[False, True], stall=STALLS
+    kind=["hard", "soft"], cut=[1, FRAME_BEATS // 2, FRAME_BEATS - 1], blocked=[False, True], stall=STALLS
 )
-async def reset_inside_a_frame(dut, kind, cut, closed, stall):
-    """The output streams are inside a frame too; with `closed`, an offer may wait there."""
-    run = await Run.begin(dut, stall, serve=False)
-    run.streams.beats += beats(0, 1, 2, 3, 4)
-    await run.taken(2 * FRAME_BEATS + cut)
-    sinks = run.streams.sinks
+async def reset_inside_a_frame(dut, kind, cut, blocked, stall):
+    """Reset while one frame enters and another leaves; `blocked`: with a beat waiting at an output."""
+    bench = await Testbench.start(dut, stall, serve_interrupts=False)
+    bench.streams.beats += frame_beats_of(0, 1, 2, 3, 4)
+    await bench.send_only(2 * FRAME_BEATS + cut)
+    sinks = bench.streams.sinks
     name = next((name for name in ("depth", "normals") if name in sinks), None)
     if name is not None:
-        row = -(-COLUMNS[name] // SET["lanes"])
+        row = -(-COLUMNS[name] // SETTINGS["lanes"])
         enough = 5 * row + row // 2 if name == "depth" else 2 * FRAME_BEATS + 1
-        await run.until(lambda: len(sinks[name].at) >= enough)
-    run.streams.closed = closed
-    if closed and name == "depth":
-        await run.until(lambda: int(sinks[name].valid.value))
-    await (run.hard_reset if kind == "hard" else run.soft_reset)()
+        await bench.wait_until(lambda: len(sinks[name].cycles) >= enough)
+    bench.streams.blocked = blocked
+    if blocked and name == "depth":
+        await bench.wait_until(lambda: int(sinks[name].valid.value))
+    await (bench.hard_reset if kind == "hard" else bench.soft_reset)()
     before = 0 if kind == "hard" else 2
-    await run.expect(STATUS=0, FRAME_COUNT=before)
+    await bench.expect_registers(STATUS=0, FRAME_COUNT=before)
     for each in sinks:
-        run.check(each, [0, 1, 2], [0, 0, 0], prefix=True)
-    run.mark()
-    await run.host.write("INTERRUPT_STATUS", 1)
-    run.serve()
-    run.streams.limit = len(run.streams.beats)
-    await run.finish([3, 4])
-    await run.expect(FRAME_COUNT=before + 2, FRAME_ERRORS=0)
-    assert await run.host.read("ERRORS") & ~flags("result_overrun") == flags("no_start")
+        bench.check_stream(each, [0, 1, 2], [0, 0, 0], prefix=True)
+    bench.compare_from_here()
+    await bench.host.write("INTERRUPT_STATUS", 1)
+    bench.serve_interrupts()
+    bench.streams.limit = len(bench.streams.beats)
+    await bench.expect_frames([3, 4])
+    await bench.expect_registers(FRAME_COUNT=before + 2, FRAME_ERRORS=0)
+    assert await bench.host.read("ERRORS") & ~error_bits("result_overrun") == error_bits("no_start")
 
 
 @cocotb.test(**TEST)
 @cocotb.parametrize(stall=STALLS)
 async def background_capture(dut, stall):
-    """The frame after the one in which it is asked for; it outlives both resets."""
-    captured, after = SET["captured"], SET["after_capture"]
-    run = await Run.begin(dut, stall)
-    run.streams.beats += beats(0, captured, *after)
-    await run.taken(FRAME_BEATS // 2)
-    await run.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
-    await run.expect(CONTROL=ENABLE | INTERRUPT | CAPTURE)
-    run.streams.limit = len(run.streams.beats)
-    await run.finish([0, captured, *after])
-    await run.expect(CONTROL=ENABLE | INTERRUPT, ERRORS=0)
-    for reset in (run.soft_reset, run.hard_reset):
+    """The frame after the request becomes the background, which both kinds of reset keep."""
+    captured, after = SETTINGS["captured"], SETTINGS["after_capture"]
+    bench = await Testbench.start(dut, stall)
+    bench.streams.beats += frame_beats_of(0, captured, *after)
+    await bench.send_only(FRAME_BEATS // 2)
+    await bench.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
+    await bench.expect_registers(CONTROL=ENABLE | INTERRUPT | CAPTURE)
+    bench.streams.limit = len(bench.streams.beats)
+    await bench.expect_frames([0, captured, *after])
+    await bench.expect_registers(CONTROL=ENABLE | INTERRUPT, ERRORS=0)
+    for reset in (bench.soft_reset, bench.hard_reset):
         await reset()
-        run.mark()
-        run.streams.beats += beats(*after)
-        run.streams.limit = len(run.streams.beats)
-        await run.finish(after)
-    # A reset inside such a frame leaves a torn background, and the request stands: the next frame heals it.
-    run.mark()
-    await run.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
-    run.streams.beats += beats(0)
-    await run.taken(len(run.streams.taken_at) + FRAME_BEATS // 2)
-    await run.until(lambda: int(dut.s_axis_tready.value))
-    await run.soft_reset()
-    await run.expect(CONTROL=ENABLE | INTERRUPT | CAPTURE)
-    # And the next test: bring the bundle's background back.
-    del run.streams.beats[len(run.streams.taken_at) :]
-    run.mark()
-    await run.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
-    run.streams.beats += beats(SET["background"], 0)
-    run.streams.limit = len(run.streams.beats)
-    await run.finish([SET["background"], 0])
+        bench.compare_from_here()
+        bench.streams.beats += frame_beats_of(*after)
+        bench.streams.limit = len(bench.streams.beats)
+        await bench.expect_frames(after)
+    # A reset inside such a frame leaves a background of two frames; the request stays for the next frame.
+    bench.compare_from_here()
+    await bench.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
+    bench.streams.beats += frame_beats_of(0)
+    await bench.send_only(len(bench.streams.accepted_at) + FRAME_BEATS // 2)
+    await bench.wait_until(lambda: int(dut.s_axis_tready.value))
+    await bench.soft_reset()
+    await bench.expect_registers(CONTROL=ENABLE | INTERRUPT | CAPTURE)
+    # Restore the bundle's background for the next test.
+    del bench.streams.beats[len(bench.streams.accepted_at) :]
+    bench.compare_from_here()
+    await bench.host.write("CONTROL", ENABLE | INTERRUPT | CAPTURE)
+    bench.streams.beats += frame_beats_of(SETTINGS["background"], 0)
+    bench.streams.limit = len(bench.streams.beats)
+    await bench.expect_frames([SETTINGS["background"], 0])
 
 
 @cocotb.test(**TEST)
 async def saturation_is_reported(dut):
-    run = await Run.begin(dut)
-    for frame, errors in SET["saturating"]:
-        run.streams.beats += beats(frame)
-        await run.finish([frame])
-        await run.expect(ERRORS=flags(*errors))
-        # A frame without leaves it as it is; one bit of two can be cleared.
-        run.mark()
-        run.streams.beats += beats(0)
-        await run.finish([0])
-        await run.expect(ERRORS=flags(*errors))
+    bench = await Testbench.start(dut)
+    for frame, errors in SETTINGS["saturating"]:
+        bench.streams.beats += frame_beats_of(frame)
+        await bench.expect_frames([frame])
+        await bench.expect_registers(ERRORS=error_bits(*errors))
+        # A frame without saturation does not clear the flags; each can be cleared alone.
+        bench.compare_from_here()
+        bench.streams.beats += frame_beats_of(0)
+        await bench.expect_frames([0])
+        await bench.expect_registers(ERRORS=error_bits(*errors))
         for k, name in enumerate(errors):
-            await run.host.write("ERRORS", flags(name))
-            await run.expect(ERRORS=flags(*errors[k + 1 :]))
-        run.mark()
+            await bench.host.write("ERRORS", error_bits(name))
+            await bench.expect_registers(ERRORS=error_bits(*errors[k + 1 :]))
+        bench.compare_from_here()
 
 
 @cocotb.test(**TEST)
-async def interrupt_on_and_off(dut):
-    run = await Run.begin(dut, serve=False)
-    host = run.host
+async def interrupt_enable_and_acknowledge(dut):
+    bench = await Testbench.start(dut, serve_interrupts=False)
+    host = bench.host
     await host.write("CONTROL", ENABLE)
-    run.streams.beats += beats(0)
-    await run.finish([0])
-    await run.expect(INTERRUPT_STATUS=1, ERRORS=0)
+    bench.streams.beats += frame_beats_of(0)
+    await bench.expect_frames([0])
+    await bench.expect_registers(INTERRUPT_STATUS=1, ERRORS=0)
     assert not int(dut.interrupt.value)
     await host.write("CONTROL", ENABLE | INTERRUPT)
     await RisingEdge(dut.clk)
@@ -148,29 +147,29 @@ async def interrupt_on_and_off(dut):
     await host.write("INTERRUPT_STATUS", 1)
     await RisingEdge(dut.clk)
     assert not int(dut.interrupt.value)
-    await run.expect(INTERRUPT_STATUS=0)
-    # Nobody acknowledges the next two.
-    run.mark()
-    run.streams.beats += beats(1, 0)
-    await run.finish([1, 0])
-    await run.expect(INTERRUPT_STATUS=1, ERRORS=flags("result_overrun"))
+    await bench.expect_registers(INTERRUPT_STATUS=0)
+    # The next two results are not acknowledged.
+    bench.compare_from_here()
+    bench.streams.beats += frame_beats_of(1, 0)
+    await bench.expect_frames([1, 0])
+    await bench.expect_registers(INTERRUPT_STATUS=1, ERRORS=error_bits("result_overrun"))
     assert int(dut.interrupt.value)
     await host.write("INTERRUPT_STATUS", 1)
     await host.write("ERRORS", 0xFF)
-    await run.expect(INTERRUPT_STATUS=0, ERRORS=0)
+    await bench.expect_registers(INTERRUPT_STATUS=0, ERRORS=0)
     await RisingEdge(dut.clk)
     assert not int(dut.interrupt.value)
 
 
 @cocotb.test(**TEST)
 async def frames_are_dropped_while_disabled(dut):
-    run = await Run.begin(dut)
-    await run.host.write("CONTROL", INTERRUPT)
-    run.streams.beats += beats(0, 1)
-    await run.taken(2 * FRAME_BEATS - 1)
-    # Enabled inside a frame: from the next one on.
-    await run.host.write("CONTROL", ENABLE | INTERRUPT)
-    run.streams.beats += beats(2)
-    run.streams.limit = len(run.streams.beats)
-    await run.finish([2])
-    await run.expect(FRAME_COUNT=1, FRAME_ERRORS=0, ERRORS=0)
+    bench = await Testbench.start(dut)
+    await bench.host.write("CONTROL", INTERRUPT)
+    bench.streams.beats += frame_beats_of(0, 1)
+    await bench.send_only(2 * FRAME_BEATS - 1)
+    # Enabled inside a frame: frames are accepted from the next one on.
+    await bench.host.write("CONTROL", ENABLE | INTERRUPT)
+    bench.streams.beats += frame_beats_of(2)
+    bench.streams.limit = len(bench.streams.beats)
+    await bench.expect_frames([2])
+    await bench.expect_registers(FRAME_COUNT=1, FRAME_ERRORS=0, ERRORS=0)

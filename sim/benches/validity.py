@@ -1,7 +1,7 @@
-"""cocotb bench of the frames' flags: frames without a gap, streams that pause, verdicts that are taken late.
+"""cocotb testbench of FrameValidity: frames without gaps, pauses of the pipeline, back-pressure on `verdict`.
 
-Settings are in the file BENCH: the words that each stream takes, the flags of each frame, the clocks that a
-verdict takes, and how many beats of the pixels are a frame.
+Settings are in the file BENCH: the input words of each stage, the expected flags of each frame, the latency
+of `verdict` in clocks, and the beats of pixels per frame.
 """
 
 import json
@@ -15,15 +15,15 @@ from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from fastac.models.integer.frame_validity import DISPLACEMENT
 
-SET = json.loads(Path(os.environ["BENCH"]).read_text())
-STREAMS, FLAGS, BEATS = SET["streams"], SET["flags"], SET["beats"]
+SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
+STREAMS, FLAGS, BEATS = SETTINGS["streams"], SETTINGS["flags"], SETTINGS["beats"]
 LAGS = {"pixels": 0, "features": 3, "slopes": 40, "displacements": 300}
-"""Clocks by which a frame's last beat follows that of its pixels: about what the stages between take."""
+"""Clocks from a frame's last beat of pixels to its last beat at each stage: about the stages' latency."""
 PORT = {"slopes": "slopes_over", "displacements": "displacements_over"}
 
 
 def schedule(name: str) -> dict[int, int]:
-    """The word of each clock in which a stream moves, if nothing pauses."""
+    """The input word of a stage in each clock in which it has a beat, if nothing pauses."""
     words = STREAMS[name]
     count = len(words) // len(FLAGS)
     return {LAGS[name] + (k // count + 1) * BEATS - count + k % count: word for k, word in enumerate(words)}
@@ -32,7 +32,7 @@ def schedule(name: str) -> dict[int, int]:
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 @cocotb.parametrize(pause=[0, 0.4], late=[0, 0.9])
 async def flags_of_every_frame(dut, pause, late):
-    """Each is of its own frame, and on time."""
+    """Every frame gets its own flags, in order and with the stated latency."""
     rng = random.Random(1)
     Clock(dut.clk, 10, unit="ns").start()
     dut.rst.value = 1
@@ -41,11 +41,11 @@ async def flags_of_every_frame(dut, pause, late):
     await ClockCycles(dut.clk, 2)
     dut.rst.value = 0
     words = {name: schedule(name) for name in STREAMS}
-    last = LAGS[list(STREAMS)[-1]] + BEATS - 1  # of a frame's last stream, its last beat
+    last = LAGS[list(STREAMS)[-1]] + BEATS - 1  # clock of a frame's last beat at the last stage
     ends, offered, found, suspect = [], [], [], []
     clock = place = 0
     while len(found) < len(FLAGS):
-        # All streams stand still together, as one pipeline does.
+        # All stages pause together, like one pipeline.
         moves = rng.random() >= pause
         for name, beats in words.items():
             getattr(dut, f"{name}_taken").value = int(moves and place in beats)
@@ -71,4 +71,4 @@ async def flags_of_every_frame(dut, pause, late):
     assert suspect[: len(FLAGS)] == [int(flags & ~DISPLACEMENT > 0) for flags in FLAGS]
     if not late:
         found = [b - a for a, b in zip(ends, offered, strict=False)]
-        assert found == [SET["latency"]] * len(FLAGS), f"clocks {found}, expected {SET['latency']}"
+        assert found == [SETTINGS["latency"]] * len(FLAGS), f"clocks {found}, expected {SETTINGS['latency']}"

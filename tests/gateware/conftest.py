@@ -1,4 +1,4 @@
-"""What several tests share: a loadable component as one with two streams, its parameters constant."""
+"""Fixtures of the gateware tests."""
 
 import pytest
 
@@ -7,4 +7,5 @@ from fastac.sim.preloaded import ConstantParameters
 
 @pytest.fixture
 def with_parameters():
+    """Wrapper that gives a loadable component constant parameters."""
     return ConstantParameters

@@ -30,7 +30,7 @@ WANTED = {
 
 @pytest.fixture(scope="module")
 def bundles(tmp_path_factory):
-    """Of every kind a bundle and one with another network."""
+    """For each kind of scene a bundle, and one with another network for the same hardware."""
     folder, found = tmp_path_factory.mktemp("bundles"), {}
     for name, wanted in WANTED.items():
         own = random_bundle(folder / name, scene(**wanted))
@@ -38,7 +38,7 @@ def bundles(tmp_path_factory):
     return found
 
 
-def test_hardware_keeps_its_rounding(bundles):
+def test_rounding_cannot_be_changed_by_a_calibration(bundles):
     pipeline = bundles["absolute"][0].pipeline
     solver = pipeline.solver
     floor = pipeline.replace(
@@ -52,8 +52,8 @@ def test_hardware_keeps_its_rounding(bundles):
 
 
 @pytest.mark.parametrize("name", WANTED)
-def test_words(bundles, name):
-    """The network's parameters, the adjoint's constants and the hash, behind the tables."""
+def test_content_of_an_image(bundles, name):
+    """An image has the tables, the network's parameters, the adjoint's constants, the limits and the hash."""
     own, other = bundles[name]
     words = calibration_words(other, own)
     layout = image_layout(Datapath(own.pipeline))
@@ -86,8 +86,8 @@ def test_words(bundles, name):
         assert not len(values)
 
 
-def test_formats_are_of_any_calibration(bundles):
-    """Tables hold what their format allows, not what the first bundle needs."""
+def test_table_formats_fit_any_calibration(bundles):
+    """The tables' width is that of any calibration, not just of the values of the first bundle."""
     for name, table in (("absolute", "rest"), ("difference", "offset")):
         own, _ = bundles[name]
         width = own.pipeline.depth.width if table == "rest" else own.pipeline.source.width
@@ -95,7 +95,7 @@ def test_formats_are_of_any_calibration(bundles):
 
 
 def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
-    """One thing that a calibration cannot bring."""
+    """`pipeline` with one value changed that a calibration cannot change."""
     if what == "kernel":
         kernel = pipeline.force.kernel.copy()
         kernel[0, 3, 5, 1, 2] += 1 if kernel[0, 3, 5, 1, 2] < 0 else -1
@@ -144,7 +144,7 @@ def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
         ("normals", "baked", "layers.0.loadable = False: the hardware's is True"),
     ],
 )
-def test_other_hardware_is_refused(bundles, tmp_path, name, what, message):
+def test_differences_in_fixed_content_are_refused(bundles, tmp_path, name, what, message):
     own, other = bundles[name]
     pipeline = changed(other.pipeline, what)
     assert first_difference(pipeline, own.pipeline).startswith(message)
@@ -155,11 +155,11 @@ def test_other_hardware_is_refused(bundles, tmp_path, name, what, message):
     assert "\n" not in str(refusal.value)
 
 
-def test_every_kind_of_hardware_has_its_own_images(bundles):
+def test_identifiers_of_different_hardware_differ(bundles):
     assert len({hardware_identifier(own.pipeline) for own, _ in bundles.values()}) == len(WANTED)
 
 
-def test_what_only_explains_a_format_may_differ(bundles):
+def test_fields_that_only_document_may_differ(bundles):
     own, other = bundles["absolute"]
     solver = own.pipeline.solver
     stages = tuple(Stage(s.name, s.bound_px * 0.99, s.format) for s in solver.stages)
@@ -172,8 +172,8 @@ def test_what_only_explains_a_format_may_differ(bundles):
 
 @pytest.mark.parametrize("name", ["difference", "absolute", "adjoint"])
 @pytest.mark.quick("absolute", "adjoint")
-def test_no_network_needs_other_words(bundles, name):
-    """Networks of any seed, also of slopes at rest at their limits, fit hardware of their scene."""
+def test_any_network_fits_the_hardware_of_its_scene(bundles, name):
+    """Random networks, also those whose slopes at rest saturate, fit the hardware of their scene."""
     own, _ = bundles[name]
     pipeline = own.pipeline
     for seed in range(20):
@@ -195,8 +195,8 @@ def test_no_network_needs_other_words(bundles, name):
         assert first_difference(with_force_of(made, pipeline), pipeline) is None
 
 
-def test_the_hardwares_force_can_be_kept(bundles, tmp_path):
-    """Of both bundles' arrays each its own; the adjoint's constants follow the new network."""
+def test_calibration_with_the_force_of_the_hardware(bundles, tmp_path):
+    """Network from the new bundle, force from the hardware's; the adjoint's constants are recomputed."""
     own, other = bundles["adjoint"]
     weight = -other.pipeline.force.weight
     trained = replace(
@@ -219,7 +219,7 @@ def test_the_hardwares_force_can_be_kept(bundles, tmp_path):
     assert not (tmp_path / "none").exists()
 
 
-def test_baked_hardware_takes_none(tmp_path):
+def test_baked_hardware_accepts_no_calibration(tmp_path):
     own = random_bundle(tmp_path / "baked", scene(("normals",), weights="baked"))
     with pytest.raises(CalibrationError, match=r"hardware\.weights: baked, the hardware takes no"):
         calibration_words(own, own)

@@ -15,13 +15,13 @@ def sine_transform(
     sine = np.sin(np.pi / (size + 1) * (np.outer(k, k) % (2 * size + 2)))
     matrix = np.round(2.0**fraction * np.sqrt(2 / (size + 1)) * sine).astype(np.int64)
     bound = int(np.abs(matrix).sum(axis=1).max()) << (input_width - 1)
-    # The largest sum to the nearest; a floor of its opposite is the word farthest from 0.
+    # The largest output: rounded to nearest, or for a floor the negated sum, which is farther from 0.
     top = bound + (1 << shift >> 1) >> shift if rounding == "nearest" else -(-bound >> shift)
     return SineTransform(matrix, shift, input_width, signed_width(top), rounding)
 
 
 def by_beats(rows, lanes: int, void) -> np.ndarray:
-    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    """Rows (rows, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     short = -rows.shape[1] % lanes
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
@@ -38,11 +38,11 @@ def by_beats(rows, lanes: int, void) -> np.ndarray:
     ],
 )
 @pytest.mark.quick("14-2-3-nearest", "17-4-20-nearest", "14-1-20-floor")
-def test_rtl_equals_reference(tmp_path, size, lanes, input_width, rounding):
+def test_bit_exact_to_golden_model(tmp_path, size, lanes, input_width, rounding):
     transform = sine_transform(size, input_width=input_width, rounding=rounding)
     dut = Dst1Engine(transform, lanes=lanes)
     limit = 1 << (input_width - 1)
-    # The extremes first: nothing, both limits, and the signs that reach the bound of each accumulator.
+    # Extremes first: zeros, both limits, and the signs that reach the bound of each accumulator.
     extremes = [np.zeros(size), np.full(size, limit - 1), np.full(size, -limit)]
     for row in transform.matrix[:: size // 14]:
         extremes += [np.where(row > 0, -limit, limit - 1), np.where(row < 0, -limit, limit - 1)]
@@ -78,7 +78,7 @@ def test_cost_of_the_paper_s_rows(lanes, interval, latency, multipliers, roundin
     assert (dut.interval, dut.latency, dut.multipliers) == (interval, latency, multipliers)
 
 
-def test_refusals():
+def test_invalid_arguments():
     transform = sine_transform(14, input_width=20)
     with pytest.raises(ValueError, match="lanes 3: expected 1, 2 or 4"):
         Dst1Engine(transform, lanes=3)

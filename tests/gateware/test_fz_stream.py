@@ -11,20 +11,20 @@ from fastac.sim.check_stream import check, pack
 
 
 def beats(frames, lanes, rng):
-    """Frames (F, N, N) to beats (F·N·ceil(N/lanes), lanes); void lanes are random."""
+    """Frames (F, N, N) to beats (F·N·ceil(N/lanes), lanes); unused lanes are random."""
     fill = rng.integers(0, 1 << 16, (*frames.shape[:2], -frames.shape[2] % lanes))
     return np.concatenate([frames, fill], axis=-1).reshape(-1, lanes)
 
 
 def inside(n, k):
-    """Which neighbours of which pixels are inside the frame: (N, N, K, K)."""
+    """Mask (N, N, K, K) of the neighbours of each pixel that are inside the frame."""
     near = np.arange(n)[:, None] + np.arange(k) - k // 2
     near = (near >= 0) & (near < n)
     return near[:, None, :, None] & near[None, :, None, :]
 
 
 def extreme_force(n, k, kernel_bits, bits, axes, rng, signed=False):
-    """Axis 0: any kernel words; axis 1 the lowest, axis 2 the highest, both only inside the frame."""
+    """Axis 0 has random kernels; axis 1 the lowest and axis 2 the highest word, inside the frame only."""
     limit = 1 << (kernel_bits - 1)
     kernel = rng.integers(-limit, limit, (axes, n, n, k, k))
     for axis, word in list(enumerate((-limit, limit - 1), start=1))[: axes - 1]:
@@ -33,7 +33,7 @@ def extreme_force(n, k, kernel_bits, bits, axes, rng, signed=False):
 
 
 def frames_of(force, rng):
-    """Full scale, zero, each corner alone, then random; two by the signs of axis 0's weights."""
+    """Frames of full scale, zeros, one corner each, random values; two with the signs of axis 0's weights."""
     n, top = force.kernel.shape[1], force.displacement_limit
     low = -top if force.signed else 0
     q = rng.integers(low, top + 1, (9, n, n))
@@ -81,7 +81,7 @@ def test_force_of_every_frame(tmp_path, n, k, kernel_bits, bits, lanes, axes, si
 
 
 def map_beats(force, q, lanes):
-    """The responses of frames (F, N, N) as payloads of the map; void lanes are zero."""
+    """The responses of frames (F, N, N) as payloads of the map; unused lanes are zero."""
     responses = np.pad(force.force_map(q), [(0, 0)] * 3 + [(0, -q.shape[-1] % lanes)])
     frames, axes, n, columns = responses.shape
     lined_up = responses.reshape(frames, axes, n, columns // lanes, lanes)
@@ -107,7 +107,7 @@ def map_beats(force, q, lanes):
     "False-4-7-7",
 )
 def test_force_and_map_of_every_frame(n, k, lanes, signed):
-    """With no stalls, with stalls everywhere, and with a reader of the map slower than the rest."""
+    """Without pauses, with pauses on all streams, and with back-pressure from the map alone."""
     axes = 3 if k == 1 else 2 if k == 3 else 1
     rng = np.random.default_rng(k)
     force = extreme_force(n, k, 4, 5, axes, rng, signed)
@@ -127,7 +127,7 @@ def test_force_and_map_of_every_frame(n, k, lanes, signed):
 
 
 def test_extremes_reach_the_bounds_of_signed_responses():
-    """Every displacement at its limit, with its weight's sign."""
+    """Every displacement is at its limit, with the sign of its weight."""
     rng = np.random.default_rng(6)
     n = 6
     kernel = rng.integers(-7, 8, (1, n, n, 3, 3)) * inside(n, 3)
@@ -144,7 +144,7 @@ def test_extremes_reach_the_bounds_of_signed_responses():
     assert payloads["o"] == pack(force(q), force.width)
 
 
-def test_only_a_wanted_map_is_built():
+def test_force_map_is_built_only_if_wanted():
     force = extreme_force(6, 3, 4, 5, 1, np.random.default_rng(7))
 
     def parts(**options):
@@ -156,9 +156,9 @@ def test_only_a_wanted_map_is_built():
 
 
 def run(force, lanes, actions, forces, ready=lambda clock: True, clocks=4000):
-    """Feed `actions` (a payload, or None: a pause, or "reset") to Amaranth's simulator.
+    """Drive `actions` (a payload, None for a pause, or "reset") under Amaranth's simulator.
 
-    Returns the forces and, for each, the clock in which it was taken, and those in which beats were.
+    Returns the forces, the clock of each force, and the clock of each accepted input beat.
     """
     dut, reset = PatchForceStream(force, lanes=lanes), Signal()
     sent, taken, values = [], [], []
@@ -207,7 +207,7 @@ def small():
 
 
 def test_next_frame_may_begin_at_any_time(small):
-    """After every pause from none to longer than the flush, the latency is the same."""
+    """The latency is the same after every pause, from none to longer than the flush of the last patches."""
     force, q, payloads = small
     actions = [a for pause, frame in enumerate(payloads) for a in [*frame, *[None] * pause]]
     values, taken, sent = run(force, 2, actions, len(q))
@@ -220,7 +220,7 @@ def test_next_frame_may_begin_at_any_time(small):
 
 
 def test_next_frame_may_pause_before_the_previous_force(small):
-    """However many of its beats have come, and however much of the flush before them is done."""
+    """A frame pauses after its first beats, at every stage of the previous frame's flush."""
     force, q, payloads = small
     for begun in (1, 2, 3, 5):
         actions = []
@@ -240,7 +240,7 @@ def test_reset_in_the_middle_of_a_frame(small):
             assert values[-2:] == force(q[2:4]).tolist()
 
 
-def test_an_untaken_force_stops_everything_and_loses_nothing(small):
+def test_back_pressure_stalls_without_loss(small):
     force, q, payloads = small
     actions = [a for frame in payloads for a in frame]
     values, taken, sent = run(force, 2, actions, len(q), ready=lambda clock: clock >= 300)
@@ -251,7 +251,7 @@ def test_an_untaken_force_stops_everything_and_loses_nothing(small):
 
 
 def test_paper_scale_latency_and_interval():
-    """The whole frame's budget at one pixel a clock is 16,384 clocks (128×128 pixels)."""
+    """A frame of 128×128 pixels at one per clock takes 16,384 clocks, which the force must not exceed."""
     force = PatchForce(np.ones((1, 126, 126, 5, 5), dtype=np.int64), 8, 8)
     for lanes, latency, interval in ((1, 268, 15_876), (2, 142, 7_938), (4, 81, 4_032)):
         dut = PatchForceStream(force, lanes=lanes)
@@ -261,10 +261,12 @@ def test_paper_scale_latency_and_interval():
     wide = PatchForce(force.kernel, 20, 17)
     assert PatchForceStream(wide, lanes=1).multipliers == 25
     wide = PatchForce(force.kernel, 20, 18)
-    assert PatchForceStream(wide, lanes=1).multipliers == 50, "19 bits with their sign, and 20"
+    assert PatchForceStream(wide, lanes=1).multipliers == 50, (
+        "19 bits with the sign times 20 bits need two DSP slices"
+    )
 
 
-def test_response_is_as_wide_as_stated():
+def test_width_and_latency_of_the_responses():
     force = extreme_force(8, 5, 8, 8, 3, np.random.default_rng(5))
     dut = PixelResponse(force, lanes=2)
     Fragment.get(dut, None)
@@ -272,7 +274,7 @@ def test_response_is_as_wide_as_stated():
     assert dut.latency == 5 + 5
 
 
-def test_refusals():
+def test_invalid_arguments():
     kernel = np.zeros((1, 8, 8, 3, 3), dtype=np.int64)
     with pytest.raises(ValueError, match=r"kernel \(1, 8, 7, 3, 3\): expected \(axes, N, N, K, K\)"):
         PatchForceStream(PatchForce(kernel[:, :, :7], 8, 8), lanes=1)

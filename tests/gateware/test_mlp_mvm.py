@@ -11,14 +11,14 @@ from fastac.sim.check_stream import check, pack
 
 
 def vectors(layer, low, high, rng, count=100):
-    """Inputs that drive every neuron to its largest and smallest sum, zero, the limits, then anything."""
+    """Inputs for the largest and smallest sum of every neuron, zero, the limits, then random inputs."""
     worst = np.where(layer.weight > 0, high, low), np.where(layer.weight > 0, low, high)
     plain = np.broadcast_to(0 * high, (1, len(high))), high[None], low[None]
     return np.concatenate([*worst, *plain, rng.integers(low, high + 1, (count, len(high)))])
 
 
 def compare(dut, layer, x, folder):
-    """Every accumulator of `x`, with its latency, and with stalls."""
+    """Check every accumulator for the inputs `x`, its latency, and behaviour under back-pressure."""
     width = dut.core.input_width if hasattr(dut, "core") else dut.component.core.input_width
     latency = 5 + (layer.weight.shape[1] - 1).bit_length()
     check(
@@ -43,8 +43,8 @@ def multiplications(core) -> int:
 def test_baked_weights(tmp_path, neurons, inputs, width, input_signed):
     rng = np.random.default_rng(1)
     weight = rng.integers(-128, 128, (neurons, inputs))
-    # One neuron reaches the accumulator's bound exactly; another's weights are 0, or powers of two, or both
-    # largest in digits and negative.
+    # One neuron reaches the accumulator's bound exactly; another has weights of 0, powers of two, and
+    # negative weights with the most signed digits.
     weight[0] = 127 if not input_signed else rng.choice([-128, 127], inputs)
     weight[-1, ::2] = 0
     weight[-1, 1::4] = -85
@@ -52,7 +52,7 @@ def test_baked_weights(tmp_path, neurons, inputs, width, input_signed):
     bias = rng.integers(-(1 << 12), 1 << 12, neurons)
     bias[0] = 1 << 12
     high = (1 << (width - 1)) - 1 if input_signed else (1 << width) - 1
-    # Limits that differ: the widths follow each input's own.
+    # Different limits: widths follow each input's own limit.
     limit = np.maximum(high - 20 * np.arange(inputs), 3)
     layer = Layer(weight, bias, limit)
     dut = MvmTile(layer, input_width=width, input_signed=input_signed)
@@ -64,7 +64,7 @@ def test_baked_weights(tmp_path, neurons, inputs, width, input_signed):
 
 
 def test_baked_signs(tmp_path):
-    """Sums of nothing but subtractions, with and without a bias; neurons of zeros; 12-bit weights."""
+    """Sums of subtractions only, with and without a bias; neurons with zero weights; 12-bit weights."""
     weight = np.array([[-1, -5, -1365], [-2048, -1, -8], [-4, 0, 0], [0, 0, 0], [0, 0, 0], [683, -1023, 7]])
     layer = Layer(weight, np.array([0, 9, 0, 0, -5, 0]), np.full(3, 256), 12)
     x = vectors(layer, np.full(3, -256), np.full(3, 255), np.random.default_rng(2))
@@ -75,27 +75,27 @@ def test_baked_signs(tmp_path):
 
 
 def extreme_layer(layer, rng):
-    """The same shape with every weight and bias at a limit, so that both fields reach theirs, or all 0."""
+    """The same shape with all weights and biases at their limits, so that both packed fields reach theirs."""
     neurons = len(layer.weight)
     weight = layer.weight_limit * rng.choice([-1, 1], layer.weight.shape)
     weight[0] = layer.weight_limit
     bias = layer.bias_limit * rng.choice([-1, 1], neurons)
     bias[0] = layer.bias_limit
     if neurons > 4:
-        # Pairs of opposite signs, of nothing below something and of something below nothing.
+        # Packed pairs of opposite signs, and pairs with zeros in the lower or the upper field.
         weight[1], weight[2], weight[3] = -weight[0], 0, weight[4]
         bias[2] = 0
     return replace(layer, weight=weight, bias=bias)
 
 
 LOADABLE = [
-    # Two neurons a multiplier, with one left over; sums of 2, 8 and 16 products in a word.
+    # Two neurons per multiplier, with and without a single one left; sums of 2, 8 and 16 packed products.
     (5, 16, 10, False, 8, 3),
     (4, 6, 9, True, 8, 2),
     (3, 16, 7, False, 8, 2),
-    # As many products as inputs, and one.
+    # A single input.
     (5, 1, 3, False, 8, 3),
-    # Two products do not fit.
+    # Two products do not fit in one multiplier.
     (3, 5, 10, False, 12, 3),
 ]
 
@@ -121,7 +121,7 @@ def test_loadable_weights(tmp_path, with_parameters, neurons, inputs, width, inp
 
     assert tile().core.multipliers == units * inputs
     assert multiplications(tile().core) == units * inputs
-    # Other networks than the one it was built for, through its port.
+    # Load other networks than the one that the hardware was built for.
     extreme = extreme_layer(built, rng)
     x = vectors(extreme, low, limit, rng)
     assert np.abs(extreme.accumulate(x)).max() == built.accumulator_bound
@@ -159,7 +159,7 @@ def test_latency_grows_with_the_logarithm_of_the_inputs():
         assert [latency(n, loadable) for n in (1, 2, 3, 6, 8, 16, 17)] == [5, 6, 7, 8, 8, 9, 10]
 
 
-def test_refusals():
+def test_invalid_arguments():
     layer = Layer(np.ones((2, 3), dtype=int), np.zeros(2, dtype=int), np.full(3, 100), loadable=True)
     core = MvmCore(layer, input_width=8, input_signed=True)
     baked = MvmCore(replace(layer, loadable=False), input_width=8, input_signed=True)

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Hardware made from one bundle computes as another one does, once its calibration is loaded."""
+"""Hardware built from one bundle computes like another one after its calibration has been loaded."""
 
 import json
 
@@ -17,7 +17,7 @@ from fastac.sim.runner import QUICK, build
 
 NAME = "fastac"
 SPANS = (10, 5, 60)
-"""How far the frames differ from the background."""
+"""Largest difference of each frame from the background."""
 
 
 @pytest.mark.parametrize(
@@ -30,7 +30,7 @@ SPANS = (10, 5, 60)
     ids=["absolute depth", "difference from the background", "adjoint"],
 )
 @pytest.mark.quick("difference from the background")
-def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
+def test_frames_use_the_loaded_calibration(tmp_path, wanted):
     own = random_bundle(tmp_path / "own", scene(**wanted))
     other = recalibrated(tmp_path / "other", own)
     top = TopZynq(own)
@@ -69,7 +69,7 @@ def test_frames_are_of_the_calibration_that_is_loaded(tmp_path, wanted):
 
 @pytest.mark.parametrize("mode", ["absolute", "difference"])
 @pytest.mark.quick("absolute")
-def test_baked_hardware_has_nothing_of_it(tmp_path, mode):
+def test_baked_hardware_has_no_calibration_logic(tmp_path, mode):
     outputs = ("depth", "force_z")
     baked = TopZynq(random_bundle(tmp_path / "baked", scene(outputs, mode=mode, weights="baked")))
     loadable = TopZynq(random_bundle(tmp_path / "loadable", scene(outputs, mode=mode)))

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The whole hardware through its AXI ports; one build serves all runs of a scene, as builds take the time."""
+"""The top level through its AXI ports: bit-exact outputs, latencies, faults; one simulator per scene."""
 
 import json
 from itertools import product
@@ -18,7 +18,7 @@ from fastac.sim.runner import QUICK, build
 
 NAME = "fastac"
 MILD = (10, 5, 15, 20, 25)
-"""Frames that differ so little from the background that nothing saturates."""
+"""Largest differences from the background of frames in which nothing saturates."""
 
 
 class Hardware:
@@ -44,7 +44,7 @@ class Hardware:
 
 
 def check_frames(hardware: Hardware) -> None:
-    """Every word of every frame, and every latency that the design states, from its own meters and ours."""
+    """All output words, and all latencies as measured by the registers, by the testbench and by formula."""
     path, images = hardware.top.datapath, hardware.frames(*MILD, 120, 255)
     count, size, lanes = len(images), hardware.bundle.scene.inner_px, path.lanes
     axes = len(hardware.bundle.scene.force_axes)
@@ -83,7 +83,7 @@ def check_frames(hardware: Hardware) -> None:
         latency = found.latency_cycles
         assert latency["initiation_interval"] == path.interval
         measured = {"INTERVAL": [0] + [path.interval] * (count - 1)}
-        # An interrupt rises in the clock after its result.
+        # The interrupt rises one clock after its result.
         result_at = seen["interrupt_at"] - 1
         for name in ("normals", "depth"):
             if name in values:
@@ -103,7 +103,7 @@ def check_frames(hardware: Hardware) -> None:
             measured["LATENCY_LAST_PIXEL_TO_FORCE"] = [stated - beats + 1] * count
         assert sum(latency["stage"].values()) == result_at[0] - first_at[0]
         for name, stated in measured.items():
-            # The host reads a frame's registers after its result: the interval is then that of later frames.
+            # The host reads INTERVAL after the result, when it may already be that of later frames.
             column = [frame[name] for frame in registers["frames"]]
             if name != "INTERVAL":
                 assert column == stated, name
@@ -113,7 +113,7 @@ def check_frames(hardware: Hardware) -> None:
 
 
 def repaired(image: np.ndarray, fault: str, lanes: int) -> np.ndarray:
-    """What the guard makes of an image with a fault as in `faulty`: the last pixel is repeated."""
+    """The image that FrameGuard makes of one with a fault of `faulty`: padded with the last pixel."""
     image = image.copy()
     if fault == "line_short":
         image[5, 3 * lanes :] = image[5, 3 * lanes - 1]
@@ -125,7 +125,7 @@ def repaired(image: np.ndarray, fault: str, lanes: int) -> np.ndarray:
 
 
 def faulty(number: int, fault: str, height: int, line: int) -> list[list[int]]:
-    """The lines (image, row, beats, end of line, start of frame) of an image with a fault."""
+    """The lines (image, row, beats, tlast, tuser) of an image with a fault."""
     lines = [[number, row, line, 1, int(row == 0)] for row in range(height)]
     if fault == "line_short":
         lines[5][2] = 3
@@ -145,7 +145,7 @@ def faulty(number: int, fault: str, height: int, line: int) -> list[list[int]]:
 
 
 def check_faults(hardware: Hardware) -> None:
-    """Bad input, resets and what the host can tell the hardware to do; see sim/benches/top_faults.py."""
+    """Faulty input, resets and the host's controls; see sim/benches/top_faults.py."""
     pipeline, lanes = hardware.pipeline, hardware.top.lanes
     height, width, _ = pipeline.background.shape
     mild = list(hardware.frames(*MILD))
@@ -163,7 +163,7 @@ def check_faults(hardware: Hardware) -> None:
         elif kind == "frame_long":
             scenario |= {"lines": lines(0, fault) + lines(1), "frames": [0, 1], "bad": [0, 0]}
         else:
-            if fault == "line_long, no end":  # the next line is what is dropped, and the frame then short
+            if fault == "line_long, no end":  # the next line is dropped, so the frame is too short
                 scenario["errors"] = ["line_long", "frame_short"]
                 images.append(np.concatenate([mild[1][:5], mild[1][6:], mild[1][-1:]]))
                 images[-1][-1] = images[-1][-2, -1]
@@ -180,7 +180,7 @@ def check_faults(hardware: Hardware) -> None:
     background = len(images)
     images.append(pipeline.background)
     images += list(hardware.frames(255, 60, 80, 40))
-    # One pixel in the corner, which the solver does not look at, for slopes that saturate alone.
+    # Extreme values in a corner pixel, which the solver does not use, to saturate slopes only.
     for values in product((0, 255), repeat=pipeline.background.shape[-1]):
         images.append(pipeline.background.copy())
         images[-1][0, 0] = values
@@ -204,7 +204,7 @@ def check_faults(hardware: Hardware) -> None:
         assert len(kinds) == 3, f"{list(saturating)}: one of each kind and both are wanted"
     assert any("frame_suspect" in kinds for kinds in saturating)
 
-    # From here on the second frame is the background.
+    # The following frames have the second frame as their background.
     captured = len(images)
     images = np.concatenate([images, mild[1:4]])
     results.append(Emulator(pipeline.replace(background=mild[1])).run(np.array(mild[1:4])))
@@ -237,14 +237,14 @@ def check_faults(hardware: Hardware) -> None:
 
 
 def test_depth_and_force(tmp_path):
-    """As the paper's: absolute depth, four channels, a pixel a clock."""
+    """The paper's architecture: absolute depth, four channels, one pixel per clock."""
     hardware = Hardware(tmp_path, outputs=("depth", "force_z"), channels="bgr+nir")
     check_frames(hardware)
     check_faults(hardware)
 
 
 def test_tridiagonal_depth_and_three_axes(tmp_path):
-    """Rows last to first."""
+    """The tridiagonal solver sends the last row first."""
     hardware = Hardware(
         tmp_path,
         outputs=("depth", "force_xyz"),
@@ -278,14 +278,14 @@ def test_normals_depth_and_force_map(tmp_path):
 
 @pytest.mark.full
 def test_normals_alone(tmp_path):
-    """A whole map of normals is then a frame's result."""
+    """Without force and depth, the normal map is a frame's result."""
     hardware = Hardware(tmp_path, outputs=("normals",), lanes=4, channels="bgr+nir")
     check_frames(hardware)
     check_faults(hardware)
 
 
 def test_force_map_with_void_lanes_last_row_first(tmp_path):
-    """22 columns are five and a half beats of four lanes, and the solver turns the rows around."""
+    """22 columns are 5.5 beats of four lanes, and the tridiagonal solver sends the last row first."""
     settings = {"solver": "tridiagonal", "kernel_size": 5, "mode": "difference", "weights": "baked"}
     check_frames(
         Hardware(tmp_path, outputs=("depth", "force_y", "force_z", "force_map"), lanes=4, size=24, **settings)
@@ -303,7 +303,7 @@ PAPER = [
     for shift, lanes in enumerate((1, 2, 4))
     for k, (weights, mode) in enumerate(product(("loadable", "baked"), ("absolute", "difference")))
 ]
-"""Lanes × weights × mode, and every kernel size with each number of lanes."""
+"""(lanes, weights, mode, kernel size): all of the first three, every kernel size with each lanes."""
 
 
 @pytest.mark.parametrize(("lanes", "weights", "mode", "kernel_size"), PAPER)

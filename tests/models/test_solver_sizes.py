@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fastac.models.floating.poisson import solve
-from fastac.models.integer.assemble import CHOOSERS
+from fastac.models.integer.solvers import SOLVERS
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed
 
@@ -20,7 +20,7 @@ def slopes_of(depth_px: np.ndarray) -> np.ndarray:
     return np.rint(slopes * 2**FRACTION).astype(np.int64)
 
 
-@pytest.mark.parametrize("name", CHOOSERS)
+@pytest.mark.parametrize("name", list(SOLVERS))
 @pytest.mark.parametrize(
     ("size", "divergence"),
     [
@@ -38,7 +38,7 @@ def test_a_ball_on_a_curved_skin_at_every_size(name, size, divergence):
     offset = PoissonSource(divergence, WIDTH, np.zeros((size, size), int))(slopes_of(rest / pitch))
     source = PoissonSource(divergence, WIDTH, offset)
     fraction = FRACTION + (divergence == "central")
-    chosen = CHOOSERS[name](
+    chosen = SOLVERS[name].fitted(
         offset=offset,
         source=Fixed(source.width, fraction),
         slope_limit=((1 << (WIDTH - 1)) - 1) / 2**FRACTION,

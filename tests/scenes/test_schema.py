@@ -79,7 +79,23 @@ SENSOR = "[sensor]\ngeometry = "
         (MINIMAL + "height = 3", "sensor.height: unknown key"),
         (MINIMAL + "[sensor.light]\npower = 1", "sensor.light.power: unknown key"),
         (MINIMAL + "[hardware]\nlanes = 2", "hardware.lanes: unknown key"),
+        # misspelt: the unknown key comes before the one that is missing for it
+        (MINIMAL.replace("geometry", "geometri"), "sensor.geometri: unknown key; did you mean geometry?"),
+        (MINIMAL.replace("outputs", "output"), "output: unknown key; did you mean outputs?"),
+        (MINIMAL + "[poisson]\nsolvers = 'dst2d'", "poisson.solvers: unknown key; did you mean solver?"),
+        (
+            MINIMAL + "[sensor.markers]\nradius = 1",
+            "sensor.markers.radius: unknown key; did you mean radius_mm?",
+        ),
+        (
+            MINIMAL + "[protocol]\ncorners = 1\nloads_n = 2",
+            "protocol.corners: unknown key; did you mean corners_mm?",
+        ),
         # wrong types, out of range
+        (
+            MINIMAL + "[poisson]\nsolver = 'fft'",
+            "poisson.solver = 'fft': Input should be 'dst2d', 'tridiagonal' or",
+        ),
         (MINIMAL + 'pitch_mm = "thin"', "sensor.pitch_mm = 'thin': Input should be a valid number"),
         (MINIMAL + "pitch_mm = 0", "sensor.pitch_mm = 0: Input should be greater than 0"),
         (MINIMAL + "pitch_mm = inf", "sensor.pitch_mm = inf: Input should be a finite number"),

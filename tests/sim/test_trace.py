@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Traces of a frame through the whole hardware, and the compressors that stand in for system libraries."""
+"""SAIF and FST traces of the top level, and the compressors of sim/fst that replace system libraries."""
 
 import re
 import struct
@@ -101,14 +101,14 @@ def test_compressors(compress, data):
     assert zlib.decompress(compress("zlib", data)) == data
 
 
-def test_what_repeats_becomes_small(compress):
+def test_repetitive_data_is_compressed(compress):
     assert len(compress("lz4", bytes(200_000))) < 1000
     assert len(compress("lz4", b"m_axis_depth_tdata" * 9)) < 40
 
 
 @pytest.fixture(scope="module")
 def traced(tmp_path_factory):
-    """A traced run of one frame: the file, the report and the folder."""
+    """Function that simulates one frame with a trace; returns (trace file, report, clock period in ps)."""
     folder = tmp_path_factory.mktemp("traced")
     bundle = random_bundle(folder / "bundle", scene(("normals",)))
     top = TopZynq(bundle)
@@ -129,7 +129,7 @@ def traced(tmp_path_factory):
 
 
 def saif_instances(text: str) -> tuple[dict, dict]:
-    """Of a SAIF file: instance path → net → T0, T1, TC, and the fields of its head."""
+    """Parse a SAIF file: {instance path: {net: {T0, T1, TC}}}, and the fields of its header."""
     tokens = re.findall(r'"[^"]*"|[()]|[^\s()]+', re.sub(r"^//.*$", "", text, flags=re.MULTILINE))
     stack, found = [[]], {}
     for token in tokens:
@@ -156,13 +156,15 @@ def saif_instances(text: str) -> tuple[dict, dict]:
 
 
 def test_saif(traced):
-    """What Vivado's report_power reads: every net's time high and low, and how often it changed."""
+    """The content that Vivado's report_power reads: every net's time high and low, and its toggle count."""
     file, report, period_ps = traced("saif")
     instances, fields = saif_instances(file.read_text())
     (duration,) = (int(v) for v in fields["DURATION"])
     assert fields["TIMESCALE"] == ["1ps"]
     clocks = duration / period_ps
-    assert report.cycles < clocks < report.cycles + 150  # reset, identity and the idle end beside the frame
+    assert (
+        report.cycles < clocks < report.cycles + 150
+    )  # beside the frame: reset, identity check and idle clocks
     top = instances[NAME]
     assert abs(top["clk"]["TC"] - 2 * clocks) <= 2
     assert abs(top["clk"]["T1"] / duration - 0.5) < 0.01
@@ -171,7 +173,7 @@ def test_saif(traced):
             assert activity["T0"] + activity["T1"] == duration, (path, net)
             assert activity["TC"] <= top["clk"]["TC"], (path, net)
     assert f"{NAME}/datapath/mlp" in instances
-    # 256 beats were accepted one a clock; their data changed at most once a beat.
+    # 256 beats were accepted, one per clock; their data toggled at most once per beat.
     assert top["s_axis_tvalid"]["T1"] == 256 * period_ps
     assert top["s_axis_tvalid"]["TC"] == 2
     busy = [top[rf"s_axis_tdata\[{bit}\]"]["TC"] for bit in range(24)]
@@ -179,7 +181,7 @@ def test_saif(traced):
 
 
 def fst_blocks(data: bytes) -> dict[int, bytes]:
-    """Of an FST file: block type → content of the last such block."""
+    """Parse an FST file: {block type: content of the last such block}."""
     found, at = {}, 0
     while at < len(data):
         length = int.from_bytes(data[at + 1 : at + 9], "big")
@@ -190,7 +192,7 @@ def fst_blocks(data: bytes) -> dict[int, bytes]:
 
 
 def fst_names(hierarchy: bytes) -> set[str]:
-    """Paths of all variables of an FST file's hierarchy."""
+    """Paths of all variables in an FST file's hierarchy block."""
     names, path, at = set(), [], 0
 
     def text() -> str:
@@ -248,7 +250,7 @@ def test_fst(traced):
         assert f"{NAME}/{signal}" in names
 
 
-def test_traces_leave_the_other_simulators_alone(traced, tmp_path):
+def test_traced_simulators_have_their_own_build_folder(traced, tmp_path):
     file, *_ = traced("saif")
     assert (file.parent / "build-saif" / NAME).exists()
     assert not (file.parent / "build").exists()

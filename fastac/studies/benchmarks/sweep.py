@@ -1,7 +1,5 @@
 """How a sweep gains from workers: the same points on one Dask worker, then on several.
 
-    python -m fastac.studies.benchmarks.sweep sweeps/quantisation.toml [--points N] [--workers 1,2] [--cache FOLDER]
-
 The models are trained before any clock runs. Every worker is a process of this machine with one thread, and
 has measured a point (and so loaded the frames) before its clock runs; no result is kept.
 """
@@ -13,6 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fastac.store.progress import progress_bar
+from fastac.store.store import open_store
 from fastac.sweep import pools
 from fastac.sweep import run as sweeps
 from fastac.sweep import spec as sweep_spec
@@ -22,23 +21,16 @@ from fastac.sweep.spec import Point
 
 
 def measurable(spec: sweep_spec.Spec, base, folder: Path, count: int, setting: Setting) -> list[Point]:
-    """The first `count` possible points that need the fewest trainings, all trained; fewer if there are."""
-    points = [point for point in sweep_spec.grid(spec, base, folder) if point.scene is not None]
-    by_training: dict[tuple, list[Point]] = {}
-    for point in points:
-        steps = PointModels(point.scene, setting).steps.values()
-        by_training.setdefault(tuple(step.key for step in steps), []).append(point)
-    ordered = sorted(by_training.values(), key=len, reverse=True)
+    """The first `count` possible points, all measured once; fewer if there are."""
     chosen: list[Point] = []
     with progress_bar(total=count, desc="preparing", unit="point") as bar:
-        for point in (point for group in ordered for point in group):
+        for point in sweep_spec.grid(spec, base, folder):
             if len(chosen) == count:
                 break
-            models = PointModels(point.scene, setting)
-            for step in models.steps.values():
-                step.perform()
+            if point.scene is None:
+                continue
             try:
-                _ = models.pipeline
+                open_store(Path(setting.store)).perform(PointModels(point.scene, setting).point)
             except ValueError:  # a word that is too short: found out too soon to take any time
                 continue
             chosen.append(point)
@@ -67,11 +59,11 @@ def seconds(points: list[Point], setting: Setting, workers: int, folder: Path) -
     return took
 
 
-def measure(spec: Path, points: int, workers: tuple[int, ...], cache: Path) -> Iterator[str]:
+def measure(spec: Path, points: int, workers: tuple[int, ...], store: Path) -> Iterator[str]:
     """Seconds a point with each number of workers, a line each, as they are found."""
     content, base = sweep_spec.load(spec)
     data = content.data and str((spec.parent / content.data).resolve())
-    setting = Setting(str(cache.resolve()), data, content.split, content.frames)
+    setting = Setting(str(store.resolve()), data, content.split, content.frames)
     chosen = measurable(content, base, spec.parent, points, setting)
     first = None
     with tempfile.TemporaryDirectory() as folder:

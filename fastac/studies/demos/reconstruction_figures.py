@@ -13,6 +13,7 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
+from fastac.report.figures import save_png
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
 from fastac.studies.demos.reconstruction import Shown
@@ -101,8 +102,7 @@ def draw(item: Shown, path: Path) -> None:
             scale = item.sensor.width_px * item.sensor.pitch_mm / LONGEST / longest
             axis.quiver(*feet.T, *(force * scale).T, color="tab:blue", linewidth=0.6)
     figure.suptitle(f"{item.name}, {truth.pose['load_n']:g} N, simulated", fontsize=9)
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-    plt.close(figure)
+    save_png(figure, path)
 
 
 def _cloud(item: Shown, depth: np.ndarray) -> go.Scatter3d:

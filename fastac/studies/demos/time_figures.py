@@ -9,6 +9,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from fastac.report.figures import save_png
 from fastac.studies.demos.grip_control import friction_ratio
 
 if TYPE_CHECKING:
@@ -18,13 +19,6 @@ SHOWN_S = 0.12
 """Of a vibration's forces."""
 HIGHEST_RATIO = 2.5
 """Of μ, in terms of the friction."""
-
-
-def _save(figure, path: Path) -> None:
-    temporary = path.with_name(f".{path.name}.part")
-    figure.savefig(temporary, format="png", dpi=110)
-    plt.close(figure)
-    temporary.replace(path)
 
 
 def vibration(shown: list[tuple["Recording", dict[str, "Seen"]]], path: Path, scene: str) -> None:
@@ -53,7 +47,7 @@ def vibration(shown: list[tuple["Recording", dict[str, "Seen"]]], path: Path, sc
     for k, row in enumerate(grid):
         row[0].set_ylabel("amplitude, N" if k < len(names) else "F_z, N")
     figure.suptitle(f"{scene}: F_z of the integers; dashed: the input; grey: the true force; simulated")
-    _save(figure, path)
+    save_png(figure, path)
 
 
 def grasp(traces: dict[str, "Trace"], content: dict, path: Path) -> None:
@@ -87,4 +81,4 @@ def grasp(traces: dict[str, "Trace"], content: dict, path: Path) -> None:
     grid[1, 0].set_ylim(0, HIGHEST_RATIO * friction)
     figure.suptitle(f"{content['scene']}: bottle pushed down; black: slip begins; simulated", fontsize=9)
     figure.tight_layout(rect=(0, 0, 1, 0.99))
-    _save(figure, path)
+    save_png(figure, path)

@@ -21,6 +21,7 @@ from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.integer.laplacian import boundary_term
 from fastac.report.tables import text_table
+from fastac.scenes import solvers as scene_solvers
 from fastac.store.progress import progress_bar
 from fastac.studies.equivalence import adjoint_fits
 from fastac.studies.equivalence.variants import integer_variant, slope_words, variant
@@ -86,7 +87,8 @@ def patch_mismatches(
     bundle: Bundle, weights: np.ndarray, frames: np.ndarray, *, progress: bool
 ) -> Mismatches:
     """Accumulators of the K×K kernels `weights` (axes, N, N, K, K) against one weight a pixel, on frames."""
-    solver = "tridiagonal" if bundle.scene.poisson.solver == "adjoint" else bundle.scene.poisson.solver
+    own = bundle.scene.poisson.solver
+    solver = own if scene_solvers.SOLVERS[own].finds_depth else "tridiagonal"
     upto = integer_variant(bundle, variant(bundle.scene, solver=solver))
     words = Emulator(upto).run(frames, progress=progress).displacement_words
     patch, collapsed = (

@@ -10,7 +10,9 @@ from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.loops.frames import CHUNK
+from fastac.scenes.outputs import OUTPUTS
 from fastac.scenes.schema import Scene, SceneError, describe
+from fastac.scenes.solvers import SOLVERS
 from fastac.store.progress import progress_bar
 
 
@@ -20,11 +22,11 @@ def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> S
     Raises SceneError where that is impossible.
     """
     content = scene.model_dump(mode="json")
-    forces = [name for name in content["outputs"] if name.startswith("force") and name != "force_map"]
-    adjoint = {"clamp": False} if solver == "adjoint" else {"fit": "displacement"}
-    content["outputs"] = forces if solver == "adjoint" else ["depth", *forces]
+    forces = [name for name in content["outputs"] if OUTPUTS[name].force_axes]
+    finds_depth = SOLVERS[solver].finds_depth
+    content["outputs"] = ["depth", *forces] if finds_depth else forces
     content["poisson"] |= {"solver": solver, "mode": mode or scene.poisson.mode}
-    content["force"] |= adjoint | force
+    content["force"] |= ({"fit": "displacement"} if finds_depth else {"clamp": False}) | force
     content["hardware"]["pixels_per_clock"] = 1
     try:
         return Scene.model_validate(content)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import matplotlib
 
+from fastac.report.figures import save_png
 from fastac.report.tables import text_table
 from fastac.scenes.schema import AXES
 
@@ -145,8 +146,7 @@ def plot(path: Path, pairs: dict[str, tuple[np.ndarray, np.ndarray]], source: st
             )
     figure.suptitle(f"HyperForce on d_x, d_y, d_z; test grid; {source}", fontsize=9)
     figure.tight_layout()
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    save_png(figure, path)
 
 
 def compare(

@@ -25,6 +25,7 @@ from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.poisson import solve, source_of
 from fastac.models.integer.laplacian import boundary_term
 from fastac.models.result import Result
+from fastac.report.figures import save_png
 from fastac.report.paper import DEPTH_MAE_MM, GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
@@ -220,5 +221,4 @@ def draw(
         axis.axis("off")
         figure.colorbar(shown, ax=axis, shrink=0.8).ax.tick_params(labelsize=6)
     figure.suptitle(f"{data.source}; below: the deepest press", fontsize=9)
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-    plt.close(figure)
+    save_png(figure, path)

@@ -9,6 +9,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from fastac.report.figures import save_png
 from fastac.report.tables import Table, number
 from fastac.scenes.schema import AXES
 from fastac.store.files import write_json
@@ -111,8 +112,7 @@ def draw(content: dict, path: Path) -> None:
             axis.barh(at + (k - 1) * 0.27, heights, 0.25, label=f"F_{name}")
         _finish(axis, content["force"], "force, NMAE %")
     figure.tight_layout()
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-    plt.close(figure)
+    save_png(figure, path)
 
 
 def _finish(axis, names, label: str) -> None:

@@ -1,11 +1,10 @@
 """The reproduction as a page and as text: each section's tables and pictures, the goals first."""
 
-import base64
 from collections.abc import Mapping
 from pathlib import Path
 
-import jinja2
-
+from fastac.report.figures import base64_png
+from fastac.report.render import render
 from fastac.report.tables import Table
 from fastac.store.files import write_text
 from fastac.studies.reproduce import goals as reproduce_goals
@@ -45,11 +44,14 @@ def write(content: dict, sections: Mapping[str, Section], folder: Path, path: Pa
     found, shown = tables(content, sections), []
     for name, section in sections.items():
         files = [folder / name / picture for picture in section.pictures if name in found]
-        pictures = [(file.stem, base64.b64encode(file.read_bytes()).decode()) for file in files]
+        pictures = [(file.stem, base64_png(file)) for file in files]
         shown.append((section.title, content["absent"].get(name), found.get(name, []), pictures))
-    template = jinja2.Environment(
-        loader=jinja2.PackageLoader(__package__, "."), autoescape=True, undefined=jinja2.StrictUndefined
-    ).get_template("page.html.j2")
     goals = reproduce_goals.table(content["goals"]) if content["goals"] else None
-    page = template.render(content=content, whose=whose(content), goals=goals, sections=shown)
+    page = render(
+        "studies/reproduce/reproduction.html.j2",
+        content=content,
+        whose=whose(content),
+        goals=goals,
+        sections=shown,
+    )
     write_text(path, page)

@@ -25,6 +25,7 @@ from fastac.models.accuracy import with_background_of
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.threads import single_thread
 from fastac.models.floating.torch_pipeline import TorchPipeline
+from fastac.report.figures import save_png
 from fastac.report.paper import STAGES
 from fastac.report.tables import Table, number
 from fastac.sensor.samples import evenly_spaced
@@ -269,5 +270,4 @@ def draw(content: dict, path: Path) -> None:
     axis.set_xticks(at, TITLES.values())
     axis.set_ylabel("latency, ms; RTL: cycles / assumed clock")
     axis.legend(fontsize=7, ncols=6, loc="lower center", bbox_to_anchor=(0.5, 1))
-    figure.savefig(path, dpi=110, bbox_inches="tight")
-    plt.close(figure)
+    save_png(figure, path)

@@ -9,6 +9,7 @@ from pathlib import Path
 import matplotlib
 import numpy as np
 
+from fastac.report.figures import save_png
 from fastac.sensor.samples import subset
 
 matplotlib.use("Agg")
@@ -154,5 +155,4 @@ def figure(rows: list[dict], file: Path) -> None:
         "Errors of held-out frames; crosses: half of the frames or more say: do not trust this frame"
     )
     plot.tight_layout(rect=(0, 0, 1, 0.99))
-    plot.savefig(file, dpi=110)
-    plt.close(plot)
+    save_png(plot, file)

@@ -5,24 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.mlp_mvm import MvmTile
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
-from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
-from fastac.gateware.poisson.recurrence import RowRecurrence
+from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.gateware.stream.tables import raster_beats
 from fastac.models.integer.depth import Depth
-from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio, Layer
-from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.source import PoissonSource
-from fastac.models.integer.tridiagonal import Recurrence, Substitution
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import ConstantParameters
 from fastac.sim.runner import QUICK
@@ -60,12 +55,10 @@ def _source(case: WorstCase, lanes: int):
 def _frames(case: WorstCase, lanes: int):
     """Stages from frames (…, N, N) to frames: component, input width, outputs, output width."""
     stage = case.stage
-    if isinstance(stage, SineTransform):
-        return Dst1Engine(stage, lanes=lanes), stage.input_width, stage.output_width
-    if isinstance(stage, EigenvalueDivision):
-        return EigenvalueDivider(stage, lanes=lanes), stage.input_width, stage.output_width
-    if isinstance(stage, Recurrence):
-        return RowRecurrence(stage, lanes=lanes), stage.input_width, stage.output_width
+    for solver in SOLVERS.values():
+        if type(stage) in solver.engines:
+            dut = solver.engines[type(stage)](stage, lanes=lanes)
+            return dut, stage.input_width, stage.output_width
     if isinstance(stage, Depth):
         return DepthOutput(stage, lanes=lanes), stage.input_width, stage.width
     depth, quantiser = stage
@@ -102,8 +95,8 @@ def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, .
             dut, inputs, outputs, width = _source(case, lanes)
         else:
             dut, input_width, width = _frames(case, lanes)
-            # Substitution runs from the last row to the first.
-            order = slice(None, None, -1 if isinstance(stage, Substitution) else 1)
+            # Some stages of a solver run from the last row to the first.
+            order = slice(None, None, 1 if getattr(stage, "downwards", True) else -1)
             inputs = pack(_rows(case.inputs[:, order], lanes), input_width)
             outputs = case.outputs[:, order]
         expected = pack(_rows(outputs, lanes), width)

@@ -10,12 +10,10 @@ from dataclasses import replace
 import numpy as np
 
 from fastac.models.integer.bounds import stencil_norms
-from fastac.models.integer.dst2d import Solver
-from fastac.models.integer.laplacian import divergence_of
+from fastac.models.integer.laplacian import STENCILS, divergence_of, transposed_differences
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.source import PoissonSource
-from fastac.models.integer.tridiagonal import TridiagonalSolver, row_operators
 from fastac.models.integer.words import LARGEST_ERROR
 from fastac.studies.robustness.worst_case import WorstCase, magnitude
 
@@ -24,23 +22,10 @@ CANDIDATES = 8
 the farthest."""
 
 
-def slopes_of(weight: np.ndarray, divergence: str) -> np.ndarray:
-    """Weights (N, N) of the source to those of the slopes (N + 2, N + 2, 2): the divergence's adjoint."""
-    n = len(weight)
-    slopes = np.zeros((n + 2, n + 2, 2))
-    middle, ahead, behind = slice(1, -1), slice(2, None), slice(None, -2)
-    plus = ahead if divergence == "central" else middle
-    slopes[middle, plus, 0] += weight
-    slopes[middle, behind, 0] -= weight
-    slopes[plus, middle, 1] += weight
-    slopes[behind, middle, 1] -= weight
-    return slopes
-
-
 def _stimulus(pipeline: IntegerPipeline, weight: np.ndarray) -> tuple[PoissonSource, np.ndarray]:
     """The source, with the worst offset where any can be loaded, and slopes for the weights of a word."""
     source, limit = pipeline.source, pipeline.ratio.limit
-    slopes = (limit * np.sign(slopes_of(weight, source.divergence))).astype(np.int64)
+    slopes = (limit * np.sign(transposed_differences(weight, source.divergence))).astype(np.int64)
     if source.offset_limit is not None:
         return replace(source, offset=-divergence_of(slopes, source.divergence)), slopes
     # Both the slopes' share and the offset's count with the same sign.
@@ -56,10 +41,10 @@ def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
     s = solver.row_forward.matrix.astype(np.float64)
     n = len(s)
     # In units of the source's word; an offset that can be any adds what the slopes do, at each place.
-    limit = pipeline.ratio.limit * (2 if divergence == "central" else 1)
+    stencil = STENCILS[divergence]
+    limit = pipeline.ratio.limit * stencil.span
     offset = source.offset * float(source.offset_limit is None)
     along, across = stencil_norms(s, divergence)
-    twice = 1.0 if divergence == "central" else 2.0
 
     def row(mode: int, rows: np.ndarray) -> np.ndarray:
         return np.outer(rows, s[mode])
@@ -73,52 +58,19 @@ def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
         norms = np.abs(operators).sum(axis=2) * along[:, None] + along_rows * across[:, None]
         return farthest(norms, np.einsum("nik,kn->ni", operators, offset @ s))
 
-    i, mode = farthest((along + twice * across)[None, :], offset @ s)
+    i, mode = farthest((along + stencil.norm * across)[None, :], offset @ s)
     found = {"row_forward": row(mode, np.eye(n)[i])}
-    if isinstance(solver, Solver):
-        both = np.outer(across, along) + np.outer(along, across)
-        reciprocal = solver.division.mantissa * 2.0**-solver.division.shift
-        for name, scale in (("column_forward", np.ones((n, n))), ("division", reciprocal)):
-            m, mode = farthest(both * scale, s @ offset @ s * scale)
-            found[name] = row(mode, s[m])
-        operators = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
-        name = "column_inverse"
-    else:
-        c = solver.elimination.coefficient * 2.0**-solver.elimination.shift
-        down, up = row_operators(c)
-        eliminate = down * c.T[:, None, :]
-        mode, i = through(eliminate)
-        found["elimination"] = row(mode, eliminate[mode, i])
-        operators = up @ eliminate
-        name = "substitution"
-    mode, i = through(operators)
-    found[name] = row(mode, operators[mode, i])
+    for name, operators in solver.mode_operators().items():
+        mode, i = through(operators)
+        found[name] = row(mode, operators[mode, i])
     best = 0.0
     for i in range(max(n // 2 - CANDIDATES, 0), min(n // 2 + CANDIDATES, n)):
         green = (s[:, n // 2, None] * operators[:, i, :]).T @ s  # of the pixel in row i, middle column
-        reach = pipeline.ratio.limit * np.abs(slopes_of(green, divergence)).sum()
+        reach = pipeline.ratio.limit * np.abs(transposed_differences(green, divergence)).sum()
         reach += abs((green * offset).sum())
         if reach > best:
             best, found["row_inverse"] = reach, green
     return found
-
-
-def words_of(
-    solver: Solver | TridiagonalSolver, source: np.ndarray
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Of each of the solver's stages, by name, what goes in and what comes out, for sources (..., N, N)."""
-    found, x = {}, source
-    for name in stage_names(solver):
-        if name == "column_forward" or (name == "row_inverse" and isinstance(solver, Solver)):
-            x = np.swapaxes(x, -1, -2)
-        found[name] = x, (x := getattr(solver, name)(x))
-    return found
-
-
-def stage_names(solver: Solver | TridiagonalSolver) -> tuple[str, ...]:
-    if isinstance(solver, Solver):
-        return ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
-    return ("row_forward", "elimination", "substitution", "row_inverse")
 
 
 def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
@@ -149,10 +101,10 @@ def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
         )
     ]
     apart = "" if note else "the bound adds the slopes' and the offset's farthest pixels, which may be two"
-    for name, stage in zip(stage_names(solver), solver.stages, strict=True):
+    for (name, table), stage in zip(solver.parts.items(), solver.stages, strict=True):
         worst, slopes = _stimulus(pipeline, weights[name])
-        inputs, outputs = words_of(solver, worst(np.stack([slopes, -slopes])))[name]
-        table = getattr(solver, name)
+        steps = solver.steps(worst(np.stack([slopes, -slopes])))
+        inputs, outputs = next((given, words) for step, given, words in steps if step == name)
         # It is rounded once more; a floor takes −bound farther from 0.
         up = LARGEST_ERROR[table.rounding]
         bound = int(np.floor(stage.bound_px * 2.0**stage.format.fraction + up))

@@ -1,13 +1,13 @@
 """Linear elasticity of the gel by finite elements, and the compliance of its skin.
 
-Trilinear hexahedra. Gels are nearly incompressible, and such elements would lock; so the volumetric energy is
-that of each element's mean dilatation, which is the same as one pressure per element (Hughes, "The Finite
-Element Method", 4.4 and 4.5). Nodes on the skeleton and the rim are fixed.
+The elements are trilinear hexahedra. Gels are nearly incompressible, and such elements would lock; so the
+volumetric energy is that of each element's mean dilatation, which is equivalent to one pressure per element
+(Hughes, "The Finite Element Method", 4.4 and 4.5). Nodes on the skeleton and the rim are fixed.
 
-The skin's compliance is what remains when the layers beneath are eliminated one after another: with the
-stiffness in blocks by layers, S_1 = K_11, S_{k+1} = K_{k+1,k+1} − K_{k+1,k} S_k⁻¹ K_{k,k+1}, and the
-compliance is the inverse of the last S. Each block is factorised once, and its right-hand sides are solved
-in blocks.
+The skin's compliance follows by static condensation: the layers beneath the skin are eliminated one after
+another. With the stiffness K in blocks by layers, S_1 = K_11, S_{k+1} = K_{k+1,k+1} − K_{k+1,k} S_k⁻¹
+K_{k,k+1}, and the compliance is the inverse of the last S. Each S is factorised once, and solved for COLUMNS
+right-hand sides at a time.
 """
 
 import hashlib
@@ -28,7 +28,7 @@ from fastac.store.steps import Step
 from fastac.store.store import open_store
 
 COLUMNS = 512
-"""Right-hand sides that are solved at once."""
+"""Right-hand sides per triangular solve; bounds the memory."""
 FILE = "compliance.npy"
 
 
@@ -43,7 +43,7 @@ def _dilatation(u, pressure, _):
 
 
 def stiffness(mesh: GelMesh, modulus_mpa: float, poisson_ratio: float) -> csr_array:
-    """The stiffness matrix of all nodes, fixed ones included, in N/mm.
+    """The stiffness matrix of all nodes, fixed ones included, sparse (3·nodes, 3·nodes) in N/mm.
 
     Rows and columns 3n, 3n + 1, 3n + 2 are x, y, z of node n = (k·ny + j)·nx + i.
     """
@@ -61,17 +61,20 @@ def stiffness(mesh: GelMesh, modulus_mpa: float, poisson_ratio: float) -> csr_ar
 
 
 def free_dofs(mesh: GelMesh) -> np.ndarray:
-    """Degrees of freedom that move, (layers, 3·ny'·nx'), layer by layer from the skeleton up."""
+    """Indices of the free degrees of freedom, (layers, 3·ny'·nx'), layer by layer from the skeleton up.
+
+    ny' = ny − 2 and nx' = nx − 2 are the free nodes of a layer along y and x.
+    """
     layers, ny, nx = mesh.nodes_mm.shape[:3]
     nodes = np.arange(layers * ny * nx).reshape(layers, ny, nx)[1:, 1:-1, 1:-1]
     return (3 * nodes[..., None] + np.arange(3)).reshape(layers - 1, -1)
 
 
 def unit_compliance(mesh: GelMesh, poisson_ratio: float, *, progress: bool = True) -> np.ndarray:
-    """The skin's compliance for a modulus of 1 MPa, symmetric (n, n) float64 in mm/N.
+    """The skin's compliance for a Young's modulus of 1 MPa, symmetric (n, n) float64 in mm/N.
 
-    n = 3·ny'·nx': x, y, z of each node that moves, row by row. Displacements are the compliance times nodal
-    forces; for another modulus, divide by it.
+    n = 3·ny'·nx': x, y, z of each free node, row by row. Displacements are the compliance times nodal forces;
+    for another modulus in MPa, divide by it. Raises FemError where the mesh is too distorted.
     """
     matrix, dofs = stiffness(mesh, 1.0, poisson_ratio), free_dofs(mesh)
     size = dofs.shape[1]
@@ -104,7 +107,7 @@ def _factor(matrix: np.ndarray) -> np.ndarray:
 
 
 def mesh_digest(mesh: GelMesh) -> str:
-    """SHA-256 of the nodes' places."""
+    """SHA-256, in hexadecimal, of the nodes' positions."""
     digest = hashlib.sha256(repr(mesh.nodes_mm.shape).encode())
     digest.update(np.ascontiguousarray(mesh.nodes_mm, "<f8").tobytes())
     return digest.hexdigest()

@@ -1,6 +1,7 @@
-"""The conditions of contact and friction at each node, and their linearisation, compiled.
+"""The contact and friction conditions at each node, and their linearisation for Newton's method, compiled.
 
-m nodes; each node's three directions are pressure and the two tangents. See sensor/mechanics/fem/contact.py.
+Of m nodes; each node has three directions, the normal and two tangents. Augmented-Lagrangian form of Alart
+and Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353; see sensor/mechanics/fem/contact.py.
 """
 
 from typing import NamedTuple
@@ -10,25 +11,26 @@ from numba import njit
 
 
 class Conditions(NamedTuple):
-    """What each node does, by the augmented forces of Alart and Curnier, and how far it is from it."""
+    """The contact state of each node, from the augmented forces of Alart and Curnier, and the residuals."""
 
     in_contact: np.ndarray
-    """(m,) bool."""
+    """(m,) bool: the augmented normal force is compressive."""
     sticking: np.ndarray
-    """(m,) bool: in_contact, and its trial traction is within the friction's bound."""
+    """(m,) bool: in contact, with a trial traction below the friction bound μ n."""
     direction: np.ndarray
-    """(m, 2) of the trial traction, zero if there is none."""
+    """(m, 2) direction of the trial traction, a unit vector; zero where there is none."""
     share: np.ndarray
-    """(m,) the bound over the trial traction."""
+    """(m,) ratio of the friction bound to the trial traction's magnitude."""
     tension_n: float
-    """Largest pull at a node, and any force at one that does not touch."""
+    """Residual: largest tensile normal force of a node, or largest force of a node that is not in contact."""
     penetration_mm: float
+    """Residual: largest penetration of a node."""
     separation_mm: float
-    """Largest gap, of either sign, of a touching node."""
+    """Residual: largest |gap| of a node in contact."""
     slip_mm: float
-    """Largest slip of a sticking node along a tangent."""
+    """Residual: largest slip of a sticking node along a tangent."""
     sliding_error_n: float
-    """Largest difference of a sliding node's traction from μ n along `direction`."""
+    """Residual: largest deviation of a sliding node's traction from μ n along `direction`."""
 
 
 @njit(cache=True, nogil=True)
@@ -62,13 +64,21 @@ def _conditions(gap_mm, slip_mm, force, scale, friction):
 
 
 def conditions(gap_mm, slip_mm, force, scale, friction: float) -> Conditions:
-    """Of gaps (m,), slips (m, 2) since the last step, forces (m, 3) in N and `scale` (m, 3) in N/mm."""
+    """The conditions at m nodes.
+
+    gap_mm : (m,) gaps; slip_mm : (m, 2) slips since the last load step; force : (m, 3) in N
+    scale : (m, 3) augmentation parameters in N/mm; friction : Coulomb's coefficient μ
+    """
     return Conditions(*_conditions(gap_mm, slip_mm, force, scale, friction))
 
 
 @njit(cache=True, nogil=True)
 def superposed(compliance, rows, forces):
-    """Displacement (n,) by `forces` at `rows` of a symmetric compliance (n, n), whose rows are not copied."""
+    """Displacement (n,) by `forces` (k,) at the degrees of freedom `rows` (k,) of a symmetric compliance (n,
+    n).
+
+    The sum runs over the rows in place, so that no part of the large matrix is copied.
+    """
     moved = np.zeros(compliance.shape[1])
     for k in range(len(rows)):
         moved += forces[k] * compliance[rows[k]]
@@ -91,15 +101,17 @@ def linearised(
     spring,
     given,
 ):
-    """Matrix (n, n) and right side (n,) of the forces of `nodes` and the indenter's ways, n = 3 · nodes + f.
+    """Matrix (n, n) and right-hand side (n,) for the forces of `nodes` and the indenter's displacements along
+    f force-controlled axes, n = 3 · nodes + f.
 
     compliance : (3m, 3m) in the nodes' own directions `frame` (m, 3, 3)
-    slip_mm : (m, 2) of which a sticking node keeps
-    axes, spring : (f, 3), (f,) along which the force is given; those forces' places on the right side are 0
-    given : (3,) the indenter's way along its other axes
+    slip_mm : (m, 2) slip at the beginning of the load step, which sticking nodes keep
+    axes, spring : (f, 3) and (f,), the force-controlled axes and their springs' stiffness; the right-hand
+        side of their equations is left 0 for the caller
+    given : (3,) the indenter's displacement along its other axes, in mm
 
-    Touching nodes have no gap. Sticking ones do not slip; of sliding ones the traction is μ n along
-    `direction`, the direction's change included.
+    The gap of nodes in contact is zero. Sticking nodes do not slip; the traction of sliding ones is μ n along
+    `direction`, whose derivative is included.
     """
     count, forces = len(nodes), 3 * len(nodes)
     matrix, side = np.zeros((forces + len(axes), forces + len(axes))), np.zeros(forces + len(axes))
@@ -124,7 +136,7 @@ def linearised(
 
 @njit(cache=True, nogil=True)
 def _slide(matrix, side, first, scale, friction, direction, share):
-    """Put a node's law of sliding in place of its two equations of no slip, in the rows after `first`."""
+    """Replace a node's two no-slip equations, rows `first` + 1 and + 2, by the linearised law of sliding."""
     across = share * (np.eye(2) - np.outer(direction, direction))
     stiff = (scale[1] + scale[2]) / 2 * across
     one, other = matrix[first + 1], matrix[first + 2]

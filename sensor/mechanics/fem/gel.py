@@ -1,6 +1,7 @@
-"""The finite-element gel of a fingertip: presses by rigid indenters, with friction and under given loads.
+"""The finite-element gel of a fingertip: presses by rigid indenters to prescribed loads, with friction.
 
-F is the skin's force on the indenter, F_x along u, F_y along v, F_z positive in compression, as in a dataset.
+F is the force of the skin on the indenter, F_x along u, F_y along v, F_z positive in compression, as in a
+dataset.
 """
 
 from collections.abc import Sequence
@@ -26,24 +27,27 @@ from fastac.sensor.mechanics.indenter import Indenter
 from fastac.sensor.mechanics.press import ContactError
 
 MAX_FACE_SLOPE = 4.0
-"""Slope of an indenter beyond which it is a side, not a face: small displacements say nothing there."""
+"""Slope beyond which a point of the indenter belongs to its side, where no contact is modelled: the
+small-displacement assumption fails there."""
 SEARCH_POINTS_PER_ELEMENT = 4
-"""Points along each side of an element that are searched for the first touch."""
+"""Points along each side of an element at which the first touch is searched."""
 
 
 @dataclass(frozen=True)
 class ContactSetup:
-    """An indenter over the skin: what may touch, before anything does."""
+    """An indenter placed above the skin, at first touch: the contact problem of the nodes that it may
+    touch."""
 
     indenter: Indenter
     x_mm: float
     y_mm: float
     problem: ContactProblem
     candidates: np.ndarray
-    """Nodes of the problem among the skin's inner nodes, row by row."""
+    """(m,) indices of the problem's nodes among the skin's free nodes, row by row."""
     other_gap_mm: np.ndarray
-    """(ny, nx) gap at first touch of the skin's other nodes, infinite at candidates."""
+    """(ny, nx) gap of the skin's other nodes at first touch, infinite at the candidates."""
     first_touch_mm: float
+    """z of the indenter's lowest point at first touch."""
 
 
 class Gel:
@@ -76,12 +80,13 @@ class Gel:
         tangential_n: tuple[float, float] | None = None,
         steps: int = 4,
     ) -> GelContact:
-        """Press an indenter with its axis at x, y down until F_z = load_n; then, if asked, drag it sideways.
+        """Press an indenter at (x_mm, y_mm) down until F_z = load_n, then apply a tangential load if given.
 
-        It is led straight down. With `tangential_n` it is then dragged against that direction, and held
-        across it, until the force along (F_x, F_y) = tangential_n has that size, F_z being kept. Each
-        phase is divided into `steps`, for friction remembers. Raises ContactError for an indenter beside the
-        skin or on its rim, and for a load that friction, the indenter's face or the thickness cannot carry.
+        The indenter moves straight down. With `tangential_n` it is then moved against that direction, without
+        moving across it, until the force along it equals (F_x, F_y) = tangential_n, at constant F_z. Each
+        phase has `steps` load steps, since friction depends on the path. Raises ContactError for an indenter
+        beside the skin or on its rim, and for a load that friction, the indenter's face or the gel's
+        thickness cannot carry.
         """
         drags = () if tangential_n is None else (tangential_n,)
         keys = {"load_n": load_n, "friction": friction, "tangential_loads_n": drags, "steps": steps}
@@ -101,10 +106,10 @@ class Gel:
         tangential_loads_n: Sequence[tuple[float, float]] = (),
         steps: int = 4,
     ) -> list[GelContact | ContactError]:
-        """`press` without a drag, then each of `tangential_loads_n` (F_x, F_y) from there, as `press` would alone.
+        """The vertical press, then each of `tangential_loads_n`, (F_x, F_y), applied to it separately.
 
-        In place of a drag that cannot be carried is its error. Raises ContactError as `press` does where the
-        vertical load cannot.
+        Each result equals that of `press` with this tangential load. A tangential load that cannot be carried
+        has its error in the list; raises ContactError as `press` where the vertical load cannot.
         """
         where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm with {load_n:g} N"
         if not load_n > 0:
@@ -132,9 +137,9 @@ class Gel:
     def set_up_contact(
         self, indenter: Indenter, x_mm: float, y_mm: float, *, friction: float, reach_mm: float
     ) -> ContactSetup:
-        """The contact problem of an indenter with its axis at x, y, to be led from load to load.
+        """The contact problem of an indenter with its axis at (x_mm, y_mm), to which loads can be applied.
 
-        reach_mm : how far at most it will sink, for nodes farther from it at first touch are left out
+        reach_mm : the largest approach to be expected; nodes with a larger gap at first touch are left out
         Raises ContactError for an indenter beside the skin or on its rim.
         """
         where = f"{type(indenter).__name__} at x = {x_mm:g} mm, y = {y_mm:g} mm"
@@ -191,9 +196,11 @@ class Gel:
         return state
 
     def contact(self, setup: ContactSetup, state: State, where: str) -> GelContact:
-        """What a state of the setup's problem makes of the skin; `where` begins errors.
+        """Displacements and forces of the whole skin in a state of the setup's problem; `where` begins
+        errors.
 
-        Raises ContactError where nodes beside the candidates for contact overlap, or the gel is too thin.
+        Raises ContactError where the indenter penetrates nodes outside the problem, or sinks deeper than the
+        elastomer is thick.
         """
         problem, candidates = setup.problem, setup.candidates
         ny, nx = self.mesh.shape

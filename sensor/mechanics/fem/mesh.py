@@ -1,4 +1,4 @@
-"""The gel as hexahedra in layers, from the skeleton up to the skin.
+"""The gel's finite-element mesh: layers of hexahedra from the rigid skeleton up to the skin.
 
 Node (k, j, i) is the k-th of the layers, the j-th along y and the i-th along x; layer 0 lies on the skeleton,
 the last one is the skin. Lines of nodes run along the skin's normal, and thickness is measured along it.
@@ -21,8 +21,10 @@ CORNERS = np.array([(1, 1, 1), (1, 1, 0), (1, 0, 1), (0, 1, 1), (1, 0, 0), (0, 1
 
 @dataclass(frozen=True)
 class GelMesh:
+    """The nodes of the gel, which determine its hexahedra. Raises FemError for inverted elements."""
+
     nodes_mm: np.ndarray
-    """(layers + 1, ny, nx, 3) float64."""
+    """(layers + 1, ny, nx, 3) float64, x, y, z of each node."""
 
     def __post_init__(self):
         layers, ny, nx = np.array(self.nodes_mm.shape[:3]) - (1, 0, 0)
@@ -35,7 +37,10 @@ class GelMesh:
             )
 
     def smallest_volume(self) -> float:
-        """The smallest triple product of edges at any corner of any element, relative to the largest."""
+        """The smallest scalar triple product of the edges at an element's corner, relative to the largest.
+
+        Not positive where an element is inverted.
+        """
         p = self.nodes_mm
         products = []
         for corner in CORNERS:
@@ -49,7 +54,7 @@ class GelMesh:
 
     @cached_property
     def mesh(self) -> MeshHex:
-        """The hexahedra as scikit-fem has them; node (k, j, i) is number (k·ny + j)·nx + i."""
+        """The mesh for scikit-fem; node (k, j, i) has the number (k·ny + j)·nx + i."""
         layers, ny, nx = self.nodes_mm.shape[:3]
         number = np.arange(layers * ny * nx).reshape(layers, ny, nx)
         corners = [number[k : layers - 1 + k, j : ny - 1 + j, i : nx - 1 + i].ravel() for i, j, k in CORNERS]
@@ -62,17 +67,17 @@ class GelMesh:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """Free nodes of a layer along y and along x."""
+        """Number of free nodes of a layer along y and along x."""
         return self.nodes_mm.shape[1] - 2, self.nodes_mm.shape[2] - 2
 
     def areas_mm2(self) -> np.ndarray:
-        """The skin's area that belongs to each node, seen along z, (ny, nx)."""
+        """Area of the skin that belongs to each node, projected along z, (ny, nx)."""
         x, y = self.skin_mm[0, :, 0], self.skin_mm[:, 0, 1]
         return np.outer(*(np.convolve(np.diff(axis), (0.5, 0.5)) for axis in (y, x)))
 
 
 def layered(x_mm, y_mm, z_mm, normals, thickness_mm, fractions) -> GelMesh:
-    """A gel under the skin z(x, y).
+    """The mesh of a gel under the skin z(x, y), with lines of nodes along the skin's normals.
 
     x_mm (nx,), y_mm (ny,) : the skin's grid, ascending; z_mm, thickness_mm : (ny, nx) or numbers
     normals : (ny, nx, 3) outward unit normals of the skin
@@ -86,10 +91,10 @@ def layered(x_mm, y_mm, z_mm, normals, thickness_mm, fractions) -> GelMesh:
 
 
 def sensor_mesh(sensor: Sensor, elements: int = 40, layers: int = 4) -> GelMesh:
-    """The gel of a scene's sensor, `elements` along its longer side; square ones seen along z.
+    """The gel of a scene's sensor, with `elements` elements along its longer side, square when seen along z.
 
-    The rim's nodes are at the outermost pixels. The thickness varies along y as the scene says. Layers get
-    thinner towards the skin, where strains change fastest.
+    The nodes of the rim are at the outermost pixels. The thickness varies along y with the elastomer's
+    `thickness_variation`. Layers get thinner towards the skin, where strains change fastest.
     """
     width, height = ((n - 1) * sensor.pitch_mm for n in (sensor.width_px, sensor.height_px))
     step = max(width, height) / elements

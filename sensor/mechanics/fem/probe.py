@@ -1,6 +1,6 @@
-"""An indenter that stays on the finite-element gel and is led from one load to the next.
+"""An indenter that stays in contact with the finite-element gel while its load changes.
 
-Friction remembers: what slid stays where it slid to.
+Friction makes each state depend on the previous one: nodes that slid stay where they slid to.
 """
 
 import numpy as np
@@ -13,14 +13,15 @@ from fastac.sensor.mechanics.indenter import Indenter
 from fastac.sensor.mechanics.press import ContactError, PressedSkin
 
 FIRST_STEPS = 4
-"""Steps of the first load, from where nothing touches."""
+"""Load steps of the first load, which starts without contact."""
 VERTICAL = np.array([False, False, True])
 
 
 class FemProbe:
-    """Any indenter on the gel of a rig, with the friction of its scene; see sensor.sequence.Probe.
+    """An indenter at (x_mm, y_mm) on the gel of a rig, with the friction of its scene; see `press.Probe`.
 
-    reach_mm : how far at most it will sink; None: as far as the elastomer is thick. Less is quicker.
+    reach_mm : the largest approach to be expected, by default the elastomer's thickness; a smaller one gives
+        a smaller contact problem
     """
 
     def __init__(
@@ -34,11 +35,11 @@ class FemProbe:
             )
         self._rig = rig
         self.state = self._setup.problem.unloaded()
-        """May be set to an earlier one, to go on from there."""
+        """The present equilibrium. It may be set to an earlier one, to continue from there."""
 
     @property
     def indenter_displacement_mm(self) -> np.ndarray:
-        """(3,) of the indenter from first touch."""
+        """(3,) displacement of the indenter from first touch along x, y, z."""
         return self.state.indenter_displacement_mm
 
     def at_load(self, load_n: float) -> PressedSkin:
@@ -46,11 +47,11 @@ class FemProbe:
         return self.pressed()
 
     def apply_load(self, load: Load) -> np.ndarray:
-        """To the next state, under any load; returns how far the indenter slid, (3,) in mm.
+        """Go on to the equilibrium under `load`; returns how far the indenter slid, (3,) in mm.
 
-        That is the least that any node slid, of those that touched before and after, along the indenter's way
-        in x and y: zero while one of them sticks. Raises ContactError for what friction cannot carry; the
-        state is then as it was.
+        The indenter slid by the smallest slip, along its displacement in x and y, of the nodes that are in
+        contact before and after: zero while one of them sticks. Raises ContactError for a load that friction
+        cannot carry, and then leaves the state unchanged.
         """
         before = self.state
         with threadpool_limits(1):  # or the sums' order, and so the last bits, would depend on the machine
@@ -62,7 +63,7 @@ class FemProbe:
         return self._slid(before, self.state)
 
     def pressed(self) -> PressedSkin:
-        """The skin in the present state. Raises ContactError where the gel's thickness cannot carry it."""
+        """The skin in the present state. Raises ContactError where the gel cannot represent it; see `Gel`."""
         setup, sensor, indenter_displacement_mm = self._setup, self._rig.sensor, self.indenter_displacement_mm
         with threadpool_limits(1):
             contact = self._rig.gel.contact(setup, self.state, self._where)

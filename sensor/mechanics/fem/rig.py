@@ -1,4 +1,4 @@
-"""Presses of a ball on the finite-element gel, vertical and then sideways."""
+"""Ball presses on the finite-element gel: vertical loads, then tangential ones."""
 
 from pathlib import Path
 
@@ -15,7 +15,8 @@ from fastac.sensor.protocol import Station
 
 
 class FemRig:
-    """The gel of a sensor; its compliance is read from the folder `store`, or computed and put there."""
+    """The gel of a sensor, see `press.Rig`; its compliance is kept in the step store in the folder
+    `store`."""
 
     def __init__(self, sensor: Sensor, store: Path | str, *, progress: bool = True):
         self.sensor = sensor
@@ -23,7 +24,7 @@ class FemRig:
         self.gel = Gel.of_sensor(sensor, store, elements=elements, layers=layers, progress=progress)
 
     def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
-        """The vertical sample of a station and its tangential ones; see sensor.rig.Rig."""
+        """The vertical sample of a station and its tangential ones; see `press.Rig`."""
         with threadpool_limits(1):  # or the sums' order, and so the last bits, would depend on the machine
             contacts = self.gel.presses(
                 Ball(ball_mm),
@@ -42,13 +43,13 @@ class FemRig:
 
     def _pressed(self, contact: GelContact, station: Station, ball_mm: float, target_n) -> PressedSkin:
         skin = skin_of(contact, self.sensor, Ball(ball_mm), station.x_mm, station.y_mm)
-        way_x, way_y, way_z = contact.indenter_displacement_mm
+        moved_x_mm, moved_y_mm, moved_z_mm = contact.indenter_displacement_mm
         pose = {
-            "x_mm": station.x_mm + way_x,
-            "y_mm": station.y_mm + way_y,
-            "z_mm": contact.first_touch_mm + way_z,
+            "x_mm": station.x_mm + moved_x_mm,
+            "y_mm": station.y_mm + moved_y_mm,
+            "z_mm": contact.first_touch_mm + moved_z_mm,
             "ball_mm": ball_mm,
-            "approach_mm": -way_z,
+            "approach_mm": -moved_z_mm,
             "contact_radius_mm": np.sqrt(skin.in_contact.sum() * self.sensor.pitch_mm**2 / np.pi),
             "grid_x_mm": station.x_mm,
             "grid_y_mm": station.y_mm,

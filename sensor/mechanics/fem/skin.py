@@ -1,8 +1,8 @@
-"""The pressed skin of the finite-element gel at the pixels: depth, normals, contact, tangential displacement.
+"""The pressed finite-element skin resampled to the pixels: depth, normals, contact, tangential displacement.
 
-A pixel sees the point of the skin that has moved above it. Which one that is follows from the displacement by
-iteration, on fields that the nodes' cubic spline gives at every pixel. Where the skin so found lies on the
-indenter, to within the spline's error, its depth and slopes are the indenter's own.
+A pixel sees the point of the skin that has moved above it. That point is found by Newton's method on the
+displacement fields, which a cubic spline interpolates from the nodes to the pixels. Where the resulting skin
+touches the indenter, to within the spline's error, its depth and slopes are set to the indenter's.
 """
 
 from dataclasses import dataclass
@@ -20,32 +20,37 @@ from fastac.sensor.mechanics.fem.pressed_gel import REMAPPINGS, GelContact
 from fastac.sensor.mechanics.indenter import Indenter
 
 ITERATIONS, CLOSE_PX = 5, 1e-3
-"""Of Newton's method, to find which point of the skin lies above a pixel, and how near it has to come."""
+"""Newton iterations that find which point of the skin lies above a pixel, and the tolerance in px."""
 LEAST_AREA = 0.4
-"""Area of compressed skin over that at rest that Newton's steps reckon with, at least."""
+"""Lower limit of the Jacobian in Newton's steps: area of the deformed skin over that of the undeformed
+one."""
 TOUCHING_MM = 3e-3
-"""Gap below which a pixel counts as in_contact: nodes touch to 2 µm where nothing slides."""
+"""Gap below which a pixel counts as in contact: without sliding, nodes touch to within 2 µm."""
 BEYOND_PX = 8
-"""Pixels beyond the image to which splines go on, so that the filter that ends there is not felt inside."""
+"""Pixels beyond the image to which the splines are continued, so that the spline filter's boundary condition
+has no effect inside."""
 SHARPEST_MM = 0.6
-"""Radius of the skin's sharpest bend. The spline between nodes may miss a bend's sagitta over an element:
-pixels between nodes or pixels that touch do too if their gap is less."""
+"""Smallest radius of curvature of the skin. Between nodes the spline may be off by the sagitta of such a bend
+over one element; so a pixel surrounded by contact counts as in contact too if its gap is smaller than
+that."""
 
 
 @dataclass(frozen=True)
 class Skin:
+    """The pressed skin at the pixels."""
+
     normals: np.ndarray
-    """(H, W, 3) float64."""
+    """(H, W, 3) float64, outward unit normals."""
     depth_mm: np.ndarray
-    """(H, W) float64."""
+    """(H, W) float64, height z."""
     in_contact: np.ndarray
-    """(H, W) bool."""
+    """(H, W) bool: pixels whose skin touches the indenter."""
     tangential_mm: np.ndarray
-    """(H, W, 2) displacement in x and y of the skin that is at each pixel at rest."""
+    """(H, W, 2) displacement along x and y of the point that is at each pixel of the undeformed skin."""
 
 
 def skin_of(contact: GelContact, sensor: Sensor, indenter: Indenter, x_mm: float, y_mm: float) -> Skin:
-    """The skin after `indenter`, led down at x_mm, y_mm, made `contact`."""
+    """The skin in the equilibrium `contact` with an indenter that was placed above (x_mm, y_mm)."""
     x, y = pixel_centres_mm(sensor)
     nodes_x, nodes_y = contact.mesh.skin_mm[0, :, 0], contact.mesh.skin_mm[:, 0, 1]
     pitch = sensor.pitch_mm
@@ -73,8 +78,8 @@ def skin_of(contact: GelContact, sensor: Sensor, indenter: Indenter, x_mm: float
 
 @lru_cache
 def _onto(nodes_mm: tuple[float, ...], pixels_mm: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """From values at N nodes to those of their cubic spline at P evenly spaced pixels, (P, N), and to the
-    coefficients of the uniform cubic B-spline through these, (P + 2, N), one beyond each end."""
+    """Two matrices that act on values at N nodes: (P, N) gives their cubic spline at P evenly spaced pixels,
+    (P + 2, N) the coefficients of the uniform cubic B-spline through those, one beyond each end."""
     pitch = (pixels_mm[-1] - pixels_mm[0]) / (len(pixels_mm) - 1)
     beyond = pitch * np.arange(1, BEYOND_PX + 1)
     wide_mm = np.concatenate([pixels_mm[0] - beyond[::-1], pixels_mm, pixels_mm[-1] + beyond])
@@ -84,15 +89,17 @@ def _onto(nodes_mm: tuple[float, ...], pixels_mm: tuple[float, ...]) -> tuple[np
 
 
 def _filled(mask: np.ndarray) -> np.ndarray:
-    """A mask (H, W) with its holes, which no way along rows and columns joins to the border."""
+    """The mask (H, W) with its holes filled: the regions that are not connected to the border."""
     beside = np.pad(mask.astype(np.uint8), 1)
     cv2.floodFill(beside, None, (0, 0), 1)
     return mask | (beside[1:-1, 1:-1] == 0)
 
 
 def _between_touching(contact: GelContact, from_v: np.ndarray, from_u: np.ndarray) -> np.ndarray:
-    """Whether the skin above each pixel, (H, W), lies in an element whose four nodes touch; nodes span the
-    pixels' centres evenly."""
+    """Whether the skin above each pixel, (H, W), lies in an element whose four nodes are in contact.
+
+    from_v, from_u : (H, W), undeformed position of that skin in px; the nodes are evenly spaced over them
+    """
     last = [size - 1 for size in contact.in_contact.shape]
     height, width = from_v.shape
     at = [from_v * last[0] / (height - 1), from_u * last[1] / (width - 1)]
@@ -101,14 +108,15 @@ def _between_touching(contact: GelContact, from_v: np.ndarray, from_u: np.ndarra
 
 @njit(cache=True, nogil=True)
 def _above(coefficients, moved, along_v, along_u):
-    """v, u at rest of the skin that is above each pixel (H, W), and how far it has moved along z, in px.
+    """Undeformed position v, u of the skin that is above each pixel, and its displacement along z: (H, W)
+    each, in px.
 
-    coefficients : (3, H + 2, W + 2), B-splines of the displacement x, y, z in px
-    moved : (3, H, W), that displacement
-    along_v, along_u : (2, H, W), derivatives of x and y
+    coefficients : (3, H + 2, W + 2), B-spline coefficients of the displacement along x, y, z in px
+    moved : (3, H, W), that displacement at the pixels
+    along_v, along_u : (2, H, W), derivatives of its x and y components along v and u
 
-    Newton's method with the gradient at the pixel itself, which is near enough to that at the point; but
-    where a strong drag folds the skin, the plain iteration.
+    Newton's method with the gradient taken at the pixel, which approximates that at the point. Where it does
+    not converge, as where a strong tangential load folds the skin, fixed-point iteration replaces it.
     """
     _, height, width = moved.shape
     from_v, from_u, raised = np.empty((3, height, width))
@@ -139,7 +147,7 @@ def _above(coefficients, moved, along_v, along_u):
 
 @njit(cache=True, nogil=True)
 def _spline(coefficients, v, u):
-    """Three uniform cubic B-splines at v, u in px, which are brought inside the image."""
+    """Values of three uniform cubic B-splines at v, u in px, clipped to the image."""
     _, height, width = coefficients.shape
     v, u = min(max(v, 0.0), height - 3.0), min(max(u, 0.0), width - 3.0)
     top, left = min(int(v), height - 4), min(int(u), width - 4)
@@ -157,6 +165,6 @@ def _spline(coefficients, v, u):
 
 @njit(cache=True, nogil=True)
 def _weights(t):
-    """Of the four coefficients around the fraction t, 0 to 1, between the second and the third."""
+    """Weights of four successive B-spline coefficients at the fraction t, 0 to 1, between the middle two."""
     s = 1 - t
     return s * s * s / 6, 2 / 3 - t * t * (2 - t) / 2, 2 / 3 - s * s * (2 - s) / 2, t * t * t / 6

@@ -24,7 +24,7 @@ class TestHelp:
                     "report",
                 ],
             ),
-            (("data",), ["SCENE", "--output", "--cache", "--no-progress", "build/SCENE/data.h5"]),
+            (("data",), ["SCENE", "--output", "--store", "--no-progress", "build/SCENE/data.h5"]),
             (("import",), ["ball-press", "cnc", "force"]),
             (("protocol",), ["SCENE", "--output", "--cad", "--origin-mm", "--simulate", "tangential_x_n"]),
             (

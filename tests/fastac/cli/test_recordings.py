@@ -11,7 +11,7 @@ class TestMachine:
         text = toml.read_text().replace("train_grid = 3", "train_grid = 1")
         gel = 'thickness_mm = 2.0, mechanics = "fem", elements = 8, layers = 1 }'
         toml.write_text(text.replace("thickness_mm = 2.0 }", gel))
-        options = ("--origin-mm", 10, 20, -5, "--cache", tmp_path / "cache", "--no-progress")
+        options = ("--origin-mm", 10, 20, -5, "--store", tmp_path / "cache", "--no-progress")
         recording = tmp_path / "recording"
         said = succeed("protocol", toml, "-o", tmp_path / "p.csv", "--simulate", recording, *options).stdout
         assert "p.csv: 18 samples" in said

@@ -11,6 +11,7 @@ from fastac.flow.build import Build, BuildError
 from fastac.flow.settings import float_settings, network_settings
 from fastac.models.floating import pipeline
 from fastac.models.integer import assemble, bundle
+from fastac.models.integer.dst2d import Solver
 from fastac.models.training import hyperforce
 from fastac.sensor import dataset
 
@@ -184,7 +185,7 @@ class TestOnlyWhatIsWanted:
             raise AssertionError("nobody asked for depth or force")
 
         monkeypatch.setattr(hyperforce, "train", refuse)
-        monkeypatch.setitem(assemble.CHOOSERS, "dst2d", refuse)
+        monkeypatch.setattr(Solver, "fitted", refuse)
         monkeypatch.setattr(assemble, "quantise_weights", refuse)
         monkeypatch.setattr(pipeline, "solve", refuse)
         scene = make_scene(outputs=["normals"], training=QUICK)

@@ -15,8 +15,17 @@ from fastac.sim.runner import QUICK
 
 
 @pytest.fixture(scope="module")
-def bundle(tmp_path_factory):
-    return random_bundle(tmp_path_factory.mktemp("random_bundle") / "bundle", scene(("normals",)))
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("random_bundle") / "bundle"
+
+
+@pytest.fixture(scope="module")
+def bundle(folder):
+    return random_bundle(folder, scene(("normals",)))
+
+
+def campaign(bundle, data, index, lanes, place):
+    return verify.run(bundle, data, np.array(index), lanes, place, store=place / "store", **SETTINGS)
 
 
 def with_weights(bundle, tmp_path, weights):
@@ -107,14 +116,6 @@ def test_special_frames():
     assert (background == 100).all()
 
 
-@pytest.mark.parametrize("text", [None, "", "[]", '{"rows": 3}', '{"rows": [{}]}', "\xff"], ids=repr)
-def test_unreadable_campaigns_have_no_rows(tmp_path, text):
-    file = tmp_path / "verify.json"
-    if text is not None:
-        file.write_text(text)
-    assert verify.earlier_rows(file) == {}
-
-
 SETTINGS = {"build_args": QUICK, "progress": False}
 
 
@@ -123,8 +124,8 @@ def data(bundle):
     return SimpleNamespace(frames=frames(bundle.pipeline.background, (10, 40, 255)))
 
 
-def test_campaign(bundle, data, tmp_path):
-    content = verify.run(bundle, data, np.array([0, 2]), (2,), tmp_path, **SETTINGS)
+def test_campaign(bundle, folder, data, tmp_path):
+    content = campaign(folder, data, [0, 2], (2,), tmp_path)
     assert json.loads((tmp_path / "verify.json").read_text()) == content
     assert content["bundle_sha256"] == bundle.digest
     assert (content["frame_indices"], content["special_frames"]) == ([0, 2], 7)
@@ -160,35 +161,30 @@ class TestResuming:
     def simulator(self, monkeypatch):
         found = Simulator()
         monkeypatch.setattr(verify, "simulate", found)
-        monkeypatch.setattr(verify, "digest_sources", lambda patterns: "as they were")
         return found
 
-    def test_goes_on_where_it_was(self, bundle, data, tmp_path, simulator):
-        index = np.array([0, 2])
+    def test_goes_on_where_it_was(self, bundle, folder, data, tmp_path, simulator):
         simulator.fails_at = 3
         with pytest.raises(OSError, match="No space left"):
-            verify.run(bundle, data, index, (1, 2), tmp_path, **SETTINGS)
+            campaign(folder, data, [0, 2], (1, 2), tmp_path)
         done = [(1, False, 9), (1, True, 2), (2, False, 9)]
         assert simulator.asked == done
         assert len(json.loads((tmp_path / "verify.json").read_text())["rows"]) == 3
         simulator.fails_at = None
-        content = verify.run(bundle, data, index, (1, 2), tmp_path, **SETTINGS)
+        content = campaign(folder, data, [0, 2], (1, 2), tmp_path)
         assert simulator.asked == [*done, (2, True, 2)]
-        assert verify.run(bundle, data, index, (1, 2), tmp_path, **SETTINGS) == content
+        assert campaign(folder, data, [0, 2], (1, 2), tmp_path) == content
         assert len(simulator.asked) == 4
         assert len({row["verilog_sha256"] for row in content["rows"]}) == 2
 
-    def test_only_what_changed(self, bundle, data, tmp_path, simulator, monkeypatch):
-        verify.run(bundle, data, np.array([0, 2]), (1,), tmp_path, **SETTINGS)
+    def test_only_what_changed(self, bundle, folder, data, tmp_path, simulator):
+        campaign(folder, data, [0, 2], (1,), tmp_path)
         # The stalled frames are the first and the last: another second one does not concern them.
-        verify.run(bundle, data, np.array([0, 1]), (1,), tmp_path, **SETTINGS)
+        campaign(folder, data, [0, 1], (1,), tmp_path)
         assert simulator.asked[2:] == [(1, False, 9)]
-        other = verify.derive(bundle, tmp_path / "other", lanes=1, weights="baked")
-        verify.run(other, data, np.array([0, 1]), (1,), tmp_path, **SETTINGS)
+        verify.derive(bundle, tmp_path / "other", lanes=1, weights="baked")
+        campaign(tmp_path / "other", data, [0, 1], (1,), tmp_path)
         assert simulator.asked[3:] == [(1, False, 9), (1, True, 2)]
-        monkeypatch.setattr(verify, "digest_sources", lambda patterns: "another bench")
-        verify.run(other, data, np.array([0, 1]), (1,), tmp_path, **SETTINGS)
-        assert simulator.asked[5:] == [(1, False, 9), (1, True, 2)]
 
 
 ROW = {

@@ -1,7 +1,8 @@
 import json
 
-from fastac.report.scope import ABSENT, STAGES, Scope, table
+from fastac.report.scope import ABSENT, Scope, table
 from fastac.store.record import RECORD
+from fastac.synth.resources import stage_names
 
 
 def scope(make_scene, tmp_path, **changes):
@@ -25,7 +26,7 @@ def test_force_without_depth(make_scene, tmp_path):
     found = scope(make_scene, tmp_path, force={"clamp": False, "fit": "slopes"}, **changes)
     assert "labels: depth" in absent(found.simulated())
     kept = {"control", "background", "normals", "gradients", "force"}
-    assert absent(found.elaborated()) == set(STAGES) - kept
+    assert absent(found.elaborated()) == set(stage_names()) - kept
     assert found.trained()["force model"] == "weights of the slopes"
     saved = {name: text.split(": ")[1] for name, text in found.area().items()}
     assert all(text.startswith("-") for text in saved.values())
@@ -34,7 +35,7 @@ def test_force_without_depth(make_scene, tmp_path):
 def test_normals_alone(make_scene, tmp_path):
     found = scope(make_scene, tmp_path, outputs=["normals"])
     assert found.trained()["force model"] == ABSENT
-    assert absent(found.elaborated()) == set(STAGES) - {"control", "background", "normals"}
+    assert absent(found.elaborated()) == set(stage_names()) - {"control", "background", "normals"}
     assert found.seconds()["force model"] == ABSENT
     assert found.seconds()["presses"] == "not built"
 

@@ -1,9 +1,11 @@
 from dataclasses import asdict, replace
+from pathlib import Path
 
 import pytest
 
 from fastac.flow import hardware
 from fastac.gateware.cycle_model import cycles
+from fastac.store.store import open_store
 from fastac.sweep import confirm, front
 from fastac.sweep.front import Source, TradeError
 from fastac.sweep.points import PointModels, Setting, generation, point_key
@@ -15,10 +17,7 @@ from fastac.sweep.spec import Point
 def models(make_scene, tiny_file, tmp_path_factory):
     """Of normals alone, with little training."""
     scene = make_scene(outputs=["normals"], training={"normals_epochs": 1, "finetune_epochs": 0})
-    found = PointModels(scene, Setting(str(tmp_path_factory.mktemp("cache")), str(tiny_file), "test", 4))
-    for step in found.steps.values():
-        step.perform()
-    return found
+    return PointModels(scene, Setting(str(tmp_path_factory.mktemp("store")), str(tiny_file), "test", 4))
 
 
 @pytest.fixture
@@ -28,7 +27,8 @@ def source(models, tmp_path):
     now = generation(models.setting)
     results.set_facts({"setting": asdict(models.setting), "generation": now, "scene": {}})
     scene = models.scene.model_dump(mode="json")
-    results.add(Row(key, "done", {}, scene, models.metrics(), generation=now))
+    metrics = open_store(Path(models.setting.store)).value(models.point)
+    results.add(Row(key, "done", {}, scene, metrics, generation=now))
     return front.read(results.path)
 
 

@@ -5,10 +5,10 @@ from dataclasses import asdict
 
 import pytest
 
-from fastac.sweep import pools
+from fastac.sweep import point_steps, pools
 from fastac.sweep import run as sweeps
 from fastac.sweep import spec as sweep_spec
-from fastac.sweep.points import POINT_SOURCES, PointModels, Setting, sources
+from fastac.sweep.points import Setting, code_digest
 from fastac.sweep.pools import Pool, SweepError
 from fastac.sweep.results import Results
 from fastac.sweep.run import Grid, Sweep, perform
@@ -77,10 +77,17 @@ def test_every_point_is_measured_and_kept(bench):
     counts, rows = bench(executor)
     assert counts == {"done": 5, "infeasible": 1, "failed": 0, "known": 0}
     assert [row.error for row in rows if row.status == "infeasible"] == [
-        "poisson.solver: 'adjoint' finds no depth; choose dst2d or tridiagonal"
+        "poisson.solver: 'adjoint' finds no depth; choose 'dst2d' or 'tridiagonal'"
     ]
     trained = [step for step, _ in executor.tasks if step]
-    assert sorted(trained) == ["float", "float", "force", "integers", "integers", "normals"]
+    assert sorted(trained) == [
+        "float_errors",
+        "float_errors",
+        "force_start",
+        "integers",
+        "integers",
+        "normals",
+    ]
     for row in rows:
         if row.status == "done":
             assert {"depth_mae_mm", "latency_cycles", "dsp", "lut", "ramb36", "energy_uj"} <= set(row.metrics)
@@ -162,21 +169,21 @@ def test_an_interrupted_sweep_keeps_what_was_done(bench, tmp_path):
 def test_a_worker_with_other_sources_refuses(tiny_scene, cache, tiny_file):
     setting = Setting(str(cache), str(tiny_file), "test", 3)
     task = {"scene": tiny_scene.model_dump(mode="json"), "setting": asdict(setting), "step": None}
-    assert "other sources" in perform(task | {"sources": "old"})["failed"]
+    assert "other sources" in perform(task | {"code": "old"})["failed"]
 
 
 def test_a_worker_tells_what_cannot_be_from_what_went_wrong(make_scene, cache, tiny_file, monkeypatch):
     def outcome(**changes):
         scene = make_scene(**changes).model_dump(mode="json")
-        setting = asdict(Setting(str(cache), str(tiny_file), "test", 3))
-        return perform({"scene": scene, "setting": setting, "step": None, "sources": sources(POINT_SOURCES)})
+        setting = asdict(Setting(str(cache), str(tiny_file), "test", 2))
+        return perform({"scene": scene, "setting": setting, "step": None, "code": code_digest(cache)})
 
     assert set(outcome(network={"width": 64}, hardware={"pixels_per_clock": 4})) == {"infeasible"}
 
-    def broken(self):
+    def broken(scene, *, flat):
         raise KeyError("missing")
 
-    monkeypatch.setattr(PointModels, "metrics", broken)
+    monkeypatch.setattr(point_steps, "latency", broken)
     assert outcome()["failed"].startswith("KeyError: 'missing' (test_run.py:")
 
 

@@ -11,10 +11,10 @@ from fastac.sim.check_stream import check, pack
 @pytest.mark.parametrize("stall", [0, 0.4])
 @pytest.mark.quick("0-6-2-3", "0.4-7-3-8", "0-5-1-1")
 def test_sums_of_frames_reach_their_bounds(beats, axes, words, stall):
-    """Frame 0 and 1 are the bounds with the constant's sign and against it, then anything within them."""
+    """Frames 0 and 1 are at the bounds, with the constant's sign and the opposite; the rest is random."""
     rng = np.random.default_rng(beats)
     bounds = rng.integers(0, 100, (beats, axes, words))
-    bounds[:, -1] = 0  # an axis, or all, without words
+    bounds[:, -1] = 0  # the last axis has only zeros
     constant = rng.integers(-3000, 3000, axes)
     x = rng.integers(-bounds, bounds + 1, (6, *bounds.shape))
     sign = np.sign(constant)[:, None]
@@ -22,7 +22,7 @@ def test_sums_of_frames_reach_their_bounds(beats, axes, words, stall):
     expected = constant + x.sum(axis=(1, 3))
     dut = FrameAccumulator(bounds, constant)
     largest = int(np.abs(expected[0]).max())
-    assert largest < 1 << (dut.width - 1) <= 2 * largest, "the bound is reached, and no bit is idle"
+    assert largest < 1 << (dut.width - 1) <= 2 * largest, "the bound is reached, and no bit is unused"
     inputs = pack(x.reshape(-1, axes * words), dut.word_width)
     payloads, taken = run_streams(dut, inputs, {"o": 6}, stall=stall)
     assert payloads["o"] == pack(expected, dut.width)
@@ -51,12 +51,12 @@ def test_sums_under_verilator(tmp_path):
     )
 
 
-def test_levels_of_a_tree():
+def test_adder_tree_levels():
     assert [tree_levels(n) for n in (1, 2, 3, 4, 5, 8, 9)] == [0, 1, 2, 2, 3, 3, 4]
 
 
-def test_slices_of_a_product():
-    """One DSP48E2 takes signed 27×18 bits, either operand on either port."""
+def test_dsp_slices_of_a_product():
+    """One DSP48E2 multiplies signed 27×18 bits, with either operand on either port."""
     one = [(1, 1), (17, 13), (27, 18), (18, 27), (18, 18)]
     two = [(28, 18), (18, 28), (19, 19), (27, 19), (19, 27), (27, 35), (53, 18)]
     assert [dsp_slices(*widths) for widths in one] == [1] * len(one)

@@ -22,11 +22,11 @@ from fastac.gateware.arithmetic.packed_products import Packing, best_packing
         (1, [1 << 17], 19, None),
     ],
 )
-def test_choice(weight_limit, input_limit, input_width, expected):
+def test_best_packing(weight_limit, input_limit, input_width, expected):
     found = best_packing(weight_limit, input_limit, input_width)
     assert found == expected
     if found:
-        # One level more would not fit, or there are no more products to sum.
+        # One more level would not fit, or there are no more products to sum.
         group = 1 << found.levels
         reached = max(sum(input_limit[k : k + group]) for k in range(0, len(input_limit), group))
         assert weight_limit * reached <= (1 << (found.shift - 1)) - 1

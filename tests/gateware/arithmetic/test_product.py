@@ -12,7 +12,7 @@ from fastac.gateware.target.ecp5 import OPERAND_BITS, Ecp5
 
 
 class Multiplier(wiring.Component):
-    """A product with ports around it."""
+    """A component around `product`."""
 
     def __init__(self, a: Shape, b: Shape):
         super().__init__(
@@ -25,8 +25,8 @@ class Multiplier(wiring.Component):
         return m
 
 
-class Modelled(Ecp5):
-    """The ECP5's multiplier by what its data sheet says of it, instead of the primitive."""
+class ModelledEcp5(Ecp5):
+    """Ecp5 with a behavioural model of MULT18X18D in place of the primitive, for simulation."""
 
     def multiplier(self, m, advance, a, b, *, name):
         for operand in (a, b):
@@ -43,7 +43,7 @@ def limits(shape: Shape) -> list[int]:
     return [low, low + 1, low + (1 << shape.width) - 2, low + (1 << shape.width) - 1]
 
 
-@pytest.mark.parametrize("platform", [None, Modelled()], ids=["DSP48E2", "ECP5"])
+@pytest.mark.parametrize("platform", [None, ModelledEcp5()], ids=["DSP48E2", "ECP5"])
 @pytest.mark.parametrize(
     ("a", "b"),
     [
@@ -55,7 +55,7 @@ def limits(shape: Shape) -> list[int]:
     ],
     ids=repr,
 )
-def test_every_product_after_three_advances(platform, a, b):
+def test_every_product_after_three_clocks(platform, a, b):
     rng = np.random.default_rng(1)
     pairs = [(x, y) for x in limits(a) for y in limits(b)]
     pairs += [
@@ -86,6 +86,6 @@ def test_every_product_after_three_advances(platform, a, b):
     assert found == [x * y for x, y in pairs]
 
 
-def test_too_wide_for_the_ecp5():
+def test_operands_too_wide_for_the_ecp5():
     with pytest.raises(ValueError, match="product: 36 × 18 bits: expected at most 35 × 18 signed"):
         Fragment.get(Multiplier(Shape(36, False), Shape(18, True)), Ecp5())

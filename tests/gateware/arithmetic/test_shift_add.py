@@ -33,7 +33,7 @@ def test_canonical_signed_digits():
 @pytest.mark.parametrize("limit", [1, 256])
 @pytest.mark.quick("256")
 def test_constant_products_and_their_sum(limit):
-    """Every product after four clocks, a product of it negative if it says so, and the tree of all."""
+    """Every product after four clocks, with its deferred sign and shift, and the sum of all products."""
     m, enable = Module(), Signal(init=1)
     register = pipeline_register(m, enable)
     taps = [Signal(signed(limit.bit_length() + 1), name="x")]
@@ -84,7 +84,7 @@ def test_registers_hold_without_enable():
     assert seen == [5, 5, 5, -7]
 
 
-def test_refuses_more_digits_than_the_taps_have_time_for():
+def test_constant_with_too_many_digits_for_the_taps():
     m, taps = Module(), [Signal(4, name=f"x{k}") for k in range(3)]
     with pytest.raises(ValueError, match="constant 1365 of 6 digits: expected at most 4"):
         constant_product(1365, taps, 7, pipeline_register(m, Signal()), "p")

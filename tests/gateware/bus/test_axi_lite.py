@@ -43,6 +43,6 @@ def test_accesses(tmp_path):
 
 
 @pytest.mark.parametrize("width", [2, 33])
-def test_refuses_address_width(width):
+def test_invalid_address_width(width):
     with pytest.raises(ValueError, match=f"address_width {width}: expected 3 to 32"):
         AxiLiteSlave(width)

@@ -62,7 +62,7 @@ def test_loader(tmp_path, layout):
     simulate(dut, "calibration_loader", "fastac.sim.benches.calibration_loader", tmp_path, BENCH=str(path))
 
 
-def test_image():
+def test_words_of_an_image():
     layout = ImageLayout(7, {"offset": TableFormat(2, 2, 9)}, {"network": 40, "constant": 4})
     words = layout.image(
         {"offset": np.array([[1, -1], [-256, 255]])}, {"network": 0x12_89ABCDEF, "constant": 5}, 1 << 63
@@ -85,7 +85,7 @@ def test_image():
         ({"tables": {"rest": TableFormat(1, 1, 8)}}, "rest of 1 words of 1: expected 2 or more"),
     ],
 )
-def test_refuses_layouts(changed, message):
+def test_invalid_layouts(changed, message):
     with pytest.raises(ValueError, match=message):
         ImageLayout(**{"identifier": 1, "tables": {}, "registers": {"network": 3}, **changed})
 
@@ -98,7 +98,7 @@ def test_refuses_layouts(changed, message):
         ({"rest": np.zeros((4, 2))}, {"network": 8}, "network 0x8: expected 3 bits"),
     ],
 )
-def test_refuses_contents(tables, registers, message):
+def test_values_that_do_not_fit_the_layout(tables, registers, message):
     layout = ImageLayout(1, {"rest": TableFormat(4, 2, 4)}, {"network": 3})
     with pytest.raises(ValueError, match=message):
         layout.image(tables, registers, 0)

@@ -10,7 +10,7 @@ def test_times_and_numbers(tmp_path):
 
 
 @pytest.mark.parametrize(("force", "depth"), [(True, False), (False, True)])
-def test_what_is_not_measured_is_absent(force, depth):
+def test_results_that_are_not_measured_have_no_ports(force, depth):
     members = FrameTimer(force=force, depth=depth).signature.members
     assert ("result_valid" in members, "last_to_force" in members) == (force, force)
     assert ("depth_done" in members, "first_to_depth" in members) == (depth, depth)
@@ -23,6 +23,6 @@ def test_what_is_not_measured_is_absent(force, depth):
         ({"force": True, "depth": True, "frames": 6}, "frames 6: expected a power of two, 2 to 128"),
     ],
 )
-def test_refuses(arguments, message):
+def test_invalid_arguments(arguments, message):
     with pytest.raises(ValueError, match=message):
         FrameTimer(**arguments)

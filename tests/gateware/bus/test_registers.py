@@ -9,6 +9,7 @@ from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.stream import frame_guard
 from fastac.sim.runner import simulate
 
+BENCHES = ("registers", "registers_results", "registers_calibration")
 SHAPE = {
     "bundle_hash": 0xFEDCBA9876543210,
     "version": 3,
@@ -35,13 +36,13 @@ def test_registers(tmp_path, outputs):
     simulate(
         RegisterBlock(identity),
         "registers",
-        "fastac.sim.benches.registers",
+        ",".join(f"fastac.sim.benches.{name}" for name in BENCHES),
         tmp_path,
         IDENTITY=json.dumps(asdict(identity)),
     )
 
 
-def test_map():
+def test_register_map_is_consistent():
     offsets = [register.offset for register in REGISTERS]
     assert len({register.name for register in REGISTERS}) == len(set(offsets)) == len(REGISTERS)
     assert all(offset % 4 == 0 and offset < 1 << ADDRESS_WIDTH for offset in offsets)
@@ -56,7 +57,7 @@ def test_map():
     assert ERRORS[:5] == frame_guard.FRAME_FAULTS
 
 
-def test_what_is_not_wanted_is_absent():
+def test_absent_outputs_have_no_registers_or_ports():
     names = {register.name for register in Identity(**SHAPE, axes="").registers}
     assert not [name for name in names if "FORCE" in name]
     names = {register.name for register in Identity(**SHAPE, axes="z", depth=False).registers}
@@ -83,6 +84,6 @@ def test_what_is_not_wanted_is_absent():
         ({"calibration_layout": -1}, "calibration_layout -1: expected 0 to 4294967295"),
     ],
 )
-def test_refuses(changed, message):
+def test_invalid_arguments(changed, message):
     with pytest.raises(ValueError, match=message):
         Identity(**{**SHAPE, "axes": "xyz", **changed})

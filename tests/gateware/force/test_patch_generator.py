@@ -7,7 +7,7 @@ from fastac.sim.check_stream import check, pack
 
 
 def beats(frames, lanes, rng=None):
-    """Frames (F, N, N, …) to beats (F·N·ceil(N/lanes), lanes, …); void lanes are random with an `rng`."""
+    """Frames (F, N, N, …) to beats (F·N·ceil(N/lanes), lanes, …); unused lanes 0, or random with `rng`."""
     f, n = frames.shape[:2]
     fill = np.zeros((f, n, -n % lanes, *frames.shape[3:]), dtype=np.int64)
     if rng is not None:
@@ -27,7 +27,7 @@ def patches(frames, k):
 def test_patches_of_every_pixel(tmp_path, n, k, bits, lanes):
     rng = np.random.default_rng(1)
     frames = rng.integers(0, 1 << bits, (4, n, n))
-    frames[0] = (1 << bits) - 1  # beside it, whatever is not blanked is seen
+    frames[0] = (1 << bits) - 1  # any sample outside the frame that is not replaced with 0 shows
     frames[2] = 0
     frames[2, [0, 0, -1, -1], [0, -1, 0, -1]] = (1 << bits) - 1
     dut = PatchGenerator(n, k, bits, lanes=lanes)
@@ -46,7 +46,7 @@ def test_patches_of_every_pixel(tmp_path, n, k, bits, lanes):
     )
 
 
-def test_refusals():
+def test_invalid_arguments():
     with pytest.raises(ValueError, match="lanes 3: expected one of"):
         PatchGenerator(9, 3, 8, lanes=3)
     with pytest.raises(ValueError, match="kernel_size 4: expected one of"):

@@ -19,13 +19,13 @@ from fastac.sim.check_stream import check, pack
 
 
 def beats(x, lanes, bits, rng):
-    """Frames (F, rows, columns, terms) to payloads; void lanes hold any bits."""
+    """Frames (F, rows, columns, terms) to payloads; unused lanes are random."""
     fill = rng.integers(0, 1 << bits, (*x.shape[:2], -x.shape[2] % lanes, x.shape[3]))
     return pack(np.concatenate([x, fill], axis=2).reshape(-1, lanes * x.shape[3]), bits)
 
 
 def weighted_sum(axes, rows, columns, terms, bits, signed, weight_bits, rng):
-    """Axis 0: any weights; axis 1: none. One axis reaches the bound: unsigned, by weights of one sign."""
+    """Axis 0 has random weights, axis 1 zeros; with unsigned inputs the last axis has weights of one sign."""
     limit = (1 << (weight_bits - 1)) - 1
     weight = rng.integers(-limit, limit + 1, (axes, rows, columns, terms))
     constant = rng.integers(-limit, 0, axes) << bits
@@ -38,7 +38,7 @@ def weighted_sum(axes, rows, columns, terms, bits, signed, weight_bits, rng):
 
 
 def frames_of(weighted, rng):
-    """For each axis the largest and the lowest sum; zero; a random frame after each."""
+    """For each axis frames with the largest and the lowest sum, each followed by a random one; then zeros."""
     limit = weighted.input_limit
     low = -limit if weighted.input_signed else 0
     frames = []
@@ -119,7 +119,7 @@ def test_every_shape_with_stalls(columns, lanes, terms, axes, signed):
             assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(x) - 1)
 
 
-def test_an_untaken_force_stops_everything_and_loses_nothing():
+def test_back_pressure_stalls_without_loss():
     rng = np.random.default_rng(3)
     weighted = weighted_sum(1, 2, 4, 2, 6, True, 5, rng)
     x = rng.integers(-31, 32, (12, 2, 4, 2))
@@ -132,7 +132,7 @@ def test_an_untaken_force_stops_everything_and_loses_nothing():
 
 
 class WithConstant(wiring.Component):
-    """`component` between its streams, `constant` (axes,) standing at its port."""
+    """`component` with its streams, and `constant` (axes,) at its port of that name."""
 
     def __init__(self, component, constant):
         self.component, self.constant = component, constant
@@ -150,7 +150,7 @@ class WithConstant(wiring.Component):
 
 @pytest.mark.parametrize("lanes", [1, 2])
 @pytest.mark.quick("2")
-def test_a_loadable_constant_takes_the_place_of_its_own(lanes):
+def test_loadable_constant_replaces_the_built_in_one(lanes):
     rng = np.random.default_rng(6)
     start = weighted_sum(3, 3, 4, 2, 6, True, 5, rng)
     weighted = replace(start, constant=start.constant[::-1] // 2 + np.array([1, -1, 0]))
@@ -163,7 +163,7 @@ def test_a_loadable_constant_takes_the_place_of_its_own(lanes):
     assert payloads["o"] == pack(weighted(x), weighted.width) != pack(start(x), start.width)
 
 
-def test_no_weights_leave_the_constant():
+def test_zero_weights_give_the_constant():
     weighted = WeightedSum(np.zeros((2, 4, 5, 1), int), np.array([-77, 12]), 8, False)
     assert weighted.bound == 77
     dut = WeightedSumStream(weighted, lanes=2)
@@ -174,7 +174,7 @@ def test_no_weights_leave_the_constant():
 @pytest.mark.parametrize(("k", "lanes", "signed"), [(1, 4, False), (3, 1, True), (5, 2, False), (7, 4, True)])
 @pytest.mark.quick("3-1-True", "5-2-False")
 def test_collapsed_kernels_give_the_patches_force(k, lanes, signed):
-    """Both as hardware: saturated frames, one bright pixel in every corner, random frames."""
+    """PatchForceStream and WeightedSumStream agree on saturated frames, single corners and random frames."""
     rng = np.random.default_rng(k)
     n, bits = 8, 6
     force = PatchForce(rng.integers(-8, 8, (2, n, n, k, k)), 4, bits, signed)
@@ -209,8 +209,8 @@ def test_connects_to_displacements_and_slopes(clamp):
     assert divider.o.payload.shape() == WeightedSumStream(sloped, lanes=4).i.payload.shape()
 
 
-def test_scale_of_a_real_sensor():
-    """128×128 slopes at 4 a clock, three axes: 9 clocks from the last pixel to the force, 24 products."""
+def test_latency_and_multipliers_at_full_size():
+    """128×128 slopes, 4 per clock, three axes: 9 clocks from the last slope to the force, 24 multipliers."""
     weight = np.full((3, 128, 128, 2), 1 << 16)
     dut = WeightedSumStream(WeightedSum(weight, np.zeros(3, int), 17, True), lanes=4)
     assert (dut.latency, dut.interval, dut.multipliers) == (9, 4096, 24)
@@ -219,7 +219,7 @@ def test_scale_of_a_real_sensor():
     assert WeightedSumStream(WeightedSum(weight * 4, np.zeros(3, int), 19, True), lanes=4).multipliers == 48
 
 
-def test_refusals():
+def test_invalid_arguments():
     weighted = WeightedSum(np.ones((1, 4, 4, 1), int), np.zeros(1, int), 8, False)
     with pytest.raises(ValueError, match="lanes 3: expected one of"):
         WeightedSumStream(weighted, lanes=3)

@@ -36,8 +36,8 @@ def test_capture(tmp_path, height, width, channels, lanes):
     simulate(dut, "background", "fastac.sim.benches.background", tmp_path, BENCH=str(path))
 
 
-def test_features_equal_reference(tmp_path):
-    """Without a capture, the features are those that the network is trained on."""
+def test_features_bit_exact_to_golden_model(tmp_path):
+    """Without a capture, the features equal those that the network is trained with."""
     rng = np.random.default_rng(2)
     background = rng.choice([0, 1, 254, 255], (6, 8, 4)).astype(np.uint8)
     frames = rng.choice([0, 1, 254, 255], (3, 6, 8, 4)).astype(np.uint8)
@@ -56,7 +56,7 @@ def test_features_equal_reference(tmp_path):
     )
 
 
-def test_refusals():
+def test_invalid_arguments():
     good = {
         "height": 4,
         "width": 6,

@@ -10,13 +10,13 @@ from fastac.sim.check_stream import check, pack
 
 
 def normals(ratio, rng, count):
-    """Every combination of extreme words, quotients around the limit and around halves, then anything."""
+    """All combinations of extreme words, quotients near the limit and near halves, then random normals."""
     top = (1 << (ratio.normal_width - 1)) - 1
     corners = [-top - 1, -top, -1, 0, 1, 2, top - 1, top]
     extremes = np.array(list(itertools.product(corners, repeat=3)))
 
     n_z = rng.integers(1, top + 1, count)
-    # Slopes of half-integers of their last bit, one n beside them: where rounding and saturation turn.
+    # Slopes of half an LSB, and n one more or less: where rounding and saturation change.
     q = np.where(np.arange(count) % 2, ratio.limit, rng.integers(0, ratio.limit + 1, count))
     near = ((2 * q + 1) * n_z >> (ratio.fraction + 1))[:, None] + rng.integers(-1, 2, (count, 2))
     near = np.minimum(near, top) * rng.choice([-1, 1], (count, 2))
@@ -32,7 +32,7 @@ def normals(ratio, rng, count):
     [(21, 17, 14, 2), (10, 9, 8, 4), (7, 12, 5, 1), (8, 6, 0, 1)],
 )
 @pytest.mark.quick("10-9-8-4", "8-6-0-1")
-def test_rtl_equals_reference(tmp_path, normal_width, width, fraction, lanes):
+def test_bit_exact_to_golden_model(tmp_path, normal_width, width, fraction, lanes):
     rng = np.random.default_rng(1)
     ratio = GradientRatio(normal_width, width, fraction)
     dut = GradientDivider(ratio, lanes=lanes)
@@ -64,6 +64,6 @@ def test_rtl_equals_reference(tmp_path, normal_width, width, fraction, lanes):
         (GradientRatio(6, 12, 5), 1, "width 12: expected at most 11"),
     ],
 )
-def test_refusals(ratio, lanes, message):
+def test_invalid_arguments(ratio, lanes, message):
     with pytest.raises(ValueError, match=message):
         GradientDivider(ratio, lanes=lanes)

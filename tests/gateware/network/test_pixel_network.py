@@ -14,7 +14,7 @@ WIDTH = 9
 
 
 def network(sizes, rng, bits=7, loadable=False):
-    """Layers of random weights; the requantisations use most of the activations' range and clip some."""
+    """Layers of random weights, scaled so that activations use most of their range and some are clipped."""
     layers, limit = [], np.full(sizes[0], 255)
     for k, (inputs, neurons) in enumerate(pairwise(sizes)):
         # As in a trained network, the last layer's weights have more bits.
@@ -41,7 +41,7 @@ def reference(layers, x):
 
 
 def beats(layers, lanes, rng, count=100):
-    """Feature vectors (beats, lanes, inputs): extremes in all lanes at once, in different lanes, anything."""
+    """Feature vectors (beats, lanes, inputs): extremes in all lanes, in different lanes, then random."""
     inputs = layers[0].weight.shape[1]
     signs = np.sign(layers[0].weight)
     plain = np.array([0, 255, -255])[:, None].repeat(inputs, axis=1)
@@ -76,7 +76,7 @@ def test_baked_weights(tmp_path, sizes, lanes, latency, bits):
     assert (dut.latency, dut.multipliers, dut.parameter_bits) == (latency, 0, 0)
     text = to_rtlil(dut)
     assert "cell $mul " not in text
-    # However many lanes, one text of each core.
+    # The lanes share one module of each core.
     assert text.count("\nmodule ") == 1 + len(dut.cores[0])
     compare(dut, layers, beats(layers, lanes, rng), latency, bits, tmp_path)
 
@@ -84,16 +84,15 @@ def test_baked_weights(tmp_path, sizes, lanes, latency, bits):
 @pytest.mark.parametrize(("sizes", "lanes", "latency", "bits"), SHAPES)
 @pytest.mark.quick("sizes2-1-34-7")
 def test_loadable_weights(tmp_path, with_parameters, sizes, lanes, latency, bits):
-    """Hardware built for one network gives the outputs of another that is loaded, on all lanes."""
+    """Hardware built for one network computes another one that is loaded, on all lanes."""
     rng = np.random.default_rng(2)
     built = network(sizes, rng, bits, loadable=True)
     layers = network(sizes, rng, bits, loadable=True)
     dut = NormalMlp(built, input_width=WIDTH, lanes=lanes)
     assert dut.latency == latency
-    # Each hidden layer: pairs of neurons by inputs, and a requantiser a neuron; the last: one by one.
+    # Hidden layers: one per pair of neurons and input, and one per neuron's scale. Last: one per weight.
     pairs = sum(-(-neurons // 2) * inputs + neurons for inputs, neurons in pairwise(sizes[:-1]))
     assert dut.multipliers == lanes * (pairs + 3 * sizes[-2])
-    # A product of 12 × 7 bits has room for no second one either.
     image = dut.parameter_image(layers)
     assert image != dut.parameter_image(built)
     assert image.bit_length() <= dut.parameter_bits
@@ -110,7 +109,7 @@ def test_multipliers_of_the_papers_network():
     assert NormalMlp(layers, input_width=WIDTH, lanes=4).multipliers == 4 * dut.multipliers
 
 
-def test_refusals():
+def test_invalid_arguments():
     layers = network([5, 4, 4, 3], np.random.default_rng(2))
 
     def refused(message, layers=layers, lanes=1):
@@ -132,7 +131,7 @@ def test_refusals():
     refused(r"layers\[1\].input_limit 126: expected 127", [layers[0], low, layers[2]])
 
 
-def test_refused_parameters():
+def test_parameters_that_do_not_fit():
     layers = network([5, 4, 4, 3], np.random.default_rng(2), loadable=True)
     dut = NormalMlp(layers, input_width=WIDTH, lanes=1)
 

@@ -20,7 +20,7 @@ TABLES = [
 def accumulators():
     limit = 1 << (WIDTH - 1)
     a = np.random.default_rng(1).integers(-limit, limit, (100, 4))
-    # Of every size, so that each shift leaves something.
+    # Of all magnitudes, so that every shift leaves non-zero results.
     a >>= np.arange(100)[:, None] % WIDTH
     a[0], a[1], a[2], a[3], a[4] = limit - 1, -limit, 0, -1, 1
     return a
@@ -59,7 +59,7 @@ def test_loadable_multipliers(tmp_path, with_parameters):
 
 
 def test_every_shift():
-    """Loaded one after another into the same hardware."""
+    """All shift amounts, loaded one after another into the same hardware."""
     built = Requantisation(np.array([1, 1, 1, 1]), 0, 10)
     core = RequantiseCore(built, width=WIDTH, loadable=True)
     a = [(1 << (WIDTH - 1)) - 1, 1000, 1 << (WIDTH - 2), -5]
@@ -84,7 +84,7 @@ def test_every_shift():
     assert wrong == []
 
 
-def test_refusals():
+def test_invalid_arguments():
     scale = Requantisation(np.array([1, 2]), 3)
     core = Requantise(scale, width=WIDTH, loadable=True).core
 

@@ -14,7 +14,7 @@ FRAMES = 3
 
 
 def solutions(n, width, rng):
-    """Frames of solutions, extremes first: the lowest, the highest, then anything."""
+    """Frames of solutions: all lowest, all highest, then random."""
     limit = 1 << (width - 1)
     z = rng.integers(-limit, limit, (FRAMES, n, n))
     z[0], z[1] = -limit, limit - 1
@@ -22,7 +22,7 @@ def solutions(n, width, rng):
 
 
 def beats(frames, lanes, rng=None):
-    """Frames (F, N, N) to beats (F·N·ceil(N/lanes), lanes); void lanes are random where `rng` is given."""
+    """Frames (F, N, N) to beats (F·N·ceil(N/lanes), lanes); unused lanes are 0, or random with `rng`."""
     n = frames.shape[-1]
     fill = np.zeros((*frames.shape[:-1], -n % lanes), dtype=np.int64)
     if rng is not None:
@@ -45,7 +45,7 @@ def masks(n, lanes, bits, frames=FRAMES):
     ],
 )
 @pytest.mark.quick("absolute-10-4-16-5-8-True", "difference-8-2-18-9-8-False")
-def test_displacement_equals_reference(tmp_path, mode, n, lanes, width, shift, bits, clamp):
+def test_displacement_bit_exact_to_golden_model(tmp_path, mode, n, lanes, width, shift, bits, clamp):
     rng = np.random.default_rng(1)
     rest = rng.integers(-(1 << width), 1 << width, (n, n))
     depth = Depth(mode, width, rest)
@@ -53,7 +53,7 @@ def test_displacement_equals_reference(tmp_path, mode, n, lanes, width, shift, b
     dut = Displacement(depth, quantiser, lanes=lanes)
     assert dut.o.payload.shape().elem_shape == Shape(bits, signed=not clamp)
     z = solutions(n, width, rng)
-    # One frame around the rounding and clipping thresholds, as far as the mode can reach them.
+    # One frame near the rounding and clipping thresholds, as far as the mode can reach them.
     edges = np.array([0, 1, quantiser.top, quantiser.top + 1]) << shift
     if not clamp:
         edges = np.concatenate([-edges, edges])
@@ -82,7 +82,7 @@ def test_displacement_equals_reference(tmp_path, mode, n, lanes, width, shift, b
     [("difference", 11, 4, 1 << 14, 3), ("absolute", 9, 2, 1 << 14, 1)],
 )
 @pytest.mark.quick("difference-11-4-16384-3")
-def test_depth_equals_reference(tmp_path, mode, n, lanes, skin, latency):
+def test_depth_bit_exact_to_golden_model(tmp_path, mode, n, lanes, skin, latency):
     rng = np.random.default_rng(2)
     depth = Depth(mode, 14, rng.integers(-skin, skin + 1, (n, n)))
     dut = DepthOutput(depth, lanes=lanes)
@@ -103,7 +103,7 @@ def test_depth_equals_reference(tmp_path, mode, n, lanes, skin, latency):
 @pytest.mark.parametrize(("n", "lanes", "width", "shift"), [(9, 2, 12, 5), (5, 1, 12, 0)])
 @pytest.mark.quick("9-2-12-5")
 def test_loaded_rest(tmp_path, n, lanes, width, shift):
-    """Hardware that starts with a rest of zeros computes with the largest that its format has."""
+    """Hardware built with a rest of zeros computes with the largest rest that its format can hold."""
     rng = np.random.default_rng(4)
     largest = (1 << (width - 1)) - 1
     rest = rng.integers(-largest, largest + 1, (n, n))
@@ -135,7 +135,7 @@ def test_only_a_loadable_rest_can_be_written():
         assert ("rest" in dut.signature.members) == (mode == "absolute" and loadable)
 
 
-def test_only_a_mode_that_adds_rest_has_its_table():
+def test_rest_rom_exists_only_in_modes_that_add_it():
     flat, curved = np.zeros((8, 8), dtype=int), np.ones((8, 8), dtype=int)
     assert DepthOutput(Depth("difference", 9, curved), lanes=1).has_rom
     assert not DepthOutput(Depth("difference", 9, flat), lanes=1).has_rom
@@ -150,7 +150,7 @@ def test_only_a_mode_that_adds_rest_has_its_table():
 @pytest.mark.parametrize("shift", [0, 3])
 @pytest.mark.quick("0-1", "3-4")
 def test_every_signed_displacement(lanes, shift):
-    """Each solution of a small format once, with the beats in which some displacement saturates."""
+    """Every solution of a small format, and `saturated` in every beat in which a displacement saturates."""
     n, width, bits = 16, 8, 4
     depth = Depth("difference", width, np.zeros((n, n), dtype=int))
     quantiser = DisplacementQuantiser(depth.width, shift, bits, clamp=False)
@@ -185,7 +185,7 @@ def test_words_of_a_table():
     assert RasterRom(words, 4).words == pack(words, 4)
 
 
-def test_refusals():
+def test_invalid_arguments():
     depth = Depth("absolute", 10, np.ones((8, 8), dtype=int))
     quantiser = DisplacementQuantiser(depth.width, 2, 8)
     with pytest.raises(ValueError, match="lanes 3: expected one of"):

@@ -13,7 +13,7 @@ from fastac.sim.check_stream import check, pack
 
 
 def stages(size: int, *, gradient_width: int = 10, divergence: str = "central") -> tuple:
-    """The solver's arithmetic for `size` inner pixels a side, each width from the bound before it."""
+    """The solver's integer stages for size × size inner pixels, widths from bounds."""
     offset = np.random.default_rng(3).integers(-700, 700, (size, size))
     source = PoissonSource(divergence, gradient_width, offset)
     k = np.arange(1, size + 1)
@@ -45,7 +45,7 @@ def stages(size: int, *, gradient_width: int = 10, divergence: str = "central") 
 
 
 def solve(chain: tuple, slopes: np.ndarray) -> np.ndarray:
-    """Slopes (..., H, W, 2) to solutions (..., N, N), by the integer reference."""
+    """Slopes (..., H, W, 2) to solutions (..., N, N), by the golden model."""
     source, row_forward, column_forward, division, column_inverse, row_inverse = chain
     columns = np.swapaxes(row_forward(source(slopes)), -1, -2)
     columns = column_inverse(division(column_forward(columns)))
@@ -53,7 +53,7 @@ def solve(chain: tuple, slopes: np.ndarray) -> np.ndarray:
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
-    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    """Rows (rows, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     short = -rows.shape[1] % lanes
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
@@ -62,10 +62,10 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
     ("size", "lanes", "divergence"), [(13, 1, "central"), (14, 2, "backward"), (14, 4, "central")]
 )
 @pytest.mark.quick("14-2-backward")
-def test_rtl_equals_reference(tmp_path, size, lanes, divergence):
+def test_bit_exact_to_golden_model(tmp_path, size, lanes, divergence):
     chain, frames = stages(size, divergence=divergence), 5
     dut = PoissonSolver(*chain, height=size + 2, width=size + 2, lanes=lanes)
-    # The extremes first: nothing, both limits, then the signs that make the deepest solution.
+    # Extremes first: zeros, the upper limit, and the signs that give the deepest solution.
     slopes = np.random.default_rng(1).integers(-511, 512, (frames, size + 2, size + 2, 2))
     slopes[0], slopes[1], slopes[2] = 0, 511, 511 * np.sign(np.arange(size + 2) - size / 2)[:, None, None]
     solution = solve(chain, slopes).reshape(-1, size)
@@ -81,7 +81,7 @@ def test_rtl_equals_reference(tmp_path, size, lanes, divergence):
         latencies=[
             (0, 0, dut.latency),
             (0, frame_out - 1, dut.frame_latency),
-            # Frames overlap: slopes are never held up, and a solution leaves every `interval` clocks.
+            # Frames overlap: no input beat waits, and a solution leaves every `interval` clocks.
             (0, frames * frame_out - 1, dut.frame_latency + (frames - 1) * dut.interval),
             ((frames - 1) * frame_in, frames * frame_out - 1, dut.frame_latency),
         ],
@@ -132,7 +132,7 @@ def test_cost_of_the_paper_s_frame(lanes, frame_latency, interval, multipliers):
     assert (dut.frame_latency, dut.interval, dut.multipliers) == (frame_latency, interval, multipliers)
 
 
-def test_refusals():
+def test_invalid_arguments():
     chain = stages(14)
     with pytest.raises(ValueError, match="height 20: expected width = 16"):
         PoissonSolver(*chain, height=20, width=16, lanes=1)

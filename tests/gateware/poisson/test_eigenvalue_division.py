@@ -18,7 +18,7 @@ def eigenvalue_division(size: int, *, input_width: int, rounding: str = "nearest
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
-    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    """Rows (rows, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     short = -rows.shape[1] % lanes
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
@@ -29,7 +29,7 @@ def compare(folder, division, lanes: int):
     limit = 1 << (width - 1)
     x = np.random.default_rng(1).integers(-limit, limit, (6, size, size))
     x[0], x[1], x[2] = 0, -limit, limit - 1
-    # Small ones, whose quotients lie near the halves.
+    # Small values, whose quotients are near the rounding thresholds.
     x[3] = np.random.default_rng(2).integers(-9, 10, (size, size))
     quotients = division(x).reshape(-1, size)
     check(
@@ -48,18 +48,18 @@ def compare(folder, division, lanes: int):
     [(14, 1, 27, "nearest"), (15, 2, 18, "nearest"), (15, 2, 18, "floor")],
 )
 @pytest.mark.quick("14-1-27-nearest", "15-2-18-floor")
-def test_rtl_equals_reference(tmp_path, size, lanes, input_width, rounding):
+def test_bit_exact_to_golden_model(tmp_path, size, lanes, input_width, rounding):
     division = eigenvalue_division(size, input_width=input_width, rounding=rounding)
     assert division.shift.min() < division.shift.max()
     compare(tmp_path, division, lanes)
 
 
-def test_one_shift_needs_no_barrel(tmp_path):
+def test_single_shift_needs_no_barrel_shifter(tmp_path):
     division = EigenvalueDivision(np.full((6, 6), (1 << 16) + 1), np.full((6, 6), 1), 8, 24)
     assert EigenvalueDivider(division, lanes=4).latency == 5
     compare(tmp_path, division, 4)
 
 
-def test_refusals():
+def test_invalid_arguments():
     with pytest.raises(ValueError, match="lanes 8: expected 1, 2 or 4"):
         EigenvalueDivider(eigenvalue_division(5, input_width=9), lanes=8)

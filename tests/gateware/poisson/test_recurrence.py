@@ -12,14 +12,14 @@ FRAMES = 4
 
 
 def by_beats(frames, lanes: int, void: int) -> np.ndarray:
-    """Frames (..., N, N) to (beats, lanes), with `void` behind the last value of each row."""
+    """Frames (..., N, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     rows = frames.reshape(-1, frames.shape[-1])
     short = -rows.shape[1] % lanes
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
 
 def table(size: int) -> np.ndarray:
-    """Coefficients that are all different, and constant from a row on that each mode has for itself."""
+    """Coefficients (rows, modes) that all differ, except that each mode is constant from some row on."""
     rng = np.random.default_rng(size)
     c = thomas_coefficients(size, 17) - rng.integers(0, 20000, (size, size))
     last = rng.permutation(size)
@@ -38,7 +38,7 @@ def table(size: int) -> np.ndarray:
     ],
 )
 @pytest.mark.quick("elimination-18-4-nearest", "substitution-14-2-floor")
-def test_recurrence_equals_reference(tmp_path, kind, size, lanes, rounding):
+def test_recurrence_bit_exact_to_golden_model(tmp_path, kind, size, lanes, rounding):
     inputs = np.random.default_rng(1).integers(-(2**13), 2**13, (FRAMES, size, size))
     inputs[0], inputs[1] = -(2**13), 2**13 - 1
     if kind == "elimination":
@@ -61,7 +61,7 @@ def test_recurrence_equals_reference(tmp_path, kind, size, lanes, rounding):
 
 
 @pytest.mark.parametrize("kind", ["elimination", "substitution"])
-def test_tables_hold_each_coefficient_once_where_it_stays_the_same(kind):
+def test_tables_store_converged_coefficients_once(kind):
     c = thomas_coefficients(126, 17)
     recurrence = Elimination(c, 17, 26, 26) if kind == "elimination" else Substitution(c, 17, 26, 26, 5)
     places, words = RowRecurrence(recurrence, lanes=4).tables()
@@ -85,13 +85,13 @@ def test_reversal(tmp_path, size, lanes):
         inputs=pack(by_beats(frames, lanes, 0x155), 11),
         expected=pack(by_beats(frames[:, ::-1], lanes, 0), 11),
         mask=pack(by_beats(np.full_like(frames, -1), lanes, 0), 11),
-        # The page never holds up a writer that comes at full rate.
+        # A writer at full rate never waits for the page.
         latencies=[(f * frame + frame - row, f * frame, dut.latency) for f in range(FRAMES)]
         + [(0, FRAMES * frame - 1, (FRAMES + 1) * frame - row - 1 + dut.latency)],
     )
 
 
-def test_refusals():
+def test_invalid_arguments():
     c = thomas_coefficients(8, 17)
     with pytest.raises(ValueError, match="lanes 3: expected 1, 2 or 4"):
         RowRecurrence(Elimination(c, 17, 10, 10), lanes=3)

@@ -10,7 +10,7 @@ from fastac.sim.preloaded import PreloadedTable
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
-    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    """Rows (rows, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     short = -rows.shape[1] % lanes
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
@@ -26,13 +26,13 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
     ],
 )
 @pytest.mark.quick("central-2-9-14", "backward-4-5-8")
-def test_rtl_equals_reference(tmp_path, divergence, lanes, height, width):
+def test_bit_exact_to_golden_model(tmp_path, divergence, lanes, height, width):
     bits, frames = 10, 6
     rng = np.random.default_rng(1)
     offset = rng.integers(-700, 700, (height - 2, width - 2))
     source = PoissonSource(divergence, bits, offset)
     dut = PoissonSourceStream(source, height=height, width=width, lanes=lanes)
-    # The extremes first: nothing, and the signs of p and of q that reach the bound of the divergence.
+    # Extremes first: zeros, and the signs of p and q that reach the bound of the divergence.
     slopes = rng.integers(-511, 512, (frames, height, width, 2))
     slopes[0] = 0
     period = 2 if source.divergence == "central" else 1
@@ -42,7 +42,7 @@ def test_rtl_equals_reference(tmp_path, divergence, lanes, height, width):
     assert np.abs(divergence_of(slopes, divergence)).max() == 4 * 511
     sources = source(slopes).reshape(-1, width - 2)
 
-    # A beat out is complete with the beat in of its last right neighbour, or with its row's last.
+    # An output beat needs the input beat of its rightmost neighbour, or the last one of that row.
     row, beat = np.divmod(np.arange(frames * (height - 2) * dut.beats), dut.beats)
     frame, row = np.divmod(row, height - 2)
     ahead = dut.delay(0, 0) - dut.latency - dut.rows_ahead * (width // lanes)
@@ -66,7 +66,7 @@ def test_rtl_equals_reference(tmp_path, divergence, lanes, height, width):
 @pytest.mark.parametrize(("divergence", "lanes", "width"), [("central", 1, 9), ("backward", 4, 12)])
 @pytest.mark.quick("central-1-9")
 def test_loaded_offsets(tmp_path, divergence, lanes, width):
-    """Hardware that starts with small offsets computes with the widest of its format."""
+    """Hardware built with small offsets computes with the largest offsets that its format can hold."""
     bits, frames, height = 10, 3, 6
     rng = np.random.default_rng(2)
     start = PoissonSource(divergence, bits, rng.integers(4, 9, (height - 2, width - 2)))
@@ -96,7 +96,7 @@ def test_only_loadable_offsets_can_be_written():
         assert dut.table == (42, 2, source.width if loadable else 1)
 
 
-def test_refusals():
+def test_invalid_arguments():
     source = PoissonSource("central", 10, np.zeros((7, 12), dtype=int))
     with pytest.raises(ValueError, match="lanes 3: expected 1, 2 or 4"):
         PoissonSourceStream(source, height=9, width=14, lanes=3)

@@ -7,7 +7,7 @@ from fastac.sim.check_stream import check, pack
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
-    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    """Rows (rows, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     short = -rows.shape[1] % lanes
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
@@ -31,13 +31,13 @@ def test_columns_leave_in_order(tmp_path, size, lanes):
         mask=pack(by_beats(np.full_like(columns, -1), lanes, 0), width),
         latencies=[
             *((f * beats + beats - 1, f * beats, dut.latency) for f in range(frames)),
-            # A beat every clock on both sides: writing a frame and reading the one before it overlap.
+            # One beat per clock on both sides: writing a frame overlaps reading the previous one.
             (0, frames * beats - 1, (frames + 1) * beats - 2 + dut.latency),
         ],
     )
 
 
-def test_refusals():
+def test_invalid_arguments():
     with pytest.raises(ValueError, match="lanes 3: expected 1, 2 or 4"):
         Transposer(14, 9, lanes=3)
     with pytest.raises(ValueError, match="size 2: expected more than lanes = 2"):

@@ -13,7 +13,6 @@ from fastac.models.integer.tridiagonal import (
     Substitution,
     TridiagonalSolver,
     thomas_coefficients,
-    tridiagonal_solver,
 )
 from fastac.models.integer.words import Fixed
 from fastac.sim.check_stream import check, pack
@@ -23,10 +22,10 @@ LIMIT = 2 ** (GRADIENT_WIDTH - 1) - 1
 
 
 def make(size: int, divergence: str = "central", **numbers) -> tuple[PoissonSource, TridiagonalSolver]:
-    """The solver for `size` inner pixels a side, slopes of 7 fractional bits, each word from its bound."""
+    """The solver's stages for size × size inner pixels, slopes of 7 fractional bits, widths from bounds."""
     offset = np.random.default_rng(3).integers(-700, 700, (size, size))
     source = PoissonSource(divergence, GRADIENT_WIDTH, offset)
-    chosen = tridiagonal_solver(
+    chosen = TridiagonalSolver.fitted(
         offset=offset,
         source=Fixed(source.width, 7 + (divergence == "central")),
         slope_limit=LIMIT / 128,
@@ -51,7 +50,7 @@ def component(source: PoissonSource, chosen: TridiagonalSolver, lanes: int) -> T
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
-    """Rows (rows, N) to (beats, lanes), with `void` behind the last value of each row."""
+    """Rows (rows, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     short = -rows.shape[1] % lanes
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
@@ -66,10 +65,10 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
     ],
 )
 @pytest.mark.quick("14-2-backward-numbers1", "13-1-central-numbers3")
-def test_rtl_equals_reference(tmp_path, size, lanes, divergence, numbers):
+def test_bit_exact_to_golden_model(tmp_path, size, lanes, divergence, numbers):
     source, chosen = make(size, divergence, **numbers)
     dut, frames = component(source, chosen, lanes), 5
-    # The extremes first: nothing, both limits, then the signs that make the deepest solution.
+    # Extremes first: zeros, the upper limit, and the signs that give the deepest solution.
     slopes = np.random.default_rng(1).integers(-LIMIT, LIMIT + 1, (frames, size + 2, size + 2, 2))
     slopes[0], slopes[1], slopes[2] = 0, LIMIT, LIMIT * np.sign(np.arange(size + 2) - size / 2)[:, None, None]
     solution = chosen(source(slopes))[:, ::-1].reshape(-1, size)
@@ -85,7 +84,7 @@ def test_rtl_equals_reference(tmp_path, size, lanes, divergence, numbers):
         latencies=[
             (0, 0, dut.latency),
             (0, frame_out - 1, dut.frame_latency),
-            # Frames overlap: slopes are never held up, and a solution leaves every `interval` clocks.
+            # Frames overlap: no input beat waits, and a solution leaves every `interval` clocks.
             (0, frames * frame_out - 1, dut.frame_latency + (frames - 1) * dut.interval),
             ((frames - 1) * frame_in, frames * frame_out - 1, dut.frame_latency),
         ],
@@ -151,7 +150,7 @@ def test_cost_of_the_paper_s_frame(lanes, frame_latency, interval, multipliers):
     assert dut.frame_latency == source + (11 + row) + 6 + (3 + 125 * dut.beats) + (6 + 1) + (11 + row)
 
 
-def test_refusals():
+def test_invalid_arguments():
     source, chosen = make(14)
     parts = (source, chosen.row_forward, chosen.elimination, chosen.substitution, chosen.row_inverse)
     with pytest.raises(ValueError, match="height 20: expected width = 16"):

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Several outputs: Amaranth's own simulator instead of the one-output bench."""
+"""Fork under Amaranth's own simulator, since sim.check_stream has one output only."""
 
 import random
 
@@ -13,7 +13,7 @@ BEATS = 200
 
 
 def run(ways, stall, input_stall):
-    """Send 0 … BEATS − 1; returns what each output took and the clocks until the last took the last."""
+    """Send BEATS beats; returns the payloads sent, those of each output, and [clocks until the last beat]."""
     dut = Fork(unsigned(8), ways)
     sent = [k % 256 for k in range(BEATS)]
     taken = [[] for _ in range(ways)]
@@ -31,7 +31,7 @@ def run(ways, stall, input_stall):
 
     async def sinks(ctx):
         rng = random.Random(2)
-        offered = [None] * ways  # beats offered and not taken: they must stay
+        offered = [None] * ways  # beats that are valid but not accepted: they must stay valid
         for clock in range(100 * BEATS):
             for o, probability in zip(dut.o, stall, strict=True):
                 ctx.set(o.ready, rng.random() >= probability)
@@ -85,6 +85,6 @@ def test_valid_of_an_output_ignores_ready_of_all():
     simulator.run()
 
 
-def test_refusal():
+def test_invalid_arguments():
     with pytest.raises(ValueError, match="ways 0: expected at least 1"):
         Fork(unsigned(8), 0)

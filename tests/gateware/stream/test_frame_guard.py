@@ -9,9 +9,9 @@ from fastac.sim.runner import simulate
 
 
 def reference(beats, height, line_beats, lanes, pixel_bits):
-    """What FrameGuard makes of beats (word, last, start, enable), written as a loop over beats.
+    """Golden model of FrameGuard for beats (tdata, tlast, tuser, enable), a plain loop.
 
-    Returns the words sent, `bad` of each frame, and how often each flag rises.
+    Returns the output words, `frame_bad` of each frame, and the number of pulses of each flag.
     """
     total = height * line_beats
     frame, bad, sent, verdicts = None, 0, [], []
@@ -60,12 +60,12 @@ def reference(beats, height, line_beats, lanes, pixel_bits):
             bad, surplus = 1, True
         if len(frame) == total:
             close()
-    # Whatever the last frame has sent so far.
+    # The beats of an unfinished last frame have left too.
     return sent + (frame or []), verdicts, flags
 
 
 class Camera:
-    """Makes beats; every pixel is random, so that a displaced or repeated one is seen."""
+    """Generates beats of random pixels, so that every displaced or repeated pixel is detected."""
 
     def __init__(self, guard, seed):
         self.guard, self.rng = guard, random.Random(seed)
@@ -83,7 +83,7 @@ class Camera:
         return [beat for k in range(lines) for beat in self.line(start=k == 0, enable=enable)]
 
     def garbage(self, beats):
-        """Any beats, mostly plausible ones."""
+        """Random beats with random `tlast` and `tuser`."""
         odds = self.rng.choice([(0.3, 0.05), (0.05, 0.02), (0.5, 0.5)])
         return [
             (
@@ -96,7 +96,7 @@ class Camera:
         ]
 
     def faulty_frame(self):
-        """A frame with a few errors in random places."""
+        """A frame with a few faults in random places."""
         whole, rng = self.guard.line_beats, self.rng
         beats = []
         for k in range(self.guard.height + rng.choice([0, 0, 0, -1, 1])):
@@ -126,7 +126,7 @@ def sequences(guard):
             "line_short, the first beat": line(1, start=1) + [b for _ in range(height - 1) for b in line()],
             "frame_short inside a line": frame(1) + line(whole - 1, last=0),
         }
-    # Each error after a good frame (but no_start, first of all) and before two that must be clean.
+    # Each fault follows a good frame (except no_start) and precedes two frames that must be good.
     cases = {
         name: ([] if name == "no_start" else frame()) + beats + frame() + frame()
         for name, beats in alone.items()
@@ -146,7 +146,7 @@ def sequences(guard):
 
 @pytest.mark.parametrize(("height", "width", "channels", "lanes"), [(3, 8, 3, 2), (2, 4, 1, 4)])
 @pytest.mark.quick("3-8-3-2")
-def test_rtl_equals_reference(tmp_path, height, width, channels, lanes):
+def test_bit_exact_to_golden_model(tmp_path, height, width, channels, lanes):
     guard = FrameGuard(height, width, channels, lanes=lanes)
     settings = []
     for name, beats in sequences(guard).items():
@@ -154,7 +154,7 @@ def test_rtl_equals_reference(tmp_path, height, width, channels, lanes):
         kind = name.split(",")[0].split(" ")[0]
         if kind in FRAME_FAULTS:
             assert flags[kind] == 1, name
-        # The last frames are bit-clean, whatever came before.
+        # The last frame is unchanged, whatever came before.
         good = [word for word, *_ in beats[-guard.beats :]]
         assert sent[-guard.beats :] == good, name
         assert bad[-1] == 0, name
@@ -190,7 +190,7 @@ def test_rtl_equals_reference(tmp_path, height, width, channels, lanes):
         ((4, 8, 3, 0), "lanes 0: expected at least 1"),
     ],
 )
-def test_refuses(arguments, message):
+def test_invalid_arguments(arguments, message):
     *shape, lanes = arguments
     with pytest.raises(ValueError, match=message):
         FrameGuard(*shape, lanes=lanes)

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Frames' flags of random frames whose measures lie on, within and beyond their limits."""
+"""Flags of random frames whose measures are equal to, inside and outside their limits."""
 
 import json
 from dataclasses import replace
@@ -18,7 +18,7 @@ FRAMES = 6
 
 
 def stimulus(rng, channels: int, slopes: bool, displacements: bool):
-    """Frames of every strength, their background, and which slopes and displacements saturated."""
+    """Frames with small to large changes, their background, and which slopes and displacements saturate."""
     background = rng.integers(60, 200, (SIZE, SIZE, channels)).astype(np.uint8)
     spans = np.array([3, 255, 20, 40, 255, 8])[:, None, None, None]
     changed = background + rng.integers(-spans, spans + 1, (FRAMES, *background.shape))
@@ -33,7 +33,7 @@ def stimulus(rng, channels: int, slopes: bool, displacements: bool):
 
 
 def words(frames, background, over, lanes: int) -> dict[str, list[int]]:
-    """Every stream's words, lane 0 lowest; lanes beyond a row's end are 0."""
+    """The input words of every stage, lane 0 in the LSBs; unused lanes at a row's end are 0."""
     channels = background.shape[-1]
     features = integer_features(frames, background).astype(int)
     found = {
@@ -60,7 +60,7 @@ def test_flags(tmp_path, lanes, channels, slopes, displacements):
     measures = np.array([known.of_pixels(frame, background) for frame in frames])
     for saturated in over.values():
         measures = np.column_stack([measures, saturated.reshape(FRAMES, -1).sum(axis=1)])
-    # Each measure's limits are those of a frame: on them is within, and one beyond is not.
+    # Each limit is the measure of some frame, or one beside it: a measure equal to its limit is inside.
     ordered = np.sort(measures, axis=0)
     columns = np.arange(measures.shape[1])
     low, high = ordered[rng.integers(0, 3, len(columns)), columns], ordered[3 + columns % 2, columns]
@@ -83,8 +83,8 @@ def test_flags(tmp_path, lanes, channels, slopes, displacements):
     )
 
 
-def test_limits_image_is_what_the_hardware_has():
-    """A loadable component has no limits of its own; the image holds low, where there is one, and high."""
+def test_limits_image_layout():
+    """Of each measure the image holds `low`, if it has one, then `high`, as signed words."""
     known = model.FrameValidity.unlimited((SIZE, SIZE, 3), slopes=True, displacements=False)
     component = FrameValidity(known, lanes=1, loadable=True)
     assert len(component.limits) == component.limits_bits

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Behind a pipeline of a test's own: Amaranth's own simulator, which can look at `room`."""
+"""CreditQueue after a test pipeline, under Amaranth's own simulator."""
 
 import random
 from itertools import pairwise
@@ -16,7 +16,7 @@ BEATS = 300
 
 
 class Pipeline(wiring.Component):
-    """Counts up in beats that pass `registers` registers, a beat a clock while there is room."""
+    """A counter whose values pass `registers` registers into a CreditQueue of `depth`."""
 
     def __init__(self, registers: int, depth: int):
         self.registers = registers
@@ -42,7 +42,10 @@ class Pipeline(wiring.Component):
 
 
 def run(registers, depth, rest, stall):
-    """What was taken in each clock (None if nothing), and the clocks in which beats set off."""
+    """Returns the payload accepted in each clock (None: none), and the clocks in which beats entered.
+
+    rest, stall : functions of the clock: probability that no beat enters, and that `o` is not ready
+    """
     dut = Pipeline(registers, depth)
     taken, launches = [], []
 
@@ -87,11 +90,11 @@ def test_every_beat_leaves_once_and_in_order(registers, depth, rest, stall):
 
 @pytest.mark.parametrize("registers", [1, 7, 10, 11])
 @pytest.mark.quick("7", "11")
-def test_the_stated_depth_keeps_a_beat_a_clock_also_after_a_stall(registers):
+def test_depth_of_sustains_one_beat_per_clock_after_a_stall(registers):
     depth = CreditQueue.depth_of(registers)
     stalled = range(20, 90)
     taken, launches = run(registers, depth, lambda _: 0, lambda clock: clock in stalled)
-    # Those under way and the queue fill; from the stall's end on a beat leaves in every clock.
+    # Pipeline and queue fill up during the stall; from its end on a beat leaves in every clock.
     assert launches[:20] == list(range(20))
     assert len([clock for clock in launches if clock in stalled]) == depth - registers
     assert None not in taken[stalled.stop :]
@@ -103,6 +106,6 @@ def test_depth_of_a_pipeline(registers, depth):
     assert CreditQueue.depth_of(registers) == depth
 
 
-def test_refusal():
+def test_invalid_arguments():
     with pytest.raises(ValueError, match="depth 0: expected at least 1"):
         CreditQueue(unsigned(4), depth=0)

@@ -10,8 +10,8 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.target.elaboration import shared_instances, to_rtlil, to_verilog
 
 
-class Watcher(wiring.Component):
-    """A counter that notes whether the cyclic collector runs while it is elaborated."""
+class GcProbe(wiring.Component):
+    """A counter that records whether the cyclic garbage collector is enabled during its elaboration."""
 
     count: Out(4)
 
@@ -39,8 +39,8 @@ def enabled(request):
 @pytest.mark.parametrize(
     ("convert", "head"), [(to_verilog, "module counter("), (to_rtlil, "module \\counter")]
 )
-def test_collector_rests_only_while_the_design_is_elaborated(convert, head, enabled):
-    design, platform = Watcher(), object()
+def test_garbage_collector_is_paused_only_during_elaboration(convert, head, enabled):
+    design, platform = GcProbe(), object()
     text = convert(design, name="counter", platform=platform)
     assert head in text
     assert "count" in text
@@ -51,14 +51,14 @@ def test_collector_rests_only_while_the_design_is_elaborated(convert, head, enab
 
 
 @pytest.mark.parametrize("convert", [to_verilog, to_rtlil])
-def test_collector_is_back_after_a_faulty_design(convert, enabled):
+def test_garbage_collector_is_restored_after_an_error(convert, enabled):
     with pytest.raises(ArithmeticError, match="no such width"):
-        convert(Watcher(ArithmeticError("no such width")))
+        convert(GcProbe(ArithmeticError("no such width")))
     assert gc.isenabled() == enabled
 
 
 class Delay(wiring.Component):
-    """Its input a clock later, through a register with a reset if `resets`, and through a part of its own."""
+    """Input delayed by two clocks: one register, with a reset if `resets`, and two shared Inverters."""
 
     def __init__(self, *, resets: bool = False, name: str = "inner"):
         super().__init__({"i": In(data.ArrayLayout(4, 2)), "o": Out(data.ArrayLayout(4, 2))})
@@ -76,7 +76,7 @@ class Delay(wiring.Component):
 
 
 class Inverter(wiring.Component):
-    """Its input inverted, a clock later."""
+    """Inverted input, one clock later."""
 
     i: In(4)
     o: Out(4)
@@ -107,7 +107,7 @@ class Delays(wiring.Component):
         return m
 
 
-def test_components_that_are_alike_share_a_module():
+def test_identical_components_share_a_module():
     text = to_rtlil(Delays(3), name="design")
     assert re.findall(r"^module (\S+)$", text, re.MULTILINE) == [
         "\\design",
@@ -124,12 +124,12 @@ def test_components_that_are_alike_share_a_module():
     assert verilog.count("\nmodule ") == 3
 
 
-def test_a_component_alone_is_not_shared():
+def test_single_component_is_not_shared():
     assert "shared.delay" not in to_rtlil(Delays(1), name="design")
 
 
-def test_nothing_is_shared_outside_of_a_text():
-    """Amaranth's simulator has no module for an instance."""
+def test_no_sharing_outside_a_conversion():
+    """In Amaranth's simulator an instance would have no module."""
     delays = [Delay(), Delay()]
     assert shared_instances(delays, "delay") == delays
     to_rtlil(Delays(2))
@@ -144,6 +144,6 @@ def test_a_shared_register_with_a_reset_is_refused(convert):
     assert convert(Delays(1, resets=True)).count("rst") > convert(Delays(1)).count("rst")
 
 
-def test_a_name_is_of_one_module():
+def test_shared_module_names_are_unique():
     with pytest.raises(ValueError, match="shared module delay: expected a name that is not taken yet"):
         to_rtlil(Delays(2, name="delay"))

@@ -25,7 +25,7 @@ def test_vivado_project(tmp_path, given):
     assert "create_clock -name clk -period 4.000 [get_ports clk]" in texts["fastac.xdc"].splitlines()
     assert "LOC" not in texts["fastac.xdc"]
     assert "-source build.tcl" in texts["build_fastac.sh"]
-    # The ports are the component's, the clock and the reset; no pin buffer is put in.
+    # The ports are the component's, clock and reset; there are no I/O buffers.
     assert "module fastac(" in texts["fastac.v"]
     for port in ("input clk", "input rst", "input result_valid", "output [31:0] first_to_force"):
         assert port in texts["fastac.v"]
@@ -43,7 +43,7 @@ def test_further_constraints_go_to_the_xdc():
 
 
 @pytest.mark.parametrize("clock_mhz", [0, -1, 776])
-def test_refuses_clock(clock_mhz):
+def test_invalid_clock(clock_mhz):
     with pytest.raises(ValueError, match=f"clock_mhz {clock_mhz}: expected more than 0, at most 775"):
         XCZU19EGPlatform(clock_mhz)
 
@@ -55,13 +55,13 @@ def test_refuses_clock(clock_mhz):
         ("module fastac(aclk);", "name 'fastac': expected this module to have a port clk"),
     ],
 )
-def test_refuses_verilog(tmp_path, text, message):
+def test_invalid_verilog(tmp_path, text, message):
     with pytest.raises(ValueError, match=message):
         write_vivado_project(text, tmp_path, 250, name="fastac")
     assert not list(tmp_path.iterdir())
 
 
-def test_refuses_multipliers_that_the_device_cannot_hold():
+def test_too_many_multipliers():
     check_multipliers({"normals": 352, "depth": 1616})
     with pytest.raises(DeviceError) as error:
         check_multipliers({"normals": 352, "depth": 1617})
@@ -71,7 +71,7 @@ def test_refuses_multipliers_that_the_device_cannot_hold():
     )
 
 
-def test_refuses_memories_that_the_device_cannot_hold():
+def test_too_many_block_rams():
     check_block_rams({"background": 12.5, "force": 971.5})
     with pytest.raises(DeviceError) as error:
         check_block_rams({"background": 12.5, "force": 1012})

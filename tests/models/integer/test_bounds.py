@@ -7,7 +7,7 @@ import pytest
 
 from fastac.models.floating.poisson import solve, source_of
 from fastac.models.integer.bounds import coefficients
-from fastac.models.integer.dst2d import Solver, reciprocals, solver
+from fastac.models.integer.dst2d import Solver, reciprocals
 from fastac.models.integer.laplacian import boundary_term, sine_matrix
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed, to_words
@@ -49,7 +49,7 @@ def make(
         rest = rng.integers(-LIMIT // 8, LIMIT // 8, (n + 2, n + 2, 2))
         offset = PoissonSource(divergence, 13, np.zeros((n, n), int))(rest)
     source = PoissonSource(divergence, 13, offset)
-    chosen = solver(
+    chosen = Solver.fitted(
         offset=offset,
         source=Fixed(source.width, fraction),
         slope_limit=LIMIT / 2**SLOPE_FRACTION,

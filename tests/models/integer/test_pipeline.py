@@ -5,6 +5,7 @@ import pytest
 
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import assemble, quantise
+from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.laplacian import divergence_of
 from fastac.models.loops.frames import CHUNK
 from fastac.models.result import Result, concatenate
@@ -194,7 +195,7 @@ def test_only_what_the_scene_wants_is_there(build, tiny_data, monkeypatch, outpu
         def refuse(*_, **__):
             raise AssertionError("the scene wants no depth")
 
-        monkeypatch.setitem(assemble.CHOOSERS, "dst2d", refuse)
+        monkeypatch.setattr(Solver, "fitted", refuse)
         monkeypatch.setattr(assemble, "PoissonSource", refuse)
     pipeline = build(outputs=outputs)
     assert {stage for stage in STAGES if getattr(pipeline, stage) is not None} == set(stages)

@@ -15,7 +15,6 @@ from fastac.models.integer.tridiagonal import (
     TridiagonalSolver,
     row_operators,
     thomas_coefficients,
-    tridiagonal_solver,
 )
 from fastac.models.integer.words import Fixed, to_words
 
@@ -55,7 +54,7 @@ def make(
         rest = np.random.default_rng(n).integers(-LIMIT // 8, LIMIT // 8, (n + 2, n + 2, 2))
         offset = PoissonSource(divergence, 13, np.zeros((n, n), int))(rest)
     source = PoissonSource(divergence, 13, offset)
-    chosen = tridiagonal_solver(
+    chosen = TridiagonalSolver.fitted(
         offset=offset,
         source=Fixed(source.width, fraction),
         slope_limit=LIMIT / 2**SLOPE_FRACTION,

@@ -96,7 +96,7 @@ def test_background_frames_may_lack_a_row(place):
 
 
 def test_videos_are_folders_of_frames(place):
-    from tests.sensor.test_footage import film
+    from tests.sensor.importers.test_footage import film
 
     expected, images = imported(place), photographs(place).astype(np.uint8)
     film(place / "v.mkv", images)
@@ -166,7 +166,7 @@ class TestBackgroundPerGroup:
         ("", r"f\.csv: frame: missing column"),
         (HEADER, r"f\.csv: frame: expected at least one row"),
         (rows(header="frame,force_z_n\n"), r"f\.csv: group: missing column"),
-        (rows(header="frame,force_n,group\n"), "'force_n': unknown column; expected frame, group, force_z_n"),
+        (rows(header="frame,force_n,group\n"), r"'force_n': unknown column; did you mean force_z_n\?"),
         (rows(header="frame,force_x_n,group\n"), r"f\.csv: force_z_n: missing column"),
         (rows(header="frame,frame,group\n"), r"f\.csv: frame: column named twice"),
         (

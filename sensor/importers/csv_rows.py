@@ -1,0 +1,105 @@
+"""Rows of CSV files, checked against a dataclass whose fields name the columns and type their values.
+
+Every error is one line that names the file, the line, the column, the value, and what was expected.
+"""
+
+import csv
+import math
+from collections.abc import Iterable
+from dataclasses import MISSING, fields
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Literal, TypeVar
+
+from pydantic import TypeAdapter, ValidationError
+
+from fastac.sensor.importers.footage import ImportFailure
+
+Row = TypeVar("Row")
+Split = Literal["train", "validation", "test"]
+"""The type of a column `split`: a name of a split of the dataset."""
+
+
+def where(path: Path, line: int) -> str:
+    """How errors name a line of a file."""
+    return f"{path}, line {line}"
+
+
+def read_rows(
+    path: Path, kind: type[Row], *, needed: Iterable[str] = (), others_allowed: bool = False
+) -> list[tuple[Row, int]]:
+    """The rows of a file as instances of the dataclass `kind`, each with its line number, at least one.
+
+    Values are stripped of spaces around them; floats must be finite. A column may be absent where its field
+    has a default and it is not `needed`. Other columns are ignored where `others_allowed`, else refused.
+
+    Raises ImportFailure for files, columns and values that are missing, unknown or of another type.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            header = [name.strip() for name in reader.fieldnames or ()]
+            reader.fieldnames = header
+            _check_header(path, kind, header, set(needed), others_allowed)
+            lines = [(values, reader.line_num) for values in reader]
+    except FileNotFoundError:
+        raise ImportFailure(f"{path}: no such file") from None
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ImportFailure(f"{path}: not a readable CSV file: {error}") from None
+    if not lines:
+        raise ImportFailure(f"{path}: {header[0]}: expected at least one row")
+    adapter = TypeAdapter(kind)
+    return [(_row(adapter, kind, values, where(path, line)), line) for values, line in lines]
+
+
+def _check_header(path: Path, kind: type, header: list[str], needed: set[str], others_allowed: bool) -> None:
+    """Refuse columns that are named twice, missing, or unknown; a misspelt one is told as such."""
+    known = [field.name for field in fields(kind)]
+    needed |= {field.name for field in fields(kind) if field.default is MISSING}
+    unknown = [column for column in header if column not in known]
+    for column in header:
+        if header.count(column) > 1:
+            raise ImportFailure(f"{path}: {column}: column named twice")
+    for column in known:
+        if column in needed and column not in header:
+            for misspelt in get_close_matches(column, unknown, n=1):
+                raise ImportFailure(f"{path}: {misspelt!r}: unknown column; did you mean {column}?")
+            raise ImportFailure(f"{path}: {column}: missing column")
+    if unknown and not others_allowed:
+        raise ImportFailure(f"{path}: {unknown[0]!r}: unknown column; expected {', '.join(known)}")
+
+
+def _row(adapter: TypeAdapter, kind: type, values: dict, place: str):
+    """One row as an instance of `kind`; `place` names its line."""
+    columns = [column for column in values if column is not None]
+    if None in values:
+        count = len(columns) + len(values[None])
+        raise ImportFailure(f"{place}: {count} values: expected {len(columns)}, one for each column")
+    texts = {}
+    for field in fields(kind):
+        if field.name not in values:
+            continue
+        text = (values[field.name] or "").strip()
+        if not text:
+            raise ImportFailure(f"{place}: {field.name}: missing value")
+        texts[field.name] = text
+    try:
+        row = adapter.validate_python(texts)
+    except ValidationError as error:
+        first = error.errors()[0]
+        column = str(first["loc"][0])
+        raise ImportFailure(f"{place}: {column} = {texts[column]!r}: expected {_expected(first)}") from None
+    for column, text in texts.items():
+        value = getattr(row, column)
+        if isinstance(value, float) and not math.isfinite(value):
+            raise ImportFailure(f"{place}: {column} = {text!r}: expected a number")
+    return row
+
+
+def _expected(error: dict) -> str:
+    """What a value must be, in words, by the error that pydantic found in it."""
+    if error["type"] == "literal_error":
+        return "one of " + error["ctx"]["expected"].replace("'", "").replace(" or ", ", ")
+    if error["type"] == "greater_than_equal":
+        return f"at least {error['ctx']['ge']}"
+    return "a whole number" if error["type"].startswith("int_") else "a number"

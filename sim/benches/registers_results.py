@@ -1,0 +1,169 @@
+"""cocotb testbench of RegisterBlock: frames, results, interrupts and measured latencies."""
+
+import cocotb
+from cocotb.triggers import ClockCycles, RisingEdge, gather
+
+from fastac.sim.benches.host import OKAY, read, start, write
+from fastac.sim.benches.registers import (
+    AT,
+    FLAGS,
+    IDENTITY,
+    RESULT,
+    bits,
+    expect,
+    frame,
+    level,
+    pack_forces,
+    pulse,
+)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def result_in_the_clock_of_a_soft_reset_is_discarded(dut):
+    master = await start(dut)
+    reset = bits("CONTROL", enable=1, soft_reset=1)
+    done, clocks = cocotb.start_soon(write(master, AT["CONTROL"], reset)), 0
+    while not await level(dut, "soft_reset"):
+        clocks += 1
+    assert await done == OKAY
+    # Again, with a result in the clock of the soft reset, which is now known.
+    await pulse(dut, frame_started=1)
+    await RisingEdge(dut.clk)
+    done = cocotb.start_soon(write(master, AT["CONTROL"], reset))
+    await ClockCycles(dut.clk, clocks)
+    names = {RESULT, "frame_done", "frame_bad"}
+    for name in names:
+        getattr(dut, name).value = 1
+    assert await level(dut, "soft_reset")
+    for name in names:
+        getattr(dut, name).value = 0
+    assert await done == OKAY
+    await expect(master, INTERRUPT_STATUS=0, STATUS=0, ERRORS=0, FRAME_COUNT=0, FRAME_ERRORS=0)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def frames_and_results(dut):
+    master = await start(dut)
+    limit = 1 << (IDENTITY.force_width - 1)
+    forces = [[-limit, limit - 1, -5], [1, -1, limit - 1]]
+    await write(master, AT["CONTROL"], bits("CONTROL", enable=1, interrupt_enable=1))
+
+    await frame(dut, clocks=10)
+    busy = bits("STATUS", busy=1, frames_in_flight=1)
+    await expect(master, STATUS=busy, FRAME_COUNT=1, FRAME_ERRORS=0, INTERVAL=0)
+    await write(master, AT["CONTROL"], bits("CONTROL", enable=1, soft_reset=1, interrupt_enable=1))
+    await expect(master, STATUS=0, FRAME_COUNT=1)
+    # Clocks after the first beat: the last beat at 20, the force at 52, the end of depth at 93.
+    for k, bad in enumerate((1, 0)):
+        assert not await level(dut, "interrupt")
+        await frame(dut, clocks=20, bad=bad)
+        await ClockCycles(dut.clk, 30)
+        result = {RESULT: 1, "validity": FLAGS[k]}
+        if IDENTITY.axes:
+            result["force"] = pack_forces(forces[k][: len(IDENTITY.axes)])
+        await pulse(dut, **result)
+        if IDENTITY.axes and IDENTITY.depth:
+            await ClockCycles(dut.clk, 40)
+            await pulse(dut, depth_done=1)
+        assert await level(dut, "interrupt")
+        suspect = int(FLAGS[k] > 0)
+        status = bits("STATUS", result_valid=1, last_frame_bad=bad, last_frame_suspect=suspect)
+        await expect(master, STATUS=status, FRAME_COUNT=2 + k, FRAME_ERRORS=1, INTERRUPT_STATUS=1)
+        # Flags without a result do not change those of the last result.
+        await pulse(dut, validity=0xFF)
+        errors = bits("ERRORS", frame_suspect=suspect)
+        await expect(master, FRAME_VALIDITY=FLAGS[k], ERRORS=errors)
+        await write(master, AT["ERRORS"], errors)
+        if IDENTITY.axes:
+            await expect(
+                master,
+                FORCE_SEQUENCE=2 + k,
+                LATENCY_FIRST_PIXEL_TO_FORCE=52,
+                LATENCY_LAST_PIXEL_TO_FORCE=32,
+            )
+            for axis, force in zip(IDENTITY.axes, forces[k], strict=False):
+                await expect(master, **{f"FORCE_{axis.upper()}_LOW": force})
+                await expect(master, **{f"FORCE_{axis.upper()}_HIGH": force >> 32})
+        if IDENTITY.depth:
+            await expect(master, LATENCY_FIRST_PIXEL_TO_DEPTH=93 if IDENTITY.axes else 52)
+        await write(master, AT["INTERRUPT_STATUS"] + 1, 1, 1)
+        await expect(master, INTERRUPT_STATUS=1)
+        await write(master, AT["INTERRUPT_STATUS"], 1)
+        await expect(master, INTERRUPT_STATUS=0, ERRORS=0)
+    await write(master, AT["CONTROL"], bits("CONTROL", soft_reset=1))
+    await expect(master, STATUS=0)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def interrupt_and_overrun(dut):
+    master = await start(dut)
+    await frame(dut, clocks=5)
+    await pulse(dut, **{RESULT: 1})
+    await expect(master, INTERRUPT_STATUS=1, ERRORS=0)
+    assert not await level(dut, "interrupt"), "not enabled"
+    await write(master, AT["CONTROL"], bits("CONTROL", enable=1, interrupt_enable=1))
+    assert await level(dut, "interrupt")
+    # 12 clocks between the first beats; the second result overruns the first.
+    await pulse(dut, accepted=1)
+    await pulse(dut, frame_started=1)
+    await ClockCycles(dut.clk, 7)
+    await pulse(dut, accepted=1)
+    await pulse(dut, frame_done=1)
+    await RisingEdge(dut.clk)
+    await frame(dut, clocks=5)
+    await expect(master, INTERVAL=12)
+    await pulse(dut, **{RESULT: 1})
+    await expect(master, ERRORS=bits("ERRORS", result_overrun=1), INTERRUPT_STATUS=1)
+    await write(master, AT["INTERRUPT_STATUS"], 1)
+    assert not await level(dut, "interrupt")
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def result_in_the_clock_of_its_acknowledgement(dut):
+    master = await start(dut)
+    await write(master, AT["CONTROL"], bits("CONTROL", enable=1, interrupt_enable=1))
+    # Measure how long an acknowledgement takes, then time a result to the clock in which one takes effect.
+    await pulse(dut, **{RESULT: 1})
+    acknowledging = cocotb.start_soon(write(master, AT["INTERRUPT_STATUS"], 1))
+    clocks = 0
+    while await level(dut, "interrupt"):
+        clocks += 1
+    await acknowledging
+    await ClockCycles(dut.clk, 4)
+    await pulse(dut, **{RESULT: 1})
+    acknowledging = cocotb.start_soon(write(master, AT["INTERRUPT_STATUS"], 1))
+    await ClockCycles(dut.clk, clocks - 1)
+    await pulse(dut, **{RESULT: 1})
+    await acknowledging
+    await expect(master, INTERRUPT_STATUS=1, ERRORS=0)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms", skip=not IDENTITY.axes)
+@cocotb.parametrize(stall=[0, 0.5])
+async def both_halves_of_a_force_are_of_one_result(dut, stall):
+    """The host reads both halves, and writes elsewhere, while results keep coming."""
+    master = await start(dut, stall=stall)
+
+    async def results():
+        k = 0
+        while True:
+            # Both halves contain the number of the result; the sign alternates.
+            k = (k + 1) % 127
+            force = ~(k << 32 | k) if k % 2 else k << 32 | k
+            await pulse(dut, **{RESULT: 1}, force=pack_forces([force] * len(IDENTITY.axes)))
+
+    async def reads():
+        for _ in range(40):
+            for axis in IDENTITY.axes:
+                low, _ = await read(master, AT[f"FORCE_{axis.upper()}_LOW"])
+                high, _ = await read(master, AT[f"FORCE_{axis.upper()}_HIGH"])
+                assert low == high, f"{high:#x} {low:#x}"
+
+    async def writes():
+        for k in range(40):
+            assert await write(master, AT["CONTROL"], k % 2) == OKAY
+
+    arriving = cocotb.start_soon(results())
+    await gather(reads(), writes())
+    arriving.cancel()
+    getattr(dut, RESULT).value = 0

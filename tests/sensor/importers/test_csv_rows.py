@@ -1,0 +1,68 @@
+import math
+from dataclasses import dataclass
+
+import pytest
+
+from fastac.sensor.importers.csv_rows import Split, read_rows
+from fastac.sensor.importers.footage import ImportFailure
+
+
+@dataclass(frozen=True)
+class Sample:
+    name: str
+    force_n: float
+    count: int = 7
+    split: Split | None = None
+    offset_mm: float | None = math.nan
+
+
+def read(tmp_path, text: str, **options):
+    (tmp_path / "rows.csv").write_text(text)
+    return read_rows(tmp_path / "rows.csv", Sample, **options)
+
+
+def test_rows_are_typed_and_know_their_line(tmp_path):
+    text = "force_n, name,split\n 1.5 ,ball,test\n\n-2,nut,train\n"
+    assert [(row.name, row.force_n, row.count, row.split, line) for row, line in read(tmp_path, text)] == [
+        ("ball", 1.5, 7, "test", 2),
+        ("nut", -2.0, 7, "train", 4),
+    ]
+
+
+def test_a_byte_order_mark_is_no_part_of_a_column(tmp_path):
+    ((row, _),) = read(tmp_path, "\ufeffname,force_n\nball,1\n")
+    assert row.name == "ball"
+
+
+def test_other_columns_only_where_they_are_allowed(tmp_path):
+    text = "name,force_n,colour\nball,1,red\n"
+    assert len(read(tmp_path, text, others_allowed=True)) == 1
+    with pytest.raises(
+        ImportFailure, match=r"rows\.csv: 'colour': unknown column; expected name, force_n, co"
+    ):
+        read(tmp_path, text)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("name,force\nball,1\n", r"rows\.csv: 'force': unknown column; did you mean force_n\?"),
+        ("name,weight\nball,1\n", r"rows\.csv: force_n: missing column"),
+        ("name,force_n,force_n\nball,1,1\n", r"rows\.csv: force_n: column named twice"),
+        ("name,force_n,count\nball,1,1.5\n", r"line 2: count = '1\.5': expected a whole number"),
+        ("name,force_n\nball,1\nnut,inf\n", r"line 3: force_n = 'inf': expected a number"),
+        ("name,force_n,offset_mm\nball,1,x\n", r"line 2: offset_mm = 'x': expected a number"),
+        ("name,force_n,split\nball,1,dev\n", r"split = 'dev': expected one of train, validation, test$"),
+        ("name,force_n\n ,1\n", r"line 2: name: missing value"),
+        ("name,force_n\nball,1,2\n", r"line 2: 3 values: expected 2, one for each column"),
+    ],
+)
+def test_errors_are_one_line_that_says_where_and_what(tmp_path, text, message):
+    with pytest.raises(ImportFailure, match=message) as error:
+        read(tmp_path, text)
+    assert "\n" not in str(error.value)
+
+
+def test_a_column_that_is_needed_may_not_be_absent(tmp_path):
+    with pytest.raises(ImportFailure, match=r"rows\.csv: count: missing column"):
+        read(tmp_path, "name,force_n\nball,1\n", needed=["count"])
