@@ -211,7 +211,7 @@ def test_errors_are_one_line(design, tmp_path, monkeypatch):
 
 def test_command(design, tiny_folder, tmp_path, monkeypatch):
     faked(monkeypatch)
-    monkeypatch.setattr(synthesis, "elaborate", lambda bundle: design)
+    monkeypatch.setattr(synthesis, "elaborate", lambda bundle: (design, "0" * 64))
     kept = ["--store", str(tmp_path / "store")]
     arguments = ["synth", str(tiny_folder), "-o", str(tmp_path), *kept, "--no-progress"]
     done = CliRunner().invoke(main, [*arguments, "--no-place-and-route"])
