@@ -6,7 +6,7 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test unit lint bench identities extremes stability synth verify verify-photographs trade scope \
+.PHONY: all build test test-all mutants unit lint bench identities extremes stability synth verify verify-photographs trade scope \
 	reproduce samples clean
 .DELETE_ON_ERROR:
 
@@ -21,14 +21,25 @@ $(READY): pyproject.toml
 build: $(READY)
 	$(FASTAC) build scenes/$(SCENE).toml
 
+# Every behaviour once; docs/testing.md says what only `make test-all` runs.
 test: lint unit
+
+PYTEST := $(VENV)/bin/python -m pytest -n auto --dist worksteal --durations 20
+
+unit: $(READY)
+	$(PYTEST) -m "not full"
+
+test-all: lint
+	$(PYTEST)
 
 lint: $(READY)
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/lint-imports --cache-dir build/cache/imports
 
-unit: $(READY)
-	$(VENV)/bin/python -m pytest -n auto --dist worksteal --durations 20
+# Small faults put into the code one after another: which of them `make test` finds; see docs/testing.md.
+mutants: $(READY)
+	$(VENV)/bin/python tests/mutants.py
 
 BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle.json \
 	build/fast/bundle/bundle.json build/force/bundle/bundle.json))

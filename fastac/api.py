@@ -26,6 +26,7 @@ from fastac.models.integer.bundle import Bundle, BundleError, load_bundle
 from fastac.models.integer.frame_validity import REASONS
 from fastac.models.result import Result
 from fastac.models.vision.image_processing import as_channels
+from fastac.scenes.outputs import measured
 from fastac.scenes.schema import AXES, Scene
 from fastac.sensor.fingertip import STORE
 from fastac.sensor.optics.mosaic import CELL
@@ -106,14 +107,7 @@ class TactileSensor:
     @property
     def outputs(self) -> dict[str, str]:
         """The scene's outputs, as fields of `Measurement`, and their units ("1": none)."""
-        scene = self.scene
-        known = {
-            "normals": ("1", "normals" in scene.outputs),
-            "depth_mm": ("mm", "depth" in scene.outputs),
-            "force_n": ("N", scene.wants_force),
-            "force_map_n": ("N", scene.wants_force_map),
-        }
-        return {name: unit for name, (unit, wanted) in known.items() if wanted}
+        return measured(self.scene.outputs)
 
     @property
     def force_axes(self) -> tuple[str, ...]:

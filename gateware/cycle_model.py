@@ -1,4 +1,4 @@
-"""Cycles and multipliers of a scene's hardware, by its components' formulas: no tables, no elaboration."""
+"""Clock cycles and multipliers of a scene's hardware from formulas, without a bundle or elaboration."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -22,12 +22,12 @@ from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
 
 NORMAL, SLOPES, DISPLACEMENT = 3, 2, 1
-"""Words: outputs of the pixel network, and of a pixel where weighted sums take slopes or displacements."""
+"""Values per pixel: of a normal, and of the inputs of a weighted sum (two slopes or one displacement)."""
 
 
 @dataclass(frozen=True)
 class Figures:
-    """What is known of a component without building it."""
+    """Latency and interval in clocks, and multipliers, of a component that is not built."""
 
     latency: int = 0
     interval: int = 0
@@ -36,14 +36,13 @@ class Figures:
 
 
 class CycleModel(FrameCycles):
-    """The figures of the datapath that a scene needs, equal to those of `Datapath` and so of its Verilog.
+    """Latencies, intervals and multipliers of the Datapath that a scene needs, without building it.
 
-    hidden : neurons of the pixel network's hidden layers; None: as the scene has them
-    flat : whether the depth at rest is zero, so that no table adds it in difference mode; None: as the
-        scene's geometry has it
+    hidden : neurons of the pixel network's hidden layers; None: those of the scene
+    flat : the depth at rest is zero, so that no ROM adds it in mode "difference"; None: from the scene's
+        geometry
 
-    Nothing else depends on what is trained: weights, biases and kernels of a scene's words all take as many
-    multipliers and clocks.
+    Nothing else depends on training: the figures are the same for all weights, biases and kernels.
     """
 
     def __init__(self, scene: Scene, *, hidden: Sequence[int] | None = None, flat: bool | None = None):
@@ -66,7 +65,7 @@ class CycleModel(FrameCycles):
             self.force_stream = self._weighted_sum() if self._sums_words else self._patch_force()
 
     def _network_multipliers(self, sizes: Sequence[int]) -> int:
-        """Of all lanes: the tiles' and, for each hidden neuron, one that requantises."""
+        """Multipliers of all lanes: those of the tiles, and one per hidden neuron for requantisation."""
         numbers = self.scene.numbers
         if self.scene.hardware.weights == "baked":
             return 0
@@ -94,11 +93,11 @@ class CycleModel(FrameCycles):
 
     @property
     def _displacement_bits(self) -> int:
-        """Of a displacement with its sign."""
+        """Bits of a displacement as a signed word."""
         return self.scene.numbers.displacement_bits + self.scene.force.clamp
 
     def _weighted_sum(self) -> Figures:
-        """A collapsed kernel's word counts as the largest sum of a kernel's, which no bundle need reach."""
+        """Figures of WeightedSumStream; a collapsed kernel's words can hold any sum of K² kernel words."""
         scene, kind = self.scene, WeightedSumStream
         rows, columns = scene.inner_px, scene.inner_px
         terms, input_bits = DISPLACEMENT, self._displacement_bits
@@ -131,11 +130,10 @@ class CycleModel(FrameCycles):
 
 
 def cycles(scene: Scene, *, hidden: Sequence[int] | None = None, flat: bool | None = None) -> dict:
-    """Clocks of the scene's hardware if nothing stalls: what the report's `latency_cycles` counts.
+    """Clock cycles of the scene's hardware without back-pressure, as the report's `latency_cycles`.
 
-    `stage` are the shares of normals, depth and force, `part` those of each of their stages;
-    `first_pixel_to_…` for what the scene wants, `last_pixel_to_force`, `initiation_interval`. Parameters as
-    of `CycleModel`.
+    `stage`: shares of normals, depth and force; `part`: those of each stage; `first_pixel_to_…` for each
+    output of the scene; `last_pixel_to_force`; `initiation_interval`. Parameters as for `CycleModel`.
     """
     model = CycleModel(scene, hidden=hidden, flat=flat)
     found = {"stage": model.modules, "part": model.stages, "initiation_interval": model.interval}
@@ -149,5 +147,5 @@ def cycles(scene: Scene, *, hidden: Sequence[int] | None = None, flat: bool | No
 
 
 def multipliers(scene: Scene, *, hidden: Sequence[int] | None = None) -> dict[str, int]:
-    """Products a clock of the scene's hardware, by stage: `Datapath.multipliers`."""
+    """Number of multipliers of the scene's hardware by module, equal to `Datapath.multipliers`."""
     return CycleModel(scene, hidden=hidden).multipliers

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""From pixels to depth and force: the stages that a scene wants, in a row."""
+"""The datapath from pixels to normals, depth and force, with just the stages that a scene needs."""
 
 from dataclasses import replace
 
@@ -27,9 +27,9 @@ from fastac.models.integer.pipeline import IntegerPipeline
 
 
 def last_row_first(stage):
-    """A stage's tables in the order of a solver's rows that come last to first.
+    """`stage` (Depth, PatchForce or WeightedSum) with the rows of its tables reversed.
 
-    Depth, PatchForce or WeightedSum; a patch turns with its rows.
+    For solvers that output the last row first; the rows within each patch's kernel are reversed as well.
     """
     if isinstance(stage, PatchForce):
         return replace(stage, kernel=stage.kernel[:, ::-1, :, ::-1])
@@ -39,33 +39,35 @@ def last_row_first(stage):
 
 
 class Datapath(FrameCycles, wiring.Component):
-    """A bundle's integer pipeline as hardware, bit for bit `IntegerPipeline.run`.
+    """A bundle's integer pipeline as hardware, bit-exact to `IntegerPipeline.run`.
 
-    Only what `pipeline.scene` wants is elaborated: no depth and no force, no slopes; the adjoint, no solver;
-    the tridiagonal solver, no transposer; the collapsed kernel, no patches.
+    Only what `pipeline.scene` needs is built: no slopes without depth and force, no solver for the adjoint,
+    no transposer for the tridiagonal solver, no patches for the collapsed kernel.
 
     Members
     -------
-    axis, enable, and the guard's events and errors : see FrameGuard
-    tag : stream of one bit a frame, whether it is bad, offered before the frame's depth
+    axis, enable, FrameGuard's events and faults : see FrameGuard
+    tag : stream of one bit per frame: the frame is bad; offered before the frame's depth
     capture, captured : see BackgroundSubtraction
-    normals : stream of `lanes` normals (x, y, z), the network's outputs. Only if wanted.
-    depth : stream of `lanes` depths; N rows of ceil(N/lanes) beats, `rows_reversed` tells whether the last
-        row comes first. Only if wanted.
-    force : stream of one beat a frame, an accumulator per axis. Only if wanted.
-    force_map : stream of axes × `lanes` responses in the order of the depth. Only if wanted.
-    gradient_saturated, displacement_saturated : in a beat that just passes
-    suspect_valid, suspect : see FrameValidity; a frame's comes before its depth
-    verdict : stream of a frame's flags, offered before its last result, to be taken with it
-    hold : see FrameGuard. Only if the network is loadable, as what follows.
+    normals : stream of `lanes` normals (x, y, z), the network's outputs, signed(accumulator_width of the last
+        layer) each. Only if the scene has this output.
+    depth : stream of `lanes` depths, signed(pipeline.depth.width); N rows of ceil(N/lanes) beats, the last
+        row first if `rows_reversed`. Only if the scene has this output.
+    force : stream of one beat per frame: an accumulator per axis, signed(pipeline.force.width). Only if the
+        scene has a force.
+    force_map : stream of axes × `lanes` responses, signed(pipeline.force.pixel_width), in the depth's order.
+        Only if the scene has this output.
+    gradient_saturated, displacement_saturated : high while a beat with a clipped value is valid
+    suspect_valid, suspect : see FrameValidity; a frame's pulse comes before its depth
+    verdict : stream of a frame's flags, see FrameValidity; offered before the frame's last result
+    hold : see FrameGuard. Like the following members only if the network is loadable.
     network : the network's parameters, see NormalMlp
-    offset : write port of the source's offsets. Only in difference mode.
-    rest : write port of the depth at rest. Only in absolute mode with a force.
-    constant : of the adjoint, an accumulator per axis. Only with it.
-    limits : of the flags, see FrameValidity
+    offset : write port of the source's offsets. Only in mode "difference" with a solver.
+    rest : write port of the depth at rest. Only in mode "absolute" with a force.
+    constant : the adjoint's constant, one accumulator per axis. Only for the adjoint.
+    limits : limits of the flags, see FrameValidity
 
-    What is loadable must not change while a frame is under way.
-    Its cycles are FrameCycles'.
+    The loadable members must not change while a frame is in flight. FrameCycles has latencies and intervals.
     """
 
     def __init__(self, pipeline: IntegerPipeline):
@@ -138,7 +140,9 @@ class Datapath(FrameCycles, wiring.Component):
                 )
             members["force"] = Out(self.force_stream.o.signature)
         if self.validity.latency > (self.force_stream if self.wants_force else self.mlp).latency:
-            raise ValueError(f"verdicts of {self.validity.latency} clocks: later than the frames' results")
+            raise ValueError(
+                f"validity flags take {self.validity.latency} clocks: later than the frame's result"
+            )
         if self.wants_force_map:
             members["force_map"] = Out(self.force_stream.map.signature)
         if self.loadable:
@@ -149,7 +153,7 @@ class Datapath(FrameCycles, wiring.Component):
 
     @property
     def loadable_registers(self) -> dict[str, tuple[int, int]]:
-        """Bits, and value for this pipeline, of each register that a calibration brings."""
+        """{name: (bits, value for this pipeline)} of the registers that a calibration sets."""
         if not self.loadable:
             return {}
         registers = {"network": (self.mlp.parameter_bits, self.mlp.parameter_image(self.pipeline.layers))}
@@ -165,7 +169,7 @@ class Datapath(FrameCycles, wiring.Component):
 
     @property
     def loadable_tables(self) -> dict[str, tuple[TableFormat, np.ndarray]]:
-        """Format, and values (depth, fields) for this pipeline, of each table that a calibration brings."""
+        """{name: (format, values (depth, fields) for this pipeline)} of tables that a calibration sets."""
         tables, scene = {}, self.pipeline.scene
         if self.loadable and scene.wants_solver and scene.poisson.mode == "difference":
             tables["offset"] = self.solver.source.table, self.solver.source.table_values
@@ -212,7 +216,7 @@ class Datapath(FrameCycles, wiring.Component):
             ]
 
         def fan_out(source, sinks, name):
-            """Connect one stream to one or several."""
+            """Connect `source` to all `sinks`, through a Fork if there are several."""
             if len(sinks) == 1:
                 connect(m, source, sinks[0])
                 return

@@ -1,18 +1,18 @@
-"""A frame's cycles from those of its stages: the same sums for components and for a scene's figures."""
+"""Latency, interval and multipliers of a whole datapath from those of its stages."""
 
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.schema import Scene
 
 
 class FrameCycles:
-    """What the latencies, intervals and multipliers of a datapath's parts come to.
+    """Mixin that adds up its stages' latencies, intervals and multipliers, for Datapath and CycleModel.
 
-    Whoever inherits this has `scene`, `lanes`, and with `latency`, `interval` and `multipliers`, as far as
-    the scene wants them: `guard`, `background`, `mlp`, `divider`, `solver` (`stages` in place of a latency),
-    `depth_output`, `displacement`, `force_stream`.
+    The inheriting class has `scene`, `lanes` and, as far as the scene needs them, `guard`, `background`,
+    `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`, `displacement` and
+    `force_stream`, each with `latency`, `interval` and `multipliers`.
 
-    `stages` gives each stage's share, in clocks, of the way from a frame's first pixel accepted to its last
-    value, if nothing stalls and no other frame is in the way.
+    All times are in clocks, without back-pressure and with no other frame in the way. `stages` has each
+    stage's share of the time from a frame's first pixel to its last result.
     """
 
     scene: Scene
@@ -20,7 +20,7 @@ class FrameCycles:
 
     @property
     def beats(self) -> int:
-        """Of a frame."""
+        """Input beats per frame."""
         return self.scene.sensor.height_px * self.scene.sensor.width_px // self.lanes
 
     @property
@@ -41,7 +41,7 @@ class FrameCycles:
 
     @property
     def modules(self) -> dict[str, int]:
-        """The three modules' shares of the way from first pixel to force, or to depth where that is last."""
+        """Shares of the paper's three modules in the latency from first pixel to force, or else to depth."""
         stages, scene = self.stages, self.scene
         share = {"normals": stages["normals"]}
         if scene.wants_solver:
@@ -54,29 +54,29 @@ class FrameCycles:
 
     @property
     def first_pixel_to_normals(self) -> int:
-        """Clocks from the first pixel accepted to the last normals offered."""
+        """Clocks from a frame's first accepted pixel to its last beat of normals."""
         first = self.guard.latency + self.background.latency + self.mlp.latency + SkidBuffer.latency
         return first + self.beats - 1
 
     @property
     def first_pixel_to_depth(self) -> int:
-        """Clocks from the first pixel accepted to the last depth offered."""
+        """Clocks from a frame's first accepted pixel to its last beat of depth."""
         before = sum(v for k, v in self.stages.items() if k != "force")
         return before + self.depth_output.latency
 
     @property
     def first_pixel_to_force(self) -> int:
-        """Clocks from the first pixel accepted to the force offered."""
+        """Clocks from a frame's first accepted pixel to its force."""
         return sum(self.stages.values())
 
     @property
     def last_pixel_to_force(self) -> int:
-        """Clocks from the last pixel accepted to the force offered."""
+        """Clocks from a frame's last accepted pixel to its force."""
         return self.first_pixel_to_force - (self.beats - 1)
 
     @property
     def interval(self) -> int:
-        """Clocks between frames when they follow each other without a gap."""
+        """Initiation interval: clocks from frame to frame at full rate."""
         intervals = [self.beats]
         if self.scene.wants_solver:
             intervals.append(self.solver.interval)
@@ -86,7 +86,7 @@ class FrameCycles:
 
     @property
     def multipliers(self) -> dict[str, int]:
-        """Products a clock, by stage, as the architecture has them."""
+        """Number of multipliers by module, as in the architecture, before synthesis."""
         count = {"normals": self.mlp.multipliers}
         if self.scene.wants_solver:
             count["depth"] = self.solver.multipliers

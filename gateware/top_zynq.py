@@ -1,8 +1,6 @@
 # amaranth: UnusedElaboratable=no
 """Top level for the Zynq's programmable logic: AXI4-Streams in and out, AXI4-Lite registers, interrupt."""
 
-from dataclasses import dataclass
-
 from amaranth import Cat, Const, Module, ResetInserter, Signal
 from amaranth.lib import fifo, wiring
 from amaranth.lib.wiring import In, Out
@@ -12,56 +10,17 @@ from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, Identity
 from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.calibration import image_layout, make_loader
 from fastac.gateware.datapath import Datapath
+from fastac.gateware.raster_outputs import RASTERS, WORD, RasterOutput, raster_outputs
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FRAMES_IN_FLIGHT
 from fastac.gateware.stream.handshake import axis_signature
 from fastac.models.integer.bundle import Bundle
 
 VERSION = 3
 """Version of the hardware and of its register map, in the register VERSION."""
-WORD = 32
-"""Bits of one value on the output streams."""
 ROW_BITS = 8
 """Bits of the row number in `tuser`."""
 RESULT = {"force": "result_valid", "depth": "depth_done", "normals": "normals_done"}
 """Input of RegisterBlock that pulses with a frame's result, for each kind of result."""
-
-
-@dataclass(frozen=True)
-class RasterOutput:
-    """Format of an output stream: `rows` × `columns` pixels of `words` values, `lanes` pixels per beat.
-
-    tagged : beside the start of frame, `tuser` has the row's number and the flags "bad" and "suspect" of the
-        frame, and there is a `tkeep`
-    rows_reversed : the last row is sent first
-    """
-
-    name: str
-    rows: int
-    columns: int
-    words: int
-    lanes: int
-    tagged: bool = False
-    rows_reversed: bool = False
-
-    @property
-    def beats(self) -> int:
-        """Beats per row."""
-        return -(-self.columns // self.lanes)
-
-    @property
-    def octets(self) -> int:
-        """Bytes per beat."""
-        return WORD // 8 * self.words * self.lanes
-
-    @property
-    def void_octets(self) -> int:
-        """Unused bytes in a row's last beat."""
-        return WORD // 8 * self.words * (self.beats * self.lanes - self.columns)
-
-    @property
-    def row_order(self) -> list[int]:
-        """The rows' numbers in the order in which they are sent."""
-        return list(range(self.rows))[:: -1 if self.rows_reversed else 1]
 
 
 def flattened_ports(prefix: str, signature: wiring.Signature, direction) -> dict[str, wiring.Member]:
@@ -103,13 +62,7 @@ class TopZynq(wiring.Component):
         self.datapath = Datapath(pipeline)
         self.lanes = self.datapath.lanes
         path = self.datapath
-        for name, width in (
-            ("depth", pipeline.depth.width if path.wants_depth else 0),
-            ("normals", pipeline.layers[-1].accumulator_width if path.wants_normals else 0),
-            ("force_map", pipeline.force.pixel_width if path.wants_force_map else 0),
-        ):
-            if width > WORD:
-                raise ValueError(f"{name} of {width} bits: expected at most {WORD}, a word of the stream")
+        self.outputs = raster_outputs(pipeline, rows_reversed=path.rows_reversed)
         layout = image_layout(path) if path.loadable else None
         self.identity = Identity(
             bundle_hash=bundle.hash_word,
@@ -120,15 +73,12 @@ class TopZynq(wiring.Component):
             lanes=self.lanes,
             axes="".join(AXES[axis] for axis in scene.force_axes),
             force_width=pipeline.force.width if path.wants_force else 64,
-            depth=path.wants_depth,
             background_capture=True,
-            normals=path.wants_normals,
-            force_map=path.wants_force_map,
+            **{"depth": False} | {output.name: True for output in self.outputs},
             rows_reversed=path.rows_reversed,
             calibration_words=layout.words if layout else 0,
             calibration_layout=layout.identifier if layout else 0,
         )
-        self.outputs = self._outputs()
         members = {
             **flattened_ports("s_axis", self.datapath.axis.signature.flip(), In),
             **flattened_ports("s_axil", axi_lite_signature(ADDRESS_WIDTH), In),
@@ -140,20 +90,6 @@ class TopZynq(wiring.Component):
                 members[f"m_axis_{output.name}_tuser"] = Out(3 + ROW_BITS)
                 members[f"m_axis_{output.name}_tkeep"] = Out(output.octets)
         super().__init__(members)
-
-    def _outputs(self) -> tuple[RasterOutput, ...]:
-        identity, path, lanes = self.identity, self.datapath, self.lanes
-        inner = identity.width - 2
-        found = []
-        if path.wants_normals:
-            found.append(RasterOutput("normals", identity.height, identity.width, 3, lanes))
-        for name, wanted, words in (
-            ("depth", path.wants_depth, 1),
-            ("force_map", path.wants_force_map, len(identity.axes)),
-        ):
-            if wanted:
-                found.append(RasterOutput(name, inner, inner, words, lanes, True, path.rows_reversed))
-        return tuple(found)
 
     def elaborate(self, platform):
         m = Module()
@@ -200,7 +136,7 @@ class TopZynq(wiring.Component):
             done, tag = self._raster(m, output, registers.soft_reset)
             if output.tagged:
                 tags.append(tag)
-            if output.name in ("depth", "normals"):
+            if RASTERS[output.name].timed:
                 m.d.comb += getattr(registers, f"{output.name}_done").eq(done)
         # A frame's tag goes to all tagged streams in the same clock.
         m.d.comb += path.tag.ready.eq(Cat(tag.w_rdy for tag in tags).all())
@@ -218,12 +154,7 @@ class TopZynq(wiring.Component):
         port = {member: getattr(self, f"m_axis_{name}_{member}") for member in members}
         x, y = Signal(range(output.beats), name=f"{name}_x"), Signal(range(output.rows), name=f"{name}_y")
         first, last, done = (Signal(name=f"{name}_{k}") for k in ("first", "last", "done"))
-        if name == "depth":
-            words = list(source.payload)
-        elif name == "normals":
-            words = [word for lane in source.payload for word in lane]
-        else:
-            words = [axis[lane] for lane in range(output.lanes) for axis in source.payload]
+        words = RASTERS[name].beat(source.payload, output.lanes)
         extended = [Signal(WORD, name=f"{name}_word_{k}") for k in range(len(words))]
         m.d.comb += [word.eq(value) for word, value in zip(extended, words, strict=True)]
         m.d.comb += [

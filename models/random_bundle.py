@@ -15,7 +15,7 @@ from fastac.models.integer.quantise import quantise_layers
 from fastac.scenes.schema import Scene
 from fastac.scenes.solvers import SOLVERS
 
-GOOD = (5, 10, 20, 30, 40)
+GOOD_FRAME_SPANS = (5, 10, 20, 30, 40)
 """Largest differences from the background, in digital numbers, of the frames from which a bundle's validity
 limits are set; hardware flags frames with larger differences."""
 NUMBERS = {
@@ -129,7 +129,7 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
         kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
         shape = (axes, size, size, 2) if scene.force_from_slopes else kernels
         pipeline = with_force(pipeline, rng.normal(size=shape))
-    return bundle.save(folder, with_limits(pipeline, frames(background, GOOD)), {})
+    return bundle.save(folder, with_limits(pipeline, frames(background, GOOD_FRAME_SPANS)), {})
 
 
 def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
@@ -146,5 +146,5 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
     )
-    pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD[:2]))
+    pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD_FRAME_SPANS[:2]))
     return bundle.save(folder, pipeline, {})

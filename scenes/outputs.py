@@ -4,6 +4,7 @@ What every room must find, train or build follows from these entries through the
 docs/extending.md tells how to add an output.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from fastac.store.kinds import Kinds
@@ -11,8 +12,10 @@ from fastac.store.kinds import Kinds
 
 @dataclass(frozen=True)
 class OutputFacts:
-    """What must be found before one output can be given.
+    """What an output is, and what must be found before it can be given.
 
+    measured, unit : its values in physical units, as a field of models/result.py, and their unit ("1": none)
+    words : the integers that the hardware gives for it, as a field of the same
     force_axes : of an output that is a force, its axes: 0, 1, 2 for x, y, z
     needs_geometry : whether normals must be right for it, so that forces alone cannot train it
     needs_depth : whether it follows from the Poisson solver's solution
@@ -20,6 +23,9 @@ class OutputFacts:
     needs_patches : whether it needs the force's K×K kernels at every pixel, not their sum
     """
 
+    measured: str
+    unit: str
+    words: str
     force_axes: tuple[int, ...] = ()
     needs_geometry: bool = False
     needs_depth: bool = False
@@ -27,13 +33,15 @@ class OutputFacts:
     needs_patches: bool = False
 
 
-NORMALS = OutputFacts(needs_geometry=True)
-DEPTH = OutputFacts(needs_geometry=True, needs_depth=True)
-FORCE_X = OutputFacts(force_axes=(0,))
-FORCE_Y = OutputFacts(force_axes=(1,))
-FORCE_Z = OutputFacts(force_axes=(2,))
-FORCE_XYZ = OutputFacts(force_axes=(0, 1, 2))
-FORCE_MAP = OutputFacts(needs_depth=True, needs_force=True, needs_patches=True)
+NORMALS = OutputFacts("normals", "1", "normal_words", needs_geometry=True)
+DEPTH = OutputFacts("depth_mm", "mm", "depth_words", needs_geometry=True, needs_depth=True)
+FORCE_X = OutputFacts("force_n", "N", "force_raw", force_axes=(0,))
+FORCE_Y = OutputFacts("force_n", "N", "force_raw", force_axes=(1,))
+FORCE_Z = OutputFacts("force_n", "N", "force_raw", force_axes=(2,))
+FORCE_XYZ = OutputFacts("force_n", "N", "force_raw", force_axes=(0, 1, 2))
+FORCE_MAP = OutputFacts(
+    "force_map_n", "N", "force_map_raw", needs_depth=True, needs_force=True, needs_patches=True
+)
 OUTPUTS = Kinds(
     "outputs",
     {
@@ -46,3 +54,14 @@ OUTPUTS = Kinds(
         "force_map": FORCE_MAP,
     },
 )
+
+
+def measured(names: Iterable[str]) -> dict[str, str]:
+    """Fields of models/result.py with the values of these outputs, and their units."""
+    facts = [OUTPUTS[name] for name in names]
+    return {entry.measured: entry.unit for entry in facts}
+
+
+def hardware_words(names: Iterable[str]) -> tuple[str, ...]:
+    """Fields of models/result.py with the integers that the hardware gives for these outputs, each once."""
+    return tuple(dict.fromkeys(OUTPUTS[name].words for name in names))

@@ -38,7 +38,7 @@ __all__ = ["FORCE_AXES", "SPLITS", "Dataset", "DatasetError", "read", "write"]
 
 FORMAT_VERSION = 1
 CHUNKED = ("frames", "raw10", "normals", "depth_mm", "valid", "tangential_mm")
-"""Stored and compressed in whole frames: one frame is read without touching its neighbours."""
+"""Arrays stored and compressed in chunks of one frame, so that a frame is read on its own."""
 ARRAYS = {
     "background": np.uint8,
     "frames": np.uint8,

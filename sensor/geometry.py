@@ -19,7 +19,7 @@ def pixel_centres_mm(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rest_depth_mm(sensor: Sensor) -> np.ndarray:
-    """z of the untouched skin in mm, float64 (H, W): an ellipsoid's cap, zero at the corner pixels.
+    """z of the undeformed skin in mm, float64 (H, W): an ellipsoid's cap, zero at the corner pixels.
 
     z = c √(1 − (x/a)² − (y/b)²), less its value at the corner. A flat skin is zero everywhere.
     """
@@ -32,7 +32,7 @@ def rest_depth_mm(sensor: Sensor) -> np.ndarray:
 
 
 def rest_slopes(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
-    """p and q of the untouched skin, float64 (H, W) each, from the ellipsoid's equation."""
+    """p and q of the undeformed skin, float64 (H, W) each, from the ellipsoid's equation."""
     x, y = pixel_centres_mm(sensor)
     if sensor.geometry == "flat":
         return np.zeros_like(x), np.zeros_like(x)
@@ -42,7 +42,7 @@ def rest_slopes(sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
 
 
 def rest_depth_at_mm(sensor: Sensor, x_mm: np.ndarray, y_mm: np.ndarray) -> np.ndarray:
-    """z of the untouched skin above any x, y (…), float64, as `rest_depth_mm` at the pixels."""
+    """z of the undeformed skin in mm at any x, y (…), float64; at the pixels equal to `rest_depth_mm`."""
     if sensor.geometry == "flat":
         return np.zeros(np.broadcast(x_mm, y_mm).shape)
     a, b, c = sensor.ellipsoid.semi_axes_mm

@@ -1,4 +1,4 @@
-"""One bench for every component with one input and one output stream: values, order, latency, flags."""
+"""Test of components with one input and one output stream: values, order, latency, flags, back-pressure."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -10,9 +10,9 @@ from fastac.sim.runner import QUICK, simulate
 
 
 def pack(vectors, bits: int) -> list[int]:
-    """Vectors (beats, lanes) of signed or unsigned words to one payload a beat, lane 0 lowest.
+    """Pack words (beats, lanes, …), signed or unsigned, into one payload per beat, lane 0 in the LSBs.
 
-    Leading axes beyond the first are flattened in C order, as nested `ArrayLayout`s are laid out.
+    The axes after the first are flattened in C order, like nested `ArrayLayout`s.
     """
     vectors = np.asarray(vectors)
     mask = (1 << bits) - 1
@@ -23,7 +23,7 @@ def pack(vectors, bits: int) -> list[int]:
 
 
 def unpack(payload: int, bits: int, lanes: int, *, signed: bool = True) -> list[int]:
-    """The words of one payload, lane 0 first."""
+    """Unpack the `lanes` words of one payload, lane 0 first."""
     words = [(payload >> (k * bits)) & ((1 << bits) - 1) for k in range(lanes)]
     return [w - (1 << bits) if signed and w >> (bits - 1) else w for w in words]
 
@@ -44,14 +44,15 @@ def check(
     build_args: tuple[str, ...] = QUICK,
     log_file: Path | None = None,
 ) -> None:
-    """Simulate `component` (ports `i`, `o`) and compare everything that leaves it; raises on a difference.
+    """Simulate `component` (streams `i` and `o`) and compare every output beat; raises on a difference.
 
-    inputs, expected : payloads, packed with `pack`; every one is compared, in order, and no more may come.
-    mask : bits of each output payload to compare (void lanes of a last beat are nobody's business).
-    latencies : (input index, output index, cycles) from acceptance to transfer, asserted without stalls.
-    flags : for each one-bit output port, in how many cycles in which `o` transfers it must be high.
-    build_args, log_file : further arguments of Verilator; where the output goes in place of the terminal
-    stalls : probability per cycle that a side pauses; one run each, from one build.
+    inputs, expected : payloads, packed with `pack`; as many beats as expected must come, in this order
+    mask : bits of the output payloads to compare, one mask for all or one per beat (for unused lanes)
+    latencies : (index of input beat, index of output beat, clocks between their transfers), checked in the
+        run without pauses
+    flags : {one-bit output port: number of transfers at `o` in which it must be high}
+    stalls : probabilities per clock that the driver and `o.ready` pause; one run for each, from one build
+    build_args, log_file : further arguments of Verilator; file for the output instead of the terminal
     """
     folder.mkdir(parents=True, exist_ok=True)
     masks = [-1] * len(expected) if mask is None else [mask] * len(expected) if np.isscalar(mask) else mask

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The whole hardware on real frames, against the integer reference."""
+"""Simulation of the top level on real frames, compared bit by bit with the golden model."""
 
 import json
 import time
@@ -9,33 +9,35 @@ from pathlib import Path
 import numpy as np
 
 from fastac.gateware.bus.register_map import ID
-from fastac.gateware.top_zynq import RasterOutput, TopZynq
+from fastac.gateware.raster_outputs import RASTERS, RasterOutput
+from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import suspects
 from fastac.models.result import Result
+from fastac.scenes.outputs import OUTPUTS
 from fastac.sim.runner import build
 from fastac.store.progress import watched
 
 SUSPECT = 1 << 10
-"""Of tuser, in streams of depth and force maps: the frame is not to be trusted."""
+"""Bit of `tuser` in the streams of depth and force maps: the frame is suspect."""
 LINGER = 100
-"""Clocks that the bench goes on after the last expected beat."""
+"""Clocks that the simulation goes on after the last expected beat."""
 
 
 class SimulationFailure(RuntimeError):
-    """The simulation did not run to its end."""
+    """The simulation failed before all outputs could be compared, or a latency differs from its formula."""
 
 
 @dataclass
 class Comparison:
-    """How many values of one output were compared and how many differ."""
+    """Scoreboard: numbers of values compared and of mismatches, and a description of the first mismatch."""
 
     values: int = 0
     mismatches: int = 0
     first: str = ""
 
     def add(self, name: str, found: np.ndarray, expected: np.ndarray) -> None:
-        """Compare two arrays of any equal size; a missing value is a mismatch."""
+        """Compare two arrays, flattened; each missing or surplus value is a mismatch."""
         found, expected = np.ravel(found), np.ravel(expected)
         common = min(len(found), len(expected))
         wrong = np.flatnonzero(found[:common] != expected[:common])
@@ -51,7 +53,7 @@ class Comparison:
 
 @dataclass
 class Report:
-    """What a simulation of the top-level measured; all latencies in clock cycles."""
+    """Results of a simulation of the top level; latencies in clock cycles."""
 
     frames: int
     values_compared: int
@@ -69,21 +71,22 @@ class Report:
 
 
 def expected_words(top: TopZynq, result: Result) -> dict[str, np.ndarray]:
-    """What the output streams must carry, lane by lane, as the reference computes it."""
-    in_order = {
-        "normals": lambda: result.normal_words,
-        "depth": lambda: result.depth_words,
-        "force_map": lambda: np.moveaxis(result.force_map_raw, 1, -1),
-    }
-    return {output.name: in_order[output.name]()[:, output.row_order] for output in top.outputs}
+    """{output: expected words} from the golden model's result, with the rows in the order of the stream."""
+    expected = {}
+    for output in top.outputs:
+        words = getattr(result, OUTPUTS[output.name].words)
+        if RASTERS[output.name].axis_planes:
+            words = np.moveaxis(words, 1, -1)
+        expected[output.name] = words[:, output.row_order]
+    return expected
 
 
 def bench_settings(top: TopZynq) -> dict:
-    """What the benches of the top-level must know of it."""
+    """The settings of the top level's testbenches that follow from its bundle."""
     sensor = top.bundle.scene.sensor
     measured = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
     return {
-        "period_ps": 2 * round(0.5e6 / top.bundle.scene.hardware.clock_mhz),  # half of it is whole
+        "period_ps": 2 * round(0.5e6 / top.bundle.scene.hardware.clock_mhz),  # an even number of ps
         "linger_cycles": LINGER,
         "lanes": top.lanes,
         "outputs": {output.name: output.octets for output in top.outputs},
@@ -99,14 +102,14 @@ def bench_settings(top: TopZynq) -> dict:
 
 
 def _without_void(words: np.ndarray, output: RasterOutput) -> np.ndarray:
-    """Rows of pixels from rows of beats."""
+    """The words of whole rows, without those of unused lanes."""
     row = output.beats * output.lanes * output.words
     whole = len(words) // row * row
     return words[:whole].reshape(-1, row)[:, : output.columns * output.words]
 
 
 def trace_file(folder: Path, name: str, trace: str) -> Path:
-    """Where `simulate` writes the trace of this kind."""
+    """File to which `simulate` writes a trace of the kind `trace`."""
     return folder / f"{name}.{trace}"
 
 
@@ -123,13 +126,13 @@ def simulate(
     trace: str | None = None,
     progress: bool = False,
 ) -> Report:
-    """Send `frames` (frames, H, W, C), back to back, through the Verilog `source` and compare all outputs.
+    """Send `frames` (frames, H, W, C) back to back through the Verilog `source` and compare all outputs.
 
-    result : of `bundle.pipeline.run(frames)`; name : the Verilog's top module
-    stall : probability per clock that the source of frames pauses, and that the outputs are not ready
+    result : golden model, `bundle.pipeline.run(frames)`; name : the Verilog's top module
+    stall : probabilities per clock that the driver of frames pauses, and that an output is not ready
     build_args : further arguments of Verilator
     trace : "saif" or "fst", written to `trace_file(folder, name, trace)`: the whole run, from reset on
-    Raises SimulationFailure where the bench fails (a hang, a broken bus rule, a wrong identity).
+    Raises SimulationFailure if the testbench fails: a hang, a violated AXI rule, a wrong identity.
     """
     top = TopZynq(bundle)
     path = top.datapath
@@ -179,10 +182,10 @@ def simulate(
                 log_file=folder / "simulation.log",
             )
     except (SystemExit, RuntimeError) as error:
-        raise SimulationFailure(f"{folder / 'simulation.log'}: the bench failed: {error}") from None
+        raise SimulationFailure(f"{folder / 'simulation.log'}: the testbench failed: {error}") from None
     wall = {"build": built - start, "simulate": time.monotonic() - built}
     if not (folder / "registers.json").exists():
-        raise SimulationFailure(f"{folder / 'simulation.log'}: the bench failed")
+        raise SimulationFailure(f"{folder / 'simulation.log'}: the testbench failed")
     with np.load(folder / "outputs.npz", allow_pickle=False) as archive:
         outputs = {k: archive[k] for k in archive.files}
     seen = json.loads((folder / "registers.json").read_text())
@@ -215,7 +218,7 @@ def simulate(
 
 
 def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, validity: np.ndarray) -> None:
-    """Start of frame, end of line, row, marks of the frame and the lanes that hold values, beat by beat."""
+    """Compare `tuser` (start of frame, row, flags), `tlast` (end of row) and `tkeep` of every beat."""
     frames, suspect = len(validity), suspects(validity).astype(int)
     for output in top.outputs:
         last = np.zeros((frames, output.rows, output.beats), np.int8)
@@ -233,7 +236,7 @@ def _check_markers(comparison: Comparison, outputs: dict, top: TopZynq, validity
 
 
 def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dict:
-    """Latencies of the first frame, which nothing delays, and the interval of those behind it."""
+    """Measured latencies of the first frame, checked with formulas unless `stalled`, and the interval."""
     path = top.datapath
     first = int(outputs["first_at"][0])
     registers = seen["frames"][0]

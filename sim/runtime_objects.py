@@ -1,7 +1,7 @@
-"""Verilator's own runtime, compiled once instead of for every simulator.
+"""Cache of Verilator's runtime objects and precompiled headers.
 
-Its objects, and its headers precompiled for the code of a design, are the same for all simulators with the
-same flags, and take most of the time that a small one needs.
+They are the same for all simulators with the same compiler flags, and compiling them takes most of the build
+time of a small simulator.
 """
 
 import hashlib
@@ -16,11 +16,11 @@ from pathlib import Path
 from filelock import FileLock
 
 CACHE = Path("build/cache/verilator")
-"""Objects by the hash of the compiler and the commands that make them."""
+"""Objects by the hash of the compilers and the commands that make them."""
 MAKEFILE = "Vtop.mk"
 HEADER = "runtime.h"
 HEADERS = ("verilated.h", "verilated_dpi.h", "verilated_vpi.h", "memory", "string")
-"""What HEADER includes: whatever all of a simulator's sources include."""
+"""Headers that all sources of a simulator include, so that HEADER includes them."""
 
 
 @cache
@@ -29,12 +29,12 @@ def compiler_version(compiler: str) -> str:
 
 
 def verilator_version() -> str:
-    """Of the include folder's own header: a package that changes has another version there."""
+    """Verilator's version, as the text of the header that contains it."""
     return (Path(os.environ["VERILATOR_ROOT"]) / "include" / "verilated_config.h").read_text()
 
 
 def with_headers(optimisation: str) -> str:
-    """The make variable by which a simulator's sources are compiled behind the precompiled headers."""
+    """The make variable that compiles a simulator's sources with the precompiled headers."""
     return f"OPT_FAST={optimisation} -include {HEADER}"
 
 
@@ -44,7 +44,7 @@ def _make(folder: Path, *arguments: str) -> str:
 
 
 def commands(folder: Path, optimisation: str) -> dict[str, list[str]]:
-    """How each file of the runtime is compiled for the verilated `folder`, by the file's name."""
+    """{file of the runtime: command that compiles it} for the verilated `folder`."""
     rule = "runtime: ; @echo $(VK_GLOBAL_OBJS); echo $(CXX) $(OPT_FAST) $(CXXFLAGS) $(CPPFLAGS)"
     objects, header = _make(folder, "--eval", rule, f"OPT_FAST={optimisation}", "runtime").splitlines()
     calls = [shlex.split(line) for line in _make(folder, "-n", "-B", *objects.split()).splitlines()]
@@ -54,37 +54,37 @@ def commands(folder: Path, optimisation: str) -> dict[str, list[str]]:
 
 
 class RuntimeObjects:
-    """Those of the simulator in a verilated `folder`, whose sources are compiled at `optimisation`."""
+    """The runtime objects for the simulator in a verilated `folder`, compiled with flag `optimisation`."""
 
     def __init__(self, folder: Path, optimisation: str):
         self.folder, self.commands = folder, commands(folder, optimisation)
         compilers = [compiler_version(name) for name in sorted({call[0] for call in self.commands.values()})]
         content = repr((sorted(self.commands.items()), compilers, verilator_version(), HEADERS))
-        self.kept = CACHE / hashlib.sha256(content.encode()).hexdigest()[:24]
+        self.cached = CACHE / hashlib.sha256(content.encode()).hexdigest()[:24]
 
-    def take(self) -> None:
-        """Put them into the folder, compiled first where nobody has; make leaves what it finds there.
+    def install(self) -> None:
+        """Put the objects into the folder, so that make need not; compile them first if the cache lacks them.
 
-        Compiled and kept are all or none; processes that want the same ones wait for the first.
+        The cache gets all of them or none. Processes that need the same ones wait for the first.
         """
-        self.kept.parent.mkdir(parents=True, exist_ok=True)
+        self.cached.parent.mkdir(parents=True, exist_ok=True)
         (self.folder / HEADER).write_text("".join(f"#include <{name}>\n" for name in HEADERS))
-        with FileLock(f"{self.kept}.lock"):
-            if not self.kept.is_dir():
-                self._keep()
+        with FileLock(f"{self.cached}.lock"):
+            if not self.cached.is_dir():
+                self._fill_cache()
         for name in self.commands:
             target = self.folder / name
             target.unlink(missing_ok=True)
             if name.endswith(".gch"):  # 70 MB
-                target.symlink_to((self.kept / name).resolve())
+                target.symlink_to((self.cached / name).resolve())
             else:
-                shutil.copyfile(self.kept / name, target)
+                shutil.copyfile(self.cached / name, target)
 
-    def _keep(self) -> None:
-        with tempfile.TemporaryDirectory(dir=self.kept.parent, ignore_cleanup_errors=True) as temporary:
+    def _fill_cache(self) -> None:
+        with tempfile.TemporaryDirectory(dir=self.cached.parent, ignore_cleanup_errors=True) as temporary:
             part = Path(temporary) / "part"
             part.mkdir()
             for name, command in self.commands.items():
                 subprocess.run(command, cwd=self.folder, capture_output=True, check=True)
                 shutil.copyfile(self.folder / name, part / name)
-            part.rename(self.kept)
+            part.rename(self.cached)

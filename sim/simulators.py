@@ -1,4 +1,4 @@
-"""Simulators kept by what they are made of, so that the same Verilog is compiled once."""
+"""Content-addressed cache of simulators: the same Verilog, flags and tools are compiled only once."""
 
 import hashlib
 import os
@@ -11,39 +11,40 @@ from filelock import FileLock
 CACHE = Path("build/cache/simulators")
 """Executables by the hash of their sources, commands and tools."""
 LIMIT_BYTES = 2 << 30
-"""Those that nobody has used for longest go as soon as all together take more."""
+"""Above this total size the least recently used executables are deleted."""
 
 
 def digest(*content: object) -> str:
-    """A name for what a simulator is made of."""
+    """Hash of everything that a simulator is built from."""
     return hashlib.sha256(repr(content).encode()).hexdigest()[:32]
 
 
-def take_or_make(name: str, executable: Path, make: Callable[[], None]) -> bool:
-    """Put the simulator `name` at `executable`; `make()` builds it there where none is kept.
+def copy_or_build(name: str, executable: Path, build: Callable[[], None]) -> bool:
+    """Copy the simulator with hash `name` from the cache to `executable`; if it is missing, call `build()`.
 
-    Returns whether it was kept already. Processes that want the same one wait for the first; a build that
-    fails or is killed keeps nothing.
+    `build()` must build `executable`, which then enters the cache. Returns whether it was in the cache.
+    Processes that need the same simulator wait for the first; a failed or killed build leaves no entry.
     """
     CACHE.mkdir(parents=True, exist_ok=True)
-    kept = CACHE / name
-    executable.unlink(missing_ok=True)  # or make might take another simulator's for its own
-    with FileLock(f"{kept}.lock"):
-        if kept.exists():
-            os.utime(kept)
-            shutil.copy2(kept, executable)
+    cached = CACHE / name
+    # make would take another simulator's executable for its own.
+    executable.unlink(missing_ok=True)
+    with FileLock(f"{cached}.lock"):
+        if cached.exists():
+            os.utime(cached)
+            shutil.copy2(cached, executable)
             return True
-        make()
-        part = kept.with_suffix(".part")
+        build()
+        part = cached.with_suffix(".part")
         shutil.copy2(executable, part)
         os.utime(part)
-        part.replace(kept)
-    _forget_oldest()
+        part.replace(cached)
+    _delete_least_recently_used()
     return False
 
 
-def _forget_oldest() -> None:
-    """Delete those that were used longest ago until the rest is within the limit."""
+def _delete_least_recently_used() -> None:
+    """Delete the least recently used simulators until the rest is within LIMIT_BYTES."""
     with FileLock(CACHE / "clean.lock"):
         files = [path for path in CACHE.iterdir() if not path.suffix]
         found = sorted((path.stat().st_mtime, path.stat().st_size, path) for path in files)

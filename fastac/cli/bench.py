@@ -42,12 +42,11 @@ def rig(scene, store, progress):
     from fastac.studies.benchmarks import rig as benchmark
 
     found = schema.load(scene)
-    lines = benchmark.measure(found, store, progress)
+    table = benchmark.measure(found, store, progress)
     size = f"{found.sensor.width_px} x {found.sensor.height_px}"
     repeats, stations = benchmark.REPEATS, benchmark.STATIONS
     click.echo(f"{scene}, {size} px, the fastest of {repeats} runs at each of {stations} stations:")
-    for text in lines:
-        click.echo(text)
+    click.echo(table)
 
 
 @bench.command()

@@ -6,6 +6,7 @@ import click
 
 from fastac.cli.common import INPUT, OUTPUT_FILE, Group, cad_options, load_cad, output_option, progress_option
 from fastac.scenes import schema as scenes
+from fastac.store.kinds import Kinds
 
 
 def size_options(command):
@@ -21,12 +22,7 @@ def split_counts(data) -> str:
     return ", ".join(f"{len(data.indices(split))} {split}" for split in ("train", "validation", "test"))
 
 
-@click.group("import", cls=Group)
-def import_():
-    """Turn recordings into datasets."""
-
-
-@import_.command("ball-press")
+@click.command()
 @click.argument("folder", type=INPUT)
 @click.option(
     "--labels",
@@ -67,7 +63,7 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
     click.echo(f"{output}: {len(written)} frames ({split_counts(written)}), pitch {written.pitch_mm:.5f} mm")
 
 
-@import_.command("force")
+@click.command()
 @click.argument("source", metavar="VIDEO|FOLDER", type=INPUT)
 @click.option(
     "--forces",
@@ -144,7 +140,7 @@ def force_recording(
     click.echo(f"test: {tested}")
 
 
-@import_.command("cnc")
+@click.command()
 @click.argument("folder", type=INPUT)
 @click.option(
     "--scene",
@@ -205,3 +201,22 @@ def cnc_recording(
     written = read(output)
     left_out = f", {written.left_out} left out" if written.left_out else ""
     click.echo(f"{output}: {len(written)} frames ({split_counts(written)}){left_out}")
+
+
+IMPORTERS = Kinds("importer", {"ball-press": ball_press, "force": force_recording, "cnc": cnc_recording})
+"""Importers by the names of their commands, `fastac import NAME`."""
+
+
+class ImporterGroup(Group):
+    """The commands of IMPORTERS."""
+
+    def list_commands(self, context):
+        return sorted(IMPORTERS)
+
+    def get_command(self, context, name):
+        return IMPORTERS.get(name)
+
+
+@click.group("import", cls=ImporterGroup)
+def import_():
+    """Turn recordings into datasets."""

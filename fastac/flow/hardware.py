@@ -3,10 +3,7 @@
 
 import hashlib
 import json
-import os
-import shutil
 import subprocess
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +18,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.sensor.dataset import Dataset
 from fastac.sim import check_top as simulation
 from fastac.sim.runner import EXECUTABLE, use_verilator
-from fastac.store.files import write_json
+from fastac.store.files import write_folder_atomically, write_json
 from fastac.store.progress import watched
 from fastac.synth import resources
 
@@ -49,20 +46,11 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
     with watched("elaborating Verilog", enabled=progress):
         rtlil = to_rtlil(top, name=NAME)
         text = verilog_of(rtlil)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(dir=folder.parent, prefix=f".{folder.name}."))
-    try:
+    with write_folder_atomically(folder) as temporary:
         write_vivado_project(text, temporary, bundle.scene.hardware.clock_mhz, name=NAME)
         write_json(temporary / "hardware.json", describe(top, rtlil))
         with watched("linting", enabled=progress):
             lint(temporary / f"{NAME}.v")
-        os.chmod(temporary, 0o755)
-        if folder.exists():
-            shutil.rmtree(folder)
-        os.replace(temporary, folder)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
 
 
 def lint(source: Path) -> None:

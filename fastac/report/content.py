@@ -1,4 +1,4 @@
-"""What report.json says of a build."""
+"""The content of report.json, and the rows of its summary."""
 
 import json
 from pathlib import Path
@@ -15,11 +15,12 @@ LATENCY_ORIGIN = (
 
 
 def estimated(value: float, formula: str) -> dict:
+    """A figure of the report that a formula estimates, with its origin."""
     return {"value": value, "origin": f"estimated: {formula}"}
 
 
 def content(folder: Path, bundle: Bundle) -> dict:
-    """The report from what the build's steps have written; what was not obtained is absent."""
+    """The report of a build from the files of its steps; figures that were not obtained are absent."""
     scene = bundle.scene
     errors = json.loads((folder / "accuracy.json").read_text())
     simulated = json.loads((folder / "sim.json").read_text())
@@ -68,7 +69,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
 
 
 def bounds(bundle: Bundle) -> dict:
-    """Every word of the datapath: its worst case and its width."""
+    """The width of every word of the datapath, and its largest possible value or where it saturates."""
     pipeline = bundle.pipeline
     found = {
         f"fc{k}.accumulator": {"bound": layer.accumulator_bound, "width_bits": layer.accumulator_width}
@@ -99,7 +100,7 @@ def bounds(bundle: Bundle) -> dict:
 
 
 def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
-    """(what, ours, paper's, origin of ours) for the page and the terminal."""
+    """Rows (figure, ours, the paper's, origin of ours) of the summary on the page and in the terminal."""
     latency, rtl, errors = report["latency_cycles"], report["rtl_vs_integer"], report["accuracy"]
     paper, frames = report["paper"], report["frames_are"]
     rows = [

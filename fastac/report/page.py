@@ -1,4 +1,4 @@
-"""report.json, and the page a person would rather look at."""
+"""Writes report.json and the page report.html of a finished build."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from fastac.store.files import write_json, write_text
 
 
 def frames_figure(data: Dataset, index: np.ndarray, results: dict, scene: Scene) -> str:
-    """A row per frame: input, NIR, normals, depth found, displacement, depth error, force map."""
+    """A row of panels for each frame: input, NIR, normals, depth, displacement, depth error, force map."""
     rows = []
     for k, sample in enumerate(index):
         frame = data.frames[sample]
@@ -52,7 +52,7 @@ def frames_figure(data: Dataset, index: np.ndarray, results: dict, scene: Scene)
 
 
 def force_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tuple[int, ...]) -> str:
-    """Force found against true force, axis by axis."""
+    """Force found against true force, a panel for each axis."""
     figure, panels = plt.subplots(1, len(force_axes), figsize=(4 * len(force_axes), 4), squeeze=False)
     for k, (panel, force_axis) in enumerate(zip(panels[0], force_axes, strict=True)):
         truth = data.forces_n(index, (force_axis,))[:, 0]
@@ -67,7 +67,7 @@ def force_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tu
 
 
 def cycles_figure(report: dict) -> str:
-    """Where the cycles go, stage by stage."""
+    """The clock cycles of each stage."""
     figure, axis = plt.subplots(figsize=(8, 1.8))
     draw_cycles(axis, report["latency_cycles_by_formula"]["stage"])
     axis.legend(fontsize=6, ncol=4, loc="upper center", bbox_to_anchor=(0.5, -0.35))
@@ -97,7 +97,7 @@ def curves_figure(bundle: Bundle) -> str:
 
 
 def _choice(axis, curves: dict[str, np.ndarray]) -> None:
-    """What ridge regression tried: the error over the regularisation, a line for each basis."""
+    """The validation error of each regularisation that ridge regression tried, a line for each basis."""
     sizes = curves.get("cosines", np.zeros(len(curves["regularisation"])))
     for size in np.unique(sizes):
         part = sizes == size

@@ -1,4 +1,4 @@
-"""`fastac scope`: what each scene simulates, trains, elaborates and verifies, and what it does without."""
+"""The table of `fastac scope`: which labels, trainings, stages and outputs each scene needs, and its area."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +10,7 @@ import numpy as np
 from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.random_bundle import layers
+from fastac.report.tables import markdown_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.store.record import read_record
@@ -26,12 +27,15 @@ STEPS = {
     "verilog": "elaboration and lint",
     "sim": "RTL simulation",
 }
-"""The build's steps, by what their seconds are shown as."""
+"""The build's steps whose wall time is shown, with their labels."""
 
 
 def random_pipeline(scene: Scene) -> IntegerPipeline:
-    """The scene's pipeline with random weights: its area follows from words and sizes and, where the network
-    is baked in, from how many digits its weights have."""
+    """The scene's pipeline with random weights, to estimate its area.
+
+    The area follows from word widths and sizes and, where the network is baked in, from the number of
+    non-zero digits of its weights.
+    """
     rng, sensor = np.random.default_rng(SEED), scene.sensor
     shape = (sensor.height_px, sensor.width_px)
     background = rng.integers(80, 170, (*shape, len(sensor.channel_names))).astype(np.uint8)
@@ -51,7 +55,7 @@ def random_pipeline(scene: Scene) -> IntegerPipeline:
 
 @dataclass(frozen=True)
 class Scope:
-    """A scene, and the folder of its build, which may not be there."""
+    """A scene, and the folder of its build, which need not exist."""
 
     scene: Scene
     folder: Path
@@ -67,7 +71,7 @@ class Scope:
         return Scene.model_validate(content)
 
     def simulated(self) -> dict[str, str]:
-        """What a dataset for it must hold."""
+        """The frames and labels that a dataset for the scene must hold."""
         scene = self.scene
         by_geometry = scene.training.labels == "geometry"
         curved = scene.sensor.geometry == "fingertip"
@@ -119,7 +123,7 @@ class Scope:
         return {name: f"{count:,}" if count else ABSENT for name, count in counts.items()}
 
     def area(self) -> dict[str, str]:
-        """In all, and how much less that is than with everything."""
+        """The estimated area of the design, beside that with every output."""
         mine, whole = (resources.estimate(random_pipeline(scene)) for scene in (self.scene, self.everything))
         found = {}
         for name, label in AREAS.items():
@@ -128,7 +132,7 @@ class Scope:
         return found
 
     def seconds(self) -> dict[str, str]:
-        """Of the build's steps, as they were when they last ran."""
+        """The wall time of each step of the build when it last ran."""
         record, known = read_record(self.folder), {}
         for name, label in STEPS.items():
             needed = name != "force" or self.scene.wants_force
@@ -138,7 +142,7 @@ class Scope:
 
 
 def table(scopes: Sequence[Scope]) -> str:
-    """All of them side by side, in Markdown."""
+    """A Markdown table with a column for each scene."""
     sections = {
         "simulated or recorded": Scope.simulated,
         "trained": Scope.trained,
@@ -148,12 +152,12 @@ def table(scopes: Sequence[Scope]) -> str:
         "wall time": Scope.seconds,
     }
     names = [scope.scene.name for scope in scopes]
-    lines = ["| | " + " | ".join(names) + " |", "|---" * (len(names) + 1) + "|"]
+    rows: list[list[str]] = []
     for title, section in sections.items():
         columns = [section(scope) for scope in scopes]
-        lines.append(f"| **{title}** |" + " |" * len(names))
-        lines += [f"| {key} | " + " | ".join(column[key] for column in columns) + " |" for key in columns[0]]
-    return "\n".join([*lines, "", "\n\n".join(notes())])
+        rows.append([f"**{title}**", *("" for _ in names)])
+        rows += [[key, *(column[key] for column in columns)] for key in columns[0]]
+    return "\n\n".join([markdown_table(["", *names], rows), *notes()])
 
 
 def notes() -> list[str]:

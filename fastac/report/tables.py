@@ -31,6 +31,11 @@ def text_table(head: Sequence[object], rows: Iterable[Sequence[object]]) -> str:
     return "\n".join(line.rstrip() for line in text.splitlines())
 
 
+def markdown_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table for Markdown pages; cells may hold Markdown."""
+    return tabulate(list(rows), head, tablefmt="pipe", disable_numparse=True)
+
+
 @dataclass(frozen=True)
 class Table:
     """A table with its title and a note: rows of cells that are text already."""

@@ -1,4 +1,4 @@
-"""Points of the front as RTL: cycles and bits exactly, or it says what differs."""
+"""Confirmation of points on the Pareto front: simulates their Verilog and compares bits and cycles."""
 
 import random
 from collections.abc import Callable, Sequence
@@ -18,12 +18,15 @@ from fastac.sweep.results import Row
 from fastac.sweep.spec import Point
 
 FRAMES = 3
-"""Through the hardware, back to back: three show the interval between frames twice."""
+"""Simulated back to back; three show the initiation interval twice."""
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """What a simulation of a point's Verilog found, and what the sweep had said of it."""
+    """Result of simulating a point's Verilog.
+
+    cycles_counted : in the simulation; cycles_stated : by the cycle formulas that the sweep used
+    """
 
     frames: int
     values_compared: int
@@ -35,17 +38,18 @@ class Confirmation:
 
     @property
     def is_exact(self) -> bool:
+        """Whether all values and all cycles agree."""
         return not self.mismatches and self.cycles_counted == self.cycles_stated
 
 
 def choose(designs: Sequence[tuple[Source, Row]], count: int, seed: int) -> list[tuple[Source, Row]]:
-    """`count` designs at random, always the same ones of the same designs and seed; all if they are fewer."""
+    """`count` random designs, or all if there are fewer; the same for the same designs and seed."""
     ordered = sorted(designs, key=lambda pair: pair[1].key)
     return random.Random(seed).sample(ordered, min(count, len(ordered)))
 
 
 def models_of(source: Source, row: Row) -> PointModels:
-    """A row's models. Raises TradeError where they are no longer those that were measured."""
+    """The models of a row. Raises TradeError where code or data have changed since they were measured."""
     setting = Setting(**source.facts["setting"])
     scene = Scene.model_validate(row.scene)
     models, store = PointModels(scene, setting), open_store(Path(setting.store))
@@ -55,7 +59,10 @@ def models_of(source: Source, row: Row) -> PointModels:
 
 
 def confirm(source: Source, row: Row, folder: Path, *, progress: bool) -> Confirmation:
-    """Build a row's hardware in `folder` and send held-out frames through it."""
+    """Write a row's bundle and Verilog into `folder` and simulate them on held-out frames.
+
+    Raises TradeError where the row's metrics are not those of the present cycle formulas.
+    """
     models = models_of(source, row)
     bundle = bundles.save(folder / "bundle", models.pipeline, models.floats)
     hardware.write_verilog(bundle, folder / "verilog", progress=progress)
@@ -89,7 +96,10 @@ def run(
     *,
     progress: bool,
 ) -> list[dict]:
-    """Confirm `count` of the designs, each recorded in its results at once; those that are known are kept."""
+    """Confirm `count` of the designs and record each in its results file; earlier confirmations are reused.
+
+    tell : called with each row and its confirmation
+    """
     found = []
     for source, row in choose(designs, count, seed):
         content = source.results.confirmations().get(row.key)

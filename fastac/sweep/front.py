@@ -1,4 +1,4 @@
-"""What a sweep teaches: Pareto fronts, what speed costs, and the scene that meets given limits."""
+"""Questions to the results of sweeps: Pareto fronts, the price of speed, the best scene within limits."""
 
 import re
 from collections.abc import Callable, Iterable, Sequence
@@ -24,7 +24,7 @@ COSTS = {
     "dsp": "DSP48E2",
     "energy_uj": "energy of a frame, estimate, µJ",
 }
-"""Metrics that fronts are drawn over, with their labels."""
+"""Metrics that the fronts weigh against the errors, with their labels."""
 COMPARE = {"<": lt, "<=": le, ">": gt, ">=": ge}
 LIMIT = re.compile(r"\s*([A-Za-z_][A-Za-z0-9_]*)\s*(<=|>=|<|>)\s*(\S+)\s*")
 BITS = ("numbers.weight_bits", "numbers.activation_bits", "numbers.last_weight_bits")
@@ -32,12 +32,12 @@ TUNING = ("training.finetune_epochs", "training.finetune_weights", "training.fin
 
 
 class TradeError(ValueError):
-    """A question that the results do not answer; the message is one line."""
+    """A question that the results cannot answer; the message is one line."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A results file, and what its points have in common."""
+    """A results file, the facts that its points have in common, and the points."""
 
     results: Results
     facts: dict
@@ -49,7 +49,10 @@ class Source:
 
 
 def read(path: Path) -> Source:
-    """A results file, the points of its last generation. Raises ResultsError, or TradeError without any."""
+    """The points of the newest generation in a results file.
+
+    Raises ResultsError for a file that cannot be read, TradeError where no point is done.
+    """
     results = Results(path, create=False)
     facts = results.facts()
     found = Source(results, facts, results.rows(facts.get("generation")))
@@ -59,7 +62,7 @@ def read(path: Path) -> Source:
 
 
 def distinct(sources: Iterable[Source]) -> list[tuple[Source, Row]]:
-    """All points that are done, each once, with the file it is from."""
+    """All points that are done, each once, with the file that it comes from."""
     found = {}
     for source in sources:
         for row in source.done:
@@ -68,9 +71,9 @@ def distinct(sources: Iterable[Source]) -> list[tuple[Source, Row]]:
 
 
 def is_on_front(values: np.ndarray) -> np.ndarray:
-    """Of points (points, metrics), all to be small: which ones no other point beats or equals in everything.
+    """Which points are Pareto-optimal, bool (points,), of `values` (points, metrics), all to be small.
 
-    Of points that are equal the first one counts.
+    A point is on the front if no other one is at most as large in every metric; of equal points the first is.
     """
     kept = np.ones(len(values), bool)
     for k, value in enumerate(values):
@@ -82,11 +85,12 @@ def is_on_front(values: np.ndarray) -> np.ndarray:
 
 
 def with_metrics(rows: Iterable[Row], names: Sequence[str]) -> list[Row]:
+    """The rows that have all these metrics."""
     return [row for row in rows if all(name in row.metrics for name in names)]
 
 
 def front(rows: Iterable[Row], names: Sequence[str]) -> list[Row]:
-    """The rows that are best in the metrics `names`, by the second one; rows without them are left out."""
+    """The Pareto front of the rows over the metrics `names`, sorted by the last of them."""
     rows = with_metrics(rows, names)
     if not rows:
         return []
@@ -96,9 +100,9 @@ def front(rows: Iterable[Row], names: Sequence[str]) -> list[Row]:
 
 
 def best_designs(rows: Iterable[Row]) -> list[Row]:
-    """What is on the front over all costs and one of the errors; that of depth-less designs is the force's.
+    """The designs on the front over one of the errors and all costs, for each error that is known.
 
-    Raises TradeError where nothing has an error.
+    Raises TradeError where no design has an error.
     """
     rows = list(rows)
     found = {row.key: row for error in ERRORS for row in front(rows, (error, *COSTS))}
@@ -108,7 +112,7 @@ def best_designs(rows: Iterable[Row]) -> list[Row]:
 
 
 def faster(rows: Iterable[Row], error: str) -> list[tuple[float, Row]]:
-    """The price of speed: (how many times faster, the row with the least error at that speed).
+    """The price of speed: pairs of a speed-up and the row with the least error at that speed.
 
     The first row is the most accurate of all; the next ones take at most 1/2, 1/4, … of its cycles.
     """
@@ -128,7 +132,7 @@ def faster(rows: Iterable[Row], error: str) -> list[tuple[float, Row]]:
 
 
 def flat(content: dict, prefix: str = "") -> dict:
-    """A scene's JSON with dotted keys."""
+    """A scene's nested JSON as one dictionary with dotted keys, such as "sensor.width_px"."""
     found = {}
     for key, value in content.items():
         found |= flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value}
@@ -160,8 +164,11 @@ def one_at_a_time(source: Source) -> dict[str, list[tuple[object, Row]]]:
 
 
 def tuned(source: Source) -> list[tuple[dict, Row]]:
-    """Rows with as many bits for weights as for activations that differ from the base in `BITS` and `TUNING`
-    only, with these values: fine-tuning beside post-training quantisation, which is 0 epochs."""
+    """Rows that compare bit-true fine-tuning with post-training quantisation (0 epochs), with their values.
+
+    They differ from the base scene in `BITS` and `TUNING` only and have as many bits for weights as for
+    activations; empty unless there are rows of both kinds.
+    """
     found = []
     for row in source.done:
         values = flat(row.scene)
@@ -178,7 +185,7 @@ def tuned(source: Source) -> list[tuple[dict, Row]]:
 
 
 def is_scene(row: Row, scene: Scene) -> bool:
-    """Whether the row is of this scene, whatever its name."""
+    """Whether the row's scene equals this one, names aside."""
     return not differences(row, scene.model_dump(mode="json"))
 
 
@@ -206,18 +213,19 @@ def limits(text: str, names: Iterable[str]) -> list[tuple[str, Callable[[float, 
 
 
 def asked(text: str) -> list[str]:
-    """The metrics that limits such as "dsp<220" are on."""
+    """The names of the metrics in limits such as "dsp<220, lut<9000"."""
     return [LIMIT.fullmatch(part)[1] for part in text.split(",")]
 
 
 def metric_names(rows: Iterable[Row]) -> set[str]:
+    """The metrics that any row has."""
     return {name for row in rows for name in row.metrics}
 
 
 def pick(rows: Iterable[Row], text: str, by: Sequence[str]) -> Row:
-    """Of the rows within the limits `text` the one that is smallest in the first of `by`, then the next.
+    """The row within the limits `text` that is smallest in the first metric of `by`, then in the next.
 
-    Raises TradeError where there is none.
+    Raises TradeError where no row is within the limits.
     """
     rows = list(rows)
     names = metric_names(rows)
@@ -229,18 +237,16 @@ def pick(rows: Iterable[Row], text: str, by: Sequence[str]) -> Row:
     for name, compare, value in wanted:
         rows = [row for row in rows if name in row.metrics and compare(row.metrics[name], value)]
         if not rows:
-            raise TradeError(
-                f"--pick {text!r}: no design meets it; the first limit that none meets is on {name}"
-            )
+            raise TradeError(f"--pick {text!r}: no design meets all limits; that on {name} leaves none")
     return min(rows, key=lambda row: [row.metrics[name] for name in by])
 
 
 def write_scene(row: Row, path: Path, origin: str) -> Scene:
-    """The row's scene as TOML for `fastac build`, named after the file; `origin` says where it is from."""
+    """Write the row's scene as TOML for `fastac build`, named after the file, with `origin` as a comment."""
     content = Scene.model_validate(row.scene | {"name": "picked"}).model_dump(
         mode="json", exclude={"name"}, exclude_defaults=True
     )
-    # What a reader looks for first is there even where it is the default.
+    # These keys are written even where they have their defaults: a reader looks for them first.
     shown = ("height_px", "width_px", "pitch_mm", "channels", "source")
     sensor = {name: row.scene["sensor"][name] for name in shown} | content["sensor"]
     lines = [f"# {origin}", *(f"# {name} = {value:.6g}" for name, value in sorted(row.metrics.items()))]

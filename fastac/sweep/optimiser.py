@@ -1,4 +1,4 @@
-"""The points of a sweep that Optuna chooses: several objectives at once, resumable."""
+"""Multi-objective design-space exploration: the points of a sweep that Optuna proposes; resumable."""
 
 from pathlib import Path
 
@@ -10,10 +10,10 @@ from fastac.sweep.spec import Point, Spec, expand, point_of
 
 
 class Optimiser:
-    """Points that a tree-structured Parzen estimator asks for: `spec.trials` in all, `slots` at once.
+    """Source of points proposed by a tree-structured Parzen estimator: `spec.trials` in all, `slots` at once.
 
-    Trials of an earlier run are told to it first. With one worker the same seed gives the same points; with
-    several, what is asked for depends on what is known by then.
+    Trials of earlier runs are read from the results first. With one worker the same seed gives the same
+    points; with several, a proposal depends on which results have arrived.
     Source: Ozaki et al., "Multiobjective Tree-Structured Parzen Estimator", JAIR 2022.
     """
 
@@ -28,17 +28,20 @@ class Optimiser:
         }
         self.asked: dict[int, tuple[optuna.trial.Trial, Point]] = {}
         rows, before = {row.key: row for row in results.rows()}, results.trials()
-        # Another seed for each start: the same one would ask for the same first points again.
+        # Another seed for each start: the same one would propose the same first points again.
         self.study = optuna.create_study(
             directions=["minimize"] * len(spec.objectives),
             sampler=optuna.samplers.TPESampler(seed=spec.seed + len(before)),
         )
         for choice, key in before:
-            self.study.add_trial(self._told(choice, rows.get(key)))
+            self.study.add_trial(self._finished_trial(choice, rows.get(key)))
         self.count = len(before)
 
     def _values(self, row: Row | None) -> list[float] | None:
-        """The objectives of a point; None where it has none."""
+        """The objectives of a point; None unless it is done.
+
+        Raises ValueError for an objective that is not among the metrics.
+        """
         if row is None or row.status != "done":
             return None
         for name in self.spec.objectives:
@@ -46,13 +49,14 @@ class Optimiser:
                 raise ValueError(f"objectives: {name!r}: not measured; there are {', '.join(row.metrics)}")
         return [row.metrics[name] for name in self.spec.objectives]
 
-    def _told(self, choice: dict, row: Row | None) -> optuna.trial.FrozenTrial:
+    def _finished_trial(self, choice: dict, row: Row | None) -> optuna.trial.FrozenTrial:
+        """A trial of an earlier run; failed where its row has no objectives."""
         values = self._values(row)
         state = optuna.trial.TrialState.FAIL if values is None else optuna.trial.TrialState.COMPLETE
         return optuna.trial.create_trial(params=choice, distributions=self.space, values=values, state=state)
 
     def ask(self, under_way: int) -> Point | None:
-        """The next point, chosen with what is known; None at the end, and while enough are under way."""
+        """The next point; None after the last, and while `slots` points are under way."""
         if self.count >= self.spec.trials or under_way >= self.slots:
             return None
         trial = self.study.ask(self.space)
@@ -65,7 +69,7 @@ class Optimiser:
         return point
 
     def tell(self, point: Point, row: Row) -> None:
-        """What was found of a point that was asked for."""
+        """Record the result of a point that `ask` returned."""
         trial, _ = self.asked.pop(id(point))
         values = self._values(row)
         state = optuna.trial.TrialState.FAIL if values is None else None

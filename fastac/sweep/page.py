@@ -1,4 +1,4 @@
-"""The trade as a page to explore, as pictures, and as text."""
+"""The trade of speed against accuracy as an interactive page, as pictures, and as tables."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -29,7 +29,7 @@ SHOWN = ("latency_cycles", "dsp", "lut", "ramb36", "energy_uj")
 
 @dataclass(frozen=True)
 class Trade:
-    """What is shown: points, marked scenes by name, and tables."""
+    """What is shown: the results files, their distinct points, and the marked scenes' rows by name."""
 
     sources: Sequence[Source]
     rows: Sequence[Row]
@@ -48,7 +48,7 @@ class Trade:
 
 
 def named(row: Row) -> str:
-    """What was chosen for a row."""
+    """The values chosen along the sweep's axes for a row, as text."""
     return ", ".join(f"{key.split('.')[-1]} {_value(value)}" for key, value in row.axes.items())
 
 
@@ -61,7 +61,7 @@ def _cells(row: Row, names: Sequence[str]) -> list[str]:
 
 
 def faster_table(shown: Trade, error: str) -> Table:
-    """What each doubling of the speed costs."""
+    """The least error at each doubling of the speed."""
     rows, before = [], None
     for ratio, row in front.faster(shown.rows, error):
         value = row.metrics[error]
@@ -70,7 +70,7 @@ def faster_table(shown: Trade, error: str) -> Table:
         rows.append([*cells, f"{row.scene['sensor']['width_px']} px, {named(row)}"])
         before = value
     return Table(
-        f"To go 2× faster costs this much: {ERRORS[error]}",
+        f"The price of speed: {ERRORS[error]}",
         ["speed", error, "change", *SHOWN, "design"],
         rows,
         "Each line has the least error of all designs with at most 1/2, 1/4, … of the first line's cycles.",
@@ -78,7 +78,7 @@ def faster_table(shown: Trade, error: str) -> Table:
 
 
 def keys_table(source: Source) -> Table:
-    """One key at a time: what each value costs, all else as in the base scene."""
+    """The rows that differ from the base scene in one key only, key by key."""
     present = [name for name in ERRORS if any(name in row.metrics for row in source.done)]
     rows = [
         [key, _value(value), *_cells(row, (*present, *SHOWN))]
@@ -95,7 +95,7 @@ def keys_table(source: Source) -> Table:
 
 
 def tuning_table(source: Source) -> Table:
-    """Bit-true fine-tuning beside post-training quantisation."""
+    """Errors after bit-true fine-tuning and after post-training quantisation."""
     present = [name for name in ERRORS if any(name in row.metrics for row in source.done)]
     rows = []
     for values, row in front.tuned(source):
@@ -113,6 +113,7 @@ def tuning_table(source: Source) -> Table:
 
 
 def confirmed_table(shown: Trade) -> Table:
+    """What RTL simulations of designs found."""
     rows = []
     by_key = {row.key: row for row in shown.rows}
     for key, content in shown.confirmed.items():
@@ -133,8 +134,9 @@ def confirmed_table(shown: Trade) -> Table:
 
 
 def failures_table(sources: Sequence[Source]) -> Table:
+    """The designs without results, and why."""
     rows = [[row.status, named(row), row.error] for s in sources for row in s.rows if row.status != "done"]
-    return Table("Designs that cannot be, or failed", ["", "design", "why"], rows)
+    return Table("Designs that are infeasible or failed", ["", "design", "why"], rows)
 
 
 def tables(shown: Trade) -> list[Table]:
@@ -154,7 +156,7 @@ def _hover(row: Row) -> str:
 
 
 def scale(rows: Sequence[Row], cost: str) -> str:
-    """Of a cost's axis: over less than a decade a logarithm has no room for its labels."""
+    """The scale of a cost's axis: linear over less than a decade, where a logarithm has too few labels."""
     values = [row.metrics[cost] for row in rows]
     paper = [PAPER_CYCLES] if cost == "latency_cycles" else []
     return "log" if min(values) > 0 and max(values + paper) > 10 * min(values) else "linear"
@@ -215,7 +217,7 @@ def figure(shown: Trade, error: str) -> go.Figure:
 
 
 def picture(shown: Trade, error: str, path: Path) -> None:
-    """The same as a PNG."""
+    """The same plot as a PNG file."""
     plot, panels = plt.subplots(1, len(COSTS), figsize=(5 * len(COSTS), 4.2), sharey=True)
     rows = front.with_metrics(shown.rows, (error,))
     for panel, (cost, label) in zip(panels, COSTS.items(), strict=True):
@@ -244,7 +246,7 @@ def picture(shown: Trade, error: str, path: Path) -> None:
 
 
 def write(shown: Trade, folder: Path) -> list[Path]:
-    """The page and its pictures; returns the files. The page holds all it needs, Plotly's code too."""
+    """Write the page and its pictures; returns the files. The page holds Plotly's code and all data."""
     written, figures = [], []
     for error in shown.errors:
         path = folder / PICTURE.format(error)

@@ -1,4 +1,4 @@
-"""Workers of a sweep: processes of this machine or a Dask cluster."""
+"""Workers of a sweep: processes on this machine, or a Dask cluster."""
 
 import os
 import threading
@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-ANSWER_S = 30
-"""How long a scheduler may take to answer; a loaded machine needs 10 s to start the client's own loop."""
+SCHEDULER_TIMEOUT_S = 30
+"""For a Dask scheduler to answer; on a loaded machine the client alone needs 10 s to start."""
 
 
 class SweepError(RuntimeError):
@@ -21,29 +19,33 @@ class SweepError(RuntimeError):
 
 @dataclass(frozen=True)
 class Pool:
-    """Where tasks run: in what `start` makes, and again if its processes are killed; `slots` at once."""
+    """Where tasks run.
+
+    start : makes the executor, and a new one if its processes are killed
+    slots : number of tasks at once
+    """
 
     start: Callable[[], Executor]
     slots: int
 
 
 def single_threaded() -> None:
-    """Each worker has one core: nothing in it may start more threads."""
+    """Limit OpenMP, OpenBLAS and MKL to one thread, since each worker has one core."""
     for name in THREAD_VARIABLES:
         os.environ[name] = "1"
 
 
 @contextmanager
 def local_pool(workers: int | None = None) -> Iterator[Pool]:
-    """A process for each core, or `workers`."""
+    """A pool of `workers` processes on this machine; None: one for each core."""
     workers = workers or os.cpu_count() or 1
-    single_threaded()  # what a process inherits before it loads BLAS
+    single_threaded()  # before the processes start, since BLAS reads the variables when it is loaded
     spawn = get_context("spawn")
-    yield Pool(lambda: ProcessPoolExecutor(workers, mp_context=spawn, initializer=_follow), workers)
+    yield Pool(lambda: ProcessPoolExecutor(workers, mp_context=spawn, initializer=_exit_with_parent), workers)
 
 
-def _follow() -> None:
-    """End this process with its parent, however that ends."""
+def _exit_with_parent() -> None:
+    """End this process when its parent ends, even if that is killed."""
 
     def watch() -> None:
         parent_process().join()
@@ -60,7 +62,7 @@ def dask_pool(address: str) -> Iterator[Pool]:
     except ImportError:
         raise SweepError("--scheduler: Dask is not installed: run pip install -e '.[sweep]'") from None
     try:
-        client = Client(address, timeout=ANSWER_S)
+        client = Client(address, timeout=SCHEDULER_TIMEOUT_S)
     except (OSError, ValueError) as error:
         raise SweepError(f"--scheduler {address}: no scheduler answers: {error}") from None
     with client:

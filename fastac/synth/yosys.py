@@ -1,4 +1,4 @@
-"""What Yosys counts of a part: the UltraScale+ blocks and look-up tables, and the registers in its DSPs."""
+"""Yosys's counts of a part: UltraScale+ blocks and look-up tables, and registers absorbed into DSP blocks."""
 
 import json
 import re
@@ -17,7 +17,7 @@ techmap -map +/xilinx/cells_map.v
 clean
 tee -q -o count.json stat -json
 """
-"""All of `synth_xilinx` up to the look-up tables: their mapping changes none of `BLOCKS`."""
+"""`synth_xilinx` up to the mapping of look-up tables, which changes none of `BLOCKS`."""
 LUT_SCRIPT = f"""\
 read_rtlil part.il
 synth_xilinx -family xcup -uram {MAPPING} -top {UNIT} -run begin:check
@@ -44,7 +44,7 @@ MEMORY_LUTS = {
     **dict.fromkeys(("RAM256X1S", "RAM128X1D", "RAM32M", "RAM64M"), 4),
     **dict.fromkeys(("RAM512X1S", "RAM256X1D", "RAM32M16", "RAM64M8", "RAM32X16DR8", "RAM64X8SW"), 8),
 }
-"""Look-up tables in each shift register and distributed RAM (Xilinx UG974)."""
+"""Look-up tables per shift register and distributed RAM (Xilinx UG974)."""
 COUNT_ORIGIN = "counted by synthesis: Yosys synth_xilinx -family xcup, the module by itself"
 LUT_ORIGIN = (
     "estimated: look-up tables of Yosys synth_xilinx -family xcup, the module by itself, with shift registers"
@@ -63,7 +63,7 @@ def _run(script: str, part_text: str, folder: Path) -> None:
 
 
 def netlist(part: Part, folder: Path) -> str:
-    """RTLIL of the part to synthesise: where submodules belong to other parts, their ports become its own."""
+    """RTLIL to synthesise: submodules of other parts are removed and their ports become the part's."""
     if not part.own_logic:
         return part.text
     _run(CUT_SCRIPT, part.text, folder)
@@ -71,14 +71,14 @@ def netlist(part: Part, folder: Path) -> str:
 
 
 def cells(path: Path) -> dict[str, int]:
-    """Cells by type, from Yosys's `stat -json`."""
+    """Number of cells by type, from the output of Yosys's `stat -json`."""
     return json.loads(path.read_text())["design"]["num_cells_by_type"]
 
 
 def count(part: Part, folder: Path) -> dict[str, int]:
-    """Blocks of one instance on UltraScale+, in lower case; 0 where the part needs none.
+    """`BLOCKS` of one instance on UltraScale+, by name in lower case.
 
-    No flip-flops or times: Yosys's are not the device's (it packs no register into DSP48E2).
+    Flip-flops and timing are omitted: Yosys's are not the device's (it packs no register into DSP48E2).
     """
     _run(COUNT_SCRIPT, netlist(part, folder), folder)
     found = cells(folder / "count.json")
@@ -86,7 +86,7 @@ def count(part: Part, folder: Path) -> dict[str, int]:
 
 
 def luts(part: Part, folder: Path) -> dict[str, int]:
-    """Look-up tables of one instance on UltraScale+, those of them that are memory, and its carry chains.
+    """Look-up tables of one instance on UltraScale+, how many of them are memory, and its CARRY8.
 
     A CARRY8 holds two of Yosys's CARRY4. Raises SynthError for a distributed RAM of unknown size.
     """
@@ -101,7 +101,7 @@ def luts(part: Part, folder: Path) -> dict[str, int]:
 
 
 def everything(part: Part, folder: Path) -> dict[str, float]:
-    """What `luts` finds of one instance, and its `dsp48e2`, `ramb36` and `uram288`, of the same run."""
+    """The counts of `luts` and `dsp48e2`, `ramb36` and `uram288` of one instance, from one run of Yosys."""
     found = luts(part, folder)
     blocks = cells(folder / "count.json")
     found["ramb36"] = blocks.get("RAMB36E2", 0) + blocks.get("RAMB18E2", 0) / 2
@@ -109,7 +109,7 @@ def everything(part: Part, folder: Path) -> dict[str, float]:
 
 
 def dsp_registers(part: Part, folder: Path) -> dict[str, int]:
-    """DSP48E1 of one instance on 7-series, and how many have their A, B, M and P registers in use."""
+    """Number of DSP48E1 of one instance on 7-series, and how many use their A, B, M and P registers."""
     if "cell $mul " not in part.text:
         return dict.fromkeys(("dsp", *REGISTERS), 0)
     _run(REGISTER_SCRIPT, netlist(part, folder), folder)

@@ -1,4 +1,4 @@
-"""From the solver's rows to the depth and to the quantised displacement from rest."""
+"""Outputs of the Poisson solver: depth, and quantised displacement relative to the state at rest."""
 
 import numpy as np
 from amaranth import Module, Mux, Shape, Signal, signed
@@ -18,7 +18,7 @@ def _check(depth: Depth, lanes: int) -> None:
 
 
 def _beside(m: Module, component, advance, rest: RasterRom) -> tuple[list[Signal], list]:
-    """The input lanes of `component`, delayed like the words of its table, and these words' lanes."""
+    """Add the ROM `rest`; returns the lanes of `component.i`, delayed by the ROM's latency, and the ROM's."""
     m.submodules.rest = rest
     m.d.comb += [rest.advance.eq(advance), rest.take.eq(component.i.valid)]
     z = list(component.i.payload)
@@ -31,15 +31,16 @@ def _beside(m: Module, component, advance, rest: RasterRom) -> tuple[list[Signal
 
 
 class DepthOutput(wiring.Component):
-    """The solver's rows to depth: z (`absolute`) or rest + z (`difference`), see `models.integer.Depth`.
+    """Solutions z to depth, z in mode "absolute" or rest + z in mode "difference", bit-exact to `depth`.
 
     Members
     -------
     i : stream of `lanes` solutions, signed(depth.input_width)
     o : stream of `lanes` depths, signed(depth.width)
 
-    N rows of ceil(N/lanes) beats make a frame. `rest` is a ROM, built only where the mode adds it and it
-    is not zero. `latency` clocks pass from a beat to its depth if nothing stalls: 1, and 2 more with the ROM.
+    A frame is N rows of ceil(N/lanes) beats; the lanes beyond N are undefined. The depth at rest is a ROM,
+    which exists only in mode "difference" if it is not zero everywhere. `latency` = 1 clock, 3 with the ROM,
+    without back-pressure; initiation interval 1.
     """
 
     def __init__(self, depth: Depth, *, lanes: int):
@@ -82,23 +83,22 @@ class DepthOutput(wiring.Component):
 
 
 class Displacement(wiring.Component):
-    """The solver's rows to quantised displacement: rest − z (`absolute`) or −z (`difference`), then Q_z.
+    """Solutions z to quantised displacement: rest − z in mode "absolute", −z in mode "difference".
 
-    Bit for bit `quantiser(depth(z)[1])` of `models.integer`.
+    Bit-exact to `quantiser(depth(z)[1])`.
 
     Members
     -------
     i : stream of `lanes` solutions, signed(depth.input_width)
     o : stream of `lanes` displacements, unsigned(quantiser.bits), or signed if the quantiser does not clamp
     saturated : high while `o` offers a beat in which a displacement is clipped to ±quantiser.top
-    over : which of the displacements in the beat that `o` offers are
-    rest : write port of the memory of `rest`, not to be used while a frame is inside; see `TableFormat`.
-        Only in absolute mode with `loadable`, which also makes room for any rest that a depth of this width
-        has.
+    over : one bit per lane of the offered beat: its displacement is clipped
+    rest : write port of the depth at rest, see `TableFormat`; must not be used while a frame is in flight.
+        Only in mode "absolute" with `loadable`; the memory then holds any rest of a depth of this width.
 
-    N rows of ceil(N/lanes) beats make a frame; lanes beyond N are void. `rest`, with the half unit that
-    rounding adds, is a ROM, built only in absolute mode. `latency` clocks pass from a beat to its
-    displacement if nothing stalls: 2 (difference, clip), and 2 more with the ROM.
+    A frame is N rows of ceil(N/lanes) beats; the lanes beyond N are undefined. In mode "absolute" a ROM holds
+    the depth at rest plus the rounding constant. `latency` = 2 clocks (difference, clip), 4 with the ROM,
+    without back-pressure; initiation interval 1.
     """
 
     def __init__(self, depth: Depth, quantiser: DisplacementQuantiser, *, lanes: int, loadable: bool = False):
@@ -132,19 +132,19 @@ class Displacement(wiring.Component):
 
     @property
     def table_values(self) -> np.ndarray:
-        """`rest` and the half unit by beats and lanes, row by row; void lanes are zero."""
+        """The depth at rest plus the rounding constant, (beats, lanes); unused lanes are zero."""
         return raster_beats(self.depth.rest + (1 << self.quantiser.shift >> 1), self.lanes)
 
     @property
     def table(self) -> TableFormat:
-        """If loadable, of depth.width bits, which hold `rest` with any solution, so with the half unit."""
+        """Format of the ROM; if loadable, depth.width bits, which hold any rest plus the constant."""
         values = self.table_values
         own_bits = signed_width(int(np.abs(values).max()))
         return TableFormat(len(values), self.lanes, self.depth.width if self.loadable else own_bits)
 
     @property
     def _rounded_width(self) -> int:
-        """Bits of the displacement plus the half unit, less the `shift` bits that rounding drops."""
+        """Bits of the rounded displacement: bits of its largest sum minus the `shift` bits dropped."""
         half = 1 << self.quantiser.shift >> 1
         rest = int(np.abs(self.depth.rest).max()) if self.has_rom else 0
         if self.loadable:
@@ -186,7 +186,7 @@ class Displacement(wiring.Component):
         return m
 
     def _present(self, m: Module):
-        """Which lanes of the offered beat hold values: all but those beyond the end of a row."""
+        """Mask of the lanes of the offered beat that are not beyond the end of a row."""
         n = len(self.depth.rest)
         beats = -(-n // self.lanes)
         if n % self.lanes == 0:

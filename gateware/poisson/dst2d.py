@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The Poisson solver: two separable sine transforms around a division, streamed end to end."""
+"""Poisson solver with two-dimensional sine transforms (DST-I) around a division by the eigenvalues."""
 
 from typing import ClassVar
 
@@ -19,22 +19,23 @@ from fastac.models.integer.source import PoissonSource
 
 
 class PoissonSolver(wiring.Component):
-    """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2.
+    """Solve for the N × N inner pixels of a frame of slopes, N = width − 2.
 
-    Source, DST-I of the rows, transposition, DST-I of the columns, division by the eigenvalues, DST-I of the
-    columns back, transposition, DST-I of the rows back. Each stage sustains `lanes` values a clock, and
-    consecutive frames overlap: a frame every `interval` clocks.
+    Source, DST-I of the rows, transposition, DST-I of the columns, division by the eigenvalues, inverse DST-I
+    of the columns, transposition, inverse DST-I of the rows. Every stage sustains `lanes` values per clock,
+    and consecutive frames overlap.
 
     Members
     -------
     i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), height × width in raster order
     o : stream of `lanes` solutions, signed(row_inverse.output_width): N rows of `beats` = ceil(N/lanes) beats
-    offset : as PoissonSourceStream's. Only with `loadable`.
+    offset : write port, see PoissonSourceStream. Only with `loadable`.
 
-    Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
-    adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
-    `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
-    No way of `ready` reaches past a transform, which takes from registers alone.
+    The lanes beyond N in a row's last beat are undefined. Without back-pressure, `frame_latency` clocks pass
+    from a frame's first slopes to its last solutions and `latency` = frame_latency − (N · beats − 1) to its
+    first ones; `stages` has each stage's share of `frame_latency`, in order. Initiation interval: `interval`
+    = max(height · width / lanes, N · beats) clocks per frame. No combinational path of `ready` passes a
+    transform, whose `i.ready` comes from registers.
     """
 
     last_row_first = False
@@ -108,7 +109,7 @@ class PoissonSolver(wiring.Component):
 
     @property
     def stages(self) -> dict[str, int]:
-        """From last beat to last beat; the first entry from the frame's first slopes."""
+        """Clocks from last beat to last beat of each stage; the first entry counts from the first slopes."""
         source = self.source
         return self.stages_of(source.width, source.lanes, source.source.divergence, self.division.distance)
 
@@ -126,6 +127,6 @@ class PoissonSolver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        # Transforms take, and transposers take and give, at registers; elsewhere a buffer parts the way.
+        # Skid buffers where neither neighbour cuts the path of `ready` (transforms and transposers do).
         connect_stages(m, self, ("source", "column_forward", "division"))
         return m

@@ -1,4 +1,4 @@
-"""Division of the sine coefficients by the eigenvalues of the Poisson operator."""
+"""Division of the sine coefficients by the eigenvalues of the discrete Laplacian, as a product."""
 
 import numpy as np
 from amaranth import Cat, Const, Module, Mux, Signal, signed
@@ -10,19 +10,21 @@ from fastac.models.integer.dst2d import EigenvalueDivision
 
 
 class EigenvalueDivider(wiring.Component):
-    """Divide frames of N × N sine coefficients, of either orientation, `lanes` coefficients a clock.
+    """Divide frames of N × N sine coefficients by their eigenvalues, bit-exact to `division`.
 
-    The reciprocal is a mantissa from a table and a shift, so one DSP48E2 a lane divides where
-    input_width <= 27. Rounding needs no half unit of the shift's own size:
-    floor(a / 2**s + 1/2) = (floor(a / 2**(s − 1)) + 1) >> 1. A floor lacks the 1, not the register.
+    The eigenvalues are symmetric, so coefficients may come by rows or by columns. Each reciprocal is a
+    mantissa and a shift from a table, so a lane needs one DSP48E2 if input_width <= 27. Rounding to nearest
+    uses floor(a / 2**s + 1/2) = (floor(a / 2**(s − 1)) + 1) >> 1; rounding by floor omits the + 1 but has the
+    same latency.
 
     Members
     -------
     i : stream of `lanes` coefficients, signed(division.input_width): N rows of ceil(N/lanes) beats
     o : stream of `lanes` quotients, signed(division.output_width), in the same order
 
-    Lanes beyond N in the last beat of a row are void. `latency` = 5 + ceil(b/2) clocks pass from a beat
-    accepted to its quotients if nothing stalls, b bits telling the shifts apart.
+    The lanes beyond N in a row's last beat are undefined. `latency` = 5 + ceil(b/2) clocks without
+    back-pressure, where b is the number of bits of the largest difference of two shifts; initiation
+    interval 1.
     """
 
     def __init__(self, division: EigenvalueDivision, *, lanes: int):
@@ -41,9 +43,9 @@ class EigenvalueDivider(wiring.Component):
 
     @staticmethod
     def latency_of(distance: int) -> int:
-        """The table's read, the operands, the product, its sign, two bits of the shift each, rounding.
+        """Registers: table read, operands, product, negation, one per two bits of the shift, rounding.
 
-        distance : of the largest from the lowest shift
+        distance : largest minus smallest shift
         """
         return 5 + -(-distance.bit_length() // 2)
 
@@ -63,7 +65,7 @@ class EigenvalueDivider(wiring.Component):
         m = Module()
         advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
-        # One word of the table for each lane's mantissa and distance of the shift from the lowest.
+        # A word of the table has each lane's mantissa and its shift minus the smallest shift.
         entries = self._table()
         entry = data.StructLayout({"mantissa": 17, "distance": self.distance_bits})
         m.submodules.table = table = memory.Memory(
@@ -100,7 +102,7 @@ class EigenvalueDivider(wiring.Component):
         return m
 
     def _table(self) -> list:
-        """The table by beats and lanes, row by row."""
+        """The table's initial content in beat order."""
         size = len(self.division.mantissa)
         void = ((0, 0), (0, -size % self.lanes))
         columns = (self.division.mantissa, self.division.shift - self.shift_low)

@@ -1,4 +1,4 @@
-"""The frame store between two recurrences: rows go in first to last and come out last to first."""
+"""Frame buffer between the two recurrences that reverses the order of a frame's rows."""
 
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from amaranth.lib.wiring import In, Out
 
 
 class Place(NamedTuple):
-    """Where a walk through the page stands, and whether the frame ends there."""
+    """Position of the writer or reader in the memory; `last`: it is the last beat of a frame."""
 
     address: Signal
     row: Signal
@@ -17,20 +17,20 @@ class Place(NamedTuple):
 
 
 class FrameReversal(wiring.Component):
-    """Reverse the order of the rows of frames of `size` × `size` values, `lanes` values a clock.
+    """Reverse the order of the rows of frames of `size` × `size` values, `lanes` values per clock.
 
-    One page is enough: rows leave in the order in which the next frame's rows may take their places. So
-    frames lie in it upwards and downwards in turn, and the writer follows the reader of the frame before.
-    The last row is read while it is still being written.
+    A memory for one frame is enough: the rows are read last to first, and the next frame's rows are written
+    in that order into the places that become free. So frames lie in the memory upwards and downwards in turn,
+    and the writer follows the reader of the previous frame. The last row is read while it is being written.
 
     Members
     -------
     i : stream of `lanes` values, signed(width): `size` rows of `beats` = ceil(size/lanes) beats
-    o : stream of the same, the frame's rows last to first, the beats of a row in their order
+    o : the same stream with the rows of each frame last to first; beats within a row keep their order
 
-    Both sides move a beat a clock: a frame every `size` · `beats` clocks. `latency` = 3 clocks pass from the
-    first beat of a frame's last row accepted to its first beat out if nothing stalls: the writer's place,
-    the memory's read and the output register. `i.ready` comes from registers.
+    Initiation interval: `size` · `beats` clocks per frame. `latency` = 3 clocks, without back-pressure, from
+    the first beat of a frame's last row to the frame's first output beat: write address, memory read, output
+    register. `i.ready` comes from registers.
     """
 
     latency = 3
@@ -56,9 +56,11 @@ class FrameReversal(wiring.Component):
         write, read = page.write_port(), page.read_port()
         accept, issue, advance = Signal(), Signal(), Signal()
         written = self._walk(m, accept, "write", upwards=True)
-        taken = self._walk(m, issue, "read", upwards=False)  # the way of the frame that comes after
+        taken = self._walk(
+            m, issue, "read", upwards=False
+        )  # in the direction in which the next frame is written
 
-        # From its last beat written to its last beat read a frame owns the page, less what was read of it.
+        # `whole`: a frame is completely written and not completely read; writing must not overtake reading.
         whole = Signal()
         with m.If(accept & written.last):
             m.d.sync += whole.eq(1)
@@ -86,7 +88,7 @@ class FrameReversal(wiring.Component):
         return m
 
     def _walk(self, m, step, name: str, *, upwards: bool) -> Place:
-        """Counters through the page, frame by frame up and down in turn, one beat with each `step`."""
+        """Address counters that step through frames, upwards and downwards in turn, one beat per `step`."""
         start = 0 if upwards else (self.size - 1) * self.beats
         address = Signal(range(self.size * self.beats), init=start, name=f"{name}_address")
         row, beat = (
@@ -101,6 +103,6 @@ class FrameReversal(wiring.Component):
                 m.d.sync += [beat.eq(0), row.eq(row + 1)]
                 m.d.sync += address.eq(Mux(up, address + 1, address - (2 * self.beats - 1)))
             with m.If(last):
-                # The next frame begins in the row that this one ends in.
+                # The next frame begins in the row in which this one ends.
                 m.d.sync += [row.eq(0), address.eq(address - (self.beats - 1)), up.eq(~up)]
         return Place(address, row, beat, last)

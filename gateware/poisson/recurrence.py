@@ -1,4 +1,4 @@
-"""The two recurrences of the tridiagonal solver: elimination down the rows, substitution up the rows."""
+"""The tridiagonal solver's recurrences over the rows: forward elimination, back substitution."""
 
 from amaranth import Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
@@ -9,22 +9,23 @@ from fastac.models.integer.tridiagonal import Recurrence
 
 
 class RowRecurrence(wiring.Component):
-    """Run `recurrence`, an Elimination or a Substitution, over frames of N × N values, `lanes` modes a clock.
+    """Evaluate `recurrence`, an Elimination or Substitution, on frames of N × N values, bit-exact to it.
 
-    Each row needs the one before it, mode by mode, which waits in a memory of one row. A lane has one
-    multiplier, one DSP48E2 where the words have 26 bits: pre-adder (elimination), product, and the sum that
-    rounds. A lane's coefficients lie mode after mode in one table, each mode's rows up to the one from which
-    on they stay the same; the place is start[mode] + min(row, last[mode]).
+    Columns are the modes of the sine transform. Each value needs the result for the same mode in the previous
+    row, which a memory of one row holds. A lane has one multiplier, one DSP48E2 for words of up to 26 bits:
+    pre-adder (elimination), product, and a sum that includes the rounding constant. Each lane has a table of
+    its modes' coefficients, mode after mode; of each mode only the rows up to the one from which on the
+    coefficient is constant. The address is start[mode] + min(row, last[mode]).
 
     Members
     -------
-    i : stream of `lanes` values, signed(recurrence.input_width): N rows of `beats` = ceil(N/lanes) beats;
-        elimination takes them first to last, substitution last to first
+    i : stream of `lanes` values, signed(recurrence.input_width): N rows of `beats` = ceil(N/lanes) beats,
+        first row first for an elimination, last row first for a substitution
     o : stream of `lanes` values, signed(recurrence.output_width), in the same order
 
-    Lanes beyond N in the last beat of a row are void. A beat is accepted every clock while `o` is free;
-    `latency` = 6 clocks pass from it to its values if nothing stalls. `loop` = 5 of them lie between the
-    reading of a value of the row before and that of its successor, so rows must have as many beats.
+    The lanes beyond N in a row's last beat are undefined. `latency` = 6 clocks without back-pressure;
+    initiation interval 1 clock per beat. The recurrence loop takes `loop` = 5 clocks, from reading the
+    previous row's value to the result's being readable, so a row must have at least 5 beats.
     """
 
     latency = 6
@@ -41,7 +42,7 @@ class RowRecurrence(wiring.Component):
         if self.beats < self.loop:
             raise ValueError(
                 f"rows of {recurrence.size} values, {self.beats} beats: expected at least {self.loop} beats,"
-                " the clocks that a value takes to reach its successor"
+                " the latency of the recurrence loop in clocks"
             )
         super().__init__(
             {
@@ -59,7 +60,7 @@ class RowRecurrence(wiring.Component):
         return self.multipliers_of(self.lanes)
 
     def tables(self) -> tuple[list[list[dict[str, int]]], list[list[int]]]:
-        """Each lane's {start, last} by beats, and its coefficients mode after mode."""
+        """For each lane: {start, last} of the mode in each beat, and the coefficients, mode after mode."""
         places, words = [], []
         for lane in range(self.lanes):
             starts, found = [], []
@@ -78,7 +79,7 @@ class RowRecurrence(wiring.Component):
         advance = pipeline_handshake(m, self.i, self.o, self.latency)
 
         def register(value, name, steps=1):
-            """`value` some steps later; no reset on data."""
+            """`value` delayed by `steps` registers without a reset."""
             for step in range(steps):
                 held = Signal(value.shape(), reset_less=True, name=f"{name}_{step}" if steps > 1 else name)
                 with m.If(advance):
@@ -86,7 +87,7 @@ class RowRecurrence(wiring.Component):
                 value = held
             return value
 
-        # 1: the place of the modes' coefficients; rows count in the order of the coefficients.
+        # Stage 1: position in the coefficient tables; `row` counts as the coefficients' rows do.
         first_row = 0 if self.downwards else last_row
         row, beat = Signal(range(size), init=first_row), Signal(range(self.beats))
         with m.If(advance & self.i.valid):
@@ -99,7 +100,7 @@ class RowRecurrence(wiring.Component):
         words = register(self.i.payload, "words", 3)
         first = register(row == first_row, "first", 3)
 
-        # 2: the address. 3: coefficients, and the values of the row before; they are written with the output.
+        # Stage 2: address. Stage 3: coefficients, and the previous row's results, stored when they leave `o`.
         beat_2 = register(beat, "beat_early", 2)
         m.submodules.before = before = memory.Memory(shape=self.o.payload.shape(), depth=self.beats, init=[])
         read, write = before.read_port(), before.write_port()
@@ -134,7 +135,7 @@ class RowRecurrence(wiring.Component):
                 word.en.eq(advance),
             ]
 
-            # 4: the operands. 5: the product. 6: the rounded sum.
+            # Stage 4: operands. Stage 5: product. Stage 6: rounded sum.
             coefficient = register(word.data, f"coefficient_{lane}")
             past = Signal(read.data[lane].shape(), name=f"past_{lane}")
             m.d.comb += past.eq(Mux(first, 0, read.data[lane]))

@@ -1,17 +1,17 @@
-"""The Poisson solvers' hardware by the names of `poisson.solver`.
+"""Table of the Poisson solvers' hardware, by the values of `poisson.solver`.
 
-Each entry is a component that is made from a PoissonSource and the integer solver's stages in their order,
-with `height`, `width`, `lanes` and `loadable`; it has
+An entry is a component that is constructed from a PoissonSource and the integer solver's stages in order, and
+the keywords `height`, `width`, `lanes` and `loadable`. It has
 
     i, o, offset        streams of slopes and solutions, and the write port of the source's offsets
-    source              the PoissonSourceStream that it begins with
-    last_row_first      whether the rows of solutions come last to first
-    interval, latency   clocks between frames, and from the first slopes to the first solutions
-    stages              by name, what each stage adds to a frame's way, in clocks
-    multipliers         products a clock
+    source              its first stage, a PoissonSourceStream
+    last_row_first      whether it outputs the last row of a frame first
+    interval, latency   clocks between frames, and from a frame's first slopes to its first solutions
+    stages              {stage: clocks that it adds to a frame's latency}
+    multipliers         number of multipliers
     stages_of(width, lanes, divergence), multipliers_of(size, lanes)
                         the same by formula, without tables, for gateware/cycle_model.py
-    engines             the component of each class of its stages, made from a stage and `lanes`
+    engines             {class of an integer stage: its component, constructed from the stage and `lanes`}
 """
 
 from fastac.gateware.poisson.dst2d import PoissonSolver

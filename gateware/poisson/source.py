@@ -1,4 +1,4 @@
-"""The right-hand side of the Poisson problem: divergence of the slopes less the known offset."""
+"""The source (right-hand side) of the Poisson equation: divergence of the slopes minus a stored offset."""
 
 import numpy as np
 from amaranth import Cat, Module, Mux, Signal, signed
@@ -12,24 +12,23 @@ from fastac.models.integer.words import signed_width
 
 
 class PoissonSourceStream(wiring.Component):
-    """Form the source on the inner region of frames of `height` × `width` slopes, `lanes` pixels a clock.
+    """Compute the source for the inner pixels of frames of `height` × `width` slopes, bit-exact to `source`.
 
-    Only what the divergence looks back to is stored: for the central one a row of p and two of q, for the
-    backward one a row of q. Inner columns count from the left, so lane 0 of a row's first beat is image
-    column 1.
+    One line buffer holds what the divergence needs of earlier rows: for the central one a row of p and two of
+    q, for the backward one a row of q. Inner columns count from the left, so lane 0 of a row's first beat is
+    image column 1.
 
     Members
     -------
     i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), in raster order
     o : stream of `lanes` sources, signed(source.width): height − 2 rows of `beats` = ceil((width − 2)/lanes)
-    offset : write port of the offsets' memory, a word a beat, not to be used while a frame is inside; see
-        `TableFormat`. Only with `loadable`, which also makes room for any offset that a source of this width
-        has.
+    offset : write port of the offsets' memory, one word per beat, see `TableFormat`; must not be used while a
+        frame is in flight. Only with `loadable`; the memory then holds any offset of signed(source.width).
 
-    Lanes beyond width − 2 in the last beat of a row are void. A beat is accepted every clock while `o` is
-    free. `latency` clocks pass from the accepted beat with the last slope that a beat of sources needs to
-    that beat, if nothing stalls; with 4 lanes a row's last beat follows its neighbour one clock later.
-    `delay` counts from the frame's first beat.
+    The lanes beyond width − 2 in a row's last beat are undefined. Initiation interval: 1 clock per beat.
+    `latency` = 5 clocks, without back-pressure, from the input beat with the last slope that an output beat
+    needs to that output beat; with 4 lanes a row's last output beat comes one clock after the one before it.
+    `delay` counts from a frame's first input beat.
     """
 
     latency = 5
@@ -59,24 +58,24 @@ class PoissonSourceStream(wiring.Component):
 
     @property
     def table_values(self) -> np.ndarray:
-        """The offsets by beats and lanes, row by row; void lanes are zero."""
+        """The offsets in beat order, (beats, lanes); unused lanes are zero."""
         short = self.beats * self.lanes - (self.width - 2)
         return np.pad(self.source.offset, ((0, 0), (0, short))).reshape(-1, self.lanes)
 
     @staticmethod
     def ahead(divergence: str, lanes: int) -> tuple[int, int]:
-        """Rows and beats of slopes after the one of its own place that a beat of sources is complete."""
+        """Look-ahead: rows and beats of slopes after its own position that a beat of sources needs."""
         span = STENCILS[divergence].span
         return span, -(-span // lanes)
 
     @classmethod
     def delay_of(cls, row: int, beat: int, *, width: int, lanes: int, divergence: str) -> int:
-        """`delay` on images of `width` pixels."""
+        """`delay` for images of `width` pixels, without building the component."""
         rows, beats = cls.ahead(divergence, lanes)
         return (row + rows) * (width // lanes) + beat + beats + cls.latency
 
     def delay(self, row: int, beat: int) -> int:
-        """Clocks from a frame's first beat accepted to `beat` of inner `row` (from 0) if nothing stalls."""
+        """Clocks from a frame's first input beat to output `beat` of inner `row`, without back-pressure."""
         return self.delay_of(row, beat, width=self.width, lanes=self.lanes, divergence=self.source.divergence)
 
     def elaborate(self, platform):
@@ -86,7 +85,7 @@ class PoissonSourceStream(wiring.Component):
         advance = Signal()
         m.d.comb += [advance.eq(self.o.ready | ~self.o.valid), self.i.ready.eq(advance)]
 
-        # 1: the beat of slopes and, from the row buffer, what its columns held before.
+        # Stage 1: the beat of slopes and, from the line buffer, earlier rows of its columns.
         x, y = Signal(range(row_beats)), Signal(range(self.height))
         with m.If(advance & self.i.valid):
             m.d.sync += x.eq(x + 1)
@@ -102,7 +101,7 @@ class PoissonSourceStream(wiring.Component):
         slopes = Signal(self.i.payload.shape(), reset_less=True)
         m.d.comb += [read.addr.eq(x), read.en.eq(advance)]
 
-        # A beat of sources leaves with each of these places, and one more behind the row's last if need be.
+        # Input positions that complete an output beat; `trails`: one more after a row's last input.
         inner = (y >= self.rows_ahead) & (y < self.height - 2 + self.rows_ahead)
         completes = inner & (x >= self.beats_ahead) & (x < self.beats + self.beats_ahead)
         trails = inner & (x == row_beats - 1) & (self.beats + self.beats_ahead > row_beats)
@@ -120,8 +119,8 @@ class PoissonSourceStream(wiring.Component):
                 valid.eq(Cat(complete | late, valid)),
             ]
 
-        # 2: each column's p in the row of the source and its difference of q across that row. The columns
-        # before stay at hand for the differences of p along the row; the row buffer moves on.
+        # Stage 2: each column's p in the source's row, and its difference of q across that row. The window
+        # keeps the previous columns for the differences of p along the row; the line buffer is updated.
         column = data.StructLayout({"p": slope, "dq": signed(slope.width + 1)})
         newest = Signal(data.ArrayLayout(column, lanes))
         window = Signal(data.ArrayLayout(column, lanes * (self.beats_ahead + 1)), reset_less=True)
@@ -138,7 +137,7 @@ class PoissonSourceStream(wiring.Component):
         with m.If(advance & (present | late)):
             m.d.sync += window.eq(Cat(window, newest)[len(newest.as_value()) :])
 
-        # 3: the differences and the offset; 4: the divergence; 5: the source.
+        # Stage 3: differences and offset. Stage 4: divergence. Stage 5: source.
         offset = signed(self.table.bits)
         m.submodules.table = table = memory.Memory(
             shape=data.ArrayLayout(offset, lanes), depth=self.table.depth, init=self.table_values.tolist()

@@ -1,4 +1,4 @@
-"""What both solvers need to connect their stages in a row."""
+"""What both Poisson solvers share: checking and connecting their chain of stages."""
 
 from amaranth import Module
 from amaranth.lib import wiring
@@ -8,12 +8,15 @@ from fastac.gateware.stream.queues import SkidBuffer
 
 
 def frame_interval(height: int, width: int, lanes: int) -> int:
-    """Clocks between frames of slopes, of which the solution needs the inner ones."""
+    """Initiation interval in clocks: max(height · width / lanes, N · ceil(N/lanes)), N = width − 2."""
     return max(height * width // lanes, (width - 2) * -(-(width - 2) // lanes))
 
 
 def check_stages(stages: dict, given: int, height: int, width: int) -> None:
-    """Raise ValueError unless `stages`, by name and in order, pass words of `given` bits of N × N on."""
+    """Raise ValueError unless each of `stages` has size N = width − 2 and its predecessor's output width.
+
+    given : output width in bits of the predecessor of the first stage
+    """
     if height != width:
         raise ValueError(f"height {height}: expected width = {width}")
     for name, stage in stages.items():
@@ -25,7 +28,7 @@ def check_stages(stages: dict, given: int, height: int, width: int) -> None:
 
 
 def connect_stages(m: Module, solver, buffered: tuple[str, ...]) -> None:
-    """Connect the components that `solver.stages` names in a row, a buffer behind the `buffered` ones."""
+    """Connect the components named in `solver.stages`, with a skid buffer after the `buffered` ones."""
     output = wiring.flipped(solver.i)
     for name in solver.stages:
         stage = getattr(solver, name)

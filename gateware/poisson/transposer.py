@@ -1,4 +1,4 @@
-"""From rows to columns: the ping-pong strips between two passes of a separable transform."""
+"""Transposition with two ping-pong frame buffers, between the row and column passes of a 2-D transform."""
 
 from amaranth import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
@@ -6,21 +6,20 @@ from amaranth.lib.wiring import In, Out
 
 
 class Transposer(wiring.Component):
-    """Transpose frames of `size` × `size` values, `lanes` values a clock on both sides.
+    """Transpose frames of `size` × `size` values, `lanes` values per clock in and out.
 
-    Two pages: one frame is written while the one before it is read, and a page is written again as soon as
-    its last value has been read. Element (r, c) lives in bank (r + c) mod lanes, at r · beats + c // lanes
-    of its page, so that `lanes` neighbours of a row and of a column alike lie in different banks.
+    Two pages: one frame is written while the previous one is read, and a page is written again as soon as its
+    last value has been read. Element (r, c) is in bank (r + c) mod lanes, at address r · beats + c // lanes
+    of its page, so that `lanes` neighbours in a row, and in a column, are in different banks.
 
     Members
     -------
     i : stream of `lanes` values, signed(width): `size` rows of `beats` = ceil(size/lanes) beats
     o : stream of `lanes` values, signed(width): `size` columns of `beats` beats
 
-    Lanes beyond `size` in the last beat of a row or column are void. Both sides move a beat a clock.
-    `latency` clocks pass from a frame's last beat accepted to its first beat out if nothing stalls: the
-    page's flag, the memory's read and the output register.
-    `i.ready` comes from a register.
+    The lanes beyond `size` in the last beat of a row or column are undefined. Initiation interval: `size` ·
+    `beats` clocks per frame. `latency` = 3 clocks, without back-pressure, from a frame's last input beat to
+    its first output beat: page flag, memory read, output register. `i.ready` comes from a register.
     """
 
     latency = 3
@@ -41,7 +40,7 @@ class Transposer(wiring.Component):
 
     @property
     def page_words(self) -> int:
-        """Of one bank; the rows that fill up the last beat of a column count."""
+        """Words of a page in one bank, with the padding of `size` to a whole number of beats."""
         return self.beats * self.lanes * self.beats
 
     def elaborate(self, platform):
@@ -55,7 +54,7 @@ class Transposer(wiring.Component):
             writes.append(storage.write_port())
             reads.append(storage.read_port())
 
-        # A page is full from its last beat written to its last beat read.
+        # A page is full from the write of its last beat to the read of its last beat.
         full, filled, emptied = Signal(2), Signal(2), Signal(2)
         m.d.sync += full.eq((full | filled) & ~emptied)
 
@@ -82,7 +81,7 @@ class Transposer(wiring.Component):
         for write in writes:
             m.d.comb += [write.addr.eq(write_address), write.en.eq(accept)]
 
-        # Read columns, as far as the output moves: `base` is the address of a beat's first row.
+        # Read columns while the output has room; `base` is the address of the first row of a beat.
         read_page, base = Signal(), Signal(range(2 * words))
         column, column_beat = Signal(range(self.size)), Signal(range(self.beats))
         advance, issue = Signal(), Signal()

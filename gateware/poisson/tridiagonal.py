@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The Poisson solver without a transposer: sine transforms of the rows around Thomas's algorithm."""
+"""Poisson solver without transposers: sine transforms of the rows around the Thomas algorithm."""
 
 from typing import ClassVar
 
@@ -19,24 +19,25 @@ from fastac.models.integer.tridiagonal import Elimination, Substitution
 
 
 class TridiagonalPoissonSolver(wiring.Component):
-    """From the slopes of a frame to the solution on its inner N × N pixels, N = width − 2, last row first.
+    """Solve for the N × N inner pixels of a frame of slopes, N = width − 2, and output the last row first.
 
-    Source, DST-I of the rows, elimination down the rows, reversal of the rows' order, substitution up the
-    rows, DST-I of the rows back (models/integer/tridiagonal.py). Each stage sustains `lanes` values a clock,
-    and consecutive frames overlap: a frame every `interval` clocks.
+    Source, DST-I of the rows, forward elimination down the rows, reversal of the row order, back substitution
+    up the rows, inverse DST-I of the rows (models/integer/tridiagonal.py). Every stage sustains `lanes`
+    values per clock, and consecutive frames overlap.
 
     Members
     -------
     i : stream of `lanes` slopes (p, q), 2 × signed(source.gradient_width), height × width in raster order
     o : stream of `lanes` solutions, signed(row_inverse.output_width): N rows of `beats` = ceil(N/lanes)
-        beats, last row first, each row from its first column on
-    row : the inner row, 0 to N − 1, that the beat in `o` belongs to
-    offset : as PoissonSourceStream's. Only with `loadable`.
+        beats, last row first, each row in column order
+    row : range(N), the inner row of the beat at `o`
+    offset : write port, see PoissonSourceStream. Only with `loadable`.
 
-    Lanes beyond N in the last beat of a row are void. `stages` tells, in clocks and in order, what each stage
-    adds to the way from a frame's first slopes accepted to its last solutions if nothing stalls;
-    `frame_latency` is their sum, and `latency` (to the first solutions) lies N · beats − 1 clocks before.
-    No way of `ready` reaches past a transform, which takes from registers alone.
+    The lanes beyond N in a row's last beat are undefined. Without back-pressure, `frame_latency` clocks pass
+    from a frame's first slopes to its last solutions and `latency` = frame_latency − (N · beats − 1) to its
+    first ones; `stages` has each stage's share of `frame_latency`, in order. Initiation interval: `interval`
+    = max(height · width / lanes, N · beats) clocks per frame. No combinational path of `ready` passes a
+    transform, whose `i.ready` comes from registers.
     """
 
     last_row_first = True
@@ -107,7 +108,7 @@ class TridiagonalPoissonSolver(wiring.Component):
 
     @property
     def stages(self) -> dict[str, int]:
-        """From last beat to last beat; the first entry from the frame's first slopes."""
+        """Clocks from last beat to last beat of each stage; the first entry counts from the first slopes."""
         return self.stages_of(self.source.width, self.source.lanes, self.source.source.divergence)
 
     @property
@@ -124,7 +125,7 @@ class TridiagonalPoissonSolver(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        # Transforms take, and the reversal takes and gives, at registers; elsewhere a buffer parts the way.
+        # Skid buffers where neither neighbour cuts the path of `ready` (transforms and reversal do).
         connect_stages(m, self, ("source", "substitution"))
 
         beat, last_row = Signal(range(self.beats)), self.size - 1

@@ -26,5 +26,6 @@ def slope_weights(weight: np.ndarray, divergence: str, pitch_mm: float) -> np.nd
 
 
 def displacement_mm(change: np.ndarray, divergence: str, pitch_mm: float) -> np.ndarray:
-    """Slopes less those at rest (..., H, W, 2) to the displacement −pitch · L⁻¹ D change, (..., N, N), mm."""
+    """The displacement −pitch · L⁻¹ D change, (..., N, N) in mm; `change` is the slopes less those of the
+    background, (..., H, W, 2)."""
     return -pitch_mm * solve(source_of(change, divergence))

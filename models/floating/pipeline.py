@@ -176,7 +176,7 @@ class _AfterSlopes:
             self.weight = weight.reshape(len(weight), -1).astype(np.float64)
 
     def _source(self, slopes: np.ndarray) -> np.ndarray:
-        """`poisson.source_of` of slopes (H, W, 2), less that at rest, (N, N)."""
+        """`poisson.source_of` of slopes (H, W, 2) less that of the background's slopes, (N, N)."""
         found, scale = np.empty_like(self.rest_source), np.float32(self.stencil.scale)
         planes = np.ascontiguousarray(np.moveaxis(slopes, -1, 0))
         source(planes, self.stencil.ahead, scale, self.rest_source, found)

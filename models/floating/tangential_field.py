@@ -14,9 +14,9 @@ from scipy.spatial.distance import cdist
 
 from fastac.models.vision.markers import MarkerError, TrackedMarkers
 
-MINIMUM = 3
+MIN_MARKERS = 3
 """Smallest number of markers: three determine an affine motion of the plane."""
-CLOSEST = 1e-2
+MIN_SPACING = 1e-2
 """Smallest distance of two markers, in units of ε: closer ones make the equations nearly singular."""
 
 
@@ -32,15 +32,16 @@ class TangentialField:
 
     def __init__(self, centre_px: np.ndarray, height_px: int, width_px: int, epsilon_px: float | None = None):
         centre_px = np.asarray(centre_px, float)
-        if centre_px.ndim != 2 or centre_px.shape[-1] != 2 or len(centre_px) < MINIMUM:
+        if centre_px.ndim != 2 or centre_px.shape[-1] != 2 or len(centre_px) < MIN_MARKERS:
             raise MarkerError(
-                f"markers: {len(centre_px)} given: the displacement field needs at least {MINIMUM}, (M, 2)"
+                f"markers: {len(centre_px)} given: the displacement field needs at least {MIN_MARKERS},"
+                " (M, 2)"
             )
         if not np.isfinite(centre_px).all():
             raise MarkerError("markers: a position is not finite")
         nearest = cKDTree(centre_px).query(centre_px, k=2)[0][:, 1]
         epsilon = float(np.median(nearest)) if epsilon_px is None else epsilon_px
-        if not epsilon > 0 or nearest.min() < CLOSEST * epsilon:
+        if not epsilon > 0 or nearest.min() < MIN_SPACING * epsilon:
             u, v = centre_px[nearest.argmin()]
             raise MarkerError(f"markers: two are {nearest.min():.3g} px apart at u = {u:.1f}, v = {v:.1f}")
         self.centre_px, self.epsilon_px = centre_px, epsilon
@@ -73,9 +74,10 @@ class TangentialField:
         remain.
         """
         kept = np.flatnonzero(~tracked.lost)
-        if len(kept) < MINIMUM:
+        if len(kept) < MIN_MARKERS:
             raise MarkerError(
-                f"markers: {len(kept)} of {len(tracked.lost)} left: the displacement field needs {MINIMUM}"
+                f"markers: {len(kept)} of {len(tracked.lost)} left: the displacement field needs"
+                f" {MIN_MARKERS}"
             )
         return self.for_markers(kept).dense_px(tracked.displacement_px[kept])
 

@@ -12,9 +12,6 @@ import dataclasses
 import hashlib
 import io
 import json
-import os
-import shutil
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -33,6 +30,7 @@ from fastac.models.integer import (
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.solvers import SOLVERS
 from fastac.scenes.schema import Scene, describe
+from fastac.store.files import write_folder_atomically
 
 FORMAT_VERSION = 3
 CLASSES = {
@@ -149,20 +147,11 @@ def save(path: Path | str, pipeline: IntegerPipeline, floats: dict[str, np.ndarr
     content = {"format_version": FORMAT_VERSION, "pipeline": _flatten(pipeline, "", integers)}
     everything = integers | {f"float.{k}": v for k, v in floats.items()}
     digest = _digest(content, everything)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
-    try:
+    with write_folder_atomically(path) as temporary:
         np.savez_compressed(temporary / "integers.npz", **{k: _narrow(v) for k, v in integers.items()})
         np.savez_compressed(temporary / "floats.npz", **floats)
         text = json.dumps({"sha256": digest, **content}, indent=1, sort_keys=True)
         (temporary / "bundle.json").write_text(text + "\n")
-        os.chmod(temporary, 0o755)
-        if path.exists():
-            shutil.rmtree(path)
-        os.replace(temporary, path)
-    except BaseException:
-        shutil.rmtree(temporary, ignore_errors=True)
-        raise
     return Bundle(pipeline, floats, digest)
 
 

@@ -29,11 +29,11 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.progress import progress_bar
 
-LEAST_PX = 32
+MIN_BLOCKS = 32
 """Smallest side of block-averaged frames, in blocks."""
 INITIAL_SLOPE = 1.0
 """Scale of the linear model's slopes: their 99.99th percentile, a quarter of the default slope limit."""
-LEAST_N_Z = 1e-2
+MIN_N_Z = 1e-2
 DISTILLED_PX = 1 << 20
 """Number of pixels with the float network's normals on which the integers are fine-tuned."""
 
@@ -96,9 +96,9 @@ def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> Pi
 
 def block_size(height: int, width: int) -> int:
     """Side in px of the blocks over which frames are averaged: the largest power of two that divides the
-    image and leaves LEAST_PX blocks along each side."""
+    image and leaves MIN_BLOCKS blocks along each side."""
     block = 1
-    while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < LEAST_PX):
+    while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < MIN_BLOCKS):
         block *= 2
     return block
 
@@ -134,7 +134,7 @@ class ForceFromPixels(torch.nn.Module):
 
     def slopes(self, features: torch.Tensor) -> torch.Tensor:
         normal = self.network(features * self.scales)
-        slopes = -normal[..., :2] / normal[..., 2:].clamp(min=LEAST_N_Z)
+        slopes = -normal[..., :2] / normal[..., 2:].clamp(min=MIN_N_Z)
         return slopes.clamp(-self.limit, self.limit)
 
     def forward(self, change: torch.Tensor) -> torch.Tensor:

@@ -16,7 +16,7 @@ from fastac.scenes.sensor_schema import Sensor
 
 NEIGHBOURS = 6
 """Number of neighbouring markers whose median motion predicts a marker's motion."""
-ROUNDS = 5
+MAX_ROUNDS = 5
 """Largest number of rounds of assignment and prediction; two usually suffice."""
 
 
@@ -100,7 +100,7 @@ def associate(expected_px: np.ndarray, found_px: np.ndarray, max_step_px: float)
     _, near = cKDTree(expected_px).query(expected_px, k=min(NEIGHBOURS + 1, len(expected_px)))
     near = near.reshape(len(expected_px), -1)
     predicted = expected_px
-    for _ in range(ROUNDS):
+    for _ in range(MAX_ROUNDS):
         square = ((predicted[:, None] - found_px) ** 2).sum(axis=-1)
         rows, columns = linear_sum_assignment(np.minimum(square, max_step_px**2))
         kept = square[rows, columns] <= max_step_px**2

@@ -96,13 +96,13 @@ def import_recording(
     ball_mm : the ball's diameter
     origin_mm : the sensor's origin in the machine's coordinates
     raw_size_px : height and width of packed RAW10 images; None: those of the scene's window
-    marker_finder_of : makes what follows the gel's dots from the background frame; None where the skin has
-        none. Raises ValueError where the background shows no dots.
-    skip_lost : leave samples out, and count them, in which a marker is not found; else that is an error
+    marker_finder_of : makes the marker finder from the background frame, and raises ValueError where that
+        shows no dots; None where the skin has no markers
+    skip_lost : leave out, and count, samples in which a marker is not found; otherwise that is an error
 
-    The last sample is the background itself: the skin at rest as `cad` has it, in split train, without force.
-    Normals and depth are NaN, and not valid, where they are not certain. Raises ImportFailure on anything
-    missing, unreadable or inconsistent.
+    The last sample is the background frame itself, in split train: the undeformed skin of `cad`, and no
+    force. Where normals and depth are not certain they are NaN and not valid. Raises ImportFailure on
+    anything missing, unreadable or inconsistent.
     """
     if not (np.isfinite(ball_mm) and ball_mm > 0):
         raise ImportFailure(f"{folder}: ball_mm = {ball_mm:g}: expected more than 0")

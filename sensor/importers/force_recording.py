@@ -14,7 +14,7 @@ from fastac.sensor.importers.force_labels import Labels, split_by_group
 from fastac.sensor.importers.resample import Resampling
 from fastac.store.progress import progress_bar
 
-REST_SHARE = 0.1
+MAX_BACKGROUND_FORCE_SHARE = 0.1
 """Largest force in a background frame, as a share of the recording's largest force."""
 
 
@@ -52,7 +52,7 @@ def _frames(
         raise ImportFailure(f"{labels.where(-1)}: frame = {last}: {source.path} has {index + 1} frames")
 
 
-def _at_rest(labels: Labels, count: int, per_group: bool) -> dict[int, int]:
+def _background_frames(labels: Labels, count: int, per_group: bool) -> dict[int, int]:
     """The background frames: {frame index: number of the group}, group 0 if all share one background.
 
     Raises ImportFailure where a group is too short, or the force gauge shows contact in a background frame.
@@ -70,10 +70,10 @@ def _at_rest(labels: Labels, count: int, per_group: bool) -> dict[int, int]:
         chosen = dict.fromkeys(range(count), 0)
     size = np.linalg.norm(labels.force_n, axis=1)
     for row in np.flatnonzero(np.isin(labels.frame, list(chosen))):
-        if size[row] > REST_SHARE * size.max():
+        if size[row] > MAX_BACKGROUND_FORCE_SHARE * size.max():
             raise ImportFailure(
                 f"{labels.where(row)}: {size[row]:g} N in background frame {labels.frame[row]}:"
-                f" expected at most {REST_SHARE:.0%} of the largest force, {size.max():g} N"
+                f" expected at most {MAX_BACKGROUND_FORCE_SHARE:.0%} of the largest force, {size.max():g} N"
             )
     return chosen
 
@@ -144,12 +144,12 @@ def import_recording(
         raise ImportFailure(f"{forces}: background_frames = {background_frames}: expected 1 to {last + 1}")
     split = _split(labels, held_out)
     _check_frames(labels, 0 if per_group else background_frames)
-    chosen = _at_rest(labels, background_frames, per_group)
+    chosen = _background_frames(labels, background_frames, per_group)
 
-    rests = _backgrounds(source, labels, chosen, progress)
-    resampling = Resampling(*rests.shape[1:3], height_px, width_px)
-    background = resampling.background(rests.mean(axis=0))
-    shifts = [background - resampling.covered(rest) for rest in rests]
+    backgrounds = _backgrounds(source, labels, chosen, progress)
+    resampling = Resampling(*backgrounds.shape[1:3], height_px, width_px)
+    background = resampling.background(backgrounds.mean(axis=0))
+    shifts = [background - resampling.covered(own) for own in backgrounds]
     numbers = {name: number if per_group else 0 for number, name in enumerate(labels.groups)}
     frames = np.empty((len(labels.frame), height_px, width_px, len(CHANNELS)), np.uint8)
     rows = {int(frame): row for row, frame in enumerate(labels.frame)}

@@ -5,6 +5,7 @@ infinite. Slopes are p = ∂z/∂x and q = ∂z/∂y.
 """
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import RectBivariateSpline
@@ -30,6 +31,13 @@ def _along(x: np.ndarray, y: np.ndarray, angle_deg: float) -> tuple[np.ndarray, 
     angle = np.deg2rad(angle_deg)
     across = np.array([-np.sin(angle), np.cos(angle)])
     return np.cos(angle) * x + np.sin(angle) * y, across[0] * x + across[1] * y, across
+
+
+class Indenter(Protocol):
+    """What every indenter is: anything that tells its lower surface."""
+
+    def surface(self, x: np.ndarray, y: np.ndarray) -> Surface:
+        """z, p and q at points x, y of one shape, in mm from the axis; FemError for impossible lengths."""
 
 
 @dataclass(frozen=True)
@@ -124,6 +132,3 @@ class HeightMap:
         spline = RectBivariateSpline(rows, columns, self.height_mm - self.height_mm.min())
         inside = (np.abs(x) <= columns[-1]) & (np.abs(y) <= rows[-1])
         return _outlined(inside, spline.ev(y, x), spline.ev(y, x, dy=1), spline.ev(y, x, dx=1))
-
-
-Indenter = Ball | Cylinder | Edge | FlatPunch | HeightMap

@@ -7,6 +7,7 @@ assumptions, typical of the real objects.
 import numpy as np
 
 from fastac.sensor.mechanics.indenter import HeightMap
+from fastac.store.kinds import Kinds
 
 PITCH_MM = 0.05
 
@@ -65,4 +66,5 @@ def led_pads(
     return HeightMap(height_mm * (1 - inside(x) * inside(y)), PITCH_MM)
 
 
-OBJECTS = {"strawberry": strawberry, "fingerprint": fingerprint, "led_pads": led_pads}
+OBJECTS = Kinds("object", {"strawberry": strawberry, "fingerprint": fingerprint, "led_pads": led_pads})
+"""Functions without further arguments that make an `Indenter`, by the objects' names."""

@@ -1,4 +1,4 @@
-// The two functions of LZ4 that Verilator's FST writer calls, so that a waveform needs no system library.
+// The two LZ4 functions that Verilator's FST writer calls, so that waveforms need no system library.
 // Block format: https://github.com/lz4/lz4/blob/dev/doc/lz4_Block_format.md
 #pragma once
 
@@ -8,8 +8,8 @@
 
 inline int LZ4_compressBound(int size) { return size + size / 255 + 16; }
 
-// Greedy: at each byte the latest place with the same four bytes is tried. Returns the compressed size, 0
-// where `capacity` is below LZ4_compressBound(size).
+// Greedy matching with the latest position of the same four bytes. Returns the compressed size, or 0 if
+// `capacity` is below LZ4_compressBound(size).
 inline int LZ4_compress_default(const char* source, char* target, int size, int capacity) {
     if (capacity < LZ4_compressBound(size)) return 0;
     constexpr int SHORTEST = 4, FARTHEST = 65535, HASH_BITS = 12;

@@ -1,5 +1,5 @@
-// The two functions of zlib that Verilator's FST writer calls, so that a waveform needs no system library.
-// Nothing is made smaller: blocks are stored (RFC 1950, RFC 1951), and the writer then keeps its own bytes.
+// The two zlib functions that Verilator's FST writer calls, so that waveforms need no system library.
+// Blocks are stored without compression (RFC 1950, RFC 1951); the writer then keeps the uncompressed data.
 #pragma once
 
 #include <algorithm>

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The model's figures are those of the datapath that is built; test_top_zynq.py holds these to Verilator."""
+"""CycleModel equals the Datapath that is built, which test_top_zynq.py compares with Verilator."""
 
 import random
 from dataclasses import replace
@@ -50,7 +50,7 @@ CASES = 240
 
 
 def drawn(count: int) -> list[tuple[dict, object, tuple[int, ...]]]:
-    """So many scenes that are possible, each option drawn by itself: what was drawn, scene, hidden layers."""
+    """`count` valid scenes with random options: (options, scene, hidden layers)."""
     rng, found = random.Random(1), []
     while len(found) < count:
         chosen = {name: rng.choice(values) for name, values in OPTIONS.items()}
@@ -75,7 +75,7 @@ def check(path: Datapath, model: CycleModel) -> None:
             assert getattr(model, key) == getattr(path, key)
 
 
-def test_every_kind_of_scene(tmp_path):
+def test_random_scenes(tmp_path):
     cases = drawn(CASES)
     for name, values in OPTIONS.items():
         for value in values:

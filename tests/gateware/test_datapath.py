@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Only what a scene requires is built; the cycles are those that the formulas say."""
+"""Only what a scene needs is built; latencies and intervals follow the formulas."""
 
 import re
 from pathlib import Path
@@ -30,7 +30,7 @@ WANTED = {
     "adjoint": {"outputs": ("force_xyz",), "solver": "adjoint", "weights": "baked"},
     "adjoint, loadable": {"outputs": ("normals", "force_x"), "solver": "adjoint"},
 }
-"""Scenes that differ in what must be there. Of each part below, those scenes that need it."""
+"""Scenes that need different parts; below, for each part the scenes that need it."""
 ADJOINT = {"adjoint", "adjoint, loadable"}
 SLOPES = set(WANTED) - {"normals"}
 SOLVER = SLOPES - ADJOINT
@@ -85,7 +85,7 @@ ABSENT = {
     "divider": SLOPES,
     "calibration": LOADABLE,
 }
-"""Words that no module's name may have elsewhere: nothing of an absent part is left below another name."""
+"""Words that module names may contain only in these scenes: no remains of a part under another name."""
 PORTS = {
     "s_axis": set(WANTED),
     "s_axil": set(WANTED),
@@ -102,7 +102,7 @@ WORDS = {
     r"\bfirst_to_depth\b": DEPTH,
     r"\bfirst_to_normals\b": NORMALS,
 }
-"""Registers, by the names of their signals anywhere in the Verilog."""
+"""Names of signals of loadable registers that the Verilog may contain only in these scenes."""
 
 
 @pytest.mark.parametrize("name", WANTED)
@@ -149,14 +149,14 @@ SHIPPED = {
         {"solver", "depth", "displacement", "generator", "response", "calibration"},
     ),
 }
-"""Of the shipped scenes, modules that must be there and words that no module's name may have."""
+"""For each shipped scene: modules that must exist, and words that no module name may contain."""
 PORTS_OF_SHIPPED = {"paper": {"m_axis_depth"}, "fast": {"m_axis_depth"}, "force": set()}
 
 
 @pytest.mark.parametrize("name", SHIPPED)
 @pytest.mark.quick("paper")
 def test_what_shipped_scenes_leave_out(tmp_path, name):
-    """The scene's own file, on a smaller image."""
+    """The scene's file with a smaller image."""
     shipped = load(SCENES / f"{name}.toml")
     small = shipped.sensor.model_copy(update={"height_px": 24, "width_px": 24})
     top = TopZynq(random_bundle(tmp_path / "b", shipped.model_copy(update={"sensor": small}), hidden=(2,)))
@@ -191,12 +191,12 @@ def at(pipeline, lanes: int, **changes) -> Datapath:
 @pytest.mark.parametrize("lanes", [1, 2, 4])
 @pytest.mark.quick("1")
 def test_cycles_at_full_size(paper, lanes):
-    """The architecture's formulas, written out by hand for W = 128, N = 126, K = 5 and B beats a row."""
+    """Latencies computed by hand for W = 128, N = 126, K = 5 and B beats per row."""
     path, rows, row = at(paper, lanes), 126, -(-126 // lanes)
     frame = 128 * 128 // lanes
-    # Guard; background; four tiles, each with a tree over its inputs, and three requantisations; buffer.
+    # Guard, background, four tiles with their adder trees, three requantisations, skid buffer.
     normals = 2 + 3 + (5 + 3) + 3 * (5 + 4) + 3 * 6 + 1
-    # The last source needs the last row but one, columns and rows ahead, and is formed in 5.
+    # The last source needs its look-ahead of rows and columns, and 5 clocks.
     source = 127 * 128 // lanes + (row - 1) + (2 if lanes == 1 else 1) + 5 + 1
     transform = 5 + 6 + (row - 1)
     transposition = 3 + rows * row - 1
@@ -212,7 +212,7 @@ def test_cycles_at_full_size(paper, lanes):
         "to_rows": transposition,
         "row_inverse": transform,
         "solution_buffer": 1,
-        # Subtraction from rest with its ROM; patches reach two rows and two columns; trees over K² and lanes.
+        # Subtraction from rest with its ROM; patches look 2 rows and columns ahead; trees over K² and lanes.
         "force": 4 + 2 * row + -(-2 // lanes) + 3 + (5 + 5) + (lanes.bit_length() - 1) + 1,
     }
     assert path.stages == stages
@@ -222,7 +222,7 @@ def test_cycles_at_full_size(paper, lanes):
     assert path.first_pixel_to_normals == normals + frame - 1
     assert path.interval == frame
     assert path.multipliers == {
-        # Two products in a DSP48E2 but for the last layer's 12 bits, and one for each activation.
+        # Two products per DSP48E2 except in the last layer (12 bits), and one per activation.
         "normals": lanes * ((6 * 16 + 16 * 16 + 16 * 16) // 2 + 16 * 3 + 3 * 16),
         "depth": lanes * (4 * 63 + 1),
         "force": lanes * 25,
@@ -233,7 +233,7 @@ def test_cycles_at_full_size(paper, lanes):
     assert lanes > 1 or sum(path.multipliers.values()) <= 1968 // 2
 
 
-def test_what_is_not_wanted_takes_no_cycles(paper):
+def test_absent_outputs_add_no_latency(paper):
     def of(*outputs: str) -> Datapath:
         return at(paper, 1, outputs=outputs)
 

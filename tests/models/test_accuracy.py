@@ -1,4 +1,4 @@
-"""Figures worked out by hand."""
+"""Accuracy figures against values worked out by hand."""
 
 import json
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Frames of known skins drawn again: the same camera gives alike frames, one without noise the light."""
+"""Re-rendered frames: equal but for noise with the same sensor, and the noise-free image without noise."""
 
 import numpy as np
 import pytest

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The bench that all components are tested with: it finds what is right, and each kind of error."""
+"""sim.check_stream accepts correct components and detects each kind of error."""
 
 from itertools import pairwise
 
@@ -11,11 +11,11 @@ from amaranth.lib.wiring import In, Out
 from fastac.sim.check_stream import check, pack, unpack
 
 STUCK = 0xFF
-"""Behind this word the component takes no more."""
+"""After this word the component accepts no more."""
 
 
 class Delay(wiring.Component):
-    """Words, `latency` clocks later; `odd` marks the odd ones."""
+    """Words delayed by `latency` clocks; `odd` is high with the odd ones."""
 
     def __init__(self, latency: int):
         self.latency = latency
@@ -73,11 +73,11 @@ WRONG = {
 
 
 def test_each_error_is_detected(tmp_path, capfd):
-    """One build for all; the latency meter is calibrated on a component of known delay."""
+    """One simulator for all cases; latencies are checked on a component of known delay."""
     delay = Delay(LATENCY)
     check(delay, "delay", tmp_path, **RIGHT)
     assert capfd.readouterr().out.count("PASS=3 FAIL=0") == 1
-    # What is not compared may differ.
+    # Bits that are not compared may differ.
     check(delay, "delay", tmp_path, **RIGHT | {"expected": [word ^ 1 for word in WORDS], "mask": 0xFE})
     capfd.readouterr()
     for name, (changes, message) in WRONG.items():

@@ -48,7 +48,7 @@ def test_comparisons_add_up_and_the_first_mismatch_stays():
 
 @pytest.fixture(scope="module")
 def hardware(tmp_path_factory):
-    """A bundle, its Verilog, three frames and what the reference makes of them."""
+    """A bundle, its Verilog, three frames and the golden model's outputs for them."""
     folder = tmp_path_factory.mktemp("hardware")
     bundle = random_bundle(folder / "bundle", scene(("normals", "depth", "force_z"), lanes=2))
     source = folder / "fastac.v"
@@ -70,8 +70,8 @@ def changed(words: np.ndarray, *where: tuple[int, ...]) -> np.ndarray:
     return words
 
 
-def test_corrupted_goldens_are_found(hardware):
-    """Exactly as many mismatches as words were changed, whatever the output, the first and the last too."""
+def test_mismatches_with_the_golden_model_are_found(hardware):
+    """There are as many mismatches as golden words were changed, in every output, first and last included."""
     *_, result, folder = hardware
     found = run(hardware)
     assert (found.mismatches, found.first_mismatch, found.frames) == (0, "", 3)
@@ -90,7 +90,7 @@ def test_corrupted_goldens_are_found(hardware):
         assert found.first_mismatch.startswith(name.split("_")[0].removesuffix("s"))
         assert found.values_compared == sum(found.values_by_output.values())
 
-    # A frame's flags are compared where a host reads them and in every beat of the depth.
+    # A frame's flags are compared in the registers and in every beat of the depth.
     validity = result.validity.copy()
     validity[0] ^= 1
     found = run(hardware, validity=validity)
@@ -99,14 +99,14 @@ def test_corrupted_goldens_are_found(hardware):
     found = run(hardware, validity=validity)
     assert (found.mismatches, found.first_mismatch[:14]) == (1, "FRAME_VALIDITY")
 
-    # Goldens of more frames than came out.
+    # The golden model has more frames than came out.
     found = run(hardware, depth_words=np.concatenate([result.depth_words, result.depth_words[:1]]))
     assert found.mismatches == 14**2
-    # What an earlier run has left is never taken for a result.
+    # Files of an earlier run are never read as results.
     bundle, source, images, *_ = hardware
     other = Bundle(bundle.pipeline, bundle.floats, f"{bundle.hash_word ^ 1:016x}" + bundle.digest[16:])
     assert (folder / "registers.json").exists()
-    with pytest.raises(SimulationFailure, match=r"simulation.log: the bench failed"):
+    with pytest.raises(SimulationFailure, match=r"simulation.log: the testbench failed"):
         simulate(other, source, images, result, folder, name="fastac", build_args=QUICK)
     assert not (folder / "registers.json").exists()
     assert "not that of the bundle" in (folder / "simulation.log").read_text()

@@ -1,4 +1,4 @@
-"""Verilator's runtime is compiled once for all simulators of the same flags, and never half kept."""
+"""The cache of Verilator's runtime: compiled once for all simulators with the same flags, and complete."""
 
 import subprocess
 
@@ -16,7 +16,7 @@ def build(tmp_path, monkeypatch):
     source.write_text(VERILOG)
 
     def build(name: str):
-        """The follower's simulator in a new folder, not taken from those that are kept."""
+        """Build the follower's simulator in a new folder, with an empty cache of simulators."""
         monkeypatch.setattr(simulators, "CACHE", tmp_path / "simulators" / name)
         folder = tmp_path / name
         folder.mkdir()
@@ -42,13 +42,13 @@ def test_the_second_simulator_takes_the_runtime_of_the_first(build, tmp_path, mo
         assert "verilated.cpp" not in (folder / "build.log").read_text()
 
     # Other flags, another runtime; one that cannot be compiled is not kept at all.
-    assert RuntimeObjects(first, "-O0").kept == kept
-    assert not RuntimeObjects(first, "-O1").kept.exists()
+    assert RuntimeObjects(first, "-O0").cached == kept
+    assert not RuntimeObjects(first, "-O1").cached.exists()
     makefile = first / "Vtop.mk"
     makefile.write_text(makefile.read_text() + "\nOPT_GLOBAL = -no-such-option\n")
     other = RuntimeObjects(first, "-O0")
     with pytest.raises(subprocess.CalledProcessError):
-        other.take()
+        other.install()
     assert [path for path in (tmp_path / "kept").iterdir() if path.is_dir()] == [kept]
 
 

@@ -1,4 +1,4 @@
-"""Simulators of the same Verilog, arguments and tools are compiled once; those kept are whole and limited."""
+"""The cache of simulators: no design is compiled twice, entries are complete, the total size is limited."""
 
 import os
 from concurrent.futures import ThreadPoolExecutor
@@ -15,15 +15,15 @@ def cache(tmp_path, monkeypatch):
     return folder
 
 
-def kept(cache) -> set[str]:
+def cached_names(cache) -> set[str]:
     return {path.name for path in cache.iterdir() if path.suffix != ".lock"}
 
 
 def test_an_unchanged_design_is_not_compiled_again(tmp_path, cache, monkeypatch):
     made = []
-    take = runner.RuntimeObjects.take
+    install = runner.RuntimeObjects.install
     monkeypatch.setattr(
-        runner.RuntimeObjects, "take", lambda self: made.append(self.folder.name) or take(self)
+        runner.RuntimeObjects, "install", lambda self: made.append(self.folder.name) or install(self)
     )
 
     def build(folder: str, out: str = "b <= a", arguments=runner.QUICK):
@@ -39,26 +39,26 @@ def test_an_unchanged_design_is_not_compiled_again(tmp_path, cache, monkeypatch)
     assert build("second") == first
     assert build("first") == first
     assert len(made) == 1
-    # Another text, then the first again in the same folder; other arguments.
+    # Another Verilog text, then the first again in the same folder, then other arguments.
     other = build("first", "b <= ~a")
     assert other != first
     assert build("first") == first
     assert len(made) == 2
     build("third", arguments=(*runner.QUICK, "-DUNUSED=1"))
     assert len(made) == 3
-    assert len(kept(cache)) == 3
+    assert len(cached_names(cache)) == 3
 
 
-def test_a_build_that_fails_keeps_nothing(tmp_path, cache):
+def test_failed_build_leaves_no_entry(tmp_path, cache):
     source = tmp_path / "wrong.v"
     source.write_text("module wrong(input clk); nonsense\n")
     with pytest.raises(RuntimeError):
         runner.build(source, "wrong", tmp_path / "build")
     assert not (tmp_path / "build" / "wrong").exists()
-    assert kept(cache) == set()
+    assert cached_names(cache) == set()
 
 
-def test_those_who_want_the_same_one_wait_for_the_first(tmp_path, cache):
+def test_concurrent_requests_build_once(tmp_path, cache):
     made = []
 
     def one(k: int) -> bytes:
@@ -68,7 +68,7 @@ def test_those_who_want_the_same_one_wait_for_the_first(tmp_path, cache):
             made.append(k)
             executable.write_bytes(b"simulator")
 
-        assert simulators.take_or_make("name", executable, make) == (k != made[0])
+        assert simulators.copy_or_build("name", executable, make) == (k != made[0])
         return executable.read_bytes()
 
     with ThreadPoolExecutor(4) as pool:
@@ -76,15 +76,15 @@ def test_those_who_want_the_same_one_wait_for_the_first(tmp_path, cache):
     assert len(made) == 1
 
 
-def test_what_nobody_has_used_for_longest_goes_first(tmp_path, cache, monkeypatch):
+def test_least_recently_used_entries_are_deleted_first(tmp_path, cache, monkeypatch):
     monkeypatch.setattr(simulators, "LIMIT_BYTES", 250)
     executable = tmp_path / "executable"
 
     def make(name: str) -> bool:
-        return simulators.take_or_make(name, executable, lambda: executable.write_bytes(bytes(100)))
+        return simulators.copy_or_build(name, executable, lambda: executable.write_bytes(bytes(100)))
 
     assert [make("a"), make("b")] == [False, False]
     for name in "ab":
         os.utime(cache / name, (1, 1))
     assert [make("a"), make("c")] == [True, False]
-    assert kept(cache) == {"a", "c"}
+    assert cached_names(cache) == {"a", "c"}

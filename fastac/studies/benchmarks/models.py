@@ -1,8 +1,9 @@
-"""Times of the software models on all cores: float pipeline, emulator, and the int64 loop that it must equal.
+"""Speed of the software models on all cores: float pipeline, emulator, and the int64 reference loop.
 
-    python -m fastac.studies.benchmarks.models BUILD_FOLDER…
+    fastac bench models BUILD_FOLDER…
 
-Frames are random changes of the background and, where the build folder has its dataset, frames from that.
+The emulator must equal the int64 loop on every value. The frames are random perturbations of the background
+and, where the build folder has its dataset, frames of that.
 """
 
 import os
@@ -19,17 +20,20 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.result import Result
+from fastac.report.tables import text_table
+from fastac.scenes.outputs import hardware_words, measured
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import evenly_spaced
 from fastac.studies.benchmarks.timing import fastest
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2
-"""Those of the int64 loop, which takes ten times as long."""
+"""The same for the int64 loop, which takes ten times as long per frame."""
 
 
-def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
-    """Half the frames small changes, an eighth arbitrary ones; the rest from the dataset if there is one."""
+def benchmark_frames(bundle: Bundle, folder: Path) -> np.ndarray:
+    """FRAMES frames (frames, H, W, C) uint8: an eighth is uniform noise; up to 3/8 come from the folder's
+    dataset, if any; the others are the background with small noise."""
     background, rng = bundle.pipeline.background, np.random.default_rng(1)
     noise = background + rng.integers(-20, 21, (FRAMES, *background.shape))
     frames = np.clip(noise, 0, 255).astype(np.uint8)
@@ -41,28 +45,22 @@ def frames_of(bundle: Bundle, folder: Path) -> np.ndarray:
     return frames
 
 
-def line(name: str, seconds: tuple[float, float], frames: int) -> str:
-    wall, processor = (1e3 * value / frames for value in seconds)
-    return f"  {name:44s} {wall:8.2f} ms {1e3 / wall:8.0f} frames/s {processor:9.2f} ms of processor time"
+def cells(name: str, seconds: tuple[float, float], frames: int) -> list[str]:
+    """A row of the table, from the wall-clock and the processor time of all `frames`."""
+    wall_ms, processor_ms = (1e3 * value / frames for value in seconds)
+    return [name, f"{wall_ms:.2f}", f"{1e3 / wall_ms:.0f}", f"{processor_ms:.2f}"]
 
 
-def put_out(scene: Scene) -> dict[str, tuple[str, ...]]:
-    """What of all results a scene puts out, in the emulator's words and in the float pipeline's units."""
-    words, units = ["validity"], []
-    for wanted, word, unit in (
-        ("normals" in scene.outputs, "normal_words", "normals"),
-        ("depth" in scene.outputs, "depth_words", "depth_mm"),
-        (scene.wants_force, "force_raw", "force_n"),
-        (scene.wants_force_map, "force_map_raw", "force_map_n"),
-    ):
-        if wanted:
-            words.append(word)
-            units.append(unit)
-    return {"emulator": tuple(words), "float pipeline": tuple(units)}
+def scene_outputs(scene: Scene) -> dict[str, tuple[str, ...]]:
+    """The results that a scene wants, by model: names of the emulator's words and of the float pipeline's."""
+    return {
+        "emulator": ("validity", *hardware_words(scene.outputs)),
+        "float pipeline": tuple(measured(scene.outputs)),
+    }
 
 
 def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
-    """How many values there are in all outputs; raises ValueError where one is not the loop's."""
+    """The number of values compared with the loop's; raises ValueError where any differs."""
     for name, values in loop.items():
         different = int((getattr(found, name) != values).sum())
         if different:
@@ -71,26 +69,28 @@ def compare(found: Result, loop: dict[str, np.ndarray]) -> int:
 
 
 def measure(folder: Path) -> Iterator[str]:
-    """Times of a build folder's models, a line each, as they are found."""
+    """Time the models of a build folder and compare emulator and int64 loop; yields lines of text."""
     bundle = load_bundle(folder)
-    pipeline, frames = bundle.pipeline, frames_of(bundle, folder)
+    pipeline, frames = bundle.pipeline, benchmark_frames(bundle, folder)
     models = {"float pipeline": FloatPipeline.from_bundle(bundle), "emulator": Emulator(pipeline)}
-    ExactTables(pipeline)  # refuses tables that only the loop can compute
+    ExactTables(pipeline)  # raises where the emulator would fall back on the int64 loop
     few, outputs = frames[:LOOP_FRAMES], direct.outputs(pipeline)
     loop = {name: np.empty((len(few), *shape), kind) for name, (shape, kind) in outputs.items()}
     yield f"{folder}, {' × '.join(map(str, pipeline.background.shape))}"
+    rows = []
     for name, model in models.items():
-        wanted = put_out(bundle.scene)[name]
-        yield line(f"{name}, all results", fastest(partial(model.run, frames), REPEATS), FRAMES)
-        yield (
-            line(
-                f"  {', '.join(wanted)}", fastest(partial(model.run, frames, wanted=wanted), REPEATS), FRAMES
-            )
-        )
-    yield line("int64 loop", fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS), LOOP_FRAMES)
+        wanted = scene_outputs(bundle.scene)[name]
+        seconds = fastest(partial(model.run, frames), REPEATS)
+        rows.append(cells(f"{name}, all results", seconds, FRAMES))
+        seconds = fastest(partial(model.run, frames, wanted=wanted), REPEATS)
+        rows.append(cells(f"{name}, {', '.join(wanted)}", seconds, FRAMES))
+    seconds = fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS)
+    rows.append(cells("int64 loop", seconds, LOOP_FRAMES))
+    yield text_table(["model", "ms a frame", "frames/s", "processor ms a frame"], rows)
     count = compare(Emulator(pipeline).run(few), loop)
-    yield f"  emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames"
+    yield f"emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames"
 
 
 def heading() -> str:
+    """The line above all results."""
     return f"For each frame, the fastest of {REPEATS} runs over {FRAMES} frames on {os.cpu_count()} cores:"

@@ -1,4 +1,4 @@
-"""Energy that processors have used, from the counters of their packages (Linux powercap, intel-rapl)."""
+"""Energy used by the processor packages, from their RAPL counters (Linux powercap, `intel-rapl:*`)."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ POWERCAP = Path("/sys/class/powercap")
 
 
 class NoCounters(OSError):
-    """A platform without counters that can be read; the message is one line that says why."""
+    """The platform has no readable energy counters; the message is one line that says why."""
 
 
 class PackageCounters:
-    """The counters of all packages; each wraps around at a range of its own."""
+    """The energy counters of all processor packages; each wraps around at its own range."""
 
     def __init__(self, root: Path = POWERCAP):
-        """Raises NoCounters where there are none, or none that may be read."""
+        """Find the counters below `root`. Raises NoCounters where there are none or they cannot be read."""
         self.zones = sorted(zone for zone in root.glob("intel-rapl:*") if zone.name.count(":") == 1)
         if not self.zones:
             raise NoCounters(f"{root}: no intel-rapl: the platform has no energy counters")
@@ -24,10 +24,11 @@ class PackageCounters:
             raise NoCounters(f"{root}: intel-rapl cannot be read: {error}") from None
 
     def read_uj(self) -> list[int]:
+        """Present value of each package's counter in µJ."""
         return [int((zone / "energy_uj").read_text()) for zone in self.zones]
 
     def spent_mj(self, before_uj: list[int], after_uj: list[int]) -> float:
-        """Between two readings, of all packages, less than a whole range apart."""
+        """Energy in mJ of all packages between two readings, each less than one range apart."""
         spent_uj = 0
         for before, after, top in zip(before_uj, after_uj, self.ranges_uj, strict=True):
             spent_uj += after - before + (top if after < before else 0)

@@ -1,8 +1,7 @@
-"""Times of the virtual rig on one core: a contact, its pixels, a frame, the frame's processing.
+"""Times of the virtual rig on one core: a contact, its pixels, a frame, and the frame's processing.
 
-    python -m fastac.studies.benchmarks.rig SCENE [--cache FOLDER]
-
-The compliance is computed first, or read from the cache; nothing of that is counted.
+`fastac bench rig SCENE` prints them. The compliance is computed first, or taken from the
+store, and not timed.
 """
 
 from functools import partial
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.models.vision import image_processing
+from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene, SceneError
 from fastac.sensor.mechanics.fem.pressed_gel import GelContact
 from fastac.sensor.mechanics.fem.rig import FemRig
@@ -24,15 +24,17 @@ from fastac.studies.benchmarks.timing import fastest
 STATIONS, REPEATS = 5, 5
 
 
-def line(name: str, times: list[tuple[float, float]]) -> str:
-    """Mean and largest over the stations, of the fastest run at each."""
-    wall, processor = 1e3 * np.array(times).T
-    spread = f"{wall.mean():8.2f} ms, at most {wall.max():8.2f}"
-    return f"  {name:28s} {spread}; {processor.mean():8.2f} ms of processor time"
+HEAD = ("part", "mean, ms", "largest, ms", "processor, mean, ms")
 
 
-def measure(scene: Scene, store: Path, progress: bool) -> list[str]:
-    """A line for each part, at a few stations spread over the protocol."""
+def cells(name: str, times: list[tuple[float, float]]) -> list[str]:
+    """A row of the table: mean and largest over the stations, of the fastest run at each."""
+    wall_ms, processor_ms = 1e3 * np.array(times).T
+    return [name, *(f"{value:.2f}" for value in (wall_ms.mean(), wall_ms.max(), processor_ms.mean()))]
+
+
+def measure(scene: Scene, store: Path, progress: bool) -> str:
+    """A table with a row for each part, timed at a few stations spread over the protocol."""
     sensor, ball = scene.sensor, Ball(scene.protocol.ball_mm)
     if sensor.elastomer.mechanics != "fem":
         raise SceneError(f"{scene.name}: sensor.elastomer.mechanics = 'layer': expected 'fem'")
@@ -60,4 +62,4 @@ def measure(scene: Scene, store: Path, progress: bool) -> list[str]:
             times.setdefault("RAW10 frame", []).append(fastest(partial(render_raw10, *state), REPEATS))
             process = partial(image_processing.channels, raw, sensor)
             times.setdefault("image processing", []).append(fastest(process, REPEATS))
-    return [line(name, found) for name, found in times.items()]
+    return text_table(HEAD, [cells(name, found) for name, found in times.items()])

@@ -1,7 +1,9 @@
-"""How a sweep gains from workers: the same points on one Dask worker, then on several.
+"""Scaling of a sweep with the number of workers: the same points on one Dask worker, then on several.
 
-The models are trained before any clock runs. Every worker is a process of this machine with one thread, and
-has measured a point (and so loaded the frames) before its clock runs; no result is kept.
+    fastac bench sweep SWEEP_TOML [--points N] [--workers 1,2] [--store FOLDER]
+
+All models are trained before the timing. Every worker is a process of this machine with one thread, and
+measures one point (which loads the frames) before the timing; no result is kept.
 """
 
 import logging
@@ -21,7 +23,7 @@ from fastac.sweep.spec import Point
 
 
 def measurable(spec: sweep_spec.Spec, base, folder: Path, count: int, setting: Setting) -> list[Point]:
-    """The first `count` possible points, all measured once; fewer if there are."""
+    """Up to `count` feasible points of the grid, all measured once, so that their models are in the store."""
     chosen: list[Point] = []
     with progress_bar(total=count, desc="preparing", unit="point") as bar:
         for point in sweep_spec.grid(spec, base, folder):
@@ -31,7 +33,7 @@ def measurable(spec: sweep_spec.Spec, base, folder: Path, count: int, setting: S
                 continue
             try:
                 open_store(Path(setting.store)).perform(PointModels(point.scene, setting).point)
-            except ValueError:  # a word that is too short: found out too soon to take any time
+            except ValueError:  # infeasible, such as a word too short: would distort the time per point
                 continue
             chosen.append(point)
             bar.update()
@@ -39,7 +41,10 @@ def measurable(spec: sweep_spec.Spec, base, folder: Path, count: int, setting: S
 
 
 def seconds(points: list[Point], setting: Setting, workers: int, folder: Path) -> float:
-    """Of wall clock for all points but the first ones, which warm the workers up."""
+    """Wall-clock time in s for all points on `workers` workers, after a warm-up point on each.
+
+    Raises RuntimeError where a point fails.
+    """
     from distributed import LocalCluster
 
     pools.single_threaded()
@@ -60,7 +65,7 @@ def seconds(points: list[Point], setting: Setting, workers: int, folder: Path) -
 
 
 def measure(spec: Path, points: int, workers: tuple[int, ...], store: Path) -> Iterator[str]:
-    """Seconds a point with each number of workers, a line each, as they are found."""
+    """Time the points of a specification with each number of workers; yields one line of text per number."""
     content, base = sweep_spec.load(spec)
     data = content.data and str((spec.parent / content.data).resolve())
     setting = Setting(str(store.resolve()), data, content.split, content.frames)

@@ -1,14 +1,14 @@
-"""The fastest of several runs."""
+"""Timing of a function: the fastest of several runs."""
 
 import time
 from collections.abc import Callable
 
 PAUSE_S = 0.1
-"""Before each run: a machine that is shared gives its cores rather to who has not just used them."""
+"""Pause before each run, since schedulers of shared machines favour processes that have been idle."""
 
 
 def fastest(run: Callable[[], object], repeats: int) -> tuple[float, float]:
-    """Seconds of wall clock and of processor time, of the fastest run each: noise only ever adds."""
+    """Minimum wall-clock and minimum processor time in s over `repeats` runs: disturbances only add time."""
     clocks = []
     for _ in range(repeats):
         time.sleep(PAUSE_S)

@@ -1,9 +1,9 @@
 """A bottle held by two virtual fingertips and pushed down, with friction feedback and without it.
 
-The fingers, the bottle and the hand are those of fastac/studies/demos/bottle.py, and whether the bottle slips is what the
-contact makes of them. The controller has nothing but the forces that the bundle's integers find in the
-frames. As the paper's, its μ_s is found by experiment: a slow push without feedback until the bottle is
-seen to slip. All of it is simulated.
+The fingers, the bottle and the hand are those of fastac/studies/demos/bottle.py; whether the bottle slips
+follows from the contact mechanics. The controller sees only the forces that the bundle's integer model
+computes from the frames. As in the paper, μ_s follows from a slip test: a slow push without feedback until
+the bottle slips. Everything is simulated.
 """
 
 from collections.abc import Iterable
@@ -25,22 +25,28 @@ from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
 from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
-from fastac.studies.demos.bottle import Grasp, Hold
+from fastac.studies.demos.bottle import Grasp, HeldBottle
 from fastac.studies.demos.grip_control import GripControl, friction_ratio
-from fastac.studies.demos.records import SLIPPED_MM, Trace
+from fastac.studies.demos.records import SLIP_THRESHOLD_MM, GraspTrace
 from fastac.studies.demos.sampling import CAMERA_HZ
 
 SLIP_TEST_PUSH, SLIP_TEST_FRAMES, SLIP_FRAMES = 4.0, 200, 5
-"""The slip test pushes up to so many times what friction carries at the grip, in so many frames at most, and
-takes the median of so many."""
+"""Of the slip test: the largest push in multiples of the load that friction carries at the initial grip, the
+frames in which it is reached, and the frames after the first slip whose median is taken."""
 
 
-def follow(
-    bundle: Bundle, hold: Hold, pushes_n: Iterable[float], control: GripControl, label: str, *, progress: bool
-) -> Trace:
-    """A camera sees a hold frame by frame, and the control answers what the integers find.
+def run_control_loop(
+    bundle: Bundle,
+    hold: HeldBottle,
+    pushes_n: Iterable[float],
+    control: GripControl,
+    label: str,
+    *,
+    progress: bool,
+) -> GraspTrace:
+    """Simulate the closed loop frame by frame: contact, camera, integer model, grip control.
 
-    pushes_n : of each frame, see `Hold.step`; may look at the hold and end
+    pushes_n : the hand's force for each frame, see `HeldBottle.step`; a generator may stop early
     """
     scene, emulator = bundle.scene, Emulator(bundle.pipeline)
     rng, angle_deg, rows = np.random.default_rng(scene.protocol.seed), 0.0, []
@@ -53,37 +59,40 @@ def follow(
         state = (angle_deg, hold.hand_n, hold.lowered_mm, hold.slipped_mm, found.validity[0] != 0)
         rows.append((frame / CAMERA_HZ, pressed.force_n, force_n, *state))
         angle_deg = control(force_n)
-    return Trace(*map(np.array, zip(*rows, strict=True)))
+    return GraspTrace(*map(np.array, zip(*rows, strict=True)))
 
 
 def require_friction(scene: Scene) -> None:
-    """Raise FingertipError unless the virtual sensor can show a grasp."""
+    """Raise FingertipError unless the scene is simulated with friction and has all three axes of force."""
     require_simulated(scene, "grasp", (0, 1, 2))
     if not scene.sensor.elastomer.friction:
         raise FingertipError("grasp: sensor.elastomer.friction = 0: expected more, and mechanics 'fem'")
 
 
 def slip_test(bundle: Bundle, rig: Rig, grasp: Grasp, *, progress: bool) -> dict[str, float]:
-    """μ where the bottle slips under a slow push: found, as an experimenter reads it, and true.
+    """μ at which the bottle slips under a slow push, from the integer model's forces and from the true ones.
 
-    The median of some frames from the first that slips on. Raises FingertipError where it does not slip.
+    Each is the median over SLIP_FRAMES frames from the first slip on. Raises FingertipError without a slip.
     """
-    hold = Hold(rig, grasp)
+    hold = HeldBottle(rig, grasp)
     carried_n = 2 * rig.sensor.elastomer.friction * grasp.grip_n
 
     def pushes():
         for push_n in np.linspace(0, SLIP_TEST_PUSH * carried_n, SLIP_TEST_FRAMES)[1:]:
             yield push_n
-            if hold.slipped_mm > SLIPPED_MM:
+            if hold.slipped_mm > SLIP_THRESHOLD_MM:
                 for _ in range(SLIP_FRAMES - 1):
                     yield push_n
                 return
 
-    trace = follow(bundle, hold, pushes(), GripControl(np.inf, 0.0, 0.0, 0.0), "slip test", progress=progress)
-    if hold.slipped_mm <= SLIPPED_MM:
+    trace = run_control_loop(
+        bundle, hold, pushes(), GripControl(np.inf, 0.0, 0.0, 0.0), "slip test", progress=progress
+    )
+    if hold.slipped_mm <= SLIP_THRESHOLD_MM:
         raise FingertipError(f"grasp: hand_n_per_mm = {grasp.hand_n_per_mm:g}: no push makes the bottle slip")
     found, true = (
-        np.median(friction_ratio(force_n)[-SLIP_FRAMES:]) for force_n in (trace.found_n, trace.true_n)
+        np.median(friction_ratio(force_n)[-SLIP_FRAMES:])
+        for force_n in (trace.found_force_n, trace.true_force_n)
     )
     return {"found_ratio": float(found), "true_ratio": float(true)}
 
@@ -96,10 +105,10 @@ def run(
     store: Path = frames.STORE,
     progress: bool = True,
 ) -> dict:
-    """The whole experiment: grasp.json and grasp.png in `folder`; returns what the JSON holds.
+    """Run slip test and both grasps; write grasp.json and grasp.png into `folder`; return the JSON's content.
 
-    Raises FingertipError for a scene without friction or three axes of force, and for a grasp that cannot be;
-    ContactError where the bottle falls or the gel is too thin for the grip.
+    Raises FingertipError for a scene without friction or three axes of force, and for impossible parameters;
+    ContactError where the bottle falls or the indentation exceeds the gel.
     """
     from fastac.studies.demos import time_figures
 
@@ -116,7 +125,9 @@ def run(
         control = GripControl(stable_ratio, margin, grasp.step_deg, grasp.most_deg, delay_frames)
         pushes_n = [grasp.push_n(k / CAMERA_HZ) for k in range(round(grasp.seconds * CAMERA_HZ))]
         label = name.replace("_", " ")
-        traces[name] = follow(bundle, Hold(rig, grasp), pushes_n, control, label, progress=progress)
+        traces[name] = run_control_loop(
+            bundle, HeldBottle(rig, grasp), pushes_n, control, label, progress=progress
+        )
     content = {
         "source": "simulated",
         "scene": scene.name,
@@ -143,7 +154,7 @@ def section(folder: Path, bundle: Path, *, store: Path, progress: bool) -> None:
 
 
 def lacks(scene: Scene) -> str | None:
-    """Why a scene cannot show it, in one line; None if it can."""
+    """One line that says why the scene does not allow this experiment; None if it does."""
     try:
         require_friction(scene)
     except FingertipError as error:
@@ -152,7 +163,7 @@ def lacks(scene: Scene) -> str | None:
 
 
 def tables(content: dict) -> list[Table]:
-    """Slip, tightening and errors of both grasps."""
+    """Slip, tightening and force errors of both grasps, from the content of grasp.json."""
     rows = []
     for name in ("without_feedback", "with_feedback"):
         one = content[name]

@@ -1,4 +1,4 @@
-"""The friction feedback of a grasp: μ = F_s/F_n of the forces found, and the angle between the fingers."""
+"""Grip control by friction feedback, as in the paper: close the fingers where μ = F_s/F_n is too large."""
 
 from dataclasses import dataclass
 
@@ -6,37 +6,39 @@ import numpy as np
 
 
 def friction_ratio(force_n: np.ndarray) -> np.ndarray:
-    """μ = F_s/F_n, (…), of forces (…, 3) in N; infinite where nothing presses."""
+    """μ = F_s/F_n (…) of forces (…, 3) in N: shear over normal force; infinite without normal force."""
     shear, normal = np.hypot(force_n[..., 0], force_n[..., 1]), force_n[..., 2]
     return np.where(normal > 0, shear / np.where(normal > 0, normal, 1.0), np.inf)
 
 
 @dataclass
 class GripControl:
-    """Tightens by a step for every force with μ > μ_s + d."""
+    """Closes the fingers by one step for every frame whose force has μ > μ_s + d."""
 
     stable_ratio: float
-    """μ_s; infinite: no feedback."""
+    """μ_s, the ratio regarded as stable; infinite switches the feedback off."""
     margin: float
-    """d"""
+    """d, how far μ may exceed μ_s."""
     step_deg: float
+    """Decrease of the angle between the fingers per step."""
     most_deg: float
-    """The fingers close no further than this."""
+    """Largest decrease of that angle in all."""
     delay_frames: int = 1
-    """From the frame that is answered to the first one that shows the answer."""
+    """Frames from the one whose force is evaluated to the first one that sees the motors' response."""
 
     def __post_init__(self):
         self.tightened_deg = 0.0
-        """By how much the angle between the fingers is smaller than at first, as the motors were told."""
-        self._under_way = [0.0] * (self.delay_frames - 1)
+        """Commanded decrease of the angle between the fingers since the start."""
+        self._pending_deg = [0.0] * (self.delay_frames - 1)
 
     @property
     def limit(self) -> float:
+        """μ_s + d, above which the fingers close."""
         return self.stable_ratio + self.margin
 
     def __call__(self, force_n: np.ndarray) -> float:
-        """The force (3,) found in this frame; returns what the motors have done by the next, in degrees."""
+        """Take the force (3,) in N of this frame; return the decrease in degrees that the next frame sees."""
         if friction_ratio(force_n) > self.limit:
             self.tightened_deg = min(self.tightened_deg + self.step_deg, self.most_deg)
-        self._under_way.append(self.tightened_deg)
-        return self._under_way.pop(0)
+        self._pending_deg.append(self.tightened_deg)
+        return self._pending_deg.pop(0)

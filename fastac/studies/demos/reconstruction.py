@@ -1,7 +1,7 @@
-"""Test objects on the virtual sensor, reconstructed by bundles: the paper's third figure of results.
+"""Test objects on the virtual sensor, reconstructed by several bundles: the paper's third figure of results.
 
-Every object is pressed on the sensor of each bundle's own scene, so that bundles of three and of four colours
-see the same skin through their own channels. All of it is simulated.
+Every object is pressed once; the deformed skin is rendered with the channels of each bundle's own scene, so
+that RGB and RGB-NIR bundles are compared on the same contact. Everything is simulated.
 """
 
 from dataclasses import dataclass
@@ -21,21 +21,21 @@ from fastac.sensor.mechanics.objects import OBJECTS
 from fastac.sensor.protocol import FingertipError
 from fastac.store.progress import progress_bar
 
-LOADS = 3.0
-"""The load, unless the caller says otherwise, in the largest of the first bundle's protocol."""
+LOAD_FACTOR = 3.0
+"""Default load in multiples of the largest load in the first bundle's protocol."""
 
 
 @dataclass(frozen=True)
 class Reconstruction:
-    """One object as one bundle's integers find it."""
+    """One object as reconstructed by one bundle's integer model."""
 
     frame: np.ndarray
-    """(H, W, C) uint8."""
+    """(H, W, C) uint8, the rendered image."""
     result: Result
-    """Of this one frame."""
+    """The integer model's outputs, of one frame."""
 
     def errors(self, truth: ObjectPress) -> dict[str, float]:
-        """Mean absolute errors in the contact: of normals in degrees, of depth in mm."""
+        """Mean absolute errors of normals (degrees) and depth (mm) in contact, of depth on inner pixels."""
         touching = truth.pressed.in_contact
         cosine = np.einsum("hwi,hwi->hw", self.result.normals[0], truth.pressed.normals)
         depth = np.abs(self.result.depth_mm[0] - truth.pressed.depth_mm)
@@ -47,22 +47,23 @@ class Reconstruction:
 
 
 @dataclass(frozen=True)
-class Shown:
-    """One object: what it does to the skin, and what each bundle makes of it."""
+class ObjectResult:
+    """One object: the true deformation of the skin, and every bundle's reconstruction of it."""
 
     name: str
     sensor: Sensor
     truth: ObjectPress
     found: dict[str, Reconstruction]
-    """By name of the bundle's scene and its channels."""
+    """By `title` of the bundle."""
 
 
 def title(bundle: Bundle) -> str:
+    """The name of the bundle's scene and its channels, e.g. "paper, B G R NIR"."""
     return f"{bundle.scene.name}, {' '.join(bundle.scene.sensor.channel_names)}"
 
 
 def check(bundles: dict[Path, Bundle]) -> None:
-    """Raise FingertipError unless all bundles are of one simulated skin and find its depth."""
+    """Raise FingertipError unless all bundles compute depth for the same simulated skin."""
     first = None
     for path, bundle in bundles.items():
         scene = bundle.scene
@@ -82,14 +83,15 @@ def check(bundles: dict[Path, Bundle]) -> None:
             raise FingertipError(f"{name}: two bundles of this scene and these channels")
 
 
-def reconstruct(bundles: dict[Path, Bundle], load_n: float | None, *, progress: bool) -> list[Shown]:
-    """Press every object with `load_n` and let every bundle reconstruct it.
+def reconstruct(bundles: dict[Path, Bundle], load_n: float | None, *, progress: bool) -> list[ObjectResult]:
+    """Press every object with `load_n` (None: LOAD_FACTOR) and reconstruct it by every bundle.
 
-    Raises FingertipError where the bundles do not fit together, ContactError where the load is too much.
+    Raises FingertipError where the bundles do not fit together, ContactError where the load exceeds what the
+    gel can carry.
     """
     check(bundles)
     scene = next(iter(bundles.values())).scene
-    load_n = LOADS * max(scene.protocol.loads_n) if load_n is None else load_n
+    load_n = LOAD_FACTOR * max(scene.protocol.loads_n) if load_n is None else load_n
     layer, shown = Layer(scene.sensor), []
     for name, make in progress_bar(OBJECTS.items(), desc="objects", enabled=progress):
         truth, found = press_object(layer, make(), name, load_n), {}
@@ -97,12 +99,12 @@ def reconstruct(bundles: dict[Path, Bundle], load_n: float | None, *, progress: 
             sensor = bundle.scene.sensor
             frame = frames.of_press(truth.pressed, sensor, np.random.default_rng(scene.protocol.seed))
             found[title(bundle)] = Reconstruction(frame, Emulator(bundle.pipeline).run(frame[None]))
-        shown.append(Shown(name, scene.sensor, truth, found))
+        shown.append(ObjectResult(name, scene.sensor, truth, found))
     return shown
 
 
-def summary(shown: list[Shown]) -> dict:
-    """The errors of all reconstructions, as JSON."""
+def summary(shown: list[ObjectResult]) -> dict:
+    """The errors of all reconstructions, as JSON content."""
     return {
         "source": "simulated",
         "load_n": shown[0].truth.pressed.pose["load_n"],

@@ -1,6 +1,6 @@
-"""Reconstructed test objects to look at: a PNG for each, and one page with point clouds to turn.
+"""Figures of reconstructed test objects: a PNG per object, and one HTML page with rotatable point clouds.
 
-The page holds its own script and needs no network.
+The page embeds its script and needs no network.
 """
 
 from pathlib import Path
@@ -16,24 +16,24 @@ from plotly.subplots import make_subplots
 from fastac.report.figures import save_png
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
-from fastac.studies.demos.reconstruction import Shown
+from fastac.studies.demos.reconstruction import ObjectResult
 
 ARROWS = 400
-"""Arrows of force that are drawn, at most: those of the pixels with the largest forces on a coarser grid."""
-
-
+"""About the largest number of force arrows in a plot: each stands for a square of pixels."""
 LONGEST = 8
-"""The longest arrow is the image's width over this."""
+"""The longest arrow is 1/LONGEST of the image's width."""
 
 
 def _step(count: int) -> int:
-    """Every so many pixels along each axis, so that about ARROWS are left."""
+    """Side in pixels of the squares that reduce `count` loaded pixels to about ARROWS."""
     return max(int(np.ceil(np.sqrt(count / ARROWS))), 1)
 
 
 def arrows(force_n: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> tuple[np.ndarray, np.ndarray]:
-    """Feet (n, 3) in mm on the pressed skin and forces (n, 3) in N of a force map (H, W, 3): of squares of
-    pixels, summed, where they press."""
+    """Arrows of a force map (H, W, 3) in N: their feet (n, 3) in mm on the skin, their forces (n, 3).
+
+    The map is summed over squares of pixels; squares without normal force get no arrow.
+    """
     x, y = pixel_centres_mm(sensor)
     step = _step(int((force_n[..., 2] > 0).sum()))
     beyond = [(0, -size % step) for size in depth_mm.shape]
@@ -49,9 +49,11 @@ def arrows(force_n: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> tuple[n
     return feet[loaded], total[loaded]
 
 
-def force_maps(item: Shown) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Force maps (H, W, 3) in N and the skins (H, W) that they act on: the true one, and that of each bundle
-    whose scene wants all three axes of it, zero on the boundary."""
+def force_maps(item: ObjectResult) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """By name, force maps (H, W, 3) in N and the depths (H, W) in mm of the skin that they act on.
+
+    The true map and those of the bundles whose scene has a three-axis force map; zero on the boundary.
+    """
     maps = {"truth": (item.truth.force_map_n, item.truth.pressed.depth_mm)}
     for name, found in item.found.items():
         image = found.result.force_map_n
@@ -63,8 +65,8 @@ def force_maps(item: Shown) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     return maps
 
 
-def draw(item: Shown, path: Path) -> None:
-    """A PNG: of truth and of each bundle input, normals, displacement, its error, point cloud; and forces."""
+def draw(item: ObjectResult, path: Path) -> None:
+    """Write a PNG, a row for the truth and for each bundle: input, normals, displacement, error, points."""
     rest, truth, forces = rest_depth_mm(item.sensor), item.truth.pressed, force_maps(item)
     rows = [("truth", None, truth.normals, truth.depth_mm)]
     for name, found in item.found.items():
@@ -105,15 +107,15 @@ def draw(item: Shown, path: Path) -> None:
     save_png(figure, path)
 
 
-def _cloud(item: Shown, depth: np.ndarray) -> go.Scatter3d:
+def _cloud(item: ObjectResult, depth: np.ndarray) -> go.Scatter3d:
     x, y = pixel_centres_mm(item.sensor)
-    sunk = rest_depth_mm(item.sensor) - depth
-    style = {"size": 1.8, "color": sunk.ravel(), "colorscale": "Magma", "cmin": 0}
+    displacement = rest_depth_mm(item.sensor) - depth
+    style = {"size": 1.8, "color": displacement.ravel(), "colorscale": "Magma", "cmin": 0}
     return go.Scatter3d(x=x.ravel(), y=y.ravel(), z=depth.ravel(), mode="markers", marker=style)
 
 
-def _forces(item: Shown, force_n: np.ndarray, depth_mm: np.ndarray) -> tuple[go.Surface, go.Cone]:
-    """The pressed skin, coloured by the force on it, and the force's three axes as cones."""
+def _forces(item: ObjectResult, force_n: np.ndarray, depth_mm: np.ndarray) -> tuple[go.Surface, go.Cone]:
+    """The deformed skin, coloured by the magnitude of the force, and three-axis force vectors as cones."""
     x, y = pixel_centres_mm(item.sensor)
     size = np.linalg.norm(force_n, axis=-1) * 1e3
     skin = go.Surface(x=x, y=y, z=depth_mm, surfacecolor=size, colorscale="Viridis", showscale=False)
@@ -122,8 +124,8 @@ def _forces(item: Shown, force_n: np.ndarray, depth_mm: np.ndarray) -> tuple[go.
     return skin, go.Cone(**cones, anchor="tail", colorscale="Blues", showscale=False, sizemode="scaled")
 
 
-def page(shown: list[Shown]) -> str:
-    """HTML: for each object the true and every found point cloud, and the force on the curved surface."""
+def page(shown: list[ObjectResult]) -> str:
+    """The HTML page: per object the true and all reconstructed point clouds, and forces on the skin."""
     parts = []
     for item in shown:
         depths = {"truth": item.truth.pressed.depth_mm}

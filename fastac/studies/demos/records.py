@@ -1,4 +1,4 @@
-"""What the demonstrations in time record, frame by frame."""
+"""Time series of the demonstrations: a grasp frame by frame, and a vibration as recorded and as output."""
 
 from dataclasses import dataclass
 
@@ -7,68 +7,83 @@ import numpy as np
 from fastac.studies.demos.grip_control import friction_ratio
 from fastac.studies.demos.sampling import Spectrum
 
-SLIPPED_MM = 1e-3
-"""Sliding beyond this is a slip."""
+SLIP_THRESHOLD_MM = 1e-3
+"""A bottle that has slid further than this counts as slipped."""
 
 
 @dataclass(frozen=True, eq=False)
-class Trace:
-    """One grasp, frame by frame."""
+class GraspTrace:
+    """One grasp: arrays of one entry per camera frame."""
 
     time_s: np.ndarray
-    true_n: np.ndarray
-    """(frames, 3)"""
-    found_n: np.ndarray
-    """(frames, 3)"""
+    true_force_n: np.ndarray
+    """(frames, 3) of one finger, by the contact mechanics."""
+    found_force_n: np.ndarray
+    """(frames, 3) of one finger, by the integer model from the frame."""
     tightened_deg: np.ndarray
+    """Decrease of the angle between the fingers since the start."""
     hand_n: np.ndarray
+    """Force of the hand on the bottle's cap."""
     lowered_mm: np.ndarray
+    """Displacement of the bottle since the start: the skin's shear and slip together."""
     slipped_mm: np.ndarray
+    """Slip alone, accumulated since the start."""
     flagged: np.ndarray
-    """(frames,) bool: the integers call the frame not to be trusted."""
+    """(frames,) bool: the integer model's validity flags mark the frame as suspect."""
 
     def summary(self) -> dict:
-        """What a JSON file holds of it."""
-        error = np.abs(self.found_n - self.true_n)
+        """Slip, errors and time series as JSON content."""
+        error = np.abs(self.found_force_n - self.true_force_n)
         return {
-            "slipped": bool(self.slipped_mm[-1] > SLIPPED_MM),
+            "slipped": bool(self.slipped_mm[-1] > SLIP_THRESHOLD_MM),
             "slipped_mm": float(self.slipped_mm[-1]),
             "tightened_deg": float(self.tightened_deg[-1]),
             "largest_ratio": {
-                "true": float(friction_ratio(self.true_n).max()),
-                "found": float(friction_ratio(self.found_n).max()),
+                "true": float(friction_ratio(self.true_force_n).max()),
+                "found": float(friction_ratio(self.found_force_n).max()),
             },
             "force_error_n": dict(zip("xyz", error.mean(axis=0).tolist(), strict=True)),
             "flagged_frames": int(self.flagged.sum()),
             "frames": len(self.time_s),
             "series": {
-                key: getattr(self, key).tolist() for key in self.__dataclass_fields__ if key != "flagged"
+                "time_s": self.time_s.tolist(),
+                "true_n": self.true_force_n.tolist(),
+                "found_n": self.found_force_n.tolist(),
+                "tightened_deg": self.tightened_deg.tolist(),
+                "hand_n": self.hand_n.tolist(),
+                "lowered_mm": self.lowered_mm.tolist(),
+                "slipped_mm": self.slipped_mm.tolist(),
             },
         }
 
 
 @dataclass(frozen=True, eq=False)
-class Recording:
-    """One frequency."""
+class VibrationRecording:
+    """All camera frames of one vibration frequency, and the force in each."""
 
     frequency_hz: int
     camera_s: np.ndarray
-    true_n: np.ndarray
-    """(frames,) F_z of the contact."""
-    found_n: np.ndarray
-    """(frames,) F_z of the integers."""
+    """(frames,) time of each frame."""
+    true_force_n: np.ndarray
+    """(frames,) F_z by the contact mechanics."""
+    found_force_n: np.ndarray
+    """(frames,) F_z by the integer model."""
     fine_s: np.ndarray
-    fine_n: np.ndarray
-    """F_z between frames, from the interpolated load."""
+    """(n,) times between the frames, for plotting."""
+    fine_force_n: np.ndarray
+    """(n,) true F_z at `fine_s`, from the interpolated load."""
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
-    """One frequency as one pipeline gives it."""
+class PipelineOutput:
+    """The forces that one pipeline outputs for one vibration: those of the frames that it accepts."""
 
     output_s: np.ndarray
+    """(outputs,) time of each output."""
     force_n: np.ndarray
+    """(outputs,) F_z."""
     rate_hz: float
+    """Mean output rate."""
     spectrum: Spectrum
     expected_hz: float
-    """The dominant peak of a sine that the same frames sample."""
+    """Dominant frequency of an ideal sine sampled at the same frames."""

@@ -1,4 +1,4 @@
-"""Which frames a pipeline takes from a camera, and which frequency its outputs then show."""
+"""Sampling of a camera by a busy pipeline: which frames it accepts, and the spectrum of its outputs."""
 
 from dataclasses import dataclass
 from fractions import Fraction
@@ -8,13 +8,15 @@ import numpy as np
 from scipy.signal.windows import hann
 
 CAMERA_HZ = 240
+"""Frame rate of the camera in the paper and in all demonstrations."""
 
 
-def taken(camera_hz: Fraction, service_s: Fraction, count: int) -> tuple[list[int], list[Fraction]]:
-    """The frames, of `count` that arrive at k/camera_hz, that a pipeline takes, and when, in s.
+def accepted_frames(camera_hz: Fraction, service_s: Fraction, count: int) -> tuple[list[int], list[Fraction]]:
+    """Indices of the frames that a pipeline accepts, and the times in s at which it starts on them.
 
-    It is busy with a frame for `service_s`. Whenever it is free it takes the newest frame that it has not
-    had, or waits for the next; older ones are dropped. Times are exact.
+    Frame k of `count` arrives at k/camera_hz; the pipeline is busy with a frame for `service_s`. When free it
+    starts on the newest frame not yet processed, or waits for the next; older ones are dropped. Fractions
+    keep the times exact.
     """
     frames, times, free, following = [], [], Fraction(0), 0
     while (frame := max(floor(free * camera_hz), following)) < count:
@@ -26,30 +28,32 @@ def taken(camera_hz: Fraction, service_s: Fraction, count: int) -> tuple[list[in
 
 
 def alias_hz(frequency_hz: float, rate_hz: float) -> float:
-    """Where a sine shows in samples at `rate_hz`: its distance from the nearest multiple of the rate."""
+    """The alias of a sine sampled evenly at `rate_hz`: its distance from the nearest multiple of the rate."""
     return abs(frequency_hz - rate_hz * round(frequency_hz / rate_hz))
 
 
 @dataclass(frozen=True)
 class Spectrum:
+    """One-sided amplitude spectrum of n real samples."""
+
     frequency_hz: np.ndarray
-    """(n // 2 + 1,) of the bins, from 0."""
+    """(n // 2 + 1,) frequencies of the bins, from 0."""
     amplitude: np.ndarray
-    """(n // 2 + 1,) of the sine that would give each bin, in the samples' unit."""
+    """(n // 2 + 1,) amplitude of a sine at each bin, in the samples' unit."""
 
     @property
     def resolution_hz(self) -> float:
-        """From one bin to the next."""
+        """Distance between two bins."""
         return float(self.frequency_hz[1])
 
     @property
     def peak_hz(self) -> float:
-        """The dominant bin but that of zero frequency."""
+        """Frequency of the largest bin, zero frequency excluded."""
         return float(self.frequency_hz[1 + self.amplitude[1:].argmax()])
 
 
 def spectrum(samples: np.ndarray, rate_hz: float) -> Spectrum:
-    """The DFT of (n,) samples taken as even, their mean removed, under a Hann window.
+    """Spectrum of samples (n,), treated as evenly spaced, without their mean, under a Hann window.
 
     Raises ValueError for fewer than 8 samples.
     """

@@ -1,4 +1,4 @@
-"""Ways to find the adjoint's weights of the slopes, and what each is worth on held-out frames."""
+"""Three ways to fit the adjoint solver's weights of the slopes, and their accuracy on held-out frames."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -19,21 +19,25 @@ from fastac.sensor.geometry import rest_slopes
 from fastac.studies.equivalence.variants import float_variant, integer_variant, slope_words, variant
 
 FITS = ("displacement", "smooth", "slopes")
-"""Whence the adjoint's weights: from HyperForce on the displacement, from one weight a pixel of the
-displacement that is smooth (the same cosines and ridge regression as `slopes`), or of the slopes directly."""
+"""How the adjoint's weights are fitted: HyperForce on the displacement; one smooth weight per pixel of the
+displacement (the same cosines and ridge regression as `slopes`); or weights of the slopes directly."""
 
 
 @dataclass(frozen=True, eq=False)
 class Fits:
-    """kernels (axes, N, N, K, K): HyperForce on the unclamped displacement that the integers' slopes give;
-    weights: of the slopes (axes, H, W, 2) in N, by FITS and by whose slopes were fitted."""
+    """Fitted weights of the force.
+
+    kernels : (axes, N, N, K, K), HyperForce on the unclamped displacement from the integer model's slopes
+    weights : of the slopes (axes, H, W, 2) in N, by the name in FITS and by whose slopes were fitted
+        ("float", "integer" or "true")
+    """
 
     kernels: np.ndarray
     weights: dict[tuple[str, str], np.ndarray]
 
 
 def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
-    """The adjoint's weights by each way of FITS; those of `force.fit` as `training.force` does it."""
+    """Fit the adjoint's weights in each way of FITS; the scene's `force.fit` as `training.force` does."""
     scene = variant(bundle.scene, solver="adjoint", fit="slopes")
     divergence, pitch_mm = scene.poisson.divergence, scene.sensor.pitch_mm
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
@@ -68,15 +72,15 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
 
 
 def true_change(scene: Scene, data: Dataset, index: np.ndarray) -> np.ndarray | None:
-    """The true slopes less those at rest, (frames, H, W, 2), where a virtual fingertip has told them."""
+    """The true slopes less those at rest, (frames, H, W, 2); None unless simulated with all normals known."""
     if scene.sensor.source != "simulated" or data.normals is None or data.valid is not None:
         return None
     normals = data.normals[index].astype(np.float64)
     return -normals[..., :2] / normals[..., 2:] - np.stack(rest_slopes(scene.sensor), axis=-1)
 
 
-def noisier(frames: np.ndarray, scene: Scene) -> np.ndarray:
-    """Frames with the noise of the scene's camera once more."""
+def with_more_noise(frames: np.ndarray, scene: Scene) -> np.ndarray:
+    """The frames with the camera's read and shot noise added a second time."""
     sensor, rng = scene.sensor, np.random.default_rng(scene.protocol.seed)
     again = np.empty_like(frames)
     for k, frame in enumerate(frames):
@@ -87,8 +91,11 @@ def noisier(frames: np.ndarray, scene: Scene) -> np.ndarray:
 
 @dataclass(frozen=True)
 class AdjointError:
-    """Of the integer adjoint from its float weights on the same integer slopes; relative to the largest
-    force of each axis. What half a unit in every weight could reach at most stands beside it."""
+    """Rounding error of the integer adjoint against its float weights on the same integer slopes.
+
+    largest_relative : relative to the largest force of each axis
+    bound_mn : what half a unit of error in every weight could add up to
+    """
 
     mean_mn: float
     largest_mn: float
@@ -98,8 +105,12 @@ class AdjointError:
 
 @dataclass(frozen=True)
 class Accuracy:
-    """One way to find the adjoint's weights: NMAE by slopes (float's, integers', true ones) and axis, what
-    integers do to it, and the standard deviation by axis that more noise of the camera adds to the force."""
+    """Accuracy of one way to fit the adjoint's weights.
+
+    nmae_percent : by source of the slopes ("float", "integer", "true"), then by axis
+    rounding : error of the integer weights
+    noise_mn : by axis, standard deviation of the force that additional camera noise causes
+    """
 
     fit: str
     nmae_percent: dict[str, list[float]]
@@ -110,10 +121,10 @@ class Accuracy:
 def accuracies(
     bundle: Bundle, data: Dataset, fits: Fits, words: np.ndarray, *, progress: bool
 ) -> Iterator[Accuracy]:
-    """Every fit on the test frames; `words` are those frames' integer slopes."""
+    """Accuracy of every fit on the test frames; `words` (frames, H, W, 2) are their integer slopes."""
     scene, index = variant(bundle.scene, solver="adjoint"), data.indices("test")
     upto, frames = integer_variant(bundle, scene), data.frames[index]
-    again, true = noisier(frames, scene), true_change(scene, data, index)
+    again, true = with_more_noise(frames, scene), true_change(scene, data, index)
     rest = slope_words(upto, bundle.pipeline.background[None], progress=False)[0]
     unit = 2.0**-upto.ratio.fraction
     for name in FITS:

@@ -1,8 +1,8 @@
-"""The three identities of docs/mathematics.md on a trained bundle, and what fixed point costs in each.
+"""The three identities of docs/mathematics.md on a trained bundle, and the fixed-point error in each.
 
-    python -m fastac.studies.equivalence.identities BUILD_FOLDER...
+    fastac study identities BUILD_FOLDER...
 
-measures on the held-out frames of each build folder's data.h5; `make identities` trains one first.
+measures on the held-out frames of each build folder's data.h5; `make identities` trains a bundle first.
 """
 
 from collections.abc import Iterator
@@ -31,7 +31,10 @@ SOLVERS = ("dst2d", "tridiagonal")
 
 @dataclass(frozen=True)
 class SolverError:
-    """How far an integer solver is from float64 on the same integer slopes, and its words."""
+    """Depth error of an integer solver against float64 on the same integer slopes.
+
+    words : "name total_bits.fraction_bits" of each of the solver's stages
+    """
 
     mode: str
     solver: str
@@ -41,12 +44,13 @@ class SolverError:
 
 
 def rest_words(bundle: Bundle) -> np.ndarray:
-    """The integer slopes at rest, (H, W, 2)."""
+    """The integer slopes of the background, (H, W, 2)."""
     return slope_words(bundle.pipeline, bundle.pipeline.background[None], progress=False)[0]
 
 
 def constants(bundle: Bundle) -> dict[str, np.ndarray]:
-    """By mode, what is subtracted from the divergence of the slopes, (N, N): boundary prior or rest."""
+    """By Poisson mode, the constant (N, N) subtracted from the divergence of the slopes: the boundary prior's
+    term in absolute mode, the divergence at rest in difference mode."""
     scene, known = bundle.scene, bundle.pipeline
     rest = rest_words(bundle) * 2.0**-known.ratio.fraction
     return {
@@ -56,7 +60,7 @@ def constants(bundle: Bundle) -> dict[str, np.ndarray]:
 
 
 def solver_errors(bundle: Bundle, words: np.ndarray, *, progress: bool) -> Iterator[SolverError]:
-    """Both integer solvers in both modes on slopes (frames, H, W, 2) in words."""
+    """Errors of both integer solvers in both modes on integer slopes `words` (frames, H, W, 2)."""
     divergence, pitch_mm = bundle.scene.poisson.divergence, bundle.scene.sensor.pitch_mm
     unit = 2.0**-bundle.pipeline.ratio.fraction
     for mode, constant in constants(bundle).items():
@@ -78,6 +82,8 @@ def solver_errors(bundle: Bundle, words: np.ndarray, *, progress: bool) -> Itera
 
 @dataclass(frozen=True)
 class Mismatches:
+    """Comparison of the accumulators of two force models on the same frames."""
+
     frames: int
     accumulators: int
     mismatches: int
@@ -86,7 +92,8 @@ class Mismatches:
 def patch_mismatches(
     bundle: Bundle, weights: np.ndarray, frames: np.ndarray, *, progress: bool
 ) -> Mismatches:
-    """Accumulators of the K×K kernels `weights` (axes, N, N, K, K) against one weight a pixel, on frames."""
+    """Compare the accumulators of K×K kernels `weights` (axes, N, N, K, K) with one weight per pixel, on
+    frames (frames, H, W, C)."""
     own = bundle.scene.poisson.solver
     solver = own if scene_solvers.SOLVERS[own].finds_depth else "tridiagonal"
     upto = integer_variant(bundle, variant(bundle.scene, solver=solver))
@@ -103,8 +110,11 @@ def patch_mismatches(
 
 
 def identity_errors(bundle: Bundle, kernels: np.ndarray, words: np.ndarray) -> dict[str, float]:
-    """By mode: the adjoint's force of `kernels` (axes, N, N, K, K) against the depth path's without clamp, in
-    float64 on slopes (frames, H, W, 2) in words; the largest difference relative to the largest force."""
+    """By Poisson mode, the largest difference between the adjoint's force and that of the depth path without
+    clamp, relative to the largest force, in float64.
+
+    kernels : (axes, N, N, K, K); words : integer slopes (frames, H, W, 2)
+    """
     divergence, pitch_mm = bundle.scene.poisson.divergence, bundle.scene.sensor.pitch_mm
     unit, weight, errors = 2.0**-bundle.pipeline.ratio.fraction, collapse(kernels), {}
     rest = rest_words(bundle) * unit
@@ -124,7 +134,7 @@ def identity_errors(bundle: Bundle, kernels: np.ndarray, words: np.ndarray) -> d
 
 
 def measure(folder: Path, *, progress: bool) -> Iterator[str]:
-    """Everything about one build folder, in lines of text."""
+    """Measure all three identities on one build folder; yields lines of text."""
     bundle, file = load_bundle(folder), folder / "data.h5"
     scene = bundle.scene
     data = read(file, scene)

@@ -1,4 +1,4 @@
-"""Other scenes on the same sensor: a bundle's pixel network under another solver or another force."""
+"""Variants of a bundle on the same sensor: its pixel network with another solver or another force model."""
 
 from dataclasses import replace
 
@@ -17,9 +17,11 @@ from fastac.store.progress import progress_bar
 
 
 def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> Scene:
-    """The scene with another solver: with depth unless it is the adjoint, whose force does not clamp.
+    """The scene with another solver, at one pixel per clock.
 
-    Raises SceneError where that is impossible.
+    The outputs are depth and the scene's forces, or the forces alone for the adjoint, which has no clamp.
+    mode : of the Poisson solver, None: the scene's; force : other keys of the scene's `force` table
+    Raises SceneError where the variant is impossible.
     """
     content = scene.model_dump(mode="json")
     forces = [name for name in content["outputs"] if OUTPUTS[name].force_axes]
@@ -35,7 +37,7 @@ def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> S
 
 
 def integer_variant(bundle: Bundle, scene: Scene) -> IntegerPipeline:
-    """The bundle's pixel network under another scene, up to the displacement."""
+    """The bundle's integer pixel network with the rest of the pipeline of `scene`, without a force model."""
     known = bundle.pipeline
     return assemble.assemble(
         scene, layers=known.layers, background=known.background, rest_depth_mm=known.rest_depth_mm
@@ -43,11 +45,12 @@ def integer_variant(bundle: Bundle, scene: Scene) -> IntegerPipeline:
 
 
 def float_variant(bundle: Bundle, scene: Scene, weights: np.ndarray | None = None) -> FloatPipeline:
+    """The bundle's float pipeline with another scene and other force weights."""
     return replace(FloatPipeline.from_bundle(bundle), scene=scene, force_weights=weights)
 
 
 def slope_words(pipeline: IntegerPipeline, frames: np.ndarray, *, progress: bool) -> np.ndarray:
-    """Frames to the integer slopes (frames, H, W, 2)."""
+    """Frames (frames, H, W, C) uint8 to the pipeline's integer slopes (frames, H, W, 2)."""
     starts = progress_bar(range(0, len(frames), CHUNK), desc="slopes", enabled=progress)
     return np.concatenate(
         [pipeline.slopes(pipeline.normals(frames[start : start + CHUNK]))[0] for start in starts]

@@ -1,4 +1,4 @@
-"""HyperForce's six forms, and the accuracy of every component of the force."""
+"""Section "forces": the ablation of HyperForce, and the accuracy of every component of the force."""
 
 from pathlib import Path
 
@@ -23,6 +23,7 @@ MEASURES = {
 
 
 def lacks(build: Known) -> str | None:
+    """One line that says why this section cannot be run on the build; None if it can."""
     if not build.scene.wants_force:
         return f"outputs = {', '.join(build.scene.outputs)}: no force is wanted"
     if build.scene.sensor.markers is None:
@@ -35,7 +36,8 @@ def lacks(build: Known) -> str | None:
 
 
 def run(folder: Path, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
-    """The ablation on the build's dataset and network, and the build's own force, from d_z alone."""
+    """Run the ablation on the build's dataset and pixel network; add the errors of the build's own force
+    model, which uses d_z alone."""
     build = Finished.read(bundle, data, store=store, progress=progress)
     kinds = ("true", "found")
     content = force_ablation.compare(
@@ -47,13 +49,14 @@ def run(folder: Path, bundle: Path, data: Path, *, store: Path, progress: bool) 
     pipelines = {"float": FloatPipeline.from_bundle(build.bundle), "integer": build.bundle.pipeline}
     own = {}
     for name, pipeline in pipelines.items():
-        seen = accuracy.with_background_of(pipeline, build.data)
-        found_n = seen.run(build.data.frames[index], wanted=("force_n",), progress=progress).force_n
+        model = accuracy.with_background_of(pipeline, build.data)
+        found_n = model.run(build.data.frames[index], wanted=("force_n",), progress=progress).force_n
         own[name] = force_ablation.errors(found_n, truth_n)
     write_json(folder / "forces.json", {**content, "build": {"axes": [AXES[axis] for axis in axes], **own}})
 
 
 def tables(content: dict) -> list[Table]:
+    """An ablation table per kind of displacement, and the accuracy of all models by axis."""
     found = [_ablation(name, known["results"]) for name, known in content["displacements"].items()]
     return [*found, _accuracy(content)]
 
@@ -70,8 +73,8 @@ def _ablation(name: str, results: dict) -> Table:
     ]
     head = [f"F_{axis}, {whose}" for axis in AXES for whose in ("ours", "paper")]
     note = {
-        "true": "On true displacements: what the model itself can do.",
-        "found": "On what the frames show: d_z by pixel network and solver, d_x and d_y by the dots.",
+        "true": "On true displacements: the limit of the model itself.",
+        "found": "On displacements from the frames: d_z by network and solver, d_x and d_y by the markers.",
     }
     return Table(
         f"HyperForce on {name} displacements: MAE, N", ["kernel", "input", *head], rows, note.get(name, "")
@@ -98,5 +101,5 @@ def _accuracy(content: dict) -> Table:
         ["measure", "model", *(f"F_{axis}" for axis in AXES)],
         rows,
         "Normalised by each component's largest true load. The build's force is what the hardware computes: a"
-        " linear map of d_z alone, without dots.",
+        " linear map of d_z alone, without markers.",
     )

@@ -1,5 +1,7 @@
 """The paper's ablation of HyperForce: kernels dynamic or fixed, inputs d_x + d_y, d_z or all three.
 
+    fastac study force-ablation SCENE|BUILD --data FILE
+
 Each of the six is trained on the training grid, stopped by the validation grid and judged on the test grid:
 on true displacements, which shows what the model itself can do, and on those found in the frames, d_z by the
 float pipeline and d_x, d_y by the markers. Each training is a step of the store and goes on from its

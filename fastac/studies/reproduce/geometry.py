@@ -1,13 +1,13 @@
-"""Gradients and depth with and without NIR, and depth with and without the boundary prior.
+"""Section "geometry": gradients and depth with and without NIR, depth with and without the boundary prior.
 
-RGB-only is the same recording without its NIR channel: nothing is rendered twice, and a network of its own
-is trained on it exactly as the build trains on all four. Judged on the vertical presses of the test grid, as
-in the paper, by the float pipeline.
+RGB-only uses the same frames without their NIR channel and a network of its own, trained on them exactly as
+the build trains on all four channels. Errors are those of the float pipeline on the vertical presses of the
+test grid, as in the paper.
 
 With prior: the scene's own pipeline. Without: "Standard fast Poisson solvers usually imply the zero-boundary
-condition" (Lu et al.), so the absolute slopes are solved with zero on the boundary. What that adds is a
-smooth surface, so the error less each frame's mean is given too; and the paper's own equation, absolute
-slopes with the prior, where the scene solves for the difference from rest.
+condition" (Lu et al.), so the absolute slopes are integrated with a boundary of zero. The error that this
+adds is a smooth surface, so depth without each frame's mean error is given too. The last variant is the
+paper's own equation, absolute slopes with the prior, for scenes that solve for the difference from rest.
 """
 
 from dataclasses import replace
@@ -48,9 +48,10 @@ BOUNDARIES = {
 
 
 def lacks(build: Known) -> str | None:
+    """One line that says why this section cannot be run on the build; None if it can."""
     scene, data = build.scene, build.data
     if scene.sensor.channels != "bgr+nir":
-        return f"sensor.channels = {scene.sensor.channels!r}: expected 'bgr+nir', of which RGB is a part"
+        return f"sensor.channels = {scene.sensor.channels!r}: expected 'bgr+nir', which contains RGB"
     if not scene.wants_solver or scene.training.labels != "geometry":
         return f"outputs = {', '.join(scene.outputs)}: no depth is found from normals"
     if data.normals is None or data.depth_mm is None:
@@ -59,20 +60,24 @@ def lacks(build: Known) -> str | None:
 
 
 def rgb_scene(scene: Scene) -> Scene:
+    """The scene without the NIR channel."""
     content = scene.model_dump(mode="json")
     content["sensor"]["channels"] = "bgr"
     return Scene.model_validate(content)
 
 
 def rgb_data(data: Dataset) -> Dataset:
-    """The recording without its NIR channel."""
+    """The dataset without its NIR channel."""
     kept = len(CHANNELS["bgr"])
     frames, background = (np.ascontiguousarray(x[..., :kept]) for x in (data.frames, data.background))
     return replace(data, channels=CHANNELS["bgr"], frames=frames, background=background)
 
 
 def absolute_depth_mm(slopes: np.ndarray, scene: Scene, prior_mm: np.ndarray | None) -> np.ndarray:
-    """Slopes (frames, H, W, 2) to depth (frames, H, W), its boundary that of `prior_mm` (H, W), or zero."""
+    """Integrate slopes (frames, H, W, 2) to depth (frames, H, W) in mm.
+
+    prior_mm : (H, W), whose boundary the depth takes; None: zero
+    """
     pitch_mm = scene.sensor.pitch_mm
     boundary = np.zeros(slopes.shape[1:3]) if prior_mm is None else prior_mm
     depth = np.repeat(boundary[None].astype(np.float64), len(slopes), axis=0)
@@ -81,8 +86,8 @@ def absolute_depth_mm(slopes: np.ndarray, scene: Scene, prior_mm: np.ndarray | N
     return depth
 
 
-def less_mean(depth_mm: np.ndarray, truth_mm: np.ndarray) -> np.ndarray:
-    """The depth (frames, H, W) moved so that each frame's mean inside the boundary is the true one."""
+def without_mean_error(depth_mm: np.ndarray, truth_mm: np.ndarray) -> np.ndarray:
+    """Depth (frames, H, W) shifted frame by frame so that its mean inside the boundary is the true one."""
     error = (depth_mm - truth_mm)[:, 1:-1, 1:-1]
     return depth_mm - error.mean(axis=(1, 2), keepdims=True)
 
@@ -90,15 +95,15 @@ def less_mean(depth_mm: np.ndarray, truth_mm: np.ndarray) -> np.ndarray:
 def judge(
     pipeline: FloatPipeline, data: Dataset, index: np.ndarray, *, progress: bool
 ) -> tuple[dict, dict[str, np.ndarray]]:
-    """Errors of gradients and of depth under each boundary, and the depths (frames, H, W) themselves."""
+    """Errors of gradients, and of depth by BOUNDARIES; and the depths (frames, H, W) in mm by BOUNDARIES."""
     scene, rest_mm = pipeline.scene, pipeline.rest_depth_mm
     result = pipeline.run(data.frames[index], wanted=("normals", "slopes", "depth_mm"), progress=progress)
     errors = accuracy.normals(result, data, index, scene.sensor.pitch_mm)
-    free = absolute_depth_mm(result.slopes, scene, None)
+    zero_boundary = absolute_depth_mm(result.slopes, scene, None)
     depths = {
         "prior": result.depth_mm,
-        "no_prior": free,
-        "no_prior_less_mean": less_mean(free, data.depth_mm[index]),
+        "no_prior": zero_boundary,
+        "no_prior_less_mean": without_mean_error(zero_boundary, data.depth_mm[index]),
         "prior_absolute": absolute_depth_mm(result.slopes, scene, rest_mm),
     }
     found = {
@@ -116,13 +121,13 @@ def judge(
 
 
 def train_rgb(folder: Path, scene: Scene, reduced: Scene, data: Path, *, store: Path, progress: bool) -> None:
-    """A step: the pixel network of the scene `reduced`, which is `scene` without NIR."""
+    """A step: train the pixel network of the scene `reduced`, which is `scene` without NIR."""
     of_rgb = rgb_data(frames.read(data, scene, store=store, progress=progress))
     training.normals(of_rgb, reduced, folder / WEIGHTS, progress=progress)
 
 
 def run(folder: Path, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
-    """A section's step, which trains the network of RGB-only in a step of its own."""
+    """Train the RGB-only network, a step of its own; write both networks' errors and draw them."""
     build = Finished.read(bundle, data, store=store, progress=progress)
     scene, reduced = build.scene, rgb_scene(build.scene)
     arguments = {"scene": scene, "reduced": reduced, "data": data}
@@ -145,6 +150,7 @@ def run(folder: Path, bundle: Path, data: Path, *, store: Path, progress: bool) 
 
 
 def tables(content: dict) -> list[Table]:
+    """Gradient errors, and depth errors by boundary, both beside the paper's."""
     gradient = {name: content["channels"][name]["gradient_mae_mm_per_px"] for name in NAMES}
     rows = [
         [
@@ -186,7 +192,7 @@ def tables(content: dict) -> list[Table]:
 def draw(
     content: dict, depths: dict[str, dict[str, np.ndarray]], data: Dataset, index: np.ndarray, path: Path
 ) -> None:
-    """Bars beside the paper's, and the depth errors of the deepest press."""
+    """Write a PNG: errors as bars beside the paper's, and maps of the depth error of the deepest press."""
     figure = plt.figure(figsize=(13, 7))
     bars = [
         ("gradient MAE, mm/px", "gradient_mae_mm_per_px", COMPONENTS, GRADIENT_MAE_MM_PER_PX, False),

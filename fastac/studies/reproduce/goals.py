@@ -1,4 +1,4 @@
-"""What the virtual fingertip is to reach on its held-out grid, and whether it does."""
+"""Target figures for the virtual fingertip on its held-out grid, and whether they are reached."""
 
 from fastac.report.paper import GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.report.tables import Table, number
@@ -7,17 +7,19 @@ from fastac.scenes.schema import AXES
 GRADIENT_MM_PER_PX = GRADIENT_MAE_MM_PER_PX["bgr+nir"]["total"]
 REDUCTION_PERCENT = GRADIENT_REDUCTION_PERCENT["total"]
 DEPTH_MM = 0.0208
-"""Half of the paper's."""
+"""Half of the paper's error."""
 PRIOR_GAIN = 5
+"""Depth error without the boundary prior over that with it."""
 NMAE_PERCENT = 1.4
-"""About half of the paper's."""
+"""Of each component of the force: about half of the paper's."""
 KERNEL_GAIN = 3
+"""Error of F_z with the fixed kernel over that with the dynamic one."""
 
 
 def goals(sections: dict[str, dict]) -> list[dict]:
-    """Of each goal that the sections have the figures for: what, unit, ours, at_most or at_least, reached.
+    """One entry per goal whose figures are in `sections`: what, unit, ours, at_most or at_least, reached.
 
-    Forces are of HyperForce on what is found in the frames.
+    Forces are HyperForce's on displacements measured in the frames.
     """
     found = []
 
@@ -47,10 +49,11 @@ def goals(sections: dict[str, dict]) -> list[dict]:
 
 
 def table(found: list[dict]) -> Table:
+    """The goals, and whether they are reached."""
     rows = []
     for goal in found:
         sign, bound = ("≤", goal["at_most"]) if "at_most" in goal else ("≥", goal["at_least"])
         reached = "reached" if goal["reached"] else "NOT reached"
         rows.append([goal["what"], number(goal["ours"]), f"{sign} {bound:g}", goal["unit"], reached])
-    note = "Held-out grid. What is not reached: see “What limits it”."
+    note = "Held-out grid. Of goals not reached, see “What limits it”."
     return Table("Goals", ["figure", "ours", "goal", "unit", ""], rows, note)

@@ -1,4 +1,4 @@
-"""What limits the figures, by experiments: each is a run of its own with one thing switched off."""
+"""Section "limits": experiments that remove one source of error each, to find what limits the accuracy."""
 
 import json
 from pathlib import Path
@@ -19,16 +19,17 @@ from fastac.studies.reproduce.section import Finished, Known
 
 
 def lacks(build: Known) -> str | None:
+    """One line that says why this section cannot be run on the build; None if it can."""
     data = build.data
     if build.scene.sensor.source != "simulated" or not data.source.startswith("simulated"):
-        return "the frames are recorded: nothing of them can be switched off"
+        return "the frames are recorded: no source of error can be removed"
     if data.valid is not None and not data.valid.all():
-        return "the skin is known in parts only, and cannot be drawn again"
+        return "the geometry is known on part of the skin only, so frames cannot be rendered again"
     return geometry.lacks(build)
 
 
 def run(folder: Path, bundle: Path, data: Path, geometry: Path, *, store: Path, progress: bool) -> None:
-    """A section's step; `geometry` is the JSON of that section."""
+    """Run the experiments, those in a step of their own that train; `geometry` is that section's JSON."""
     build = Finished.read(bundle, data, store=store, progress=progress)
     judged = json.loads(geometry.read_text())["channels"]
     content = {
@@ -44,6 +45,7 @@ def run(folder: Path, bundle: Path, data: Path, geometry: Path, *, store: Path, 
 
 
 def tables(content: dict) -> list[Table]:
+    """Gradients and depth by experiment, errors by region, the solver alone, and forces by experiment."""
     rows = []
     networks = {"as recorded, the build's networks": content["build"], **content["networks"]}
     for name, found in networks.items():
@@ -87,14 +89,14 @@ def tables(content: dict) -> list[Table]:
         ]
         head = [f"F_{axis}, MAE N" for axis in AXES] + [f"F_{axis}, NMAE %" for axis in AXES]
         note = (
-            "Dynamic kernel, all three inputs, in closed form. NMAE by the largest load of the frames judged."
+            "Dynamic kernel, all three inputs, in closed form. NMAE by the largest load of the test frames."
         )
         found.append(Table("Displacements and loads", ["experiment", *head], rows, note))
     return found
 
 
 def draw(content: dict, path: Path) -> None:
-    """Both groups of experiments as bars."""
+    """Write a PNG with the experiments' errors as bars."""
     panels = [("gradient MAE, mm/px", content["networks"], NAMES, "gradient_mae_mm_per_px")]
     panels.append(("depth MAE, mm", content["networks"], NAMES, "depth_mae_mm"))
     figure, axes = plt.subplots(1, 3 if "force" in content else 2, figsize=(15, 3.8), squeeze=False)

@@ -1,4 +1,4 @@
-"""The reproduction as a page and as text: each section's tables and pictures, the goals first."""
+"""The reproduction as an HTML page and as text: each section's tables and figures, and the goals."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,23 +11,23 @@ from fastac.studies.reproduce import goals as reproduce_goals
 from fastac.studies.reproduce.section import Section
 
 
-def whose(content: dict) -> str:
-    """Where both columns' figures are from, in one line."""
+def provenance(content: dict) -> str:
+    """One line that says where our figures and the paper's come from."""
     samples = ", ".join(f"{count} {split}" for split, count in content["samples"].items())
     return (
         f"Ours: scene {content['scene']['name']}, {content['frames_are']} frames ({content['source']};"
-        f" {samples}): all errors of ours are of these. The paper's: its own sensor and board."
+        f" {samples}): all our errors are on these. The paper's: its own sensor and board."
     )
 
 
 def tables(content: dict, sections: Mapping[str, Section]) -> dict[str, list[Table]]:
-    """By the name of each section that there is."""
+    """The tables of each section that was run, by its name."""
     return {name: sections[name].tables(found) for name, found in content["sections"].items()}
 
 
 def text(content: dict, sections: Mapping[str, Section]) -> str:
-    """For a terminal: all tables, the goals last."""
-    parts = [whose(content)]
+    """All tables as plain text, the goals last."""
+    parts = [provenance(content)]
     found = tables(content, sections)
     for name, section in sections.items():
         parts.append(f"== {section.title}; ours: {content['frames_are']} frames ==")
@@ -40,7 +40,7 @@ def text(content: dict, sections: Mapping[str, Section]) -> str:
 
 
 def write(content: dict, sections: Mapping[str, Section], folder: Path, path: Path) -> None:
-    """The page, pictures and all in one file; the sections' folders are in `folder`."""
+    """Write the page with its figures embedded to `path`; `folder` holds the sections' folders."""
     found, shown = tables(content, sections), []
     for name, section in sections.items():
         files = [folder / name / picture for picture in section.pictures if name in found]
@@ -50,7 +50,7 @@ def write(content: dict, sections: Mapping[str, Section], folder: Path, path: Pa
     page = render(
         "studies/reproduce/reproduction.html.j2",
         content=content,
-        whose=whose(content),
+        whose=provenance(content),
         goals=goals,
         sections=shown,
     )

@@ -1,9 +1,9 @@
-"""The per-stage table: what each platform needs for normals, depth and force, and how well it finds them.
+"""Section "stages": latency, energy and accuracy of normals, depth and force on CPU, GPU and hardware.
 
 Errors are from the image up to each stage, on the same test frames, in floats and in the hardware's integers.
-Times of the CPU are those of the float pipeline on this machine, one frame at a time, as for feedback; those
-of a GPU of the same stages in torch, where there is one. Cycles are the RTL's. Energy comes from counters or
-is absent; the hardware's is an estimate, and called one.
+The CPU's latencies are those of the float pipeline on this machine, one frame at a time as in a control loop;
+the GPU's, where there is one, those of the same stages in torch. Cycles are counted in the simulated RTL.
+Energy is measured by counters or absent; the hardware's is an estimate and labelled so.
 """
 
 import json
@@ -47,22 +47,24 @@ ERRORS = {
     "image_to_force": "force_z_mae_n",
 }
 FRAMES, REPEATS = 8, 10
-"""Frames that are timed one by one, and how often: the fastest pass counts, for noise only ever adds."""
+"""Number of frames, timed one by one, and of passes over them, of which the fastest counts."""
 ENERGY_S = 1.0
-"""How long a stage runs for its energy: the counters step every millisecond."""
+"""Duration for which a stage is repeated to measure its energy: the counters advance every millisecond."""
 
 Stage = Callable[[], object]
+"""Runs one stage on all timed frames once, one after the other."""
 
 
 def lacks(build: Known) -> str | None:
+    """One line that says why this section cannot be run on the build; None if it can."""
     scene = build.scene
     if not scene.wants_solver or not scene.wants_force:
-        return f"outputs = {', '.join(scene.outputs)}: not all of normals, depth and force are found"
+        return f"outputs = {', '.join(scene.outputs)}: expected normals, depth and force"
     return None
 
 
-def on_cpu(pipeline: FloatPipeline, frames: np.ndarray) -> dict[str, Stage]:
-    """What runs each stage on all of `frames` once, one by one."""
+def cpu_stages(pipeline: FloatPipeline, frames: np.ndarray) -> dict[str, Stage]:
+    """By stage, and for all three together, what runs it on the CPU on each of `frames` (frames, H, W, C)."""
     stages = pipeline.stages()
     slopes = [stages["normals"](frame).copy() for frame in frames]
     displacements = [stages["depth"](slope) for slope in slopes]
@@ -85,8 +87,8 @@ def _each(stages: dict[str, Callable], *inputs) -> dict[str, Stage]:
     return {name: over(stages[name], given) for name, given in zip(stages, inputs, strict=True)}
 
 
-def on_device(pipeline: TorchPipeline, frames: np.ndarray) -> dict[str, Stage]:
-    """The same on a torch device: stages on what already is there, the whole from and to this side."""
+def device_stages(pipeline: TorchPipeline, frames: np.ndarray) -> dict[str, Stage]:
+    """The same on a torch device: stages on data already there, the whole with transfers to and from it."""
     stages = pipeline.stages()
     images = [pipeline.to_device(frame) for frame in frames]
     slopes = [stages["normals"](image) for image in images]
@@ -109,21 +111,21 @@ def on_device(pipeline: TorchPipeline, frames: np.ndarray) -> dict[str, Stage]:
 
 @contextmanager
 def one_core() -> Iterator[None]:
-    """BLAS and torch have threads of their own that wait for work in loops: with more of them than free cores
-    a frame takes many times as long."""
+    """Restrict BLAS and torch to one thread: their threads poll for work, so that with more threads than free
+    cores a frame takes many times as long."""
     with single_thread(), threadpool_limits(1, user_api="blas"):
         yield
 
 
 @one_core()
 def latencies_ms(runs: dict[str, Stage], count: int) -> dict[str, float]:
-    """Of one frame, from runs over `count` frames, on one core."""
+    """Latency of one frame by stage, from runs over `count` frames on one core."""
     return {name: 1e3 * fastest(run, REPEATS)[0] / count for name, run in runs.items()}
 
 
 @one_core()
 def energies_mj(runs: dict[str, Stage], count: int, counters: PackageCounters) -> dict[str, float]:
-    """Of one frame, from the packages' counters: all that they use, idle share included."""
+    """Energy of one frame by stage, from the packages' counters, idle power included."""
     found = {}
     for name, run in runs.items():
         done, start, before_uj = 0, time.monotonic(), counters.read_uj()
@@ -135,7 +137,7 @@ def energies_mj(runs: dict[str, Stage], count: int, counters: PackageCounters) -
 
 
 def processor() -> str:
-    """The CPU's name, as Linux has it; else that it is not known."""
+    """The CPU's name by /proc/cpuinfo, or "CPU of unknown name"."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
     except OSError:
@@ -145,7 +147,7 @@ def processor() -> str:
 
 
 def run(folder: Path, bundle: Path, data: Path, report: Path, *, store: Path, progress: bool) -> None:
-    """A section's step; `report` is the build's JSON."""
+    """Time the stages on this machine; cycles and errors are those of the build's JSON `report`."""
     build = Finished.read(bundle, data, store=store, progress=progress)
     pipeline = with_background_of(FloatPipeline.from_bundle(build.bundle), build.data)
     index = evenly_spaced(build.data.indices("test"), FRAMES)
@@ -158,7 +160,7 @@ def run(folder: Path, bundle: Path, data: Path, report: Path, *, store: Path, pr
     def accuracy(kind: str) -> dict[str, float]:
         return {stage: errors[kind][key] for stage, key in known.items() if key in errors[kind]}
 
-    runs, absent = on_cpu(pipeline, frames), {}
+    runs, absent = cpu_stages(pipeline, frames), {}
     cpu = {
         "device": f"{processor()}, {os.cpu_count()} cores",
         "latency_ms": latencies_ms(runs, len(frames)),
@@ -172,10 +174,10 @@ def run(folder: Path, bundle: Path, data: Path, report: Path, *, store: Path, pr
         absent["energy of the CPU"] = str(error)
     platforms = {"CPU": cpu}
     if torch.cuda.is_available():
-        there = on_device(TorchPipeline(pipeline, "cuda"), frames)
+        gpu_stages = device_stages(TorchPipeline(pipeline, "cuda"), frames)
         platforms["GPU"] = {
             "device": torch.cuda.get_device_name(),
-            "latency_ms": latencies_ms(there, len(frames)),
+            "latency_ms": latencies_ms(gpu_stages, len(frames)),
             "latency_origin": "measured on this machine: torch, float32, one frame at a time; the whole"
             " from and to the host's memory",
             "accuracy": accuracy("float"),
@@ -211,6 +213,7 @@ PAPER_PLATFORM = {"CPU": "CPU", "GPU": "GPU", "RTL": "FPGA"}
 
 
 def tables(content: dict) -> list[Table]:
+    """One table: a row per stage and platform, beside the paper's figures."""
     rows = []
     for stage, title in TITLES.items():
         for name, platform in content["platforms"].items():
@@ -254,7 +257,7 @@ def tables(content: dict) -> list[Table]:
 
 
 def draw(content: dict, path: Path) -> None:
-    """Latencies, ours and the paper's."""
+    """Write a PNG: latencies by stage and platform, ours beside the paper's."""
     figure, axis = plt.subplots(figsize=(9, 3.6))
     at = np.arange(len(TITLES))
     names = list(content["platforms"])

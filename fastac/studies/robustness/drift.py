@@ -1,4 +1,4 @@
-"""How errors grow as a sensor drifts or breaks, and from where on its frames are flagged as suspect."""
+"""Fault injection: errors as the sensor drifts or fails, and the level at which its frames are flagged."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -29,15 +29,20 @@ from fastac.store.store import open_store
 
 ERRORS = {"depth_mae_mm": "depth error, mm", "force_mae_n": "force error, N"}
 LOADS = (1.5, 2, 3, 4, 6)
-"""Overload, in the largest load that the models were trained on."""
+"""Overloads in multiples of the largest load that the models were trained on."""
 LIGHT_N = 0.01
+"""A load far below those of the training."""
 MARKED = 0.5
-"""Share of the frames flagged from which on a level is marked in the plots."""
+"""Share of flagged frames from which a level is marked in the plots."""
 
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of growing strength: its levels, in `unit`, and the frames that it makes of good ones."""
+    """A fault to inject at several levels.
+
+    levels : in `unit`; good : the level without a fault
+    apply : good frames (frames, H, W, C) and a level to faulty frames
+    """
 
     name: str
     unit: str
@@ -46,8 +51,8 @@ class Fault:
     apply: Callable[[np.ndarray, float], np.ndarray]
 
 
-def of_frames(scene: Scene, mean_dn: float) -> list[Fault]:
-    """Every fault that can be done to frames, each at levels from good to worst."""
+def frame_faults(scene: Scene, mean_dn: float) -> list[Fault]:
+    """All faults that are injected into frames; `mean_dn` is the background's mean."""
     drift = (0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15, 0.2)
     both = (*(-x for x in reversed(drift[1:])), *drift)
     found = [
@@ -74,13 +79,13 @@ def _dead(frames: np.ndarray, percent: float) -> np.ndarray:
 
 
 def loads_n(scene: Scene) -> tuple[float, ...]:
-    """0.01 N, the largest load that the models were trained on, and overloads."""
+    """LIGHT_N, the largest load that the models were trained on, and overloads."""
     largest = max(scene.protocol.loads_n)
     return (LIGHT_N, largest, *(largest * factor for factor in LOADS))
 
 
 def presses(scene: Scene, store: Path, *, progress: bool) -> Dataset:
-    """Virtual presses at each of `loads_n`, load by load at each place: the step of a build's data."""
+    """Virtual presses at each of `loads_n`, place by place: the same step as a build's data."""
     protocol = scene.protocol.model_copy(
         update={"train_grid": 1, "validation_grid": 1, "test_grid": 4, "loads_n": loads_n(scene)}
     )
@@ -90,7 +95,7 @@ def presses(scene: Scene, store: Path, *, progress: bool) -> Dataset:
 
 
 def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundle: Bundle) -> dict:
-    """Errors of both models on all frames of `data`, and how many are flagged, for what."""
+    """A row of the table: errors of both models on all frames of `data`, how many are flagged, and why."""
     index = np.arange(len(data))
     row = {"fault": fault, "unit": unit, "level": level, "frames": len(data)}
     for name, pipeline in models.items():
@@ -109,16 +114,17 @@ def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundl
 def measure(
     bundle: Bundle, data: Dataset, index: np.ndarray, store: Path, *, progress: Callable
 ) -> Iterator[dict]:
-    """Of every fault and level, and of presses of every load, the errors and how many frames are flagged.
+    """One row per fault and level, then one per load of virtual presses where the sensor is simulated.
 
-    index : the held-out frames that the faults are done to; store : folder of the step store; progress : wraps the list of faults
+    index : the held-out frames that the faults are injected into; progress : wraps the list of faults
+    store : folder of the step store, which keeps the presses
     """
     models = {
         "float": accuracy.with_background_of(FloatPipeline.from_bundle(bundle), data),
         "integer": accuracy.with_background_of(bundle.pipeline, data),
     }
     good = subset(data, index)
-    cases = of_frames(bundle.scene, float(data.background.mean()))
+    cases = frame_faults(bundle.scene, float(data.background.mean()))
     for fault in progress(cases):
         for level in fault.levels:
             changed = replace(good, frames=fault.apply(good.frames, level))
@@ -132,7 +138,7 @@ def measure(
 
 
 def figure(rows: list[dict], file: Path) -> None:
-    """A plot per fault: errors of float and integer model against its level, and from where it is flagged."""
+    """Write a PNG, a row of plots per fault: errors of both models and share of flagged frames by level."""
     names = list(dict.fromkeys(row["fault"] for row in rows))
     kinds = [key for key in ERRORS if any(key in row["integer"] for row in rows)]
     plot, axes = plt.subplots(
@@ -152,8 +158,6 @@ def figure(rows: list[dict], file: Path) -> None:
             share.fill_between(levels, [100 * row["suspect_share"] for row in chosen], color="0.5", alpha=0.2)
             share.set(ylim=(0, 102), ylabel="flagged, %")
         line[0].legend(loc="best", fontsize=7)
-    plot.suptitle(
-        "Errors of held-out frames; crosses: half of the frames or more say: do not trust this frame"
-    )
+    plot.suptitle("Errors of held-out frames; crosses: half of the frames or more are flagged as suspect")
     plot.tight_layout(rect=(0, 0, 1, 0.99))
     save_png(plot, file)

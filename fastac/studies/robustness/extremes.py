@@ -1,8 +1,8 @@
-"""The extremes: every word at its worst case, frames that no camera sends, drift until frames are suspect.
+"""A bundle at its extremes: every word at its worst case, frames that no camera sends, drift and faults.
 
-    python -m fastac.studies.robustness.extremes BUILD_FOLDER
+    fastac study extremes BUILD_FOLDER
 
-writes extremes.json and extremes.png there and prints the tables; `make extremes` builds one first.
+writes extremes.json and extremes.png there and prints the tables; `make extremes` builds a bundle first.
 """
 
 from collections.abc import Iterator
@@ -21,6 +21,7 @@ from fastac.studies.robustness import drift, frames, words
 
 FILE, PLOT = "extremes.json", "extremes.png"
 DRIFT_FRAMES = 48
+"""Held-out frames that drift and faults are applied to."""
 
 
 def table(rows: list[dict], *columns: str) -> str:
@@ -39,8 +40,8 @@ def table(rows: list[dict], *columns: str) -> str:
     )
 
 
-def judged(bundle: Bundle, data: Dataset, *, progress: bool) -> dict:
-    """How many frames of each split are flagged, and for what: all of them are good."""
+def false_alarms(bundle: Bundle, data: Dataset, *, progress: bool) -> dict:
+    """By split, how many of the dataset's frames are flagged, and why, although all of them are good."""
     found = {}
     pipeline = accuracy.with_background_of(bundle.pipeline, data)
     for split in ("train", "validation", "test"):
@@ -55,9 +56,10 @@ def judged(bundle: Bundle, data: Dataset, *, progress: bool) -> dict:
 
 
 def measure(folder: Path, *, store: Path, rtl: bool, progress: bool) -> Iterator[str]:
-    """Everything, line by line as it is found; the file holds what was complete when it was interrupted.
+    """Run all experiments; yields lines of text. extremes.json is written after each, so an interrupted run
+    leaves the completed ones.
 
-    store : folder of the step store, which keeps the hardware's comparisons and the presses
+    store : folder of the step store, which keeps hardware comparisons and presses
     """
     bundle, file = load_bundle(folder), folder / FILE
     data = read(folder / "data.h5", bundle.scene)
@@ -80,7 +82,7 @@ def measure(folder: Path, *, store: Path, rtl: bool, progress: bool) -> Iterator
         yield "\nThe deepest boundary prior that absolute mode holds"
         yield table([content["boundary_prior"]], *content["boundary_prior"])
 
-    content["good_frames"] = judged(bundle, data, progress=progress)
+    content["good_frames"] = false_alarms(bundle, data, progress=progress)
     yield "\nFrames of the dataset, all good, that are flagged"
     rows = [{"split": split, **row} for split, row in content["good_frames"].items()]
     yield table(rows, "split", "frames", "flagged", "reasons")

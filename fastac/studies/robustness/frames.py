@@ -1,4 +1,5 @@
-"""Frames that no camera sends, and boundary priors as deep as the words hold: finite, equal, and flagged."""
+"""Frames that no camera sends, and boundary priors as deep as the words hold: is every value finite, does the
+emulator equal the int64 loop, and are the frames flagged?"""
 
 import numpy as np
 
@@ -12,11 +13,11 @@ from fastac.models.integer.frame_validity import REASONS
 from fastac.models.integer.pipeline import IntegerPipeline
 
 PRIOR_STEPS = 7
-"""Halvings in the search for the deepest boundary prior."""
+"""Bisections in the search for the deepest boundary prior."""
 
 
-def unequal(pipeline: IntegerPipeline, frames: np.ndarray) -> int:
-    """How many values of all outputs the emulator and the int64 loop do not agree on."""
+def count_mismatches(pipeline: IntegerPipeline, frames: np.ndarray) -> int:
+    """Number of values, over all outputs, in which the emulator differs from the int64 loop."""
     outputs = direct.outputs(pipeline)
     loop = {name: np.empty((len(frames), *shape), kind) for name, (shape, kind) in outputs.items()}
     direct.loop(pipeline, frames, loop)
@@ -25,7 +26,7 @@ def unequal(pipeline: IntegerPipeline, frames: np.ndarray) -> int:
 
 
 def images(bundle: Bundle) -> list[dict]:
-    """Of each special frame: what is flagged, what saturates, and whether every value is a number."""
+    """One row per special frame of `verify.SPECIAL`: flags, saturations, whether every value is finite."""
     pipeline, frames = bundle.pipeline, verify.special_frames(bundle.pipeline.background)
     results = [Emulator(pipeline).run(frames), FloatPipeline.from_bundle(bundle).run(frames)]
     rows = []
@@ -35,7 +36,7 @@ def images(bundle: Bundle) -> list[dict]:
             "frame": name,
             "reasons": [reason for bit, reason in enumerate(REASONS) if results[0].validity[k] >> bit & 1],
             "finite": all(bool(np.isfinite(value).all()) for value in fields),
-            "emulator_vs_loop_mismatches": unequal(pipeline, frames[k : k + 1]),
+            "emulator_vs_loop_mismatches": count_mismatches(pipeline, frames[k : k + 1]),
             "pixels_with_n_z_not_positive": int((results[0].normal_words[k, ..., 2] <= 0).sum()),
         }
         for kind in ("gradient_saturated", "displacement_saturated"):
@@ -46,9 +47,9 @@ def images(bundle: Bundle) -> list[dict]:
 
 
 def deepest_prior(bundle: Bundle) -> dict | None:
-    """The largest boundary prior that the scene's words hold in absolute mode, and the arithmetic there.
+    """The largest boundary prior that the scene's words hold in absolute mode, and mismatches there.
 
-    Without depth there is none.
+    None without a Poisson solver, and where not even the scene's own prior fits.
     """
     known = bundle.pipeline
     if known.solver is None:
@@ -81,5 +82,5 @@ def deepest_prior(bundle: Bundle) -> dict | None:
         "source_bits": pipeline.source.width,
         "depth_bits": pipeline.depth.width,
         "frames": len(frames),
-        "emulator_vs_loop_mismatches": unequal(pipeline, frames),
+        "emulator_vs_loop_mismatches": count_mismatches(pipeline, frames),
     }

@@ -1,9 +1,9 @@
 # amaranth: UnusedElaboratable=no
-"""Long runs: the same frame in, the same bits out, however many frames lie between.
+"""Long runs: one frame recurs among thousands of others and must give the same bits every time.
 
-    python -m fastac.studies.robustness.stability BUILD_FOLDER
+    fastac study stability BUILD_FOLDER
 
-sends thousands of frames through the emulator and, with --rtl-frames, some through the simulated hardware.
+runs the frames through the emulator and, with --rtl-frames, some through the simulated hardware.
 """
 
 from collections.abc import Iterator
@@ -24,13 +24,16 @@ from fastac.store.progress import progress_bar
 FILE = "stability.json"
 BATCH = 100
 EVERY = 50
-"""Frames from one appearance of the same frame to the next, not counting where in a batch it lies."""
+"""Frames between two appearances of the recurring frame, in the emulator's batches."""
 RTL_EVERY = 10
+"""The same in the simulated hardware."""
 NOISE_DN = 2.0
+"""Standard deviation of the noise added to the other frames."""
 
 
 def perturbed(frames: np.ndarray, count: int, rng: np.random.Generator, *, every: int) -> np.ndarray:
-    """`count` of the frames at random, drifted and noisy; each `every`-th is the first one as it is."""
+    """`count` random picks of `frames` (frames, H, W, C), with drift and noise; each `every`-th is the
+    first frame, unchanged."""
     chosen = frames[rng.integers(0, len(frames), count)]
     noisy = chosen + rng.normal(0, NOISE_DN, chosen.shape) + rng.normal(0, 5)
     changed = faults.gain(np.clip(noisy, 0, 255).astype(np.uint8), rng.uniform(0.8, 1.2))
@@ -39,9 +42,9 @@ def perturbed(frames: np.ndarray, count: int, rng: np.random.Generator, *, every
 
 
 def emulate(pipeline: IntegerPipeline, frames: np.ndarray, count: int, *, progress: bool) -> dict:
-    """`count` consecutive frames in batches; every field of the recurring one is compared to the last bit.
+    """Run `count` consecutive frames in batches and compare every field of the recurring frame bit for bit.
 
-    The first batch comes again as the last one, backwards.
+    The last batch is the first one in reverse order; all of it is compared.
     """
     rng = np.random.default_rng(1)
     emulator = Emulator(pipeline)
@@ -76,7 +79,7 @@ def emulate(pipeline: IntegerPipeline, frames: np.ndarray, count: int, *, progre
 
 
 def simulate(bundle, data: Dataset, index: np.ndarray, count: int, folder: Path, *, progress: bool) -> dict:
-    """`count` frames, one of them recurring, back to back through the bundle's Verilog in `folder`."""
+    """Simulate `count` frames, one of them recurring, back to back on the bundle's Verilog in `folder`."""
     hardware.check_verilog(bundle, folder / "verilog")
     frames = perturbed(data.frames[index], count, np.random.default_rng(2), every=RTL_EVERY)
     found = simulation.simulate(
@@ -101,6 +104,10 @@ def simulate(bundle, data: Dataset, index: np.ndarray, count: int, folder: Path,
 
 
 def measure(folder: Path, *, frames: int, rtl_frames: int, progress: bool) -> Iterator[str]:
+    """Run the frames of a build folder's dataset; writes stability.json there and yields lines of text.
+
+    Raises ValueError where the recurring frame gives different bits.
+    """
     bundle = load_bundle(folder)
     data = read(folder / "data.h5", bundle.scene)
     index = data.indices("test")
@@ -121,4 +128,4 @@ def measure(folder: Path, *, frames: int, rtl_frames: int, progress: bool) -> It
             f" and {found['markers_compared']:,} stream markers"
         )
     if any(part["mismatches"] for part in content.values() if isinstance(part, dict)):
-        raise ValueError(f"{folder / FILE}: the same frame did not give the same bits")
+        raise ValueError(f"{folder / FILE}: the recurring frame gave different bits")

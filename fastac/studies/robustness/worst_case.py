@@ -1,6 +1,6 @@
-"""Inputs that drive each stage's words to their worst case: what a bound promises, tried.
+"""Inputs that drive each stage's words to their largest magnitude, to compare it with the proven bound.
 
-Of the stages of one pixel and of the force; those of the Poisson solver are in worst_case_solver.py.
+Here: the stages of one pixel and of the force; those of the Poisson solver are in worst_case_solver.py.
 """
 
 from dataclasses import dataclass, field, replace
@@ -19,12 +19,12 @@ SATURATES = "saturates there, and sets its flag"
 class WorstCase:
     """A word of a stage, and inputs of the stage that drive it to its largest magnitude.
 
-    bound : what the word's width was chosen for
-    range_bound : the largest magnitude for inputs of the stage's own range, by interval arithmetic; less than
-        `bound` where that allows for more
-    reached : the largest magnitude of the word, by the stage's integer function, on `inputs`
-    stage : the tables; where it takes loadable ones, with those that are the worst
-    outputs : of the stage on `inputs`
+    bound : the magnitude that the word's width was chosen for
+    range_bound : the largest magnitude for inputs in the stage's own range, by interval arithmetic; smaller
+        than `bound` where the bound assumes more
+    reached : the largest magnitude of the word on `inputs`, by the stage's integer function
+    stage : the stage's tables; loadable ones are replaced by the worst that can be loaded
+    inputs, outputs : of the stage; their shapes are the stage's
     """
 
     name: str
@@ -40,20 +40,22 @@ class WorstCase:
 
     @property
     def percent(self) -> float:
-        """Of what the inputs' range allows for that was reached."""
+        """`reached` in percent of `range_bound`."""
         return 100 * self.reached / self.range_bound
 
     @property
     def bound_percent(self) -> float:
+        """`reached` in percent of `bound`."""
         return 100 * self.reached / self.bound
 
     @property
     def head_room_bits(self) -> int:
-        """Bits of the word, with its sign, that what was reached does not need."""
+        """Bits of the signed word that `reached` leaves unused."""
         return self.width - signed_width(self.reached)
 
 
 def magnitude(values: np.ndarray) -> int:
+    """The largest absolute value."""
     return int(np.abs(values).max())
 
 
@@ -65,23 +67,23 @@ def interval(weight: np.ndarray, low, high, constant=0) -> int:
 
 
 def extremes(weight: np.ndarray, low, high) -> np.ndarray:
-    """Inputs (2·rows, terms) that make each row of weight @ x the largest, then the lowest."""
+    """Inputs (2·rows, terms) that maximise each row of weight @ x, then those that minimise it."""
     return np.concatenate([np.where(weight > 0, high, low), np.where(weight > 0, low, high)])
 
 
-def heaviest(layer: Layer) -> Layer:
-    """The layer with the largest weights and biases that can be loaded: neurons of one sign each, in turn."""
+def with_largest_weights(layer: Layer) -> Layer:
+    """The layer with the largest loadable weights and biases, positive and negative neuron by neuron."""
     sign = 1 - 2 * (np.arange(len(layer.weight)) % 2)
     weight = np.broadcast_to(layer.weight_limit * sign[:, None], layer.weight.shape)
     return replace(layer, weight=weight.copy(), bias=layer.bias_limit * sign)
 
 
-def of_layers(pipeline: IntegerPipeline) -> list[WorstCase]:
-    """Accumulators of each layer; of the worst weights and biases where any can be loaded."""
+def layer_cases(pipeline: IntegerPipeline) -> list[WorstCase]:
+    """The accumulator of each layer; with the worst weights and biases where they are loadable."""
     found = []
     for k, layer in enumerate(pipeline.layers):
         if layer.loadable:
-            layer = heaviest(layer)
+            layer = with_largest_weights(layer)
         low = -layer.input_limit if k == 0 else 0 * layer.input_limit  # activations are never negative
         inputs = extremes(layer.weight, low, layer.input_limit)
         outputs = layer.accumulate(inputs)
@@ -102,8 +104,8 @@ def of_layers(pipeline: IntegerPipeline) -> list[WorstCase]:
     return found
 
 
-def of_ratio(pipeline: IntegerPipeline) -> WorstCase:
-    """Slopes of normals as steep as the network's word holds, with n_z of every sign."""
+def gradient_ratio_case(pipeline: IntegerPipeline) -> WorstCase:
+    """Slopes from normals with the largest components that the network's word holds; n_z of every sign."""
     ratio = pipeline.ratio
     top = (1 << (ratio.normal_width - 1)) - 1
     values = np.array([-top, -1, 0, 1, top])
@@ -123,8 +125,8 @@ def of_ratio(pipeline: IntegerPipeline) -> WorstCase:
     )
 
 
-def of_depth(pipeline: IntegerPipeline) -> list[WorstCase]:
-    """Depth and displacement of the solver's largest words where the skin at rest is the highest."""
+def depth_cases(pipeline: IntegerPipeline) -> list[WorstCase]:
+    """Depth and displacement for the solver's largest words and the highest skin at rest."""
     depth, n = pipeline.depth, len(pipeline.depth.rest)
     top = (1 << (depth.input_width - 1)) - 1
     if depth.loadable:  # any word of the solver, as its own solution at rest is one
@@ -166,8 +168,8 @@ def of_depth(pipeline: IntegerPipeline) -> list[WorstCase]:
     return found
 
 
-def of_patches(force: PatchForce) -> list[WorstCase]:
-    """Responses of the pixels, and the resultant, for displacements by the signs of the kernels."""
+def patch_force_cases(force: PatchForce) -> list[WorstCase]:
+    """Response of a pixel and resultant force, for displacements that follow the signs of the kernels."""
     n, half, top = force.kernel.shape[1], force.size // 2, force.displacement_limit
     low = -top if force.signed else 0
     # Words beyond the edge of the image meet no displacement.
@@ -215,8 +217,8 @@ def of_patches(force: PatchForce) -> list[WorstCase]:
     ]
 
 
-def of_weighted_sum(pipeline: IntegerPipeline) -> WorstCase:
-    """The force as one weight per input, for inputs by the signs of the weights and the worst constants."""
+def weighted_sum_case(pipeline: IntegerPipeline) -> WorstCase:
+    """The force as a weighted sum, for inputs with the signs of the weights and the worst constants."""
     force = pipeline.force
     top = force.input_limit
     low = -top if force.input_signed else 0
@@ -243,14 +245,14 @@ def of_weighted_sum(pipeline: IntegerPipeline) -> WorstCase:
 
 
 def of_pixels(pipeline: IntegerPipeline) -> list[WorstCase]:
-    """All but the solver's: every stage that the pipeline has."""
-    found = of_layers(pipeline)
+    """Worst cases of every stage that the pipeline has, except the Poisson solver's."""
+    found = layer_cases(pipeline)
     if pipeline.scene.wants_slopes:
-        found.append(of_ratio(pipeline))
+        found.append(gradient_ratio_case(pipeline))
     if pipeline.depth is not None:
-        found += of_depth(pipeline)
+        found += depth_cases(pipeline)
     if isinstance(pipeline.force, PatchForce):
-        found += of_patches(pipeline.force)
+        found += patch_force_cases(pipeline.force)
     elif pipeline.force is not None:
-        found.append(of_weighted_sum(pipeline))
+        found.append(weighted_sum_case(pipeline))
     return found

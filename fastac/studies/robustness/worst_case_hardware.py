@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Each stage's hardware on the inputs that drive its words to their worst case, against the integers."""
+"""Simulation of each stage's hardware on its worst-case inputs, compared with the integer model."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from fastac.studies.robustness.worst_case import WorstCase
 
 
 def _rows(frames: np.ndarray, lanes: int) -> np.ndarray:
-    """Frames (…, rows, columns) to beats (beats, lanes); void lanes are zero."""
+    """Frames (…, rows, columns) as beats (beats, lanes) in raster order; a row's unused lanes are 0."""
     return np.concatenate([raster_beats(f, lanes) for f in frames.reshape(-1, *frames.shape[-2:])])
 
 
@@ -53,7 +53,7 @@ def _source(case: WorstCase, lanes: int):
 
 
 def _frames(case: WorstCase, lanes: int):
-    """Stages from frames (…, N, N) to frames: component, input width, outputs, output width."""
+    """Stages from frames (…, N, N) to frames: component, width of the inputs, width of the outputs."""
     stage = case.stage
     for solver in SOLVERS.values():
         if type(stage) in solver.engines:
@@ -79,9 +79,10 @@ def _force(case: WorstCase, lanes: int):
 
 
 def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, ...] = (0,)) -> int:
-    """Send the case's inputs through its stage's hardware; returns how many beats were compared.
+    """Simulate the stage's hardware on the case's inputs; returns how many beats were compared.
 
-    Raises where one differs from the integers (see `sim.stream.check`); the bench's output is in the folder.
+    Raises where a beat differs from the integer model (see `sim.check_stream.check`). The bench's log is
+    written into `folder`.
     """
     stage = case.stage
     if isinstance(stage, Layer):

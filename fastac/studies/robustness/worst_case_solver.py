@@ -1,8 +1,8 @@
-"""Slopes that drive every word of the Poisson solver to its worst case.
+"""Slopes that drive every word of the Poisson solver to its largest magnitude.
 
-Each word is a linear function of the slopes, but for roundings. So the slopes at ±limit by the signs of that
-function's weights, at the place where their L1 norm is the largest, reach the bound. The weights are those of
-the integer tables, see models/integer/bounds.py.
+But for rounding, each word is a linear function of the slopes. Slopes of ±limit with the signs of that
+function's weights, taken where the weights' L1 norm is largest, therefore reach the word's bound. The weights
+follow from the integer tables, see models/integer/bounds.py.
 """
 
 from dataclasses import replace
@@ -18,12 +18,13 @@ from fastac.models.integer.words import LARGEST_ERROR
 from fastac.studies.robustness.worst_case import WorstCase, magnitude
 
 CANDIDATES = 8
-"""Pixels on either side of the image's middle, one of which has the deepest solution: there the boundary is
-the farthest."""
+"""Pixels searched on either side of the image's middle for the deepest solution: the boundary is farthest
+there."""
 
 
 def _stimulus(pipeline: IntegerPipeline, weight: np.ndarray) -> tuple[PoissonSource, np.ndarray]:
-    """The source, with the worst offset where any can be loaded, and slopes for the weights of a word."""
+    """The Poisson source and slopes (N + 2, N + 2, 2) that drive a word to its largest magnitude; `weight`
+    (N, N) are the word's weights of the source. Where the offset is loadable, it is the worst one."""
     source, limit = pipeline.source, pipeline.ratio.limit
     slopes = (limit * np.sign(transposed_differences(weight, source.divergence))).astype(np.int64)
     if source.offset_limit is not None:
@@ -33,14 +34,14 @@ def _stimulus(pipeline: IntegerPipeline, weight: np.ndarray) -> tuple[PoissonSou
 
 
 def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
-    """For each of the solver's words, the weights (N, N) of the source where they reach the farthest.
+    """By name of the solver's stages, the weights (N, N) of the source for the stage's largest output word.
 
-    In any unit: only their signs and places count.
+    In arbitrary units: only signs and positions are used.
     """
     source, solver, divergence = pipeline.source, pipeline.solver, pipeline.source.divergence
     s = solver.row_forward.matrix.astype(np.float64)
     n = len(s)
-    # In units of the source's word; an offset that can be any adds what the slopes do, at each place.
+    # In units of the source's word; a loadable offset can add as much as the slopes, at each place.
     stencil = STENCILS[divergence]
     limit = pipeline.ratio.limit * stencil.span
     offset = source.offset * float(source.offset_limit is None)
@@ -53,7 +54,7 @@ def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
         return np.unravel_index((limit * reach + np.abs(constant)).argmax(), (n, n))
 
     def through(operators: np.ndarray) -> tuple[int, int]:
-        """Mode and row in which operators (n, i, k) over the rows reach the farthest."""
+        """Mode and row of the largest output of operators (n, i, k): mode n, row k to row i."""
         along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
         norms = np.abs(operators).sum(axis=2) * along[:, None] + along_rows * across[:, None]
         return farthest(norms, np.einsum("nik,kn->ni", operators, offset @ s))
@@ -74,12 +75,12 @@ def _weights(pipeline: IntegerPipeline) -> dict[str, np.ndarray]:
 
 
 def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
-    """The source's and the solver's words, each for slopes of its own pattern and the opposite one."""
+    """Worst cases of the source and of the solver's stages: each for a pattern of slopes and its negative."""
     source, solver = pipeline.source, pipeline.solver
     weights = _weights(pipeline)
     note = "any slopes at rest that can be loaded" if source.offset_limit is not None else ""
 
-    # The source: around the largest offset.
+    # The source: at the pixel with the largest offset.
     single = np.zeros_like(source.offset)
     place = np.unravel_index(np.abs(source.offset).argmax(), single.shape)
     single[place] = 1
@@ -100,12 +101,12 @@ def of_solver(pipeline: IntegerPipeline) -> list[WorstCase]:
             note,
         )
     ]
-    apart = "" if note else "the bound adds the slopes' and the offset's farthest pixels, which may be two"
+    apart = "" if note else "the bound adds the slopes' and the offset's largest pixels, which may differ"
     for (name, table), stage in zip(solver.parts.items(), solver.stages, strict=True):
         worst, slopes = _stimulus(pipeline, weights[name])
         steps = solver.steps(worst(np.stack([slopes, -slopes])))
         inputs, outputs = next((given, words) for step, given, words in steps if step == name)
-        # It is rounded once more; a floor takes −bound farther from 0.
+        # Rounded once more; rounding down increases the magnitude of −bound.
         up = LARGEST_ERROR[table.rounding]
         bound = int(np.floor(stage.bound_px * 2.0**stage.format.fraction + up))
         found.append(

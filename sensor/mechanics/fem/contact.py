@@ -25,7 +25,7 @@ MAX_ITERATIONS = 40
 MAX_HALVINGS = 6
 DIVERGED = 1e9
 """Magnitude, in N or mm, beyond which an iteration is taken as divergent."""
-SEEDS = 5
+INITIAL_CONTACT_NODES = 5
 """Number of nodes assumed in contact in the first iteration: those with the smallest gaps."""
 
 
@@ -133,7 +133,7 @@ class ContactProblem:
         force, moved_mm = start.force, start.indenter_displacement_mm
         in_contact = force[:, 0] > 0
         if not in_contact.any():
-            in_contact[np.argsort(self.gap_mm, kind="stable")[:SEEDS]] = True
+            in_contact[np.argsort(self.gap_mm, kind="stable")[:INITIAL_CONTACT_NODES]] = True
             free = np.zeros_like(in_contact)
             none = np.zeros_like(start.slip_mm)
             force, moved_mm = self._newton(start, load, in_contact, free, none, np.zeros(len(force)))

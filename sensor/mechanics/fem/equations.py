@@ -74,8 +74,9 @@ def conditions(gap_mm, slip_mm, force, scale, friction: float) -> Conditions:
 
 @njit(cache=True, nogil=True)
 def superposed(compliance, rows, forces):
-    """Displacement (n,) by `forces` (k,) at the degrees of freedom `rows` (k,) of a symmetric compliance (n,
-    n).
+    """Displacement (n,) under `forces` (k,) at the degrees of freedom `rows` (k,).
+
+    compliance : (n, n), symmetric
 
     The sum runs over the rows in place, so that no part of the large matrix is copied.
     """

@@ -21,15 +21,15 @@ from fastac.sensor.mechanics.indenter import Indenter
 
 ITERATIONS, CLOSE_PX = 5, 1e-3
 """Newton iterations that find which point of the skin lies above a pixel, and the tolerance in px."""
-LEAST_AREA = 0.4
+MIN_JACOBIAN = 0.4
 """Lower limit of the Jacobian in Newton's steps: area of the deformed skin over that of the undeformed
 one."""
-TOUCHING_MM = 3e-3
+CONTACT_GAP_MM = 3e-3
 """Gap below which a pixel counts as in contact: without sliding, nodes touch to within 2 µm."""
 BEYOND_PX = 8
 """Pixels beyond the image to which the splines are continued, so that the spline filter's boundary condition
 has no effect inside."""
-SHARPEST_MM = 0.6
+MIN_CURVATURE_RADIUS_MM = 0.6
 """Smallest radius of curvature of the skin. Between nodes the spline may be off by the sagitta of such a bend
 over one element; so a pixel surrounded by contact counts as in contact too if its gap is smaller than
 that."""
@@ -68,8 +68,8 @@ def skin_of(contact: GelContact, sensor: Sensor, indenter: Indenter, x_mm: float
         x - x_mm - contact.indenter_displacement_mm[0], y - y_mm - contact.indenter_displacement_mm[1]
     )
     z = z + contact.first_touch_mm + contact.indenter_displacement_mm[2]
-    near = depth > z - (nodes_x[1] - nodes_x[0]) ** 2 / (8 * SHARPEST_MM)
-    in_contact = near & _filled(_between_touching(contact, from_v, from_u) | (depth > z - TOUCHING_MM))
+    near = depth > z - (nodes_x[1] - nodes_x[0]) ** 2 / (8 * MIN_CURVATURE_RADIUS_MM)
+    in_contact = near & _filled(_between_touching(contact, from_v, from_u) | (depth > z - CONTACT_GAP_MM))
     p[in_contact], q[in_contact] = ball_p[in_contact], ball_q[in_contact]
     depth = np.where(in_contact, z, np.minimum(depth, z))
     tangential = np.ascontiguousarray(np.moveaxis(moved[:2], 0, -1)) * pitch
@@ -123,7 +123,7 @@ def _above(coefficients, moved, along_v, along_u):
     for v in range(height):
         for u in range(width):
             vv, vu, uv, uu = along_v[1, v, u], along_u[1, v, u], along_v[0, v, u], along_u[0, v, u]
-            area = max((1 + vv) * (1 + uu) - vu * uv, LEAST_AREA)
+            area = max((1 + vv) * (1 + uu) - vu * uv, MIN_JACOBIAN)
             off_v, off_u = moved[1, v, u], moved[0, v, u]
             at_v, at_u, z = float(v), float(u), 0.0
             close = False

@@ -59,3 +59,21 @@ def test_a_damaged_file_is_named(tmp_path, damage):
 def test_a_missing_file_is_missing(tmp_path):
     with pytest.raises(FileNotFoundError):
         files.load_arrays(tmp_path / "none.npz")
+
+
+def test_a_folder_is_replaced_whole_or_not_at_all(tmp_path):
+    folder = tmp_path / "deep" / "verilog"
+    for text in ("old", "new"):
+        with files.write_folder_atomically(folder) as temporary:
+            (temporary / f"{text}.v").write_text(text)
+    assert folder.stat().st_mode & 0o777 == 0o755
+
+    def write_half() -> None:
+        with files.write_folder_atomically(folder) as temporary:
+            (temporary / "half.v").write_text("half")
+            raise OSError("full")
+
+    with pytest.raises(OSError, match="full"):
+        write_half()
+    assert [path.name for path in folder.parent.iterdir()] == ["verilog"]
+    assert [path.name for path in folder.iterdir()] == ["new.v"]

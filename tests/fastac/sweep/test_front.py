@@ -89,7 +89,7 @@ class TestPick:
             ("dsp<many", "--pick 'dsp<many': 'many' is no number"),
             ("dsp<nan", "--pick 'dsp<nan': expected a finite number"),
             ("__import__('os')<3", "--pick \"__import__('os')<3\": expected"),
-            ("dsp<1", "--pick 'dsp<1': no design meets it; the first limit that none meets is on dsp"),
+            ("dsp<1", "--pick 'dsp<1': no design meets all limits; that on dsp leaves none"),
         ],
     )
     def test_questions_without_an_answer(self, text, message):

@@ -9,7 +9,7 @@ from fastac.sweep import point_steps, pools
 from fastac.sweep import run as sweeps
 from fastac.sweep import spec as sweep_spec
 from fastac.sweep.points import Setting, code_digest
-from fastac.sweep.pools import Pool, SweepError
+from fastac.sweep.pools import Pool
 from fastac.sweep.results import Results
 from fastac.sweep.run import Grid, Sweep, perform
 
@@ -192,44 +192,3 @@ def test_nothing_to_do(tmp_path, cache):
     pool = Pool(Inline, 1)
     found = Sweep(results, Setting(str(cache), None, "test", 3), pool, Grid([]), progress=False).run()
     assert set(found.values()) == {0}
-
-
-def test_local_processes(tiny_toml, tiny_file, cache, tmp_path):
-    """Two processes measure what one does."""
-    (tmp_path / "tiny.toml").write_text(tiny_toml)
-    (tmp_path / "spec.toml").write_text('scene = "tiny.toml"\n[axes]\n"numbers.data_bits" = [20, 26]')
-    spec, base = sweep_spec.load(tmp_path / "spec.toml")
-    setting = Setting(str(cache), str(tiny_file), "test", 3)
-    found = {}
-    with pools.local_pool(2) as local:
-        for name, pool in {"inline": Pool(Inline, 1), "local": local}.items():
-            results = Results(tmp_path / f"{name}.sqlite")
-            sweeps.run(spec, base, tmp_path, results, setting, pool, progress=False)
-            found[name] = {row.key: row.metrics for row in results.rows()}
-    assert len(found["local"]) == 2
-    assert found["local"] == found["inline"]
-
-
-def test_no_scheduler():
-    with (
-        pytest.raises(SweepError, match="--scheduler nonsense://here: no scheduler answers: "),
-        pools.dask_pool("nonsense://here"),
-    ):
-        pass
-
-
-def test_a_dask_cluster(tiny_toml, tiny_file, cache, tmp_path):
-    distributed = pytest.importorskip("distributed")
-    (tmp_path / "tiny.toml").write_text(tiny_toml)
-    (tmp_path / "spec.toml").write_text('scene = "tiny.toml"\n[axes]\n"numbers.data_bits" = [20, 26]')
-    spec, base = sweep_spec.load(tmp_path / "spec.toml")
-    setting, results = Setting(str(cache), str(tiny_file), "test", 3), Results(tmp_path / "r.sqlite")
-    with (
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=False, dashboard_address=None
-        ) as cluster,
-        pools.dask_pool(cluster.scheduler_address) as pool,
-    ):
-        assert pool.slots == 2
-        counts = sweeps.run(spec, base, tmp_path, results, setting, pool, progress=False)
-    assert counts == {"done": 2, "infeasible": 0, "failed": 0, "known": 0}

@@ -5,7 +5,6 @@ from amaranth import Shape
 from amaranth.sim import Simulator
 
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
-from fastac.gateware.stream.tables import RasterRom, raster_beats
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import PreloadedTable
@@ -175,14 +174,6 @@ def test_every_signed_displacement(lanes, shift):
     simulator.add_clock(1e-6)
     simulator.add_testbench(bench)
     simulator.run()
-
-
-def test_words_of_a_table():
-    table = np.random.default_rng(3).integers(-8, 8, (5, 5))
-    words = raster_beats(table, 2)
-    assert words.shape == (15, 2)
-    assert raster_beats(np.ones((2, 5, 3)), 4).shape == (4, 4, 3)
-    assert RasterRom(words, 4).words == pack(words, 4)
 
 
 def test_invalid_arguments():

@@ -1,4 +1,4 @@
-"""The adjoint against the dense operators that it transposes, and against the way through the depth."""
+"""The adjoint against the transposed dense operators, and against the force computed from the depth."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def test_transposed_divergence_is_the_transpose(n, divergence):
 @DIVERGENCES
 @pytest.mark.parametrize("n", [1, 2, 5, 14, 31])
 def test_the_force_is_that_of_the_depth(n, divergence, mode):
-    """F = constant + Σ (a·p + b·q), with prior and rest in the constant alone."""
+    """F = constant + Σ (a·p + b·q), where prior and background contribute to the constant alone."""
     rng, pitch_mm = np.random.default_rng(n), 0.2
     weight = rng.normal(size=(3, n, n))
     rest, slopes = rng.normal(size=(n + 2, n + 2, 2)), rng.normal(size=(4, n + 2, n + 2, 2))
@@ -87,7 +87,7 @@ def force_n(tiny_bundle, tiny_data, make_scene, kernels):
 @DIVERGENCES
 @pytest.mark.parametrize("solver", ["dst2d", "tridiagonal"])
 def test_the_float_pipeline_finds_the_same_force_without_depth(force_n, solver, divergence, mode):
-    """But for single precision."""
+    """Equal up to single precision."""
     expected = force_n(solver, divergence=divergence, mode=mode)
     found = force_n("adjoint", divergence=divergence, mode=mode)
     assert found.shape == (len(expected), 3)

@@ -61,7 +61,7 @@ def test_nothing_moves_at_rest(pipeline):
 
 
 def test_frames_without_their_markers_are_left_out(pipeline):
-    """And one that lacks a single dot is not: its field is that of the others."""
+    """A frame that lacks a single dot is kept; its field comes from the other dots."""
     some = np.arange(len(GRID)) != 14
     few = np.arange(len(GRID)) % 2 == 0
     frames = np.stack(

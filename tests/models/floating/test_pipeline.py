@@ -100,7 +100,7 @@ def test_normals_and_slopes_are_the_network_s(pair, tiny_data):
 @MODES
 @DIVERGENCES
 def test_float_and_integer_agree(pair, tiny_data, mode, divergence):
-    """After three epochs of fine-tuning, on presses of 0.1 to 0.2 mm, with pixels of 250 µm."""
+    """Bounds for a model with three epochs of fine-tuning, presses of 0.1 to 0.2 mm and pixels of 250 µm."""
     floating, tables = pair(poisson={"mode": mode, "divergence": divergence})
     whole, integer = floating.run(tiny_data.frames), Emulator(tables).run(tiny_data.frames)
     cosine = (whole.normals * integer.normals).sum(axis=-1)
@@ -112,7 +112,7 @@ def test_float_and_integer_agree(pair, tiny_data, mode, divergence):
 
 
 def test_only_quantisation_separates_them(pair, tiny_data):
-    """The same slopes into both: what is left are the roundings of solver and displacement."""
+    """With the same slopes in both, only the roundings of solver and displacement differ."""
     whole, integer = pair()
     slopes = Emulator(integer).run(tiny_data.frames).slopes.astype(float)
     z = whole._solve(slopes)
@@ -129,7 +129,8 @@ def test_the_background_is_at_rest(pair, mode):
 
 
 def test_the_modes_differ_by_what_the_network_gets_wrong_at_rest(pair, tiny_data):
-    """Absolute depth integrates the network's error at rest, the difference leaves it out."""
+    """Absolute depth includes the integral of the network's error on the background, the difference does
+    not."""
     absolute, _ = pair(poisson={"mode": "absolute"})
     difference, _ = pair(poisson={"mode": "difference"})
     a, d = (p.run(tiny_data.frames[:3]) for p in (absolute, difference))

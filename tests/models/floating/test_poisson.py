@@ -1,4 +1,4 @@
-"""The float solver against the sparse linear system that it claims to solve."""
+"""The float solver against a direct solution of the sparse linear system."""
 
 from math import cos, pi
 
@@ -78,7 +78,8 @@ SURFACES = {
 @pytest.mark.parametrize("divergence", ["central", "backward"])
 @pytest.mark.parametrize("surface", SURFACES)
 def test_quadratic_surfaces_come_back_exactly(surface, divergence):
-    """Their slopes are linear, so both differences are exact; the boundary prior brings in the rest."""
+    """Their slopes are linear, so that both differences are exact; the boundary prior gives the constant
+    part."""
     height, slopes = SURFACES[surface]
     y, x = np.indices((16, 16)) / 10 - 0.7
     z = height(x, y) * 10  # in px: one px is 0.1 of the unit of x and y

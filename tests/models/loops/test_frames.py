@@ -15,7 +15,7 @@ def no_limit(monkeypatch):
 
 
 class Worker:
-    """Doubles frames of two numbers; notes where and on how many at once."""
+    """Doubles frames of two numbers, and records the thread and the number of frames of each call."""
 
     def __init__(self, made: list):
         self.thread, self.sizes = threading.get_ident(), []

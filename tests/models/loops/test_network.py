@@ -10,7 +10,7 @@ from fastac.models.loops.network_kernel import BLOCK, packed
 from fastac.models.loops.vector_tile import NEURONS
 
 SHAPES = [(1, 1, 3), (3, 5, 4), (8, BLOCK // 8, 3), (7, 37, 4)]
-"""Less than a block of pixels, one block, and several of which the last is not full."""
+"""Images of less than one block of pixels, of one block, and of several blocks with the last incomplete."""
 
 
 def frames_of(background: np.ndarray) -> list[np.ndarray]:
@@ -32,7 +32,7 @@ def network(inputs: int, hidden: tuple[int, ...], weight_limit: int) -> list[np.
 @pytest.mark.parametrize("hidden", [(16, 16, 16), (7, 5, 9), (21,), ()])
 @pytest.mark.parametrize(("real", "weight_limit", "bits"), [(np.float32, 127, 10), (np.float64, 1 << 16, 12)])
 def test_integers(shape, hidden, real, weight_limit, bits):
-    """Sums within float32, and of up to 32 bits; activations of zero and saturated ones among them."""
+    """Sums within float32's exact integers, and of up to 32 bits; with zero and saturated activations."""
     rng = np.random.default_rng(3)
     background = rng.integers(0, 256, shape, dtype=np.uint8)
     tables, shift = network(shape[2] + 2, hidden, weight_limit), 20 if real == np.float32 else 30
@@ -50,7 +50,7 @@ def test_integers(shape, hidden, real, weight_limit, bits):
 
 
 def test_products_next_to_an_integer():
-    """Of 22 and 17 bits, which float32 rounds: just below an integer, on it, and beyond the largest."""
+    """Products of 22 by 17 bits, which float32 rounds: just below an integer, equal to it, and saturating."""
     rng = np.random.default_rng(4)
     multiplier, shift, top = (1 << 17) - 1, 30, 1023
     integers = rng.integers(1, 1 << 9, 1 << 12)

@@ -1,4 +1,4 @@
-"""The compiled loops whose edge cases no scene's frames reach; the others are in the pipelines' tests."""
+"""Edge cases of the per-pixel loops that no rendered frame reaches; the pipelines' tests cover the others."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""Folded transforms against the whole matrix's product, on integers."""
+"""Folded transforms against products with the full matrix, on integers."""
 
 import numpy as np
 import pytest
@@ -20,7 +20,7 @@ from fastac.models.loops.sines import (
 @pytest.mark.parametrize("half", [0.0, 0.5])
 @pytest.mark.parametrize("extreme", [0, 1 << 25, None])
 def test_equals_the_whole_product(size, half, extreme):
-    """All zero, alternating extremes, and anything between, rounded to the nearest and down."""
+    """Inputs of zeros, of alternating extremes, and random ones; rounded to nearest and down."""
     rng = np.random.default_rng(1)
     signs = rng.choice([-1, 1], (size, size))
     x = rng.integers(-1000, 1001, (size, size)) if extreme is None else extreme * signs
@@ -55,7 +55,7 @@ def test_equals_the_whole_product(size, half, extreme):
 
 @pytest.mark.parametrize("size", [1, 2, 3, 14, 15])
 def test_floats_without_rounding(size):
-    """There and back again, for the DST-I is its own inverse."""
+    """Transform and inverse give the input back: the orthonormal DST-I is its own inverse."""
     x = np.random.default_rng(1).normal(size=(size, size)).astype(np.float32)
     matrix = sine_matrix(size).astype(np.float32)
     sine = FoldedSine(matrix)

@@ -1,4 +1,4 @@
-"""Training from forces alone, on the virtual fingertip's presses without their geometry."""
+"""Training from forces alone, on simulated presses without labelled normals and depth."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def scene(make_scene):
 
 @pytest.fixture(scope="module")
 def forces_only(scene, tmp_path_factory):
-    """100 presses to train on, 36 for validation and 36 for the test, without their geometry."""
+    """100 presses for training, 36 for validation and 36 for the test, without labelled normals and depth."""
     path = tmp_path_factory.mktemp("forces") / "d.h5"
     generate(scene, path, progress=False, processes=1)
     return replace(dataset.read(path, scene), normals=None, indenter=None)
@@ -85,7 +85,7 @@ class TestForceFromPixels:
             assert model(torch.ones(1, 32, 32, 3)).any()
 
     def test_averaged_frames_have_the_force_of_whole_ones_where_all_is_linear(self, model):
-        """Exact where the frames are as smooth as the blocks."""
+        """Exact for frames that are constant within each block."""
         background = np.full(self.SHAPE, 100, np.uint8)
         coarse = np.random.default_rng(2).integers(80, 120, (3, 32, 32, 3), dtype=np.uint8)
         frames = coarse.repeat(2, axis=1).repeat(2, axis=2)
@@ -101,7 +101,7 @@ class TestForceFromPixels:
 
 
 def test_forces_of_unseen_presses_are_found(forces_only, scene):
-    """With the weights fitted to the trained slopes, far better than the mean of the training forces."""
+    """With weights fitted to the trained slopes, the error is far below that of the mean training force."""
     network, history = from_forces.train(forces_only, scene)
     assert [entry["epoch"] for entry in history] == [0, 1, 2, 3]
 
@@ -120,7 +120,7 @@ def test_forces_of_unseen_presses_are_found(forces_only, scene):
 
 
 def test_the_best_on_validation_is_kept(forces_only, scene):
-    """Steps as wide as these lose what the linear start has."""
+    """With this learning rate training is worse than the initial linear model, which must be kept."""
     wild = scene.model_copy(
         update={"training": scene.training.model_copy(update={"normals_learning_rate": 10.0})}
     )

@@ -8,7 +8,7 @@ N = 14
 
 
 def presses(count: int, seed: int, *, axes: int = 1) -> tuple[np.ndarray, np.ndarray]:
-    """Gaussian dents, and forces that follow a law of position: stiffer towards larger u."""
+    """Gaussian dents, and forces with a stiffness that grows with u."""
     rng = np.random.default_rng(seed)
     v, u = np.indices((N, N))
     centre = rng.uniform(3, N - 4, (count, 2, 1, 1))
@@ -48,7 +48,7 @@ def test_learns_a_law_that_depends_on_the_position(tiny_scene, axes):
 
 
 def test_keeps_the_best_epoch_on_validation(make_scene):
-    """Trained on forces of the wrong sign, it gets worse and worse at the right ones."""
+    """Trained on forces of the wrong sign, the validation error grows with every epoch."""
     scene = make_scene(training={"force_epochs": 12, "force_learning_rate": 5e-3})
     (d, f), (held_out, truth) = presses(64, 1), presses(16, 2)
     rest = np.ones((N + 2, N + 2))
@@ -66,7 +66,7 @@ def test_keeps_the_last_epoch_without_validation(tiny_scene):
 
 
 def test_bulges_do_not_count(tiny_scene):
-    """Displacements are clamped at zero before they are learned from."""
+    """Negative displacements are set to zero before training."""
     d, f = presses(16, 1)
     rest = np.ones((N + 2, N + 2))
     one, _ = train(tiny_scene, rest, {"train": d}, {"train": f})
@@ -76,7 +76,7 @@ def test_bulges_do_not_count(tiny_scene):
 
 @pytest.mark.parametrize("epochs", range(1, 13))
 def test_trainings_of_any_length(tiny_scene, epochs):
-    """One step per epoch; a tenth of ten steps used to divide by zero in the warm-up."""
+    """One step per epoch; with ten steps or fewer, OneCycleLR's warm-up would divide by zero."""
     (model, history), _, _ = fit(tiny_scene, count=8, validation=False, force_epochs=epochs)
     assert len(history) == epochs
     assert torch.isfinite(model.collapsed()).all()
@@ -109,11 +109,11 @@ def test_build_takes_size_and_shape_from_the_scene(make_scene):
 
 
 class TestRefit:
-    """Trained kernels fitted to another pipeline's displacements."""
+    """Refitting the last layer of trained kernels to another pipeline's displacements."""
 
     @staticmethod
     def parts():
-        """Presses of two splits, and the same with a pedestal that the first kernels do not know."""
+        """Presses of two splits, and the same presses with an offset, unknown to the first kernels."""
         (d, f), (held_out, truth) = presses(64, 1), presses(16, 2)
         plain = {"train": d, "validation": held_out}
         noisy = {split: np.maximum(value, 0) + 0.02 for split, value in plain.items()}

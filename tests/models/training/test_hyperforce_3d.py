@@ -9,7 +9,8 @@ N = 14
 
 
 def presses(count, seed):
-    """Bumps at random places and the force of a stiffness that grows along x; shear moves d_x and d_y."""
+    """Displacement fields of bumps at random positions with shear, and forces of a stiffness growing along
+    x."""
     rng = np.random.default_rng(seed)
     v, u = np.indices((N, N))
     at = rng.uniform(3, N - 4, (count, 2, 1, 1))
@@ -39,7 +40,7 @@ def weights(model):
 
 
 def test_learns_a_stiffness_that_depends_on_the_place(make_scene, parts):
-    """Better than a fixed kernel can; d_z alone knows nothing of the shear."""
+    """Dynamic kernels beat a fixed one; from d_z alone the shear forces cannot be learned."""
     found = {}
     for inputs, dynamic in (("xyz", True), ("xyz", False), ("z", True)):
         model, _ = fit(make_scene, parts, inputs=inputs, dynamic=dynamic)
@@ -86,7 +87,7 @@ def test_interrupted_training_goes_on_to_the_same_bits(make_scene, parts, tmp_pa
 
 
 def test_stops_when_the_validation_error_no_longer_falls(make_scene, parts, monkeypatch):
-    """At a rate at which nothing is learned any more."""
+    """With a learning rate so small that the validation error no longer falls."""
     monkeypatch.setattr(hyperforce_3d, "PATIENCE", 3)
     _, history = fit(make_scene, parts, training={"force_epochs": 400, "force_learning_rate": 3.0})
     errors = [entry["validation_mae_n"] for entry in history[1:-1]]

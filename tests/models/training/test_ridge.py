@@ -5,7 +5,7 @@ from fastac.models.training import ridge
 
 
 def problem(frames: int, features: int, *, axes: int = 2, noise: float = 0.0, seed: int = 1):
-    """Features of very different spread, weights, and forces (frames, axes)."""
+    """Features of very different scale, weights, and forces (frames, axes)."""
     rng = np.random.default_rng(seed)
     x = rng.normal(size=(frames, features)) * 10.0 ** rng.uniform(-3, 3, features)
     weights = rng.normal(size=(features, axes)) / np.abs(x).max(axis=0)[:, None]
@@ -20,7 +20,7 @@ def test_without_regularisation_it_is_least_squares():
 
 
 def test_without_regularisation_it_is_the_shortest_of_many_solutions():
-    """More features than frames: of equal spread, so that scaling them changes nothing."""
+    """More features than frames, all of one scale, so that scaling them has no effect."""
     rng = np.random.default_rng(3)
     x = np.sign(rng.normal(size=(8, 20)))
     force = rng.normal(size=(8, 1))
@@ -67,7 +67,7 @@ def test_axes_do_not_mix():
 
 
 def splits(noise: float):
-    """Training forces as noisy as asked, validation forces without noise."""
+    """Training forces with noise of this standard deviation, validation forces without."""
     x, force, weights = problem(90, 20, noise=noise)
     held = x[60:]
     return {"train": x[:60], "validation": held}, {"train": force[:60], "validation": held @ weights}

@@ -7,7 +7,7 @@ H, W = 12, 14
 
 
 def fields(size: int, *, axes: int = 3, terms: int = 2, seed: int = 1) -> np.ndarray:
-    """Weights (axes, H, W, terms) of the lowest size × size cosines."""
+    """Random weight fields (axes, H, W, terms) made of the lowest size × size cosines."""
     spectrum = np.random.default_rng(seed).normal(size=(axes, size, size, terms))
     v, u = (slope_force.cosine_basis(length, size) for length in (H, W))
     return np.einsum("im,jn,amnt->aijt", v, u, spectrum)
@@ -22,7 +22,7 @@ def force(change: np.ndarray, weights: np.ndarray) -> np.ndarray:
 
 
 def problem(weights: np.ndarray, *, noise: float = 0.0, validation: bool = True):
-    """Differences of slopes and forces by split, the forces with noise."""
+    """Differences of slopes, and forces with noise, by split name."""
     change = {"train": frames(80, terms=weights.shape[-1])}
     if validation:
         change["validation"] = frames(20, terms=weights.shape[-1], seed=3)

@@ -13,7 +13,7 @@ def ensemble() -> Ensemble:
 
 
 def one_teacher(ensemble: Ensemble, k: int, x: np.ndarray) -> np.ndarray:
-    """The k-th network on its own, written out; unit normals."""
+    """Unit normals of the k-th teacher, computed layer by layer."""
     layers = list(zip(ensemble.weights, ensemble.biases, strict=True))
     for index, (weight, bias) in enumerate(layers):
         x = x @ weight[k].detach().double().numpy() + bias[k].detach().double().numpy()

@@ -29,7 +29,7 @@ def test_uniform_light_keeps_its_colours(path):
 
 
 def test_linear_light_is_reconstructed_inside():
-    """Every interpolation of the paper's path is exact on a plane, away from the edges."""
+    """Every interpolation of the demosaicing path is exact on an intensity plane, away from the edges."""
     v, u = np.mgrid[:32, :32]
     light = np.stack([100 + 4 * v, 200 + 3 * u, 300 + 2 * v + 2 * u, 50 + v + 3 * u], axis=-1).astype(float)
     raw = np.rint(mosaic(light, (0.5,) * 3) + 64).astype(np.uint16)

@@ -98,7 +98,7 @@ def test_refuses_bad_input():
 @needs_photographs
 @pytest.mark.parametrize("index", range(6))
 def test_dots_on_a_real_gel(index):
-    """Against the places and displacements that the images' authors tracked, which are whole pixels."""
+    """Positions and displacements agree with those tracked by the images' authors, given in whole pixels."""
     table = rows_of(f"{index}.csv")
     rest, displacement = table[:, :2], table[:, 2:]
     found = Detector(11.0).detect(cv2.imread(str(PHOTOGRAPHS / f"{index}.png")))

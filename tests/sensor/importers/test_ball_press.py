@@ -16,7 +16,8 @@ BALL = {"ball_mm": 4.0, "px_per_mm": 10.0, "height_px": 32, "width_px": 32}
 
 @pytest.fixture
 def recording(tmp_path):
-    """Two made-up presses, 48 wide x 64 high, each a flat colour, on a background of another one."""
+    """Two synthetic presses, 48 px wide and 64 px high, each of one colour, and a background of another
+    one."""
     folder = tmp_path / "press"
     folder.mkdir()
     for name, colour in (("a.png", (200, 100, 50)), ("b.png", (0, 0, 255))):
@@ -154,7 +155,7 @@ def test_real_photographs_fit_their_scene(photographs):
 
 
 def test_real_photographs_shade_as_their_normals_say(photographs):
-    """Colours predict both slopes linearly, and on presses that the fit has not seen."""
+    """A linear model from colours to slopes, fitted to some presses, holds on the others."""
 
     def pixels(indices):
         where = photographs.valid[indices]

@@ -1,4 +1,4 @@
-"""The skin from CAD: an STL file and a height map are the scene's own surface again."""
+"""The undeformed skin from CAD: an STL file and a height map of the scene's surface give that surface."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def grid(step=0.25, reach=8.5):
 
 
 def save_stl(path, x, y, z):
-    """A closed body: the surface above, its shadow on z = −2 below."""
+    """A closed body between the surface and the plane z = −2."""
     n = x.shape[1]
     first = (np.arange(x.shape[0] - 1)[:, None] * n + np.arange(n - 1)).ravel()
     faces = np.concatenate(

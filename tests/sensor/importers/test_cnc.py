@@ -1,4 +1,4 @@
-"""What the virtual rig records is imported as its own ground truth; bad recordings end in one line."""
+"""A recording by the virtual rig is imported with its own ground truth; bad ones give one-line errors."""
 
 from functools import partial
 
@@ -142,7 +142,7 @@ def test_nothing_is_overwritten_and_a_layer_has_no_pose(
 
 
 def spoil_first(folder, column, value):
-    """Another value in the first row of poses.csv."""
+    """Set a value in the first row of poses.csv."""
     head, row, *others = (folder / "poses.csv").read_text().splitlines()
     values = row.split(",")
     values[head.split(",").index(column)] = value

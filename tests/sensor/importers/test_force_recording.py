@@ -13,7 +13,8 @@ N = 12
 
 
 def rows(changes=(), header=HEADER):
-    """Twelve frames in groups a, b and c, at rest in the first two of each; `changes` by row."""
+    """Twelve labelled frames in groups a, b and c, the first two of each without contact; `changes` by
+    row."""
     lines = [f"{k},{0 if k % 4 < 2 else k},{'abc'[k // 4]}" for k in range(N)]
     for k, line in dict(changes).items():
         lines[k] = line
@@ -22,7 +23,7 @@ def rows(changes=(), header=HEADER):
 
 @pytest.fixture
 def place(tmp_path):
-    """Photographs of 24 × 32 px: noise about a level that grows by 5 with every group."""
+    """Photographs of 24 × 32 px: noise around a level that is 5 higher in every group."""
     rng = np.random.default_rng(1)
     (tmp_path / "frames").mkdir()
     images = rng.integers(80, 120, (N, 32, 24, 3), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""Labels from a pose are the finite-element gel's own truth, wherever they are valid."""
+"""Labels rendered from a pose equal the finite-element gel's ground truth wherever they are valid."""
 
 import dataclasses
 

@@ -86,7 +86,7 @@ def test_no_wrap_around():
 
 
 def test_hertz():
-    """A thick, uniform layer: contact radius a³ = 3FR/4E*, approach a²/R less what the base takes away."""
+    """A thick, uniform layer: contact radius a³ = 3FR/4E*, approach a²/R less the correction for the base."""
     ball_mm, load, e, nu, h = 8.0, 0.05, 0.2, 0.3, 12.0
     elastomer = Elastomer(modulus_mpa=e, poisson_ratio=nu, thickness_mm=h, thickness_variation=0, rim_mm=0.1)
     sensor = Sensor(geometry="flat", height_px=96, width_px=96, pitch_mm=0.05, elastomer=elastomer)

@@ -1,4 +1,4 @@
-"""The test objects have the features that they are named for, and the skin shows them."""
+"""The test objects have their characteristic features, and the pressed skin takes their shape."""
 
 import numpy as np
 import pytest

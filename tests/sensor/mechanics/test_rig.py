@@ -1,4 +1,4 @@
-"""The same probe on either gel."""
+"""`probe_of` on both contact models: the elastic layer and the finite-element gel."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""The RAW10 window: four by four pixels of the same light, dots drawn finer, one camera."""
+"""The RAW10 window: 4 × 4 raw pixels have their pixel's light, and dots are drawn at the raw resolution."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Cast shadows: none on a skin that hides nothing, and edges where geometry puts them."""
+"""Cast shadows: none on a convex skin, and shadow edges at the positions that follow from geometry."""
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ def test_flat_skin_and_skin_at_rest_hide_nothing(channel):
 
 
 def test_a_step_s_shadow_ends_where_rays_pass_under_its_edge():
-    """A step 2 mm deep along v, in the light of R at (+, +), shades smaller u, as far as t < 2/6."""
+    """A step 2 mm deep along v, lit by R at (+, +), casts its shadow towards smaller u, where t < 2/6."""
     depth = np.zeros((64, 64))
     depth[:, 40:] = -2.0
     seen = visible(depth, FLAT, "R")

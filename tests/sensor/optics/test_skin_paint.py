@@ -1,4 +1,4 @@
-"""Grain and dots: where they are at rest, and that they move with the skin."""
+"""Grain and marker dots: their positions on the undeformed skin, and that they move with the skin."""
 
 import numpy as np
 import pytest

@@ -12,7 +12,7 @@ def test_it_times_every_part(tiny_toml, tmp_path, monkeypatch):
     gel = 'thickness_mm = 2.0, mechanics = "fem", friction = 0.8, elements = 8, layers = 1 }'
     text = tiny_toml.replace("thickness_mm = 2.0 }", gel).replace('"force_z"]', '"force_xyz"]')
     (tmp_path / "s.toml").write_text(text.replace("pitch_mm", 'frames = "raw10"\npitch_mm'))
-    arguments = [str(tmp_path / "s.toml"), "--cache", str(tmp_path / "cache"), "--no-progress"]
+    arguments = [str(tmp_path / "s.toml"), "--store", str(tmp_path / "cache"), "--no-progress"]
     result = CliRunner().invoke(main, ["bench", "rig", *arguments])
     assert result.exit_code == 0, result.output
     for part in ("vertical contact", "all loads", "skin at the pixels", "RAW10 frame", "image processing"):

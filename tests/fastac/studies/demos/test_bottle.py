@@ -5,7 +5,7 @@ import pytest
 
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
-from fastac.studies.demos.bottle import Grasp, Hold
+from fastac.studies.demos.bottle import Grasp, HeldBottle
 
 STEPS = 24
 
@@ -45,7 +45,7 @@ def test_the_hand_pushes_smoothly_and_leaves(grasp):
 
 
 def test_fingers_carry_weight_and_hand_in_halves(rig, grasp):
-    hold = Hold(rig, grasp)
+    hold = HeldBottle(rig, grasp)
     forces = hold.probe.pressed().force_n
     assert forces[0] == pytest.approx(-grasp.weight_n / 2, abs=1e-7)
     assert forces[2] == pytest.approx(grasp.grip_n, rel=0.05)
@@ -56,7 +56,7 @@ def test_fingers_carry_weight_and_hand_in_halves(rig, grasp):
 
 def test_a_little_push_is_carried_and_a_strong_one_slips(rig, grasp):
     friction = rig.sensor.elastomer.friction
-    hold = Hold(rig, grasp)
+    hold = HeldBottle(rig, grasp)
     forces = push(hold, 0.3 * friction * grasp.grip_n)
     assert hold.slipped_mm == 0
     assert (np.hypot(*forces.T[:2]) < friction * forces[:, 2]).all()
@@ -70,7 +70,7 @@ def test_a_little_push_is_carried_and_a_strong_one_slips(rig, grasp):
 def test_a_tighter_grip_holds_against_the_same_push(rig, grasp):
     slipped = []
     for tightened_deg in (0.0, 0.1):
-        hold = Hold(rig, grasp)
+        hold = HeldBottle(rig, grasp)
         hold.step(0.0, tightened_deg)
         push(hold, 3 * rig.sensor.elastomer.friction * grasp.grip_n, tightened_deg)
         slipped.append(hold.slipped_mm)

@@ -11,7 +11,7 @@ from fastac.cli.main import main
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
 from fastac.studies.demos import grasp as experiment
-from fastac.studies.demos.bottle import Grasp, Hold
+from fastac.studies.demos.bottle import Grasp, HeldBottle
 from fastac.studies.demos.grip_control import GripControl, friction_ratio
 
 BRIEF = Grasp(pushes_n=(0.02, 0.048), push_s=0.2, pause_s=0.05, step_deg=0.01, most_deg=0.2)
@@ -77,8 +77,10 @@ def test_the_controller_sees_found_forces_only(tiny_rig_bundle, tiny_rig_cache):
     )
     for bundle in (tiny_rig_bundle, doubled):
         control = Control(np.inf, 0.0, 0.1, 1.0)
-        trace = experiment.follow(bundle, Hold(rig, whole), [0.0, 0.01], control, "", progress=False)
-        np.testing.assert_array_equal(trace.found_n, seen[-2:])
+        trace = experiment.run_control_loop(
+            bundle, HeldBottle(rig, whole), [0.0, 0.01], control, "", progress=False
+        )
+        np.testing.assert_array_equal(trace.found_force_n, seen[-2:])
     np.testing.assert_allclose(seen[2:], 2 * np.array(seen[:2]))
 
 

@@ -1,4 +1,4 @@
-"""Which frames are taken, exactly; and what frequency they show."""
+"""Which camera frames a busy pipeline accepts, exactly, and at which frequency a sine then appears."""
 
 from fractions import Fraction
 from itertools import pairwise
@@ -6,35 +6,35 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fastac.studies.demos.sampling import alias_hz, spectrum, taken
+from fastac.studies.demos.sampling import accepted_frames, alias_hz, spectrum
 
 CAMERA = Fraction(240)
 
 
 @pytest.mark.parametrize("service", [Fraction(1, 240), Fraction(1, 10**5)])
 def test_as_fast_as_the_camera_takes_every_frame_when_it_comes(service):
-    frames, times = taken(CAMERA, service, 240)
+    frames, times = accepted_frames(CAMERA, service, 240)
     assert frames == list(range(240))
     assert times == [Fraction(k, 240) for k in range(240)]
 
 
 def test_a_busy_pipeline_takes_the_newest_and_drops_the_others():
     # Free at 0, 10, 20, 30 ms of a camera with a frame every 4 ms.
-    frames, times = taken(Fraction(250), Fraction(1, 100), 9)
+    frames, times = accepted_frames(Fraction(250), Fraction(1, 100), 9)
     assert frames == [0, 2, 5, 7]
     assert [float(1000 * time) for time in times] == [0, 10, 20, 30]
 
 
 def test_a_free_pipeline_waits_for_the_next_frame():
-    frames, times = taken(Fraction(250), Fraction(3, 1000), 4)
+    frames, times = accepted_frames(Fraction(250), Fraction(3, 1000), 4)
     assert frames == [0, 1, 2, 3]
     assert [float(1000 * time) for time in times] == [0, 4, 8, 12]
-    assert taken(Fraction(250), Fraction(3, 1000), 0) == ([], [])
+    assert accepted_frames(Fraction(250), Fraction(3, 1000), 0) == ([], [])
 
 
 @pytest.mark.parametrize("rate", [104, 156])
 def test_a_slower_pipeline_keeps_its_rate_and_samples_unevenly(rate):
-    frames, times = taken(CAMERA, Fraction(1, rate), 240)
+    frames, times = accepted_frames(CAMERA, Fraction(1, rate), 240)
     assert len(frames) == rate
     assert {later - sooner for sooner, later in pairwise(times)} == {Fraction(1, rate)}
     steps = np.diff(frames)

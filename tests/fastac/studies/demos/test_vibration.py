@@ -35,14 +35,14 @@ def test_each_pipeline_shows_the_input_or_its_alias(written):
     recovered = {
         (int(frequency), name)
         for frequency, found in content["frequencies"].items()
-        for name, seen in found["pipelines"].items()
-        if seen["recovered"]
+        for name, output in found["pipelines"].items()
+        if output["recovered"]
     }
-    fast = {(frequency, name) for frequency in (50, 70, 100) for name in ("FPGA", vibration.OURS)}
+    fast = {(frequency, name) for frequency in (50, 70, 100) for name in ("FPGA", vibration.THIS_DESIGN)}
     assert recovered == fast | {(50, "CPU"), (50, "GPU"), (70, "GPU")}
     for found in content["frequencies"].values():
-        assert all(seen["as_expected"] for seen in found["pipelines"].values())
-        assert found["pipelines"][vibration.OURS]["dropped_frames"] == 0
+        assert all(output["as_expected"] for output in found["pipelines"].values())
+        assert found["pipelines"][vibration.THIS_DESIGN]["dropped_frames"] == 0
     assert content["source"] == "simulated"
 
 
@@ -52,7 +52,7 @@ def test_the_table_has_the_paper_s_verdicts_beside_ours(written):
     assert all(len(row) == len(table.head) for row in table.rows)
     verdicts = {tuple(row[:2]): tuple(row[-2:]) for row in table.rows}
     for (_, name), (ours, paper) in verdicts.items():
-        assert paper == ("" if name == vibration.OURS else ours)
+        assert paper == ("" if name == vibration.THIS_DESIGN else ours)
 
 
 def test_true_forces_swing_between_the_ends_and_found_ones_follow(written, tiny_scene):
@@ -74,19 +74,19 @@ def test_true_forces_swing_between_the_ends_and_found_ones_follow(written, tiny_
 def test_finite_elements_and_raw10(tiny_rig_bundle, tiny_rig_cache, make_scene):
     rig = vibration.rig_of(tiny_rig_bundle.scene.sensor, tiny_rig_cache, progress=False)
     brief = vibration.Vibration(seconds=0.05)
-    seen = vibration.record(tiny_rig_bundle, rig, brief, 50, progress=False)
-    assert seen.found_n.shape == seen.true_n.shape == (12,)
+    recording = vibration.record(tiny_rig_bundle, rig, brief, 50, progress=False)
+    assert recording.found_force_n.shape == recording.true_force_n.shape == (12,)
     least, most = brief.ends_n(tiny_rig_bundle.scene)
-    assert seen.true_n.max() < most * 1.02
-    assert seen.true_n.min() > least * 0.98
+    assert recording.true_force_n.max() < most * 1.02
+    assert recording.true_force_n.min() > least * 0.98
     content = tiny_rig_bundle.scene.model_dump()
     content["sensor"]["frames"] = "raw10"
     raw = of_scene(tiny_rig_bundle, type(tiny_rig_bundle.scene).model_validate(content))
-    assert vibration.record(raw, rig, brief, 50, progress=False).found_n.shape == (12,)
+    assert vibration.record(raw, rig, brief, 50, progress=False).found_force_n.shape == (12,)
 
 
 def test_this_design_s_rate_is_its_cycles(tiny_scene):
-    ours = vibration.service_s(tiny_scene)[vibration.OURS]
+    ours = vibration.service_s(tiny_scene)[vibration.THIS_DESIGN]
     assert ours == Fraction(cycles(tiny_scene)["initiation_interval"], 150_000_000)
 
 

@@ -160,7 +160,7 @@ def test_true_slopes_are_those_of_the_normals(tiny_scene, tiny_data):
 def test_noise_is_the_camera_s(make_scene):
     scene = make_scene(sensor={"noise_dn": 3.0, "electrons_per_dn": 4.0})
     frames = np.full((40, 16, 16, 4), 64, np.uint8)
-    found = adjoint_fits.noisier(frames, scene).astype(float)
+    found = adjoint_fits.with_more_noise(frames, scene).astype(float)
     assert found.mean() == pytest.approx(64, abs=0.1)
     assert found.std() == pytest.approx(5, rel=0.02)  # 9 of reading and 16 of 256 electrons
 

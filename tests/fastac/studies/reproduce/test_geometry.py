@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fastac.studies.reproduce.geometry import absolute_depth_mm, less_mean, rgb_data, rgb_scene
+from fastac.studies.reproduce.geometry import absolute_depth_mm, rgb_data, rgb_scene, without_mean_error
 from fastac.studies.reproduce.section import vertical
 
 
@@ -40,7 +40,7 @@ def test_without_it_what_is_added_is_harmonic_and_zero_on_the_boundary(paraboloi
 def test_less_each_frame_s_mean():
     truth = np.random.default_rng(1).normal(size=(2, 5, 5))
     moved = truth + np.array([0.5, -2.0])[:, None, None]
-    np.testing.assert_allclose(less_mean(moved, truth), truth)
+    np.testing.assert_allclose(without_mean_error(moved, truth), truth)
 
 
 def test_rgb_is_the_recording_without_nir(tiny_data, tiny_scene):

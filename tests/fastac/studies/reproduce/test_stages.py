@@ -5,13 +5,23 @@ import pytest
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.torch_pipeline import TorchPipeline
 from fastac.studies.reproduce import stages
-from fastac.studies.reproduce.stages import TITLES, energies_mj, latencies_ms, on_cpu, on_device, processor
+from fastac.studies.reproduce.stages import (
+    TITLES,
+    cpu_stages,
+    device_stages,
+    energies_mj,
+    latencies_ms,
+    processor,
+)
 
 
 @pytest.fixture
 def runs(tiny_bundle, tiny_data):
     pipeline, frames = FloatPipeline.from_bundle(tiny_bundle), tiny_data.frames[:3]
-    return {"NumPy": on_cpu(pipeline, frames), "torch": on_device(TorchPipeline(pipeline, "cpu"), frames)}
+    return {
+        "NumPy": cpu_stages(pipeline, frames),
+        "torch": device_stages(TorchPipeline(pipeline, "cpu"), frames),
+    }
 
 
 @pytest.mark.parametrize("name", ["NumPy", "torch"])

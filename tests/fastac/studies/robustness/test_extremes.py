@@ -130,7 +130,7 @@ def test_a_comparison_depends_on_the_hardware_and_on_the_worst_cases(tiny_folder
 
 def test_what_differs_is_counted(tiny_bundle, monkeypatch):
     frames = verify.special_frames(tiny_bundle.pipeline.background)[:2]
-    assert extreme_frames.unequal(tiny_bundle.pipeline, frames) == 0
+    assert extreme_frames.count_mismatches(tiny_bundle.pipeline, frames) == 0
     from fastac.models.emulator import direct
 
     loop = direct.loop
@@ -140,7 +140,7 @@ def test_what_differs_is_counted(tiny_bundle, monkeypatch):
         out["depth_words"][0, :2, 0] += 1
 
     monkeypatch.setattr(direct, "loop", off)
-    assert extreme_frames.unequal(tiny_bundle.pipeline, frames) == 2
+    assert extreme_frames.count_mismatches(tiny_bundle.pipeline, frames) == 2
 
 
 def test_no_build_folder(tmp_path):

@@ -59,7 +59,8 @@ def test_condensation_equals_the_sparse_solve_of_the_whole_mesh(monkeypatch):
 
 
 def test_agrees_with_the_layer_of_elasticity():
-    """A smooth pressure on a flat gel, against the bonded layer known in closed form: no locking."""
+    """A smooth pressure on a flat gel agrees with the closed form of a bonded layer: the elements do not
+    lock."""
     nu = 0.48
     layer = Elastomer(modulus_mpa=1.0, poisson_ratio=nu, thickness_mm=3.0, thickness_variation=0)
     x = np.concatenate([np.arange(-8, -4), np.linspace(-4, 4, 17), np.arange(5, 9)])

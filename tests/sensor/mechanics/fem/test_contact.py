@@ -29,7 +29,7 @@ def curved(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def thick(tmp_path_factory):
-    """A thick, wide, flat gel: fine under the contact, coarser by one half each element beyond."""
+    """A thick, wide, flat gel: a fine mesh under the contact, and elements growing by one half outwards."""
     grown = np.cumsum(0.25 * 1.5 ** np.arange(1, 7))
     x = np.concatenate([-1.25 - grown[::-1], np.linspace(-1.25, 1.25, 11), 1.25 + grown])
     below = np.concatenate([[0], np.cumsum(0.25 * 1.5 ** np.arange(8))])
@@ -59,7 +59,8 @@ def test_hertz(thick):
 
 @pytest.mark.parametrize("share", [0.3, 0.7])
 def test_cattaneo_and_mindlin(thick, share):
-    """Tangential load share·μ·F: the way 3μF(2−ν)/(16Ga)·(1−(1−share)^⅔), a stuck disc of a·(1−share)^⅓."""
+    """Tangential load share·μ·F: displacement 3μF(2−ν)/(16Ga)·(1−(1−share)^⅔), sticking radius
+    a·(1−share)^⅓ (Johnson, "Contact Mechanics", 7.2)."""
     friction, nu = 0.6, HERTZ.poisson_ratio
     size = share * friction * LOAD_N
     contact = thick.press(
@@ -74,7 +75,8 @@ def test_cattaneo_and_mindlin(thick, share):
 
 
 def whole_mesh_contact(gel, touch_mm, indenter_displacement_mm, *, stuck):
-    """The skin under a ball at (1, −1), from first touch by indenter_displacement_mm: Lagrange multipliers on the whole mesh.
+    """The skin under a ball at (1, −1) displaced by `indenter_displacement_mm` from first touch, solved with
+    Lagrange multipliers on the whole mesh.
 
     Returns displacements, the resultant on the skin, and which nodes touch.
     """

@@ -1,4 +1,4 @@
-"""Conditions of single nodes worked out by hand, and the linearisation against differences."""
+"""Contact conditions of single nodes against values by hand, and the linearisation against differences."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,8 @@ def test_a_node_sticks_below_the_friction_s_bound():
 
 
 def test_a_node_slides_beyond_it():
-    """Trial traction (0.3, 0) − 4 N/mm · (−0.1, 0.1) mm = (0.7, −0.4) N, of 0.5 N that friction gives."""
+    """Trial traction (0.3, 0) − 4 N/mm · (−0.1, 0.1) mm = (0.7, −0.4) N, above the friction bound of 0.5
+    N."""
     found = one(0.0, [-0.1, 0.1], [1.0, 0.3, 0.0])
     size = np.hypot(0.7, 0.4)
     assert found.in_contact[0]
@@ -62,7 +63,7 @@ def nodes():
 
 
 def test_linearised_laws_are_the_derivatives(nodes):
-    """Gap and slip of sticking nodes; traction less μ n along the trial's direction of sliding ones."""
+    """Gap and slip of sticking nodes; for sliding nodes, traction less μ n along the trial traction."""
     compliance, frame, force, rng = nodes
     gap, slip_before = rng.uniform(size=4), rng.normal(size=(4, 2))
     scale = 1 / compliance.diagonal().reshape(4, 3)

@@ -98,7 +98,7 @@ def test_force_map_sums_to_the_resultant(curved):
 
 
 def test_the_deformed_skin_lies_on_the_ball(flat):
-    """Where the skin touches, its depth is the ball's; far away it is at rest."""
+    """In contact the skin's depth is the ball's; far away the skin is undeformed."""
     contact = flat.press(Ball(6.0), 0.0, 1.0, load_n=1.0, friction=2.0)
     x, y = pixel_centres_mm(FLAT)
     depth = contact.depth_at(x, y, lambda x, y: np.zeros_like(x))

@@ -1,4 +1,4 @@
-"""An indenter led from load to load: springs, slip and memory are what the contact makes of them."""
+"""The finite-element probe under successive loads: springs, slip, and dependence on the load's history."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def rig(tmp_path_factory):
 
 
 def sideways(force_n: float, way_z_mm: float, spring_n_per_mm: float = 0.0) -> Load:
-    """The skin's force on the indenter along x, which is held along y and at its height."""
+    """A load along x (force of the skin on the indenter), with the displacement along y and z prescribed."""
     value, force_controlled = np.array([force_n, 0.0, way_z_mm]), np.array([True, False, False])
     return Load(np.eye(3), force_controlled, value, np.array([spring_n_per_mm, 0.0, 0.0]))
 

@@ -1,4 +1,4 @@
-"""The skin at the pixels: the displacement of the nodes, and in contact the shape of the ball."""
+"""The skin at the pixels follows the nodes' displacement and, in contact, the shape of the ball."""
 
 import numpy as np
 import pytest

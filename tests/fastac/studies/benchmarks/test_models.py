@@ -1,0 +1,34 @@
+"""The benchmark names every model and finds the emulator exact; its times are never tested."""
+
+import re
+
+from click.testing import CliRunner
+
+from fastac.cli.main import main
+from fastac.studies.benchmarks import models, timing
+
+
+def test_it_times_every_model_and_compares_it(tiny_folder, monkeypatch):
+    monkeypatch.setattr(timing, "PAUSE_S", 0)
+    for name in ("REPEATS", "LOOP_REPEATS"):
+        monkeypatch.setattr(models, name, 1)
+    result = CliRunner().invoke(main, ["bench", "models", str(tiny_folder)])
+    assert result.exit_code == 0, result.output
+    lines = result.output.splitlines()
+    assert lines[0].startswith("For each frame, the fastest of 1 runs")
+    assert lines[1] == f"{tiny_folder}, 16 × 16 × 4"
+    names = [re.split(r"\s{2,}", line)[0] for line in lines[3:-1]]
+    assert [name.partition(",")[0] for name in names] == ["float pipeline"] * 2 + ["emulator"] * 2 + [
+        "int64 loop"
+    ]
+    assert "normals, depth_mm, force_n" in names[1]
+    count = re.fullmatch(
+        r"emulator = int64 loop: ([\d,]+) of ([\d,]+) values, all outputs of 8 frames", lines[-1]
+    )
+    assert count[1] == count[2]
+
+
+def test_it_needs_a_build_folder():
+    result = CliRunner().invoke(main, ["bench", "models"])
+    assert result.exit_code == 2
+    assert "build folder: none" in result.output
