@@ -1,7 +1,7 @@
-"""Outputs that leave the hardware as images: the table of their AXI4-Streams, by the names of `outputs`.
+"""Table of the outputs that leave the hardware as images on AXI4-Streams, by the names of `outputs`.
 
-The stream of an output is a member of `Datapath` with the output's name; docs/extending.md tells how to add
-one.
+The stream of such an output is a member of `Datapath` with the output's name; docs/extending.md shows how to
+add one.
 """
 
 from collections.abc import Callable
@@ -12,37 +12,39 @@ from fastac.scenes.outputs import OUTPUTS
 from fastac.store.kinds import Kinds
 
 WORD = 32
-"""Bits of one value on the output streams."""
+"""Bits of one value in `tdata` of the output streams."""
 
 
 def scalar_lanes(payload, lanes: int) -> list:
-    """The words of a beat whose lanes are words."""
+    """The words of a beat with one word per lane."""
     return list(payload)
 
 
 def vector_lanes(payload, lanes: int) -> list:
-    """The words of a beat whose lanes are vectors, vector after vector."""
+    """The words of a beat with one vector per lane, in lane order."""
     return [word for lane in payload for word in lane]
 
 
 def lanes_by_axis(payload, lanes: int) -> list:
-    """The words of a beat that has all lanes of one axis after those of another, pixel after pixel."""
+    """The words of a beat stored as (axes, lanes), reordered so that all axes of a pixel are adjacent."""
     return [axis[lane] for lane in range(lanes) for axis in payload]
 
 
 @dataclass(frozen=True)
 class Raster:
-    """What an output's stream is like.
+    """Properties of an output's stream.
 
-    order : the stream's place among all, which fixes the order in the Verilog
-    words : words per pixel for a number of force axes; width : bits of the longest one
-    beat : from the payload of a beat of the datapath's stream and the number of lanes to the beat's words
-    inner : whether there are only the pixels of the inner region, which the Poisson solver solves, or all
-    tagged : whether `tuser` has, beside the start of frame, the row's number and the frame's flags "bad" and
-        "suspect", and whether there is a `tkeep`; only where a frame's tag is known before its first beat
-    timed : whether registers tell the clocks from a frame's first beat to its last of this stream
-    axis_planes : whether the reference has a frame's words axis by axis, (axes, rows, columns), instead of
-        (rows, columns) or (rows, columns, words)
+    order : position among the streams, which fixes their order in the Verilog
+    words : function of the number of force axes: words per pixel
+    width : function of the pipeline: bits of the widest word
+    beat : function of a beat's payload in the datapath and the number of lanes: the words of the beat in
+        `tdata`, lowest first
+    inner : the stream has only the pixels of the inner region, for which the Poisson solver solves
+    tagged : beside the start of frame, `tuser` has the row's number and the frame's flags "bad" and
+        "suspect", and there is a `tkeep`; possible only if a frame's tag is known before its first beat
+    timed : a register has the clocks from a frame's first input beat to its last beat of this stream
+    axis_planes : the golden model's array is (axes, rows, columns) instead of (rows, columns) or (rows,
+        columns, words)
     """
 
     order: int
@@ -79,7 +81,7 @@ FORCE_MAP = Raster(
     axis_planes=True,
 )
 RASTERS = Kinds("outputs", {"normals": NORMALS, "depth": DEPTH, "force_map": FORCE_MAP})
-"""By the names of scenes/outputs.py; a force is no image, but in the registers."""
+"""By the names of scenes/outputs.py; forces are not images and are read from registers."""
 
 
 @dataclass(frozen=True)
@@ -119,10 +121,10 @@ class RasterOutput:
 
 
 def raster_outputs(pipeline: IntegerPipeline, *, rows_reversed: bool) -> tuple[RasterOutput, ...]:
-    """The streams of images that the pipeline's scene has.
+    """The output streams of the pipeline's scene, in the order of the Verilog's ports.
 
-    rows_reversed : whether the Poisson solver's rows come last to first
-    Raises ValueError where a value is longer than a word of the stream.
+    rows_reversed : the Poisson solver outputs the last row first
+    Raises ValueError if a value has more bits than a word of the stream.
     """
     scene, found = pipeline.scene, []
     images = {name: RASTERS[name] for name in scene.outputs if not OUTPUTS[name].force_axes}

@@ -2,10 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
-from fastac.scenes.solvers import SOLVERS
-from fastac.scenes.strict import Count, Positive, Strict, known
+from fastac.scenes.strict import Count, Positive, Strict
 
 
 class Network(Strict):
@@ -55,7 +54,7 @@ class Poisson(Strict):
     """What is solved for: the depth itself, as in the paper, or its difference from rest: the same equation,
     but what the network finds at rest cancels exactly."""
     divergence: Literal["central", "backward"] = "central"
-    solver: Annotated[str, AfterValidator(lambda name: known(name, SOLVERS))] = "dst2d"
+    solver: str = "dst2d"
     """An entry of scenes/solvers.py. dst2d: sine transforms of rows and columns, the paper's. tridiagonal: of
     the rows alone; depth leaves last row first. adjoint: no depth at all; the force is a weighted sum of the
     slopes."""
@@ -68,9 +67,9 @@ class Force(Strict):
     kernel_size: Literal[1, 3, 5, 7] = 5
     clamp: bool = True
     """Whether displacement away from the camera counts as zero, as in the paper."""
-    fit: Literal["displacement", "slopes"] = "displacement"
-    """What the model is trained on: the displacement, from which the adjoint's weights of the slopes follow,
-    or, with the adjoint only, the slopes themselves."""
+    fit: str = "displacement"
+    """What the model is trained on, an entry of scenes/force_fits.py: the displacement, from which the
+    adjoint's weights of the slopes follow, or, with the adjoint only, the slopes themselves."""
     hidden: Annotated[int, Field(ge=1, le=256)] = 32
     max_displacement_mm: Positive = 2.0
 

@@ -8,19 +8,18 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-from pydantic import AfterValidator, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
+from fastac.scenes.force_fits import FITS, FitFacts
 from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Training
 from fastac.scenes.outputs import OUTPUTS, OutputFacts
 from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS, SolverFacts
-from fastac.scenes.strict import Count, Point, Positive, Strict, known, listed
+from fastac.scenes.strict import Count, Point, Positive, Strict, listed, require_known
 
 AXES = "xyz"
 TANGENTIAL_SHARES = (0.3, 0.6)
 """The paper's (supplement, section I)."""
-Output = Annotated[str, AfterValidator(lambda name: known(name, OUTPUTS))]
-"""The name of an entry of scenes/outputs.py."""
 
 
 class SceneError(ValueError):
@@ -61,7 +60,8 @@ class Simulation(Strict):
 
 class Scene(Strict):
     name: Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9_-]*$")]
-    outputs: Annotated[tuple[Output, ...], Field(min_length=1)]
+    outputs: Annotated[tuple[str, ...], Field(min_length=1)]
+    """Entries of scenes/outputs.py."""
     sensor: Sensor
     protocol: Protocol = Protocol()
     network: Network = Network()
@@ -74,6 +74,10 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _consistent(self):
+        for place, name in enumerate(self.outputs):
+            require_known(f"outputs.{place}", name, OUTPUTS)
+        require_known("poisson.solver", self.poisson.solver, SOLVERS)
+        require_known("force.fit", self.force.fit, FITS)
         self._check_outputs()
         self._check_solver()
         if self.training.labels == "force":
@@ -117,7 +121,7 @@ class Scene(Strict):
     def _check_solver(self) -> None:
         """Raise ValueError unless the solver can do what is wanted of it."""
         sensor, solver, facts = self.sensor, self.poisson.solver, _solver_facts(self)
-        from_displacement = self.force_from_slopes and self.force.fit == "displacement"
+        from_displacement = self.force_from_slopes and not _fit_facts(self).of_slopes
         of_depth = self.wants_solver or from_displacement
         if facts.square_images and of_depth and sensor.height_px != sensor.width_px:
             raise ValueError(
@@ -129,9 +133,9 @@ class Scene(Strict):
             raise ValueError(f"poisson.solver: {solver!r} finds no depth; choose {listed(others)}")
         if self.wants_force and self.force.clamp and not facts.can_clamp:
             raise ValueError(f"force.clamp: the {solver} is linear and cannot clamp; set clamp = false")
-        if self.force.fit == "slopes" and facts.finds_depth:
+        if _fit_facts(self).of_slopes and facts.finds_depth:
             without = listed(name for name in SOLVERS if not SOLVERS[name].finds_depth)
-            raise ValueError(f"force.fit: 'slopes' needs poisson.solver {without}")
+            raise ValueError(f"force.fit: {self.force.fit!r} needs poisson.solver {without}")
         lanes = self.hardware.pixels_per_clock
         row_beats = -(-self.inner_px // lanes)
         if self.wants_solver and row_beats < facts.least_row_beats:
@@ -143,7 +147,7 @@ class Scene(Strict):
     def _check_force_alone(self) -> None:
         """Raise ValueError unless forces alone can train what is wanted."""
         of_geometry = any(facts.needs_geometry for facts in _output_facts(self))
-        if not self.force_from_slopes or of_geometry or self.force.fit != "slopes":
+        if not self.force_from_slopes or of_geometry or not _fit_facts(self).of_slopes:
             raise ValueError(
                 "training.labels: 'force' gives forces only, no normals or depth, and needs poisson.solver"
                 " 'adjoint' and force.fit 'slopes'"
@@ -198,6 +202,10 @@ class Scene(Strict):
 
 def _output_facts(scene: Scene) -> tuple[OutputFacts, ...]:
     return tuple(OUTPUTS[name] for name in scene.outputs)
+
+
+def _fit_facts(scene: Scene) -> FitFacts:
+    return FITS[scene.force.fit]
 
 
 def _solver_facts(scene: Scene) -> SolverFacts:

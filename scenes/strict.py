@@ -25,10 +25,12 @@ def listed(names) -> str:
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def known(name: str, table: Mapping[str, object]) -> str:
-    """The name, if the table has it; raises ValueError, which lists what there is."""
+def require_known(key: str, name: str, table: Mapping[str, object]) -> None:
+    """Raise ValueError, which tells the scene's key and what there is, unless the table has this name.
+
+    To be called by the scene alone: what the tables' own defaults run would count as used by every step.
+    """
     try:
         table[name]
     except KeyError:
-        raise ValueError(f"Input should be {listed(table)}") from None
-    return name
+        raise ValueError(f"{key} = {name!r}: Input should be {listed(table)}") from None

@@ -6,7 +6,7 @@ read from it, so that a result can be tied to the values it used instead of to a
 
 import copy
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, cached_property, partial
 from types import FunctionType
 from typing import Self
@@ -19,7 +19,7 @@ code of that class has run, or may run later, whose reads are not told."""
 
 ALL_FIELDS = "*"
 """Last part of the path whose value is the names of all fields."""
-_OWN = frozenset({"watched", "unwatched", "value_at"})
+_OWN = frozenset({"watched", "unwatched", "value_at", "means_the_same"})
 _DUMPS = frozenset({"model_dump", "model_dump_json"})
 _INSTANCE_STATE = frozenset({"__pydantic_extra__", "__pydantic_private__"})
 _DESCRIPTION = frozenset({"__class__", "__doc__", "__module__", "__annotations__", "__class_vars__"})
@@ -52,6 +52,25 @@ class Watchable(BaseModel):
         for name in parents:
             value = getattr(value, name)
         return _field_names(value) if last == ALL_FIELDS else _plain(getattr(value, last), [])
+
+    def means_the_same(self, path: str, before: object) -> bool:
+        """Whether what `read` was told at this path, other than the present value, may count as that value."""
+        return path.split(".")[-1] == ALL_FIELDS and added_at_default(self, path, before)
+
+
+def added_at_default(settings: Watchable, path: str, before: Iterable[str]) -> bool:
+    """Whether the fields at an ALL_FIELDS path are those of `before` and others that have their defaults.
+
+    Then settings that were written when there were only those of `before` still mean the same.
+    """
+    for name in path.split(".")[:-1]:
+        settings = getattr(settings, name)
+    fields, before = _schema(settings).model_fields, set(before)
+    added = fields.keys() - before
+    at_default = all(
+        getattr(settings, name) == fields[name].get_default(call_default_factory=True) for name in added
+    )
+    return before <= fields.keys() and at_default
 
 
 def _itself(settings: Watchable) -> Watchable:

@@ -9,7 +9,7 @@ from cocotb_tools.runner import Verilator
 
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.sim import simulators
-from fastac.sim.runtime_objects import RuntimeObjects, compiler_version, verilator_version, with_headers
+from fastac.sim.runtime_objects import RuntimeObjects, compiled_with, compiler_version, verilator_version
 
 QUICK = ("-CFLAGS", "-O0", "--output-split", "0")
 """Arguments of Verilator for short simulations: the simulator is built in half the time but is slower."""
@@ -55,7 +55,7 @@ class PortsOnly(Verilator):
         def make() -> None:
             execute(cmds[:-1], cwd, stdout)
             RuntimeObjects(Path(self.build_dir), optimisation).install()
-            execute([[*cmds[-1], with_headers(optimisation)]], cwd, stdout)
+            execute([[*cmds[-1], compiled_with(Path(self.build_dir), optimisation)]], cwd, stdout)
 
         # -O1 instead of Verilator's -Os builds simulators in half of the time, which simulations of few
         # frames never get back.

@@ -18,6 +18,8 @@ from filelock import FileLock
 CACHE = Path("build/cache/verilator")
 """Objects by the hash of the compilers and the commands that make them."""
 MAKEFILE = "Vtop.mk"
+CLASSES = "Vtop_classes.mk"
+"""Verilator's list of the sources that it has written."""
 HEADER = "runtime.h"
 HEADERS = ("verilated.h", "verilated_dpi.h", "verilated_vpi.h", "memory", "string")
 """Headers that all sources of a simulator include, so that HEADER includes them."""
@@ -33,9 +35,15 @@ def verilator_version() -> str:
     return (Path(os.environ["VERILATOR_ROOT"]) / "include" / "verilated_config.h").read_text()
 
 
-def with_headers(optimisation: str) -> str:
-    """The make variable that compiles a simulator's sources with the precompiled headers."""
-    return f"OPT_FAST={optimisation} -include {HEADER}"
+def compiled_with(folder: Path, optimisation: str) -> str:
+    """The make variable that compiles the sources of a verilated `folder`, with the precompiled headers if
+    they can be used.
+
+    A design that Verilator divides into several sources has a precompiled header of its own. The compiler
+    uses only one, which must be included first, so these sources do without the runtime's.
+    """
+    divided = "VM_PARALLEL_BUILDS = 1" in (folder / CLASSES).read_text()
+    return f"OPT_FAST={optimisation}" if divided else f"OPT_FAST={optimisation} -include {HEADER}"
 
 
 def _make(folder: Path, *arguments: str) -> str:

@@ -186,7 +186,8 @@ def test_folders(path: str) -> list[tuple[str, list[str]]]:
 def failing(root: Path, arguments: list[str]) -> list[str]:
     """The tests that fail in a copy of the repository, at least the first; ["…"] where none could start."""
     command = [sys.executable, "-m", "pytest", "-q", "-x", "-m", "not full", "-p", "no:cacheprovider"]
-    workers = [] if len(arguments) == 1 and "::" in arguments[0] else ["-n", "auto", "--dist", "worksteal"]
+    many = any((root / argument).is_dir() for argument in arguments)
+    workers = ["-n", "auto", "--dist", "worksteal"] if many else []
     environment = os.environ | {"PYTHONPATH": str(root), "PYTHONDONTWRITEBYTECODE": "1"}
     ran = subprocess.run(
         [*command, *workers, *arguments], cwd=root, env=environment, capture_output=True, text=True

@@ -7,6 +7,7 @@ import click
 
 from fastac.cli.common import (
     INPUT,
+    OUTPUT_FILE,
     OUTPUT_FOLDER,
     announce,
     build_folder,
@@ -95,7 +96,10 @@ def reproduce(scene, data, folder, output, progress):
 @click.argument("folder", type=INPUT)
 @click.option("--data", type=INPUT, help="Dataset of the build. [default: FOLDER/data.h5]")
 @click.option(
-    "--picture", type=INPUT, help="Draw a frame, what is found in it and the cycles: PNG, SVG or PDF."
+    "--picture",
+    type=OUTPUT_FILE,
+    metavar="FILE",
+    help="Also draw a frame, the outputs found in it and the hardware's cycles: PNG, SVG or PDF.",
 )
 def report(folder, data, picture):
     """Write report.json and report.html of the finished build in FOLDER again, and print the summary.

@@ -81,7 +81,10 @@ class Build:
         weights = {"weights": add("normals", steps.normals, known, steps.NORMALS)}
         weights |= {"integers": add("integers", steps.integers, known | weights, steps.INTEGERS)}
         force = add("force", steps.force, known | weights, steps.FORCE) if scene.wants_force else None
-        model = {"bundle": add("bundle", steps.bundle, known | weights | {"force": force}, steps.BUNDLE)}
+        model = {
+            "scene": scene,
+            "bundle": add("bundle", steps.bundle, known | weights | {"force": force}, steps.BUNDLE),
+        }
         seen = model | {"data": data}
         accuracy = add("evaluate", steps.evaluate, seen, steps.ACCURACY)
         shown = {"progress": self.progress}

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac import gateware
 from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
-from fastac.gateware.target.elaboration import to_rtlil, verilog_of
+from fastac.gateware.target.elaboration import LINT_WAIVERS, to_rtlil, verilog_of
 from fastac.gateware.target.vivado import write_vivado_project
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
@@ -23,7 +22,6 @@ from fastac.store.progress import watched
 from fastac.synth import resources
 
 NAME = "fastac"
-WAIVERS = Path(gateware.__file__).with_name("lint.vlt")
 
 
 class HardwareError(RuntimeError):
@@ -34,7 +32,7 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
     """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, the map.
 
     The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
-    waivers in gateware/lint.vlt. Raises HardwareError with its first finding otherwise, and, before anything
+    waivers in gateware/target/lint.vlt. Raises HardwareError with its first finding otherwise, and, before anything
     is elaborated, where the device has fewer multipliers or block RAMs than the design needs.
     """
     top = TopZynq(bundle)
@@ -57,7 +55,7 @@ def lint(source: Path) -> None:
     """Verilator -Wall with the project's waivers; raises HardwareError with the first finding."""
     use_verilator()
     done = subprocess.run(
-        [EXECUTABLE, "--lint-only", "-Wall", "--top-module", NAME, WAIVERS, source],
+        [EXECUTABLE, "--lint-only", "-Wall", "--top-module", NAME, LINT_WAIVERS, source],
         capture_output=True,
         text=True,
         check=False,
@@ -113,7 +111,7 @@ def simulate(
 ) -> dict:
     """Frames `index` of a dataset through the Verilog in `verilog_folder`, back to back, all compared.
 
-    trace : "saif" or "fst": write this of the whole run to `sim.top.trace_file(folder, NAME, trace)`
+    trace : "saif" or "fst": kind of trace of the run, in `sim.check_top.trace_file(folder, NAME, trace)`
     The hardware starts with the bundle's background in its memory, and so does the reference.
     """
     check_verilog(bundle, verilog_folder)

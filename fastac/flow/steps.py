@@ -77,21 +77,22 @@ def bundle(
     training.assemble(known, scene, *arrays, folder / BUNDLE)
 
 
-def evaluate(folder: Path, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
+def evaluate(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
     """Errors of the float and the integer model on the test split."""
-    model = bundles.load(bundle)
-    known = frames.read(data, model.scene, store=store, progress=progress)
+    model = bundles.load_for(bundle, scene)
+    known = frames.read(data, scene, store=store, progress=progress)
     index = samples.split_indices(known, "test", data)
     errors, _ = accuracy.compare_pipelines(model, known, index, progress=progress)
     write_json(folder / ACCURACY, {"split": "test", "frames": len(index), **errors})
 
 
-def verilog(folder: Path, bundle: Path, *, progress: bool) -> None:
-    hardware.write_verilog(bundles.load(bundle), folder / VERILOG, progress=progress)
+def verilog(folder: Path, scene: Scene, bundle: Path, *, progress: bool) -> None:
+    hardware.write_verilog(bundles.load_for(bundle, scene), folder / VERILOG, progress=progress)
 
 
 def simulate(
     folder: Path,
+    scene: Scene,
     bundle: Path,
     verilog: Path,
     data: Path,
@@ -105,8 +106,8 @@ def simulate(
 
     workplace : where simulator and logs are and stay
     """
-    model = bundles.load(bundle)
-    known = frames.read(data, model.scene, store=store, progress=progress)
+    model = bundles.load_for(bundle, scene)
+    known = frames.read(data, scene, store=store, progress=progress)
     index = samples.evenly_spaced(known.indices("test"), count)
     found = hardware.simulate(model, known, index, verilog, workplace, progress=progress)
     write_json(folder / SIMULATION, {"frame_indices": np.asarray(index).tolist(), **found})
@@ -114,6 +115,7 @@ def simulate(
 
 def report(
     folder: Path,
+    scene: Scene,
     bundle: Path,
     data: Path,
     accuracy: Path,
@@ -129,5 +131,5 @@ def report(
             shutil.copyfile(source, folder / name)
     (folder / VERILOG).mkdir()
     shutil.copyfile(verilog / "hardware.json", folder / VERILOG / "hardware.json")
-    model = bundles.load(bundle)
-    page.write(folder, model, frames.read(data, model.scene, store=store))
+    model = bundles.load_for(bundle, scene)
+    page.write(folder, model, frames.read(data, scene, store=store))

@@ -4,19 +4,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
+from fastac.flow.force_fits import FITS
 from fastac.models.emulator import pipeline as emulator_pipeline
 from fastac.models.emulator.pipeline import Emulator
-from fastac.models.floating.adjoint import displacement_mm, slope_weights
-from fastac.models.floating.hyperforce import HyperForce, collapse
+from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble as integer_assemble
 from fastac.models.integer import bundle, quantise
 from fastac.models.integer.features import scales
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.training import bit_true, from_forces, hyperforce, slope_force
+from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -126,12 +125,10 @@ def start_force(
 
     No model where the weights of the slopes are fitted directly.
     """
-    pipeline, start, arrays = float_pipeline(weights, data, scene), None, {}
-    found, truth = force_samples(pipeline, data, progress=progress)
-    if scene.force.fit != "slopes":
-        start, history = hyperforce.train(scene, rest_depth_mm(data), found, truth, progress=progress)
-        arrays = curve(history, "force")
-    return start, arrays | _fit_force("float", scene, start, found, truth, progress=progress)
+    found, truth = force_samples(float_pipeline(weights, data, scene), data, progress=progress)
+    way = FITS[scene.force.fit]
+    start, history = way.start(scene, rest_depth_mm(data), found, truth, progress=progress)
+    return start, curve(history, "force") | _fit_force("float", scene, start, found, truth, progress=progress)
 
 
 def fit_force(
@@ -152,8 +149,9 @@ def force_samples(
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """What the pipeline finds for the force model, and the true forces, by split."""
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
+    way = FITS[pipeline.scene.force.fit]
     found = {
-        split: force_input(pipeline, data.frames[index], data.background, progress=progress)
+        split: way.force_input(pipeline, data.frames[index], data.background, progress=progress)
         for split, index in splits.items()
     }
     return found, {s: data.forces_n(index, pipeline.scene.force_axes) for s, index in splits.items()}
@@ -162,38 +160,8 @@ def force_samples(
 def _fit_force(
     name: str, scene: Scene, start: HyperForce | None, found: dict, truth: dict, *, progress: bool
 ) -> dict[str, np.ndarray]:
-    if start is None:
-        fitted, history = slope_force.fit(found, truth, progress=progress)
-    else:
-        model, history = hyperforce.refit_last_layer(scene, start, found, truth)
-        fitted = force_weights(model, scene)
+    fitted, history = FITS[scene.force.fit].fit(scene, start, found, truth, progress=progress)
     return {f"force.{name}_weights": fitted.astype(np.float32)} | curve(history, f"force_{name}")
-
-
-def force_input(
-    pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
-) -> np.ndarray:
-    """What the scene's force model is trained on, as the pipeline finds it, by frames.
-
-    Displacements (N, N) in mm or, where the slopes are fitted, their differences from rest (H, W, 2).
-    """
-    scene = pipeline.scene
-    if not scene.force_from_slopes:
-        return pipeline.run(frames, wanted=["displacement_mm"], progress=progress).displacement_mm
-    slopes = pipeline.run(frames, wanted=["slopes"], progress=progress).slopes
-    change = slopes - pipeline.run(background[None], wanted=["slopes"]).slopes
-    if scene.force.fit == "slopes":
-        return change
-    return displacement_mm(change.astype(np.float64), scene.poisson.divergence, scene.sensor.pitch_mm)
-
-
-def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
-    """A model's kernels (axes, N, N, K, K) or, for the adjoint, its weights of the slopes (axes, H, W, 2)."""
-    with torch.inference_mode():
-        kernels = model.kernels().numpy()
-    if not scene.force_from_slopes:
-        return kernels
-    return slope_weights(collapse(kernels), scene.poisson.divergence, scene.sensor.pitch_mm)
 
 
 def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> IntegerPipeline:

@@ -11,6 +11,7 @@ from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.random_bundle import layers
 from fastac.report.tables import markdown_table
+from fastac.scenes.force_fits import FITS
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.store.record import read_record
@@ -90,7 +91,7 @@ class Scope:
         force = ABSENT
         if scene.wants_force:
             k = scene.force.kernel_size
-            force = f"kernels {k}×{k}" if scene.force.fit == "displacement" else "weights of the slopes"
+            force = f"kernels {k}×{k}" if not FITS[scene.force.fit].of_slopes else "weights of the slopes"
         return {
             "pixel network": f"{width}, from {'normals' if training.labels == 'geometry' else 'forces'}",
             "teachers": str(training.teachers or ABSENT),

@@ -21,9 +21,7 @@ def checkpoint(store: Store, step: Step) -> Path:
     needed = {leaf.step: store.perform(leaf.step) for leaf in found if isinstance(leaf, Output)}
     inputs = Inputs.of(step, needed)
     store.code.refresh()
-    settings = {place: settings.unwatched() for place, settings in inputs.settings.items()}
-    schemas = {f"{type(value).__module__}:{type(value).__qualname__}" for value in settings.values()}
-    codes = [store.code.closure(start).digest for start in (step.code, *sorted(schemas))]
-    values = {place: repr(value) for place, value in settings.items()}
-    key = content_hash(inputs.bucket, values, codes)[:24]
-    return store.folder / FOLDER / f"{step.name}-{key}.npz"
+    schemas = {type(settings.unwatched()) for settings in inputs.settings.values()}
+    names = sorted(f"{schema.__module__}:{schema.__qualname__}" for schema in schemas)
+    codes = [store.code.closure(start).digest for start in (step.code, *names)]
+    return store.folder / FOLDER / f"{step.name}-{content_hash(inputs.run, codes)[:24]}.npz"

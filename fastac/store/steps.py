@@ -26,6 +26,8 @@ class Settings(Protocol):
 
     def value_at(self, path: str) -> object: ...
 
+    def means_the_same(self, path: str, before: object) -> bool: ...
+
 
 @dataclass(frozen=True, eq=False)
 class Step:

@@ -139,8 +139,16 @@ def _settings_changed(trace: Mapping, inputs: Inputs) -> Iterator[str]:
                 now = encoded(settings.value_at(path))
             except Exception as error:  # a rule may raise anything for settings it does not fit
                 now = {"missing": type(error).__name__}
-            if json.dumps(now) != json.dumps(before):
+            if json.dumps(now) != json.dumps(before) and not _same(settings, path, before):
                 yield f"{place} {path} = {_shown(now)} was {_shown(before)}"
+
+
+def _same(settings: Settings, path: str, before: object) -> bool:
+    """Whether a new key at its default is all that changed: old results are read as if it had been there."""
+    try:
+        return settings.means_the_same(path, before)
+    except Exception:  # a rule may raise anything for settings it does not fit
+        return False
 
 
 def _code_changed(trace: Mapping, code: Code) -> Iterator[str]:

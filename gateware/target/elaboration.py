@@ -13,11 +13,14 @@ import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from pathlib import Path
 
 from amaranth.back import rtlil, verilog
 from amaranth.hdl import ClockSignal, Const, Elaboratable, Instance, Value
 from amaranth.lib.wiring import Component, In
 
+LINT_WAIVERS = Path(__file__).with_name("lint.vlt")
+"""Verilator's findings that the written Verilog may have, for its -Wall."""
 TOP_ATTRIBUTE = "attribute \\top 1\n"
 """RTLIL attribute of the top module; shared modules must not have it."""
 RESET = re.compile(r"^(?!  wire |    connect \\rst 1'0$).*\\rst\b", re.MULTILINE)

@@ -1,8 +1,8 @@
 """The integer pipeline on frames, exact and fast: `Emulator(tables).run(frames)`."""
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
@@ -20,6 +20,8 @@ class Emulator:
     """What the hardware of these tables finds in frames, bit for bit. Keep it: its own tables take time."""
 
     pipeline: IntegerPipeline
+    _worker: Callable[[frozenset[str]], Callable] = field(init=False, repr=False)
+    """Makes what computes the given outputs in one thread: float64 tables where they are exact."""
 
     @property
     def scene(self) -> Scene:
@@ -30,13 +32,13 @@ class Emulator:
         """Shapes for one frame and element types of everything that the scene wants; see `Result`."""
         return direct.outputs(self.pipeline)
 
-    @cached_property
-    def _worker(self) -> Callable[[frozenset[str]], Callable]:
-        """Makes what computes the given outputs in one thread: float64 tables where they are exact."""
+    def __post_init__(self):
+        # Now, not when first run: a step depends on the entry of the solvers' table that it looks up itself.
         try:
-            return ExactTables(self.pipeline).worker
+            worker = ExactTables(self.pipeline).worker
         except NotExactError:
-            return lambda _: partial(direct.loop, self.pipeline)
+            worker = partial(_direct_worker, self.pipeline)
+        object.__setattr__(self, "_worker", worker)
 
     def run(
         self, frames: np.ndarray, *, wanted: Iterable[str] | None = None, progress: bool = False
@@ -55,6 +57,11 @@ class Emulator:
             label="integer pipeline",
         )
         return Result(**found)
+
+
+def _direct_worker(pipeline: IntegerPipeline, outputs: frozenset[str]) -> Callable:
+    """As `ExactTables.worker`, without tables: all outputs, in int64."""
+    return partial(direct.loop, pipeline)
 
 
 def with_limits(pipeline: IntegerPipeline, frames: np.ndarray, *, progress: bool = False) -> IntegerPipeline:

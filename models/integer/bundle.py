@@ -33,6 +33,7 @@ from fastac.scenes.schema import Scene, describe
 from fastac.store.files import write_folder_atomically
 
 FORMAT_VERSION = 3
+JSON_FILE = "bundle.json"
 CLASSES = {
     cls.__name__: cls
     for cls in (
@@ -105,17 +106,17 @@ def _solver_classes(scene: Scene) -> dict[str, type]:
     return {kind.__name__: kind for kind in kinds if dataclasses.is_dataclass(kind)}
 
 
-def _restore(value, arrays: dict[str, np.ndarray], classes: dict[str, type]):
+def _restore(value, arrays: dict[str, np.ndarray], classes: dict[str, type], scene: Scene):
     if not isinstance(value, dict):
         return value
     if "array" in value:
         return arrays[value["array"]]
     if "scene" in value:
-        return Scene.model_validate(value["scene"])
+        return scene
     if "tuple" in value:
-        return tuple(_restore(v, arrays, classes) for v in value["tuple"])
+        return tuple(_restore(v, arrays, classes, scene) for v in value["tuple"])
     if "class" in value:
-        found = {k: _restore(v, arrays, classes) for k, v in value["fields"].items()}
+        found = {k: _restore(v, arrays, classes, scene) for k, v in value["fields"].items()}
         return classes[value["class"]](**found)
     return value
 
@@ -151,7 +152,7 @@ def save(path: Path | str, pipeline: IntegerPipeline, floats: dict[str, np.ndarr
         np.savez_compressed(temporary / "integers.npz", **{k: _narrow(v) for k, v in integers.items()})
         np.savez_compressed(temporary / "floats.npz", **floats)
         text = json.dumps({"sha256": digest, **content}, indent=1, sort_keys=True)
-        (temporary / "bundle.json").write_text(text + "\n")
+        (temporary / JSON_FILE).write_text(text + "\n")
     return Bundle(pipeline, floats, digest)
 
 
@@ -171,8 +172,24 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
 
 def load(path: Path | str) -> Bundle:
     """The bundle in a folder. Raises BundleError where it is incomplete, malformed, or its hash differs."""
-    path = Path(path)
-    file = path / "bundle.json"
+    content = _content(path := Path(path))
+    file = path / JSON_FILE
+    try:
+        scene = Scene.model_validate(content["pipeline"]["fields"]["scene"]["scene"])
+    except ValidationError as error:
+        raise BundleError(f"{file}: scene: {describe(error)}") from None
+    except (KeyError, TypeError) as error:
+        raise BundleError(f"{file}: pipeline: {error!r}") from None
+    return _of_content(content, path, scene)
+
+
+def load_for(path: Path | str, scene: Scene) -> Bundle:
+    """As `load`, with the scene that the bundle was made for: a step of a build has it, and what it reads of it counts."""
+    return _of_content(_content(Path(path)), Path(path), scene)
+
+
+def _content(path: Path) -> dict:
+    file = path / JSON_FILE
     try:
         content = json.loads(file.read_text())
     except FileNotFoundError:
@@ -182,6 +199,10 @@ def load(path: Path | str) -> Bundle:
     if not isinstance(content, dict) or content.get("format_version") != FORMAT_VERSION:
         version = content.get("format_version") if isinstance(content, dict) else None
         raise BundleError(f"{file}: format_version = {version!r}: expected {FORMAT_VERSION}")
+    return content
+
+
+def _of_content(content: dict, path: Path, scene: Scene) -> Bundle:
     stated = content.pop("sha256", None)
     integers = {
         k: v.astype(np.int64) if v.dtype.kind == "i" else v for k, v in _arrays(path / "integers.npz").items()
@@ -191,12 +212,9 @@ def load(path: Path | str) -> Bundle:
     if stated != digest:
         raise BundleError(f"{path}: sha256 = {stated}: the content's is {digest}; it was changed or damaged")
     try:
-        scene = _restore(content["pipeline"]["fields"]["scene"], {}, {})
-        pipeline = _restore(content["pipeline"], integers, CLASSES | _solver_classes(scene))
-    except ValidationError as error:
-        raise BundleError(f"{file}: scene: {describe(error)}") from None
+        pipeline = _restore(content["pipeline"], integers, CLASSES | _solver_classes(scene), scene)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise BundleError(f"{file}: pipeline: {error!r}") from None
+        raise BundleError(f"{path / JSON_FILE}: pipeline: {error!r}") from None
     return Bundle(pipeline, floats, digest)
 
 
@@ -208,4 +226,4 @@ def load_bundle(path: Path) -> Bundle:
 def bundle_folder(path: Path) -> Path:
     """The folder of `load_bundle`'s bundle."""
     inside = path / "bundle"
-    return inside if (inside / "bundle.json").exists() else path
+    return inside if (inside / JSON_FILE).exists() else path

@@ -189,7 +189,7 @@ def at(pipeline, lanes: int, **changes) -> Datapath:
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 4])
-@pytest.mark.quick("1")
+@pytest.mark.full
 def test_cycles_at_full_size(paper, lanes):
     """Latencies computed by hand for W = 128, N = 126, K = 5 and B beats per row."""
     path, rows, row = at(paper, lanes), 126, -(-126 // lanes)
@@ -233,6 +233,7 @@ def test_cycles_at_full_size(paper, lanes):
     assert lanes > 1 or sum(path.multipliers.values()) <= 1968 // 2
 
 
+@pytest.mark.full
 def test_absent_outputs_add_no_latency(paper):
     def of(*outputs: str) -> Datapath:
         return at(paper, 1, outputs=outputs)

@@ -28,6 +28,7 @@ def slopes_of(depth_px: np.ndarray) -> np.ndarray:
         (254, "central"),
     ],
 )
+@pytest.mark.quick("15-central-dst2d", "30-central-tridiagonal", "14-backward-dst2d")
 def test_a_ball_on_a_curved_skin_at_every_size(name, size, divergence):
     """In difference mode: mean error below 0.1 µm, peak below 1 µm, on an image 16 mm wide."""
     pitch = WIDTH_MM / (size + 2)

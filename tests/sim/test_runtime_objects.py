@@ -15,12 +15,12 @@ def build(tmp_path, monkeypatch):
     source = tmp_path / "follower.v"
     source.write_text(VERILOG)
 
-    def build(name: str):
+    def build(name: str, *more: str):
         """Build the follower's simulator in a new folder, with an empty cache of simulators."""
         monkeypatch.setattr(simulators, "CACHE", tmp_path / "simulators" / name)
         folder = tmp_path / name
         folder.mkdir()
-        runner.build(source, "follower", folder, build_args=runner.QUICK)
+        runner.build(source, "follower", folder, build_args=(*runner.QUICK, *more))
         assert (folder / "follower").is_file()
         return folder
 
@@ -61,3 +61,10 @@ def test_sources_are_compiled_behind_precompiled_headers(build):
     made = subprocess.run([*flags, *use, "-o", "/dev/null"], cwd=folder, capture_output=True, text=True)
     assert made.returncode == 0, made.stderr
     assert "! ./runtime.h.gch" in made.stderr
+
+
+def test_a_design_of_several_sources_has_its_own_precompiled_header(build):
+    """As the tops of scenes have; the compiler uses one precompiled header only."""
+    folder = build("first", "--output-split", "1")
+    assert "VM_PARALLEL_BUILDS = 1" in (folder / "Vtop_classes.mk").read_text()
+    assert runtime_objects.compiled_with(folder, "-O1") == "OPT_FAST=-O1"

@@ -7,6 +7,7 @@ import numpy as np
 import torch
 
 from fastac.flow import training
+from fastac.flow.force_fits import force_weights, slope_changes
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.adjoint import displacement_mm, slope_weights
@@ -44,7 +45,7 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
     truth = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
     found = {
         name: {
-            split: training.force_input(pipeline, data.frames[index], data.background, progress=progress)
+            split: slope_changes(pipeline, data.frames[index], data.background, progress=progress)
             for split, index in splits.items()
         }
         for name, pipeline in (
@@ -65,7 +66,7 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
             rest = training.rest_depth_mm(data)
             start, _ = hyperforce.train(scene, rest, pressed, truth, progress=progress)
         models[name], _ = hyperforce.refit_last_layer(scene, start, pressed, truth)
-        weights["displacement", name] = training.force_weights(models[name], scene)
+        weights["displacement", name] = force_weights(models[name], scene)
     with torch.inference_mode():
         kernels = models["integer"].kernels().double().numpy()
     return Fits(kernels, weights)

@@ -59,7 +59,7 @@ def lacks(build: Known) -> str | None:
     """One line that says why this section cannot be run on the build; None if it can."""
     scene = build.scene
     if not scene.wants_solver or not scene.wants_force:
-        return f"outputs = {', '.join(scene.outputs)}: expected normals, depth and force"
+        return f"outputs = {', '.join(scene.outputs)}: not all of normals, depth and force are found"
     return None
 
 

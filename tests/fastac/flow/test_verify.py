@@ -143,7 +143,7 @@ def test_campaign(bundle, folder, data, tmp_path):
 
 
 class Simulator:
-    """Stands in for `sim.top.simulate` and keeps what it is asked for."""
+    """Replaces `sim.check_top.simulate` and records its arguments."""
 
     def __init__(self):
         self.asked, self.fails_at = [], None

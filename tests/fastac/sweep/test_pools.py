@@ -50,6 +50,7 @@ def test_no_scheduler():
         pass
 
 
+@pytest.mark.full
 def test_a_dask_cluster(tiny_toml, tiny_file, cache, tmp_path):
     distributed = pytest.importorskip("distributed")
     (tmp_path / "tiny.toml").write_text(tiny_toml)

@@ -131,6 +131,7 @@ def test_equals_the_integers_on_every_value(tmp_path, name, numbers):
 @pytest.mark.parametrize(
     ("size", "solver", "kernel"), [(128, "dst2d", "patch"), (48, "tridiagonal", "collapsed")]
 )
+@pytest.mark.quick("48-tridiagonal-collapsed")
 def test_equals_the_integers_on_larger_images(tmp_path, size, solver, kernel):
     """Several tiles of pixels, the last one not full at 48×48; the network of the scenes that are built."""
     scene = random_bundle.scene(

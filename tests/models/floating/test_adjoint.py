@@ -86,6 +86,7 @@ def force_n(tiny_bundle, tiny_data, make_scene, kernels):
 @MODES
 @DIVERGENCES
 @pytest.mark.parametrize("solver", ["dst2d", "tridiagonal"])
+@pytest.mark.quick("dst2d-central-difference", "tridiagonal-backward-absolute")
 def test_the_float_pipeline_finds_the_same_force_without_depth(force_n, solver, divergence, mode):
     """Equal up to single precision."""
     expected = force_n(solver, divergence=divergence, mode=mode)

@@ -67,7 +67,7 @@ SAMPLES = {"train": 60, "validation": 15, "test": 15}
 
 def elaborated(bundle, folder, *, progress):
     folder.mkdir()
-    write_json(folder / "hardware.json", hardware.describe(hardware.TopZynq(bundle), ""))
+    write_json(folder / "hardware.json", hardware.describe(hardware.TopZynq(bundle), rtlil=""))
 
 
 def simulated(bundle, data, index, verilog_folder, folder, *, progress):

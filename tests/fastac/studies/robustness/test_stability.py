@@ -55,6 +55,7 @@ def test_state_that_is_carried_over_is_found(tiny_bundle, frames, monkeypatch):
     assert found["mismatches"] == stability.BATCH  # the last batch, which is the first one again
 
 
+@pytest.mark.full
 def test_command(tiny_folder, tiny_file, tiny_bundle, tmp_path):
     folder = tmp_path / "tiny"
     shutil.copytree(tiny_folder, folder)

@@ -1,0 +1,90 @@
+"""Ways to fit the force model to what a pipeline finds, by the names of `force.fit`.
+
+Each entry has
+
+    force_input(pipeline, frames, background)   what the model takes, by frames
+    start(scene, rest_depth_mm, found, truth)   a trained model, or None, and its learning curve
+    fit(scene, start, found, truth)             from that model to the weights that integer/assemble.py takes,
+                                                and how they were chosen
+
+`found` and `truth` are the inputs and the forces in N (frames, axes), by split.
+"""
+
+import numpy as np
+import torch
+
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.floating.adjoint import displacement_mm, slope_weights
+from fastac.models.floating.hyperforce import HyperForce, collapse
+from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.training import hyperforce, slope_force
+from fastac.scenes.schema import Scene
+from fastac.store.kinds import Kinds
+
+Samples = dict[str, np.ndarray]
+Curve = list[dict]
+
+
+def slope_changes(
+    pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
+) -> np.ndarray:
+    """Slopes less those at rest, (frames, H, W, 2)."""
+    slopes = pipeline.run(frames, wanted=["slopes"], progress=progress).slopes
+    return slopes - pipeline.run(background[None], wanted=["slopes"]).slopes
+
+
+def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
+    """A model's kernels (axes, N, N, K, K) or, for the adjoint, its weights of the slopes (axes, H, W, 2)."""
+    with torch.inference_mode():
+        kernels = model.kernels().numpy()
+    if not scene.force_from_slopes:
+        return kernels
+    return slope_weights(collapse(kernels), scene.poisson.divergence, scene.sensor.pitch_mm)
+
+
+class DisplacementFit:
+    """HyperForce on the displacement (N, N) in mm; the adjoint's weights of the slopes follow from it."""
+
+    @staticmethod
+    def force_input(
+        pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
+    ) -> np.ndarray:
+        scene = pipeline.scene
+        if not scene.force_from_slopes:
+            return pipeline.run(frames, wanted=["displacement_mm"], progress=progress).displacement_mm
+        change = slope_changes(pipeline, frames, background, progress=progress)
+        return displacement_mm(change.astype(np.float64), scene.poisson.divergence, scene.sensor.pitch_mm)
+
+    @staticmethod
+    def start(
+        scene: Scene, rest_depth_mm: np.ndarray, found: Samples, truth: Samples, *, progress: bool
+    ) -> tuple[HyperForce, Curve]:
+        return hyperforce.train(scene, rest_depth_mm, found, truth, progress=progress)
+
+    @staticmethod
+    def fit(
+        scene: Scene, start: HyperForce, found: Samples, truth: Samples, *, progress: bool
+    ) -> tuple[np.ndarray, Curve]:
+        model, history = hyperforce.refit_last_layer(scene, start, found, truth)
+        return force_weights(model, scene), history
+
+
+class SlopeFit:
+    """Weights of the slopes (axes, H, W, 2) fitted directly, without a model to start from."""
+
+    force_input = staticmethod(slope_changes)
+
+    @staticmethod
+    def start(
+        scene: Scene, rest_depth_mm: np.ndarray, found: Samples, truth: Samples, *, progress: bool
+    ) -> tuple[None, Curve]:
+        return None, []
+
+    @staticmethod
+    def fit(
+        scene: Scene, start: None, found: Samples, truth: Samples, *, progress: bool
+    ) -> tuple[np.ndarray, Curve]:
+        return slope_force.fit(found, truth, progress=progress)
+
+
+FITS = Kinds("force.fit", {"displacement": DisplacementFit, "slopes": SlopeFit})

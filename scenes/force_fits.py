@@ -1,0 +1,24 @@
+"""What the scene must know of each way to fit the force model: the names that `force.fit` may have.
+
+The fits themselves are in fastac/flow/force_fits.py, under the same names.
+"""
+
+from dataclasses import dataclass
+
+from fastac.store.kinds import Kinds
+
+
+@dataclass(frozen=True)
+class FitFacts:
+    """What follows from the choice of a fit.
+
+    of_slopes : whether weights of the slopes are fitted, which needs a solver without depth, and with which
+        forces alone can train the pixel network
+    """
+
+    of_slopes: bool = False
+
+
+DISPLACEMENT = FitFacts()
+SLOPES = FitFacts(of_slopes=True)
+FITS = Kinds("force.fit", {"displacement": DISPLACEMENT, "slopes": SLOPES})
