@@ -148,9 +148,9 @@ def run(
     return content
 
 
-def section(folder: Path, bundle: Path, *, store: Path, progress: bool) -> None:
+def section(folder: Path, scene: Scene, bundle: Path, *, store: Path, progress: bool) -> None:
     """A step: the experiment as a section of the reproduction."""
-    run(bundles.load(bundle), folder, store=store, progress=progress)
+    run(bundles.load_for(bundle, scene), folder, store=store, progress=progress)
 
 
 def lacks(scene: Scene) -> str | None:

@@ -70,7 +70,7 @@ def write_found(
     """A step: d_z by the float pipeline, d_x and d_y by the markers."""
     known = frames.read(data, scene, store=store, progress=progress)
     if bundle is not None:
-        pipeline = FloatPipeline.from_bundle(bundles.load(bundle))
+        pipeline = FloatPipeline.from_bundle(bundles.load_for(bundle, scene))
     else:
         pipeline = training.float_pipeline(load_arrays(weights), known, scene)
     save(folder / FILE, find_arrays(pipeline, known, progress=progress), known)

@@ -6,7 +6,7 @@ from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.report.paper import FORCE_FULL, FORCE_MAE_N
 from fastac.report.tables import Table
-from fastac.scenes.schema import AXES
+from fastac.scenes.schema import AXES, Scene
 from fastac.sensor.dataset import DatasetError
 from fastac.store.files import write_json
 from fastac.studies.reproduce import force_ablation
@@ -35,10 +35,10 @@ def lacks(build: Known) -> str | None:
     return None
 
 
-def run(folder: Path, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
+def run(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
     """Run the ablation on the build's dataset and pixel network; add the errors of the build's own force
     model, which uses d_z alone."""
-    build = Finished.read(bundle, data, store=store, progress=progress)
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
     kinds = ("true", "found")
     content = force_ablation.compare(
         build.scene, data, kinds, folder, bundle=bundle, store=store, progress=progress

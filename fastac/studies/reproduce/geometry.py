@@ -126,10 +126,10 @@ def train_rgb(folder: Path, scene: Scene, reduced: Scene, data: Path, *, store: 
     training.normals(of_rgb, reduced, folder / WEIGHTS, progress=progress)
 
 
-def run(folder: Path, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
+def run(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
     """Train the RGB-only network, a step of its own; write both networks' errors and draw them."""
-    build = Finished.read(bundle, data, store=store, progress=progress)
-    scene, reduced = build.scene, rgb_scene(build.scene)
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
+    reduced = rgb_scene(scene)
     arguments = {"scene": scene, "reduced": reduced, "data": data}
     quiet = {"store": store, "progress": progress}
     step = Step("normals-rgb", train_rgb, arguments, (WEIGHTS,), quiet)

@@ -11,7 +11,7 @@ import numpy as np
 
 from fastac.report.figures import save_png
 from fastac.report.tables import Table, number
-from fastac.scenes.schema import AXES
+from fastac.scenes.schema import AXES, Scene
 from fastac.store.files import write_json
 from fastac.studies.reproduce import force, geometry, limits_force, limits_geometry
 from fastac.studies.reproduce.geometry import NAMES
@@ -28,9 +28,11 @@ def lacks(build: Known) -> str | None:
     return geometry.lacks(build)
 
 
-def run(folder: Path, bundle: Path, data: Path, geometry: Path, *, store: Path, progress: bool) -> None:
+def run(
+    folder: Path, scene: Scene, bundle: Path, data: Path, geometry: Path, *, store: Path, progress: bool
+) -> None:
     """Run the experiments, those in a step of their own that train; `geometry` is that section's JSON."""
-    build = Finished.read(bundle, data, store=store, progress=progress)
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
     judged = json.loads(geometry.read_text())["channels"]
     content = {
         "build": {channels: limits_geometry.summary(errors) for channels, errors in judged.items()},

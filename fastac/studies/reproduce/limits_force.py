@@ -78,7 +78,7 @@ def write_noiseless(
     known = frames.read(data, scene, store=store, progress=progress)
     label = f"frames, {NOISELESS}"
     still = seen_by(sensor, known, scene.protocol.seed, label=label, progress=progress)
-    pipeline = with_background_of(FloatPipeline.from_bundle(bundles.load(bundle)), still)
+    pipeline = with_background_of(FloatPipeline.from_bundle(bundles.load_for(bundle, scene)), still)
     arrays = displacements.find_arrays(pipeline, still, progress=progress)
     displacements.save(folder / FILE, arrays, still)
 

@@ -42,7 +42,7 @@ SECTIONS = Kinds(
             stages.run,
             stages.tables,
             ("stages.png",),
-            reads=("bundle", "data", "report"),
+            reads=("scene", "bundle", "data", "report"),
             lacks=stages.lacks,
         ),
         "limits": Section(
@@ -58,7 +58,7 @@ SECTIONS = Kinds(
             vibration.section,
             vibration.tables,
             ("vibration.png",),
-            reads=("bundle",),
+            reads=("scene", "bundle"),
             lacks=lambda build: vibration.lacks(build.scene),
         ),
         "grasp": Section(
@@ -66,7 +66,7 @@ SECTIONS = Kinds(
             grasp.section,
             grasp.tables,
             ("grasp.png",),
-            reads=("bundle",),
+            reads=("scene", "bundle"),
             lacks=lambda build: grasp.lacks(build.scene),
         ),
     },
@@ -78,6 +78,7 @@ RESULT, PAGE = "reproduce.json", "reproduce.html"
 def steps(build: Build, sections: Mapping[str, Section]) -> dict[str, Step]:
     """The sections of a build as steps, by name."""
     results = {
+        "scene": build.scene,
         "bundle": build.steps["bundle"].output(BUNDLE),
         "data": build.data_file or build.steps["data"].output(DATA),
         "report": build.steps["report"].output(REPORT),

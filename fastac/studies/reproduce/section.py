@@ -31,9 +31,9 @@ class Finished:
     progress: bool
 
     @classmethod
-    def read(cls, bundle: Path, data: Path, *, store: Path, progress: bool) -> Self:
-        model = bundles.load(bundle)
-        known = frames.read(data, model.scene, store=store, progress=progress)
+    def read(cls, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> Self:
+        model = bundles.load_for(bundle, scene)
+        known = frames.read(data, scene, store=store, progress=progress)
         return cls(model, known, bundle, data, store, progress)
 
     @property
@@ -52,7 +52,7 @@ class Section:
     run : a step's function, `run(folder, **results, store=..., progress=...)`; writes `<name>.json` and the
         pictures into the folder
     tables : of that JSON
-    reads : the build's results that `run` is given: "bundle", "data" or "report"
+    reads : the build's results that `run` is given: "scene", "bundle", "data" or "report"
     needs : names of sections before it whose JSON `run` is given
     pictures : file names, PNG, in the order in which the page shows them below the tables
     others : further files that `run` writes
@@ -63,7 +63,7 @@ class Section:
     run: Callable[..., None]
     tables: Callable[[dict], list[Table]]
     pictures: tuple[str, ...]
-    reads: tuple[str, ...] = ("bundle", "data")
+    reads: tuple[str, ...] = ("scene", "bundle", "data")
     needs: tuple[str, ...] = ()
     others: tuple[str, ...] = ()
     lacks: Callable[[Build], str | None] = lambda _: None

@@ -28,6 +28,7 @@ from fastac.models.floating.torch_pipeline import TorchPipeline
 from fastac.report.figures import save_png
 from fastac.report.paper import STAGES
 from fastac.report.tables import Table, number
+from fastac.scenes.schema import Scene
 from fastac.sensor.samples import evenly_spaced
 from fastac.store.files import write_json
 from fastac.studies.benchmarks.rapl import NoCounters, PackageCounters
@@ -146,9 +147,11 @@ def processor() -> str:
     return names[0] if names else "CPU of unknown name"
 
 
-def run(folder: Path, bundle: Path, data: Path, report: Path, *, store: Path, progress: bool) -> None:
+def run(
+    folder: Path, scene: Scene, bundle: Path, data: Path, report: Path, *, store: Path, progress: bool
+) -> None:
     """Time the stages on this machine; cycles and errors are those of the build's JSON `report`."""
-    build = Finished.read(bundle, data, store=store, progress=progress)
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
     pipeline = with_background_of(FloatPipeline.from_bundle(build.bundle), build.data)
     index = evenly_spaced(build.data.indices("test"), FRAMES)
     frames, report = build.data.frames[index], json.loads(report.read_text())

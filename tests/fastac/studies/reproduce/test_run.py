@@ -220,7 +220,7 @@ def test_a_second_run_keeps_everything(place, monkeypatch):
 def networks(build: Build) -> dict:
     """The trainings of the section `limits`, by experiment and channels."""
     bundle, data = (Path(build.folder / name) for name in ("bundle", "data.h5"))
-    finished = Finished.read(bundle, data, store=build.store, progress=False)
+    finished = Finished.read(build.scene, bundle, data, store=build.store, progress=False)
     known = {"store": finished.store, "progress": False}
     return limits_geometry.network_steps(finished.scene, finished.data_path, **known)
 
@@ -262,7 +262,7 @@ def test_a_section_depends_on_what_it_reads(build):
     assert store.is_current(replace(wider, arguments={**wider.arguments, "trained": unread}))
     reads = {name: set(step.arguments) for name, step in run.steps(build, run.SECTIONS).items()}
     assert [name for name, read in reads.items() if "report" in read] == ["stages"]
-    assert reads["limits"] == {"bundle", "data", "geometry"}
+    assert reads["limits"] == {"scene", "bundle", "data", "geometry"}
 
 
 OWN = """
@@ -272,8 +272,8 @@ from fastac.studies.reproduce.section import Finished
 from fastac.store.files import write_json
 
 
-def ran(folder, bundle, data, *, store, progress):
-    build = Finished.read(bundle, data, store=store, progress=progress)
+def ran(folder, scene, bundle, data, *, store, progress):
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
     (folder / "own.png").write_bytes(Path(__file__).with_name("picture.png").read_bytes())
     write_json(folder / "own.json", {"scene": build.scene.name})
 """
@@ -315,7 +315,7 @@ def test_what_a_scene_has_no_use_for_is_said(make_scene, tiny_file, tiny_folder)
     assert found["forces"].startswith("sensor.markers: missing")
     found = lacking(Build(make_scene(outputs=["normals"]), tiny_folder, tiny_file, progress=False))
     assert found["geometry"] == "outputs = normals: no depth is found from normals"
-    assert found["stages"].startswith("outputs = normals: not all of")
+    assert found["stages"].startswith("outputs = normals: expected normals, depth")
     assert found["forces"] == "outputs = normals: no force is wanted"
 
 
