@@ -54,7 +54,7 @@ class Watchable(BaseModel):
         return _field_names(value) if last == ALL_FIELDS else _plain(getattr(value, last), [])
 
     def means_the_same(self, path: str, before: object) -> bool:
-        """Whether what `read` was told at this path, other than the present value, may count as that value."""
+        """Whether a result that read `before` at this path holds, though the present value is another."""
         return path.split(".")[-1] == ALL_FIELDS and added_at_default(self, path, before)
 
 

@@ -32,8 +32,8 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
     """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, the map.
 
     The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
-    waivers in gateware/target/lint.vlt. Raises HardwareError with its first finding otherwise, and, before anything
-    is elaborated, where the device has fewer multipliers or block RAMs than the design needs.
+    waivers in gateware/target/lint.vlt. Raises HardwareError with its first finding otherwise, and, before
+    anything is elaborated, where the device has fewer multipliers or block RAMs than the design needs.
     """
     top = TopZynq(bundle)
     try:

@@ -72,7 +72,7 @@ class Store:
         return entry
 
     def latest(self, step: Step) -> Entry | None:
-        """What was performed or used last of all steps of this name and function, whatever they were given."""
+        """The entry used last of all steps of this name and function, whatever they were given."""
         found = self._candidates(step.name, "*")
         return next((entry for entry in found if entry.trace["function"] == step.code), None)
 

@@ -1,4 +1,4 @@
-"""The steps of a sweep beside those of a build: force models to start from, errors in floats, a point's figures."""
+"""Steps that only a sweep has: force models to start from, errors of the float models, a point's figures."""
 
 from pathlib import Path
 

@@ -1,4 +1,7 @@
-"""A sweep's points as steps of the store: each training once for all points that share it, each point measured."""
+"""A sweep's points as steps: a training runs once for all points that share it, then each is measured.
+
+fastac/sweep/results.py stores what was measured.
+"""
 
 from dataclasses import dataclass
 from functools import cached_property

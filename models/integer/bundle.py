@@ -184,7 +184,10 @@ def load(path: Path | str) -> Bundle:
 
 
 def load_for(path: Path | str, scene: Scene) -> Bundle:
-    """As `load`, with the scene that the bundle was made for: a step of a build has it, and what it reads of it counts."""
+    """As `load`, with the scene that the bundle was made for.
+
+    For steps of a build: they are given the scene, and of it only what they read counts.
+    """
     return _of_content(_content(Path(path)), Path(path), scene)
 
 

@@ -1,7 +1,8 @@
 """Packing and unpacking of MIPI CSI-2 RAW10 images: four 10-bit pixels in five bytes.
 
 Bytes 0 to 3 hold bits 9 to 2 of pixels 0 to 3; byte 4 holds their bits 1 and 0, pixel 0 in the lowest two
-(MIPI CSI-2, RAW10; the Linux kernel's V4L2_PIX_FMT_SBGGR10P).
+(MIPI CSI-2, RAW10; the Linux kernel's V4L2_PIX_FMT_SBGGR10P). models/vision/image_processing.py makes the
+channels B, G, R, NIR of such images.
 """
 
 import numpy as np

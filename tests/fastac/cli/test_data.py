@@ -19,12 +19,12 @@ class TestData:
         )
         gel = 'thickness_mm = 2.0, mechanics = "fem", friction = 0.6, elements = 8, layers = 1 }'
         toml.write_text(text.replace("thickness_mm = 2.0 }", gel))
-        cache = tmp_path / "cache"
-        result = succeed("data", toml, "-o", tmp_path / "d.h5", "--cache", cache, "--no-progress")
+        store = tmp_path / "store"
+        result = succeed("data", toml, "-o", tmp_path / "d.h5", "--store", store, "--no-progress")
         data = dataset.read(tmp_path / "d.h5")
         assert f"{len(data)} samples; friction could not carry {data.left_out}, left out" in result.stdout
         assert len(data) + data.left_out == 2 * (1 + 4 + 4) * 9
-        assert [path.suffix for path in cache.iterdir()] == [".npz"]
+        assert len([*store.rglob("compliance.npy")]) == 1
 
     def test_goes_to_the_build_folder_of_the_scene(self, toml, tmp_path, monkeypatch, one_process):
         monkeypatch.chdir(tmp_path)
@@ -35,7 +35,7 @@ class TestData:
         text = toml.read_text()
         assert fail("data", tmp_path / "no.toml") == f"{tmp_path}/no.toml: No such file or directory"
         toml.write_text(text.replace("pitch_mm", "pitch"))
-        assert fail("data", toml) == f"{toml}: sensor.pitch: unknown key"
+        assert fail("data", toml) == f"{toml}: sensor.pitch: unknown key; did you mean pitch_mm?"
         toml.write_text(text.replace("width_px = 16", "width_px = sixteen"))
         assert fail("data", toml).startswith(f"{toml}: Invalid value (at line")
         toml.write_text(text.replace("height_px = 16", "height_px = 24"))

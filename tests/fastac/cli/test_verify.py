@@ -4,6 +4,7 @@ import pytest
 from command_line import fail, succeed
 
 from fastac.flow import verify
+from fastac.models.integer import bundle as bundles
 from fastac.sensor import dataset
 
 VERIFIED = {
@@ -25,8 +26,10 @@ class TestVerify:
         """What `fastac verify` asks for; the campaign itself has tests of its own."""
         given = {}
 
-        def run(bundle, data, index, lanes, folder, *, progress):
-            given.update(digest=bundle.digest, index=index.tolist(), lanes=lanes, folder=folder)
+        def run(bundle, data, index, lanes, folder, *, store, progress):
+            given.update(
+                digest=bundles.load_bundle(bundle).digest, index=index.tolist(), lanes=lanes, folder=folder
+            )
             return {"rows": [VERIFIED | given.get("row", {})]}
 
         monkeypatch.setattr(verify, "run", run)

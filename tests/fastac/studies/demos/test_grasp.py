@@ -107,7 +107,7 @@ def test_refuses_scenes_that_cannot_show_it(changes, message, tiny_rig_bundle, m
 
 
 def test_the_command(tiny_rig_folder, tiny_rig_cache, tmp_path):
-    base = ["grasp", str(tiny_rig_folder), "--cache", str(tiny_rig_cache), "--no-progress"]
+    base = ["grasp", str(tiny_rig_folder), "--store", str(tiny_rig_cache), "--no-progress"]
     result = CliRunner().invoke(main, [*base, "--grip-n", "0", "-o", str(tmp_path / "g")])
     assert result.exit_code == 1
     assert "Error: grasp: grip_n = 0.0: expected more than 0" in result.output
