@@ -18,7 +18,8 @@ def test_report_prints_the_summary(tiny_folder, tiny_file, tmp_path):
     simulated |= {"values_by_output": {}, "markers_compared": 0, "errors": 0}
     simulated["latency_cycles"] = {"first_pixel_to_force": 1234}
     (folder / "sim.json").write_text(json.dumps(simulated))
-    lines = succeed("report", folder, "--data", tiny_file).stdout.splitlines()
+    picture = tmp_path / "picture.png"
+    lines = succeed("report", folder, "--data", tiny_file, "--picture", picture).stdout.splitlines()
     cells = [re.split(r"\s{2,}", line) for line in lines]
     assert cells[0] == ["", "here", "paper"]
     assert cells[1][0] == "RTL against integer model"
@@ -26,6 +27,7 @@ def test_report_prints_the_summary(tiny_folder, tiny_file, tmp_path):
     assert any(line[1:] == ["1,234", "about 163,500"] for line in cells)
     assert lines[-1] == str(folder / "report.html")
     assert (folder / "report.json").exists()
+    assert picture.read_bytes().startswith(b"\x89PNG")
 
 
 def test_no_results_no_report(tiny_folder, tiny_file, tmp_path):

@@ -95,7 +95,7 @@ class TestHelp:
             ),
             (("synth",), ["BUNDLE", "--no-place-and-route", "--module", "--output", "without Vivado"]),
             (("build",), ["SCENE", "--data", "--output", "resumes"]),
-            (("report",), ["FOLDER", "--data", "report.html"]),
+            (("report",), ["FOLDER", "--data", "--picture", "report.html"]),
         ],
     )
     @pytest.mark.parametrize("option", ["--help", "-h"])

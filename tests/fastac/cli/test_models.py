@@ -34,7 +34,7 @@ class TestTrain:
         digest = bundles.load(tmp_path / "b" / "bundle").digest
         assert first.stdout == f"{tmp_path}/b/bundle: sha256 {digest}\n"
         assert digest != tiny_bundle.digest  # it was trained for less long
-        steps = ["data", "normals", "integers", "force", "bundle"]
+        steps = ["normals", "integers", "force", "bundle"]
         assert first.stderr.split() == [word for step in steps for word in (step, "running")]
         second = succeed(*arguments)
         assert second.stdout == first.stdout

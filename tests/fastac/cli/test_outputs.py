@@ -12,7 +12,9 @@ from fastac.cli.main import main
 
 
 def commands(group: click.Group, words: tuple[str, ...] = ()):
-    for name, command in group.commands.items():
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
         if isinstance(command, click.Group):
             yield from commands(command, (*words, name))
         else:
