@@ -113,7 +113,8 @@ class Build:
         for name, step in self.steps.items():
             entry = store.perform(step, announce, performed)
             entry.place(self.folder)
-            record[name] = described(entry)
-            write_json(self.folder / RECORD, record)
+            if record.get(name) != (found := described(entry)):
+                record[name] = found
+                write_json(self.folder / RECORD, record)
             if name == until:
                 return
