@@ -15,6 +15,7 @@ from fastac.cli.common import (
     progress_option,
     run_build,
     split_option,
+    store_option,
 )
 from fastac.report import synthesis_table
 from fastac.scenes import schema as scenes
@@ -149,8 +150,9 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     show_default=True,
     help="Tools that run at the same time, each on one core with up to 4 GB.",
 )
+@store_option("what the tools found")
 @progress_option
-def synth(source, data, output, place_and_route, modules, jobs, progress):
+def synth(source, data, output, place_and_route, modules, jobs, store, progress):
     """Count the FPGA resources of a design and find the clock of each of its modules, without Vivado.
 
     A SCENE is trained first, unless its build folder holds the bundle.
@@ -175,6 +177,7 @@ def synth(source, data, output, place_and_route, modules, jobs, progress):
         load_bundle(source),
         output,
         device=DEVICE,
+        store=store,
         place_and_route=place_and_route,
         modules=modules,
         jobs=jobs,

@@ -30,8 +30,8 @@ def study():
     show_default=True,
     help="Displacements that forces are computed from: the true ones, those found in the frames, or both.",
 )
-@output_option("Folder for JSON, plot and finished trainings.", OUTPUT_FOLDER, "build/SCENE/force_ablation")
-@store_option("processed frames")
+@output_option("Folder for JSON and plot.", OUTPUT_FOLDER, "build/SCENE/force_ablation")
+@store_option("displacements and finished trainings")
 @progress_option
 def force_ablation(origin, data, displacements, output, store, progress):
     """Train the six forms of HyperForce and print their errors beside the paper's table.
@@ -77,8 +77,9 @@ def identities(folders, progress):
     default=True,
     help="Also simulate the worst cases in the hardware of each stage, in Verilator.",
 )
+@store_option("what was compared in the hardware, and presses")
 @progress_option
-def extremes(folder, rtl, progress):
+def extremes(folder, rtl, store, progress):
     """Test the bundle of a build folder with extreme inputs and with faults of the sensor.
 
     Every word at its worst case, frames that no camera sends, the deepest boundary prior, and faults such as
@@ -89,7 +90,7 @@ def extremes(folder, rtl, progress):
     """
     from fastac.studies.robustness import extremes as robustness
 
-    for line in robustness.measure(folder, rtl=rtl, progress=progress):
+    for line in robustness.measure(folder, store=store, rtl=rtl, progress=progress):
         click.echo(line)
 
 

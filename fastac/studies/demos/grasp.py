@@ -15,6 +15,7 @@ import numpy as np
 from fastac.flow import frames
 from fastac.gateware.cycle_model import cycles
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import bundle as bundles
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
@@ -145,6 +146,11 @@ def run(
     time_figures.grasp(traces, content, folder / "grasp.png")
     write_json(folder / "grasp.json", content)
     return content
+
+
+def section(folder: Path, scene: Scene, bundle: Path, *, store: Path, progress: bool) -> None:
+    """A step: the experiment as a section of the reproduction."""
+    run(bundles.load_for(bundle, scene), folder, store=store, progress=progress)
 
 
 def lacks(scene: Scene) -> str | None:

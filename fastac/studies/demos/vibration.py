@@ -17,6 +17,7 @@ from scipy.interpolate import PchipInterpolator
 from fastac.flow import frames
 from fastac.gateware.cycle_model import cycles
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import bundle as bundles
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
@@ -193,6 +194,11 @@ def run(
     time_figures.vibration(shown, folder / "vibration.png", scene.name)
     write_json(folder / "vibration.json", content)
     return content
+
+
+def section(folder: Path, scene: Scene, bundle: Path, *, store: Path, progress: bool) -> None:
+    """A step: the experiment as a section of the reproduction."""
+    run(bundles.load_for(bundle, scene), folder, store=store, progress=progress)
 
 
 def lacks(scene: Scene) -> str | None:

@@ -2,15 +2,15 @@
 
 from pathlib import Path
 
-from fastac.flow.build import Build
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.report.paper import FORCE_FULL, FORCE_MAE_N
 from fastac.report.tables import Table
-from fastac.scenes.schema import AXES
+from fastac.scenes.schema import AXES, Scene
 from fastac.sensor.dataset import DatasetError
+from fastac.store.files import write_json
 from fastac.studies.reproduce import force_ablation
-from fastac.studies.reproduce.section import beside
+from fastac.studies.reproduce.section import Finished, Known, beside
 
 FULL = "dynamic xyz"
 MEASURES = {
@@ -22,7 +22,7 @@ MEASURES = {
 }
 
 
-def lacks(build: Build) -> str | None:
+def lacks(build: Known) -> str | None:
     """One line that says why this section cannot be run on the build; None if it can."""
     if not build.scene.wants_force:
         return f"outputs = {', '.join(build.scene.outputs)}: no force is wanted"
@@ -35,28 +35,24 @@ def lacks(build: Build) -> str | None:
     return None
 
 
-def run(build: Build, folder: Path) -> dict:
+def run(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
     """Run the ablation on the build's dataset and pixel network; add the errors of the build's own force
     model, which uses d_z alone."""
-    data, axes = build.data, build.scene.force_axes
-    content = force_ablation.run(
-        build.folder,
-        build.data_path,
-        folder,
-        ("true", "found"),
-        build.store,
-        data=data,
-        progress=build.progress,
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
+    kinds = ("true", "found")
+    content = force_ablation.compare(
+        build.scene, data, kinds, folder, bundle=bundle, store=store, progress=progress
     )
-    index = data.indices("test")
-    truth_n = data.forces_n(index, axes)
+    write_json(folder / force_ablation.RESULT, content)
+    index, axes = build.data.indices("test"), build.scene.force_axes
+    truth_n = build.data.forces_n(index, axes)
     pipelines = {"float": FloatPipeline.from_bundle(build.bundle), "integer": build.bundle.pipeline}
     own = {}
     for name, pipeline in pipelines.items():
-        model = accuracy.with_background_of(pipeline, data)
-        found_n = model.run(data.frames[index], wanted=("force_n",), progress=build.progress).force_n
+        model = accuracy.with_background_of(pipeline, build.data)
+        found_n = model.run(build.data.frames[index], wanted=("force_n",), progress=progress).force_n
         own[name] = force_ablation.errors(found_n, truth_n)
-    return {**content, "build": {"axes": [AXES[axis] for axis in axes], **own}}
+    write_json(folder / "forces.json", {**content, "build": {"axes": [AXES[axis] for axis in axes], **own}})
 
 
 def tables(content: dict) -> list[Table]:

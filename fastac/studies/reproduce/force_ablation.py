@@ -4,14 +4,15 @@
 
 Each of the six is trained on the training grid, stopped by the validation grid and judged on the test grid:
 on true displacements, which shows what the model itself can do, and on those found in the frames, d_z by the
-float pipeline and d_x, d_y by the markers. Runs that are complete, or interrupted, are taken from the output.
+float pipeline and d_x, d_y by the markers. Each training is a step of the store and goes on from its
+checkpoint after an interruption.
 """
 
+from dataclasses import replace
 from pathlib import Path
 
 import matplotlib
 
-from fastac.models.integer.bundle import load_bundle
 from fastac.report.figures import save_png
 from fastac.report.tables import text_table
 from fastac.scenes.schema import AXES
@@ -20,23 +21,23 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fastac.flow import frames, training
-from fastac.flow.settings import float_settings
-from fastac.models.floating import displacement_3d
-from fastac.models.floating.pipeline import FloatPipeline
+from fastac.flow import frames
+from fastac.flow import steps as build_steps
+from fastac.flow.steps import NORMALS
+from fastac.models.integer.bundle import bundle_folder, load_bundle
 from fastac.models.training.hyperforce_3d import input_components, train
 from fastac.report.paper import FORCE_FULL, FORCE_MAE_N
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.samples import SPLITS
-from fastac.store.files import content_hash, digest_file, load_arrays, read_or_make, save_arrays, write_json
-from fastac.store.sources import digest_sources
+from fastac.store.checkpoint import checkpoint
+from fastac.store.files import load_arrays, write_json
+from fastac.store.steps import Output, Step
+from fastac.store.store import open_store
+from fastac.studies.reproduce.displacements import FILE, fields, found_step, kept, true_step
 
-SOURCES = ("models/**/*.py", "fastac/studies/reproduce/force_ablation.py", "fastac/flow/training.py")
-
-Fields = tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
-"""Displacements (frames, 3, N, N) in mm and forces (frames, 3) in N, by split."""
+RESULT, PLOT = "force_ablation.json", "force_ablation.png"
 
 
 def require(data: Dataset, scene: Scene, path: Path, wants_truth: bool) -> None:
@@ -58,39 +59,6 @@ def require(data: Dataset, scene: Scene, path: Path, wants_truth: bool) -> None:
         raise DatasetError(f"scene {scene.name}: outputs: no depth is found, and d_z needs it")
 
 
-def true_fields(data: Dataset) -> Fields:
-    fields, forces = {}, {}
-    for split in SPLITS:
-        index = data.indices(split)
-        normal = data.rest_depth_mm - data.depth_mm[index]
-        whole = np.concatenate([data.tangential_mm[index], normal[..., None]], axis=-1)
-        fields[split] = np.ascontiguousarray(whole[:, 1:-1, 1:-1].transpose(0, 3, 1, 2))
-        forces[split] = data.forces_n(index, (0, 1, 2))
-    return fields, forces
-
-
-def find_arrays(pipeline: FloatPipeline, data: Dataset, *, progress: bool) -> dict[str, np.ndarray]:
-    """What the frames show: of each split the displacements `.field_mm` of the frames that are `.kept`."""
-    arrays = {}
-    for split in SPLITS:
-        found = displacement_3d.displacement_fields(
-            pipeline, data.frames[data.indices(split)], progress=progress
-        )
-        arrays |= {f"{split}.field_mm": found.field_mm, f"{split}.kept": found.kept}
-    return arrays
-
-
-def found_fields(arrays: dict[str, np.ndarray], data: Dataset) -> tuple[Fields, dict[str, int]]:
-    """Of `find_arrays`: displacements and forces, and how many frames of each split lack their markers."""
-    fields, forces, lost = {}, {}, {}
-    for split in SPLITS:
-        seen = arrays[f"{split}.kept"]
-        fields[split] = arrays[f"{split}.field_mm"]
-        forces[split] = data.forces_n(data.indices(split)[seen], (0, 1, 2))
-        lost[split] = int((~seen).sum())
-    return (fields, forces), lost
-
-
 def errors(found_n: np.ndarray, truth_n: np.ndarray) -> dict[str, list[float]]:
     """Of each component, forces (frames, 3): normalised by its largest true load, as in the paper."""
     error, truth = found_n - truth_n.astype(np.float64), truth_n.astype(np.float64)
@@ -108,38 +76,41 @@ def errors(found_n: np.ndarray, truth_n: np.ndarray) -> dict[str, list[float]]:
     }
 
 
-def ablate(
-    scene: Scene, rest_depth_mm: np.ndarray, parts: Fields, folder: Path, key: str, *, progress: bool
-) -> tuple[dict[str, dict], np.ndarray]:
-    """All six trained and judged, by "kernel inputs", and the full model's forces (test frames, 3) in N.
+def form_step(
+    scene: Scene, displacements: Output, kernel: str, inputs: str, *, store: Path, progress: bool
+) -> Step:
+    """One of the six trained; its value has the forces found in the test split and the learning curve."""
+    known = {"scene": scene, "displacements": displacements, "kernel": kernel, "inputs": inputs}
+    step = Step("hyperforce", train_form, known)
+    return replace(step, unkeyed={"checkpoint": checkpoint(open_store(store), step), "progress": progress})
 
-    What a finished model finds is kept in `folder`, as are the checkpoints of those under way.
-    """
-    fields, forces = parts
-    results = {}
-    for kernel, inputs in FORCE_MAE_N:
-        path = folder / f"{kernel}-{inputs}-{key}.json"
 
-        def finished(kernel=kernel, inputs=inputs, path=path) -> dict:
-            model, history = train(
-                scene,
-                rest_depth_mm,
-                fields,
-                forces,
-                inputs=inputs,
-                dynamic=kernel == "dynamic",
-                checkpoint=path.with_suffix(".npz"),
-                progress=progress,
-            )
-            found_n = model(input_components(scene, fields["test"], inputs)).detach().double()
-            return {"force_n": found_n.tolist(), "history": history}
-
-        kept = read_or_make(path, finished)
-        found_n = np.array(kept["force_n"])
-        results[f"{kernel} {inputs}"] = {**errors(found_n, forces["test"]), "history": kept["history"]}
-        if (kernel, inputs) == ("dynamic", "xyz"):
-            full_n = found_n
-    return results, full_n
+def train_form(
+    folder: Path,
+    scene: Scene,
+    displacements: Path,
+    kernel: str,
+    inputs: str,
+    *,
+    checkpoint: Path,
+    progress: bool,
+) -> dict:
+    """The step behind `form_step`: goes on from the checkpoint where an earlier run was interrupted."""
+    arrays = load_arrays(displacements)
+    field_mm, force_n = fields(arrays)
+    model, history = train(
+        scene,
+        arrays["rest_depth_mm"].astype(np.float64),
+        field_mm,
+        force_n,
+        inputs=inputs,
+        dynamic=kernel == "dynamic",
+        checkpoint=checkpoint,
+        progress=progress,
+    )
+    found_n = model(input_components(scene, field_mm["test"], inputs)).detach().double()
+    checkpoint.unlink(missing_ok=True)
+    return {"force_n": found_n.tolist(), "history": history}
 
 
 def table(content: dict) -> str:
@@ -180,60 +151,65 @@ def plot(path: Path, pairs: dict[str, tuple[np.ndarray, np.ndarray]], source: st
     save_png(figure, path)
 
 
-def run(
-    origin: Path,
+def compare(
+    scene: Scene,
     path: Path,
-    output: Path,
     kinds: tuple[str, ...],
-    store: Path,
+    output: Path,
     *,
-    data: Dataset | None = None,
+    bundle: Path | None,
+    store: Path,
     progress: bool,
 ) -> dict:
-    """The whole comparison, written to the folder `output`; returns what its JSON holds.
+    """All six on the dataset in `path`, for each kind of displacement; plots the full model's forces.
 
-    data : the dataset in the file `path`, if it has been read already
+    bundle : a bundle whose network finds displacements; without one, a network is trained for them
     """
-    bundle = load_bundle(origin) if origin.is_dir() else None
-    scene = bundle.scene if bundle else scenes.load(origin)
-    if data is None:
-        data = frames.read(path, scene, store=store, progress=progress)
+    data = frames.read(path, scene, store=store, progress=progress)
     require(data, scene, path, "true" in kinds)
-    code, digest = digest_sources(SOURCES), digest_file(path)
-    runs, content, pairs = output / "runs", {}, {}
-    base = [float_settings(scene), code, digest]
+    content, pairs = {}, {}
     for kind in kinds:
-        known, key = {}, content_hash(kind, *base)
-        if kind == "true":
-            parts = true_fields(data)
-        else:
-            if bundle:
-                pipeline = FloatPipeline.from_bundle(bundle)
-                network = {k: v.tolist() for k, v in bundle.floats.items() if k.startswith("network.")}
-                key = content_hash(key, network)
-            else:
-                weights = runs / f"normals-{content_hash(*base)}.npz"
-                weights.parent.mkdir(parents=True, exist_ok=True)
-                if not weights.exists():
-                    training.normals(data, scene, weights, progress=progress)
-                pipeline = training.float_pipeline(load_arrays(weights), data, scene)
-            kept = runs / f"displacement-{key}.npz"
-            if not kept.exists():
-                kept.parent.mkdir(parents=True, exist_ok=True)
-                save_arrays(kept, find_arrays(pipeline, data, progress=progress))
-            parts, known["lost_frames"] = found_fields(load_arrays(kept), data)
-            known["file"] = str(kept.relative_to(output))
-        rest = data.rest_depth_mm.astype(np.float64)
-        known["results"], full_n = ablate(scene, rest, parts, runs, f"{kind}-{key}", progress=progress)
-        content[kind], pairs[kind] = known, (parts[1]["test"], full_n)
-    found = {
-        "data": str(path),
+        step = true_step(scene, path)
+        if kind == "found":
+            weights = None if bundle else normals_step(scene, path, store=store, progress=progress)
+            step = found_step(scene, path, bundle=bundle, weights=weights, store=store, progress=progress)
+        arrays = load_arrays(open_store(store).perform(step).path(FILE))
+        truth_n, found_n, results = arrays["test.force_n"], {}, {}
+        for form in FORCE_MAE_N:
+            trained = form_step(scene, step.output(FILE), *form, store=store, progress=progress)
+            value = open_store(store).value(trained)
+            found_n[form] = np.array(value["force_n"])
+            results[" ".join(form)] = {**errors(found_n[form], truth_n), "history": value["history"]}
+        content[kind] = {"results": results}
+        if kind == "found":
+            content[kind]["lost_frames"] = {name: int((~seen).sum()) for name, seen in kept(arrays).items()}
+        pairs[kind] = truth_n, found_n["dynamic", "xyz"]
+    plot(output / PLOT, pairs, data.source)
+    paper = {f"{kernel} {inputs}": {"mae_n": mae} for (kernel, inputs), mae in FORCE_MAE_N.items()}
+    paper["dynamic xyz"] |= FORCE_FULL
+    return {
         "source": data.source,
         "frames": {split: len(data.indices(split)) for split in SPLITS},
-        "paper": {f"{kernel} {inputs}": {"mae_n": mae} for (kernel, inputs), mae in FORCE_MAE_N.items()},
+        "paper": paper,
         "displacements": content,
     }
-    found["paper"]["dynamic xyz"] |= FORCE_FULL
-    write_json(output / "force_ablation.json", found)
-    plot(output / "force_ablation.png", pairs, data.source)
+
+
+def normals_step(scene: Scene, data: Path, *, store: Path, progress: bool) -> Output:
+    """The pixel network's weights: the same step as a build's."""
+    unkeyed = {"store": store, "progress": progress}
+    step = Step("normals", build_steps.normals, {"scene": scene, "data": data}, (NORMALS,), unkeyed)
+    return step.output(NORMALS)
+
+
+def run(
+    origin: Path, path: Path, output: Path, kinds: tuple[str, ...], store: Path, *, progress: bool
+) -> dict:
+    """The comparison for a scene's file, a bundle or a build folder; writes JSON and plot to `output`."""
+    bundle = bundle_folder(origin) if origin.is_dir() else None
+    scene = load_bundle(origin).scene if bundle else scenes.load(origin)
+    output.mkdir(parents=True, exist_ok=True)
+    found = compare(scene, path, kinds, output, bundle=bundle, store=store, progress=progress)
+    found = {"data": str(path), **found}
+    write_json(output / RESULT, found)
     return found

@@ -19,9 +19,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fastac.flow import training
-from fastac.flow.build import Build
-from fastac.flow.settings import network_settings
+from fastac.flow import frames, training
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.poisson import solve, source_of
@@ -33,9 +31,12 @@ from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import CHANNELS
 from fastac.sensor.dataset import Dataset
-from fastac.store.files import content_hash, load_arrays
-from fastac.studies.reproduce.section import beside, stamped_key, vertical
+from fastac.store.files import load_arrays, write_json
+from fastac.store.steps import Step
+from fastac.store.store import open_store
+from fastac.studies.reproduce.section import Finished, Known, beside, vertical
 
+WEIGHTS = "normals-bgr.npz"
 NAMES = {"bgr": "RGB-only", "bgr+nir": "RGB-NIR"}
 COMPONENTS = ("x", "y", "total")
 BOUNDARIES = {
@@ -46,7 +47,7 @@ BOUNDARIES = {
 }
 
 
-def lacks(build: Build) -> str | None:
+def lacks(build: Known) -> str | None:
     """One line that says why this section cannot be run on the build; None if it can."""
     scene, data = build.scene, build.data
     if scene.sensor.channels != "bgr+nir":
@@ -119,27 +120,33 @@ def judge(
     return found, depths
 
 
-def run(build: Build, folder: Path) -> dict:
-    """Train the RGB-only network, or read it from `folder`; return both networks' errors and draw them."""
-    scene, data, progress = build.scene, build.data, build.progress
-    reduced, of_rgb = rgb_scene(scene), rgb_data(data)
-    # The key of the four-channel training covers its data and code, so with the settings it identifies this.
-    key = content_hash(network_settings(reduced), stamped_key(build, "normals"))
-    weights = folder / f"normals-bgr-{key}.npz"
-    if not weights.exists():
-        training.normals(of_rgb, reduced, weights, progress=progress)
+def train_rgb(folder: Path, scene: Scene, reduced: Scene, data: Path, *, store: Path, progress: bool) -> None:
+    """A step: train the pixel network of the scene `reduced`, which is `scene` without NIR."""
+    of_rgb = rgb_data(frames.read(data, scene, store=store, progress=progress))
+    training.normals(of_rgb, reduced, folder / WEIGHTS, progress=progress)
+
+
+def run(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
+    """Train the RGB-only network, a step of its own; write both networks' errors and draw them."""
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
+    reduced = rgb_scene(scene)
+    arguments = {"scene": scene, "reduced": reduced, "data": data}
+    quiet = {"store": store, "progress": progress}
+    step = Step("normals-rgb", train_rgb, arguments, (WEIGHTS,), quiet)
+    weights = load_arrays(open_store(store).perform(step).path(WEIGHTS))
+    known, of_rgb = build.data, rgb_data(build.data)
     pipelines = {
-        "bgr": (training.float_pipeline(load_arrays(weights), of_rgb, reduced), of_rgb),
-        "bgr+nir": (FloatPipeline.from_bundle(build.bundle), data),
+        "bgr": (training.float_pipeline(weights, of_rgb, reduced), of_rgb),
+        "bgr+nir": (FloatPipeline.from_bundle(build.bundle), known),
     }
-    index = vertical(data, "test")
+    index = vertical(known, "test")
     content, depths = {"frames": len(index), "channels": {}}, {}
     for channels, (pipeline, seen) in pipelines.items():
         content["channels"][channels], depths[channels] = judge(pipeline, seen, index, progress=progress)
     rgb, nir = (content["channels"][name]["gradient_mae_mm_per_px"] for name in NAMES)
     content["gradient_reduction_percent"] = {c: 100 * (1 - nir[c] / rgb[c]) for c in COMPONENTS}
-    draw(content, depths, data, index, folder / "geometry.png")
-    return content
+    draw(content, depths, known, index, folder / "geometry.png")
+    write_json(folder / "geometry.json", content)
 
 
 def tables(content: dict) -> list[Table]:

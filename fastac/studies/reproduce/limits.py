@@ -9,15 +9,16 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
-from fastac.flow.build import Build
 from fastac.report.figures import save_png
 from fastac.report.tables import Table, number
-from fastac.scenes.schema import AXES
+from fastac.scenes.schema import AXES, Scene
+from fastac.store.files import write_json
 from fastac.studies.reproduce import force, geometry, limits_force, limits_geometry
 from fastac.studies.reproduce.geometry import NAMES
+from fastac.studies.reproduce.section import Finished, Known
 
 
-def lacks(build: Build) -> str | None:
+def lacks(build: Known) -> str | None:
     """One line that says why this section cannot be run on the build; None if it can."""
     data = build.data
     if build.scene.sensor.source != "simulated" or not data.source.startswith("simulated"):
@@ -27,24 +28,22 @@ def lacks(build: Build) -> str | None:
     return geometry.lacks(build)
 
 
-def run(build: Build, folder: Path) -> dict:
-    """Run the experiments, or read them from `folder`/runs; needs the sections geometry and forces."""
-    runs = folder / "runs"
-    runs.mkdir(exist_ok=True)
-    channels = json.loads((folder.parent / "geometry" / "geometry.json").read_text())["channels"]
+def run(
+    folder: Path, scene: Scene, bundle: Path, data: Path, geometry: Path, *, store: Path, progress: bool
+) -> None:
+    """Run the experiments, those in a step of their own that train; `geometry` is that section's JSON."""
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
+    judged = json.loads(geometry.read_text())["channels"]
     content = {
-        "build": {name: limits_geometry.summary(errors) for name, errors in channels.items()},
-        "networks": limits_geometry.networks(build, runs),
+        "build": {channels: limits_geometry.summary(errors) for channels, errors in judged.items()},
+        "networks": limits_geometry.networks(build),
         "regions": limits_geometry.regions(build),
         "solver_depth_mae_mm": limits_geometry.solver(build),
     }
     if force.lacks(build) is None:
-        forces = folder.parent / "forces"
-        ablation = json.loads((forces / "forces.json").read_text())
-        file = forces / ablation["displacements"]["found"]["file"]
-        content["force"] = limits_force.run(build, runs, file)
+        content["force"] = limits_force.experiments(build)
     draw(content, folder / "limits.png")
-    return content
+    write_json(folder / "limits.json", content)
 
 
 def tables(content: dict) -> list[Table]:

@@ -4,36 +4,29 @@ Closed form: random hidden layers, the last one by ridge regression, its strengt
 takes seconds, and all experiments take the same; what AdamW adds is in the ablation.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import torch
 
-from fastac.flow import training
-from fastac.flow.build import Build
-from fastac.flow.settings import float_settings
+from fastac.flow import frames
 from fastac.models.accuracy import with_background_of
 from fastac.models.floating.hyperforce import coordinates
 from fastac.models.floating.hyperforce_3d import HyperForce3D
 from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer import bundle as bundles
 from fastac.models.training.hyperforce_3d import input_components, refit_last_layer
 from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
+from fastac.sensor import dataset
 from fastac.sensor.dataset import SPLITS, Dataset
-from fastac.store.files import content_hash, load_arrays, read_or_make
-from fastac.store.sources import digest_sources
-from fastac.studies.reproduce import force_ablation
-from fastac.studies.reproduce.force_ablation import Fields
+from fastac.store.files import load_arrays
+from fastac.store.steps import Output, Step
+from fastac.store.store import open_store
+from fastac.studies.reproduce import displacements, force_ablation
+from fastac.studies.reproduce.displacements import FILE, Fields
 from fastac.studies.reproduce.limits_geometry import NOISELESS, seen_by, variants
-from fastac.studies.reproduce.section import stamped_key
-
-SOURCES = (
-    "models/**/*.py",
-    "sensor/**/*.py",
-    "fastac/flow/frames.py",
-    "fastac/studies/reproduce/force_ablation.py",
-    "fastac/studies/reproduce/limits_*.py",
-)
+from fastac.studies.reproduce.section import Finished
 
 
 def closed_form(scene: Scene, rest_depth_mm: np.ndarray, parts: Fields) -> dict[str, list[float]]:
@@ -78,47 +71,72 @@ def smaller_loads(data: Dataset, parts: Fields) -> Fields | None:
     return tuple({split: part[split][chosen[split]] for split in SPLITS} for part in parts)
 
 
-def noiseless(build: Build) -> Fields:
-    """What the build's float pipeline and the dots show in frames without camera noise."""
-    scene, data = build.scene, build.data
-    sensor, label = variants(scene.sensor)[NOISELESS], f"frames, {NOISELESS}"
-    still = seen_by(sensor, data, scene.protocol.seed, label=label, progress=build.progress)
-    pipeline = with_background_of(FloatPipeline.from_bundle(build.bundle), still)
-    arrays = force_ablation.find_arrays(pipeline, still, progress=build.progress)
-    return force_ablation.found_fields(arrays, still)[0]
+def write_noiseless(
+    folder: Path, scene: Scene, sensor: Sensor, bundle: Path, data: Path, *, store: Path, progress: bool
+) -> None:
+    """A step: what a bundle's float pipeline and the dots show where `sensor` is a camera without noise."""
+    known = frames.read(data, scene, store=store, progress=progress)
+    label = f"frames, {NOISELESS}"
+    still = seen_by(sensor, known, scene.protocol.seed, label=label, progress=progress)
+    pipeline = with_background_of(FloatPipeline.from_bundle(bundles.load_for(bundle, scene)), still)
+    arrays = displacements.find_arrays(pipeline, still, progress=progress)
+    displacements.save(folder / FILE, arrays, still)
 
 
-def run(build: Build, folder: Path, found_file: Path) -> dict[str, dict]:
-    """Errors by experiment; `found_file` holds the displacements that the ablation found."""
-    scene, data = build.scene, build.data
-    rest_mm = training.rest_depth_mm(data)
-    true = force_ablation.true_fields(data)
-    arrays = load_arrays(found_file)
-    found = force_ablation.found_fields(arrays, data)[0]
-    kept = {split: arrays[f"{split}.kept"] for split in SPLITS}
-    free = scene.model_copy(update={"force": scene.force.model_copy(update={"clamp": False})})
-    experiments: dict[str, tuple[Scene, Callable[[], Fields | None]]] = {
-        "true displacements": (scene, lambda: true),
-        "found displacements": (scene, lambda: found),
-        "true d_x, d_y; found d_z": (scene, lambda: mixed(seen(true, kept), found)),
-        "found d_x, d_y; true d_z": (scene, lambda: mixed(found, seen(true, kept))),
-        "true, without the largest load": (scene, lambda: smaller_loads(data, true)),
+def judge(folder: Path, scene: Scene, tangential: Path, normal: Path, data: Path | None) -> dict | None:
+    """A step: errors in closed form with d_x and d_y of one file of displacements and d_z of another.
+
+    data : the dataset of both, whose largest load is left out; None leaves out none
+    Only frames that both files have count. None where nothing can be left out.
+    """
+    files = [load_arrays(path) for path in (tangential, normal)]
+    both = {
+        split: np.logical_and(*(displacements.kept(arrays)[split] for arrays in files)) for split in SPLITS
+    }
+    parts = mixed(*(_of_frames(arrays, both) for arrays in files))
+    if data is not None:
+        parts = smaller_loads(dataset.read(data, scene), parts)
+    rest_mm = files[0]["rest_depth_mm"].astype(np.float64)
+    return None if parts is None else closed_form(scene, rest_mm, parts)
+
+
+def _of_frames(arrays: dict[str, np.ndarray], chosen: dict[str, np.ndarray]) -> Fields:
+    """Of a file's arrays the frames chosen, bool over the whole splits."""
+    kept = displacements.kept(arrays)
+    return seen(displacements.fields(arrays), {split: chosen[split][kept[split]] for split in SPLITS})
+
+
+def experiment_steps(build: Finished) -> dict[str, Step]:
+    """By experiment; where the sensor has no noise, none is without."""
+    scene, data, quiet = build.scene, build.data_path, {"store": build.store, "progress": build.progress}
+    true = displacements.true_step(scene, data).output(FILE)
+    found = displacements.found_step(scene, data, bundle=build.bundle_path, **quiet).output(FILE)
+
+    def step(tangential: Output, normal: Output, of: Scene = scene, loads: Path | None = None) -> Step:
+        known = {"scene": of, "tangential": tangential, "normal": normal, "data": loads}
+        return Step("limits-force", judge, known)
+
+    steps = {
+        "true displacements": step(true, true),
+        "found displacements": step(found, found),
+        "true d_x, d_y; found d_z": step(true, found),
+        "found d_x, d_y; true d_z": step(found, true),
+        "true, without the largest load": step(true, true, loads=data),
     }
     if scene.force.clamp:
-        experiments["true, d_z not clamped"] = (free, lambda: true)
-        experiments["found, d_z not clamped"] = (free, lambda: found)
-    if NOISELESS in variants(scene.sensor):
-        experiments["found in frames without camera noise"] = (scene, lambda: noiseless(build))
-    base = [float_settings(scene), stamped_key(build, "normals"), digest_sources(SOURCES)]
-    errors = {}
-    for name, (of, parts_of) in experiments.items():
-        slug = name.replace(",", "").replace(";", "").replace(" ", "-")
+        free = scene.model_copy(update={"force": scene.force.model_copy(update={"clamp": False})})
+        steps["true, d_z not clamped"] = step(true, true, of=free)
+        steps["found, d_z not clamped"] = step(found, found, of=free)
+    still = variants(scene.sensor).get(NOISELESS)
+    if still is not None:
+        known = {"scene": scene, "sensor": still, "bundle": build.bundle_path, "data": data}
+        seen_still = Step("displacements-noiseless", write_noiseless, known, (FILE,), quiet).output(FILE)
+        steps["found in frames without camera noise"] = step(seen_still, seen_still)
+    return steps
 
-        def judged(of=of, parts_of=parts_of) -> dict | None:
-            parts = parts_of()
-            return None if parts is None else closed_form(of, rest_mm, parts)
 
-        result = read_or_make(folder / f"force-{slug}-{content_hash(*base, name)}.json", judged)
-        if result is not None:
-            errors[name] = result
-    return errors
+def experiments(build: Finished) -> dict[str, dict]:
+    """Errors by experiment, those left out that the dataset does not allow for."""
+    store = open_store(build.store)
+    errors = {name: store.value(step) for name, step in experiment_steps(build).items()}
+    return {name: found for name, found in errors.items() if found is not None}

@@ -1,17 +1,14 @@
 """Experiments on what limits gradients and depth; each switches off one thing, all else stays as it is."""
 
 import json
-import multiprocessing
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from fastac.flow import training
-from fastac.flow.build import Build
-from fastac.flow.settings import float_settings
+from fastac.flow import frames, training
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.result import Result
@@ -23,24 +20,19 @@ from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
 from fastac.sensor.optics.skin_paint import coverage, marker_pixels
 from fastac.sensor.rerender import rerender
 from fastac.sensor.samples import subset
-from fastac.store.files import content_hash, load_arrays, write_json
+from fastac.store.files import load_arrays, write_json
 from fastac.store.progress import progress_bar
-from fastac.store.sources import digest_sources
+from fastac.store.side_by_side import perform_all
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 from fastac.studies.reproduce.geometry import absolute_depth_mm, judge, rgb_data, rgb_scene
-from fastac.studies.reproduce.section import stamped_key, vertical
+from fastac.studies.reproduce.section import Finished, vertical
 
-SOURCES = (
-    "models/**/*.py",
-    "sensor/**/*.py",
-    "fastac/flow/training.py",
-    "fastac/flow/frames.py",
-    "fastac/studies/reproduce/limits_geometry.py",
-)
+WEIGHTS, ERRORS = "normals.npz", "errors.json"
 NOISELESS_ELECTRONS_PER_DN = 1e6
 """The photon noise of n digital numbers is then √n / 1000 of one, below any rounding."""
-
-
 SPARSE = 2
+"""Networks learn from every SPARSE-th row and column; batches are as much smaller."""
 RECORDED, NOISELESS, IDEAL = "as recorded", "no camera noise", "none of these"
 WITH_RGB = (RECORDED, NOISELESS, IDEAL)
 """The experiments that are done with RGB-only too."""
@@ -76,44 +68,34 @@ def seen_by(sensor: Sensor, data: Dataset, seed: int, *, label: str, progress: b
     return replace(data, frames=images, background=image_processing.as_channels(background, sensor))
 
 
-@dataclass(frozen=True)
-class Training:
-    """A pixel network to be trained on a dataset, and the file for its weights.
+def train(
+    folder: Path,
+    scene: Scene,
+    trained: Scene,
+    sensor: Sensor | None,
+    data: Path,
+    *,
+    label: str,
+    store: Path,
+    progress: bool,
+) -> None:
+    """A step: a pixel network trained and judged on the vertical presses of a scene's dataset.
 
-    It learns from every SPARSE-th row and column, in batches as much smaller: as many steps, in less time.
+    trained : what the network is trained by; where it lacks NIR, so do the frames
+    sensor : that the presses are drawn for anew; None leaves the frames as they are
     """
-
-    scene: Scene
-    data: Dataset
-    weights: Path
-
-    def perform(self, *, progress: bool = False) -> None:
-        known = np.zeros(self.data.normals.shape[:3], bool)
-        known[:, ::SPARSE, ::SPARSE] = True
-        batch_px = -(-self.scene.training.normals_batch_px // SPARSE**2)
-        settings = self.scene.training.model_copy(update={"normals_batch_px": batch_px})
-        sparse = self.scene.model_copy(update={"training": settings})
-        training.normals(replace(self.data, valid=known), sparse, self.weights, progress=progress)
-
-    def errors(self, *, progress: bool) -> dict[str, float]:
-        """Of gradients and depth on the test split, all pixels."""
-        arrays = load_arrays(self.weights)
-        pipeline = training.float_pipeline(arrays, self.data, self.scene)
-        return summary(judge(pipeline, self.data, self.data.indices("test"), progress=progress)[0])
-
-
-def train_all(trainings: list[Training], processes: int, *, progress: bool) -> None:
-    """Those whose weights are not there yet, each on one core; the results do not depend on `processes`."""
-    missing = [one for one in trainings if not one.weights.exists()]
-    if processes == 1 or len(missing) < 2:
-        for one in missing:
-            one.perform(progress=progress)
-        return
-    # What a network does not learn from need not travel.
-    slim = [replace(one, data=replace(one.data, depth_mm=None, tangential_mm=None)) for one in missing]
-    with multiprocessing.get_context("spawn").Pool(min(processes, len(slim))) as pool:
-        done = pool.imap_unordered(Training.perform, slim)
-        list(progress_bar(done, total=len(slim), desc="pixel networks", enabled=progress))
+    recorded = frames.read(data, scene, store=store, progress=progress)
+    known = subset(recorded, np.sort(np.concatenate([vertical(recorded, split) for split in SPLITS])))
+    if sensor is not None:
+        known = seen_by(sensor, known, scene.protocol.seed, label=label, progress=progress)
+    if trained.sensor.channels == "bgr":
+        known = rgb_data(known)
+    sparse = np.zeros(known.normals.shape[:3], bool)
+    sparse[:, ::SPARSE, ::SPARSE] = True
+    training.normals(replace(known, valid=sparse), trained, folder / WEIGHTS, progress=progress)
+    pipeline = training.float_pipeline(load_arrays(folder / WEIGHTS), known, trained)
+    errors, _ = judge(pipeline, known, known.indices("test"), progress=progress)
+    write_json(folder / ERRORS, summary(errors))
 
 
 def summary(errors: dict) -> dict[str, float]:
@@ -130,40 +112,43 @@ def wider(scene: Scene) -> Scene:
     return scene.model_copy(update={"network": network})
 
 
-def networks(build: Build, folder: Path) -> dict[str, dict]:
-    """By experiment: errors of networks trained and judged on the vertical presses, by channels."""
-    scene = build.scene
-    index = np.sort(np.concatenate([vertical(build.data, split) for split in SPLITS]))
-    data = subset(build.data, index)
-    experiments = {name: (scene, sensor) for name, sensor in variants(scene.sensor).items()}
+def network_steps(scene: Scene, data: Path, *, store: Path, progress: bool) -> dict[str, dict[str, Step]]:
+    """By experiment and channels: the trainings on the scene's dataset in the file `data`."""
+    sensors = variants(scene.sensor)
+    experiments = {name: (scene, sensor) for name, sensor in sensors.items()}
     experiments[f"{RECORDED}, a network twice as wide"] = (wider(scene), scene.sensor)
-    base = [stamped_key(build, "data"), digest_sources(SOURCES)]
-    files, drawn = {}, {}
+    batch_px = -(-scene.training.normals_batch_px // SPARSE**2)
+    sparse = scene.training.model_copy(update={"normals_batch_px": batch_px})
+    steps = {}
     for name, (of, sensor) in experiments.items():
-        slug = name.replace(",", "").replace(" ", "-")
-        key = content_hash(*base, name, float_settings(of), sensor.model_dump(mode="json"))
-        files[name] = folder / f"{slug}-{key}.json"
-        if files[name].exists():
-            continue
-        seen = data
-        if sensor != scene.sensor:
-            label = f"frames, {name}"
-            seen = seen_by(sensor, data, scene.protocol.seed, label=label, progress=build.progress)
-        pairs = {"bgr": (rgb_scene(of), rgb_data(seen))} if name in WITH_RGB else {}
-        pairs["bgr+nir"] = (of, seen)
-        drawn[name] = {
-            channels: Training(its, part, folder / f"{slug}-{channels}-{key}.npz")
-            for channels, (its, part) in pairs.items()
+        of = of.model_copy(update={"training": sparse})
+        known = {"scene": scene, "sensor": None if sensor == scene.sensor else sensor, "data": data}
+        unkeyed = {"label": f"frames, {name}", "store": store, "progress": progress}
+        by_channels = {"bgr": rgb_scene(of)} if name in WITH_RGB else {}
+        by_channels["bgr+nir"] = of
+        steps[name] = {
+            channels: Step("limits-network", train, {**known, "trained": its}, (WEIGHTS, ERRORS), unkeyed)
+            for channels, its in by_channels.items()
         }
-    everything = [one for trainings in drawn.values() for one in trainings.values()]
-    train_all(everything, os.cpu_count() or 1, progress=build.progress)
-    for name, trainings in drawn.items():
-        errors = {channels: one.errors(progress=build.progress) for channels, one in trainings.items()}
-        write_json(files[name], errors)
-    return {name: json.loads(file.read_text()) for name, file in files.items()}
+    return steps
 
 
-def regions(build: Build) -> dict[str, dict[str, float]]:
+def networks(build: Finished) -> dict[str, dict]:
+    """By experiment: errors of networks trained and judged on the vertical presses, by channels."""
+    steps = network_steps(build.scene, build.data_path, store=build.store, progress=build.progress)
+    everything = [step for by_channels in steps.values() for step in by_channels.values()]
+    perform_all(build.store, everything, os.cpu_count() or 1, label="pixel networks", progress=build.progress)
+    store = open_store(build.store)
+    return {
+        name: {
+            channels: json.loads(store.perform(step).path(ERRORS).read_text())
+            for channels, step in by_channels.items()
+        }
+        for name, by_channels in steps.items()
+    }
+
+
+def regions(build: Finished) -> dict[str, dict[str, float]]:
     """Where the gradient errors of the build's float pipeline are: shares of pixels and of the whole error.
 
     Under dots: of the pressed or of the resting skin, either of which spoils a difference. In contact: within
@@ -199,7 +184,7 @@ def true_slopes(data: Dataset, index: np.ndarray) -> np.ndarray:
     return -normals[..., :2] / normals[..., 2:]
 
 
-def solver(build: Build) -> dict[str, float]:
+def solver(build: Finished) -> dict[str, float]:
     """Depth errors of the Poisson solver alone, from true normals, in mm: by what is solved for."""
     scene, data = build.scene, build.data
     index, rest_mm = vertical(data, "test"), training.rest_depth_mm(data)

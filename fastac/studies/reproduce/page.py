@@ -1,6 +1,6 @@
 """The reproduction as an HTML page and as text: each section's tables and figures, and the goals."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
 
 from fastac.report.figures import base64_png
@@ -20,38 +20,32 @@ def provenance(content: dict) -> str:
     )
 
 
-def tables(content: dict, sections: Sequence[Section]) -> dict[str, list[Table]]:
+def tables(content: dict, sections: Mapping[str, Section]) -> dict[str, list[Table]]:
     """The tables of each section that was run, by its name."""
-    present = [section for section in sections if section.name in content["sections"]]
-    return {section.name: section.tables(content["sections"][section.name]) for section in present}
+    return {name: sections[name].tables(found) for name, found in content["sections"].items()}
 
 
-def text(content: dict, sections: Sequence[Section]) -> str:
+def text(content: dict, sections: Mapping[str, Section]) -> str:
     """All tables as plain text, the goals last."""
     parts = [provenance(content)]
     found = tables(content, sections)
-    for section in sections:
+    for name, section in sections.items():
         parts.append(f"== {section.title}; ours: {content['frames_are']} frames ==")
-        if section.name in content["absent"]:
-            parts.append(f"absent: {content['absent'][section.name]}")
-        parts += ["\n".join(part for part in (t.text, t.note) if part) for t in found.get(section.name, [])]
+        if name in content["absent"]:
+            parts.append(f"absent: {content['absent'][name]}")
+        parts += ["\n".join(part for part in (t.text, t.note) if part) for t in found.get(name, [])]
     if content["goals"]:
         parts.append(reproduce_goals.table(content["goals"]).text)
     return "\n\n".join(parts)
 
 
-def write(content: dict, sections: Sequence[Section], folder: Path, path: Path) -> None:
+def write(content: dict, sections: Mapping[str, Section], folder: Path, path: Path) -> None:
     """Write the page with its figures embedded to `path`; `folder` holds the sections' folders."""
     found, shown = tables(content, sections), []
-    for section in sections:
-        pictures = []
-        if section.name in found:
-            pictures = [
-                (picture.stem, base64_png(picture))
-                for picture in sorted((folder / section.name).glob("*.png"))
-            ]
-        why = content["absent"].get(section.name)
-        shown.append((section.title, why, found.get(section.name, []), pictures))
+    for name, section in sections.items():
+        files = [folder / name / picture for picture in section.pictures if name in found]
+        pictures = [(file.stem, base64_png(file)) for file in files]
+        shown.append((section.title, content["absent"].get(name), found.get(name, []), pictures))
     goals = reproduce_goals.table(content["goals"]) if content["goals"] else None
     page = render(
         "studies/reproduce/reproduction.html.j2",

@@ -5,143 +5,112 @@ section is one more entry of `SECTIONS`.
 """
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fastac.flow.build import Build
+from fastac.flow.steps import BUNDLE, DATA, REPORT
 from fastac.report import paper
 from fastac.store.files import write_json
-from fastac.store.workspace import Step, Workspace
+from fastac.store.kinds import Kinds
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 from fastac.studies.demos import grasp, vibration
 from fastac.studies.reproduce import force, geometry, goals, limits, page, stages
-from fastac.studies.reproduce.section import Section, stamped_key
+from fastac.studies.reproduce.section import Section
 
-SECTIONS = (
-    Section(
-        "geometry",
-        "Surface gradients and depth",
-        geometry.run,
-        geometry.tables,
-        ("fastac/studies/reproduce/geometry.py", "fastac/flow/training.py"),
-        lacks=geometry.lacks,
-    ),
-    Section(
-        "forces",
-        "Three-axis force",
-        force.run,
-        force.tables,
-        (
-            "fastac/studies/reproduce/force.py",
-            "fastac/studies/reproduce/force_ablation.py",
-            "fastac/flow/training.py",
+SECTIONS = Kinds(
+    "section",
+    {
+        "geometry": Section(
+            "Surface gradients and depth",
+            geometry.run,
+            geometry.tables,
+            ("geometry.png",),
+            lacks=geometry.lacks,
         ),
-        lacks=force.lacks,
-    ),
-    Section(
-        "stages",
-        "Stages: accuracy, latency, energy",
-        stages.run,
-        stages.tables,
-        (
-            "fastac/studies/reproduce/stages.py",
-            "fastac/studies/benchmarks/rapl.py",
-            "fastac/studies/benchmarks/models.py",
+        "forces": Section(
+            "Three-axis force",
+            force.run,
+            force.tables,
+            ("force_ablation.png",),
+            others=("force_ablation.json",),
+            lacks=force.lacks,
         ),
-        lacks=stages.lacks,
-        of_hardware=True,
-    ),
-    Section(
-        "limits",
-        "What limits it",
-        limits.run,
-        limits.tables,
-        (
-            "sensor/**/*.py",
-            "fastac/studies/reproduce/limits.py",
-            "fastac/studies/reproduce/limits_*.py",
-            "fastac/studies/reproduce/geometry.py",
+        "stages": Section(
+            "Stages: accuracy, latency, energy",
+            stages.run,
+            stages.tables,
+            ("stages.png",),
+            reads=("scene", "bundle", "data", "report"),
+            lacks=stages.lacks,
         ),
-        needs=("geometry", "forces"),
-        lacks=limits.lacks,
-    ),
-    Section(
-        "vibration",
-        "In time: vibrations",
-        lambda build, folder: vibration.run(build.bundle, folder, store=build.store, progress=build.progress),
-        vibration.tables,
-        (
-            "sensor/**/*.py",
-            "fastac/studies/demos/vibration.py",
-            "fastac/studies/demos/sampling.py",
-            "fastac/studies/demos/time_figures.py",
+        "limits": Section(
+            "What limits it",
+            limits.run,
+            limits.tables,
+            ("limits.png",),
+            needs=("geometry",),
+            lacks=limits.lacks,
         ),
-        lacks=lambda build: vibration.lacks(build.scene),
-    ),
-    Section(
-        "grasp",
-        "In time: a bottle that slips",
-        lambda build, folder: grasp.run(build.bundle, folder, store=build.store, progress=build.progress),
-        grasp.tables,
-        (
-            *(
-                "sensor/**/*.py",
-                "fastac/studies/demos/grasp.py",
-                "fastac/studies/demos/bottle.py",
-                "fastac/studies/demos/grip_control.py",
-            ),
-            *("fastac/studies/demos/vibration.py", "fastac/studies/demos/time_figures.py"),
+        "vibration": Section(
+            "In time: vibrations",
+            vibration.section,
+            vibration.tables,
+            ("vibration.png",),
+            reads=("scene", "bundle"),
+            lacks=lambda build: vibration.lacks(build.scene),
         ),
-        lacks=lambda build: grasp.lacks(build.scene),
-    ),
+        "grasp": Section(
+            "In time: a bottle that slips",
+            grasp.section,
+            grasp.tables,
+            ("grasp.png",),
+            reads=("scene", "bundle"),
+            lacks=lambda build: grasp.lacks(build.scene),
+        ),
+    },
 )
-COMMON = (
-    "models/**/*.py",
-    "fastac/studies/reproduce/section.py",
-    "fastac/flow/frames.py",
-    "fastac/report/paper.py",
-)
+"""By name, which is also that of the section's folder."""
 RESULT, PAGE = "reproduce.json", "reproduce.html"
 
 
-def steps(build: Build, folder: Path, present: list[Section]) -> list[Step]:
-    """The sections of a finished build as steps in `folder`."""
-    bundle, simulated = stamped_key(build, "bundle"), stamped_key(build, "sim")
-    names = [section.name for section in present]
-
-    def performed(section: Section) -> Callable[[], None]:
-        def run() -> None:
-            (folder / section.name).mkdir(parents=True, exist_ok=True)
-            write_json(folder / section.file, section.run(build, folder / section.name))
-
-        return run
-
-    return [
-        Step(
-            section.name,
-            performed(section),
-            [bundle, *([simulated] if section.of_hardware else [])],
-            (*COMMON, *section.sources),
-            (section.file,),
-            tuple(name for name in section.needs if name in names),
-        )
-        for section in present
-    ]
+def steps(build: Build, sections: Mapping[str, Section]) -> dict[str, Step]:
+    """The sections of a build as steps, by name."""
+    results = {
+        "scene": build.scene,
+        "bundle": build.steps["bundle"].output(BUNDLE),
+        "data": build.data_file or build.steps["data"].output(DATA),
+        "report": build.steps["report"].output(REPORT),
+    }
+    unkeyed = {"store": build.store, "progress": build.progress}
+    found: dict[str, Step] = {}
+    for name, section in sections.items():
+        arguments = {read: results[read] for read in section.reads}
+        arguments |= {needed: found[needed].output(f"{needed}.json") for needed in section.needs}
+        outputs = (f"{name}.json", *section.pictures, *section.others)
+        found[name] = Step(name, section.run, arguments, outputs, unkeyed)
+    return found
 
 
 def run(
     build: Build,
     folder: Path,
-    announce: Callable[[str, bool], None],
-    sections: tuple[Section, ...] = SECTIONS,
+    announce: Callable[[str, str], None],
+    sections: Mapping[str, Section] = SECTIONS,
 ) -> dict:
     """Build, perform what is not up to date, write JSON and page into `folder`; returns what the JSON has."""
     build.run(announce)
-    absent = {section.name: section.lacks(build) for section in sections}
-    present = [section for section in sections if absent[section.name] is None]
-    workspace = Workspace(folder)
-    for step in steps(build, folder, present):
-        workspace.perform(step, announce)
-    found = {section.name: json.loads((folder / section.file).read_text()) for section in present}
+    store, performed = open_store(build.store), {}
+    for step in build.steps.values():
+        store.perform(step, None, performed)
+    absent = {name: section.lacks(build) for name, section in sections.items()}
+    present = {name: section for name, section in sections.items() if absent[name] is None}
+    found = {}
+    for name, step in steps(build, present).items():
+        entry = store.perform(step, announce, performed)
+        (folder / name).mkdir(parents=True, exist_ok=True)
+        found[name] = json.loads(entry.place(folder / name)[f"{name}.json"].read_text())
     scene, data = build.scene, build.data
     content = {
         "scene": scene.model_dump(mode="json"),

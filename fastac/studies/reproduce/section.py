@@ -1,49 +1,72 @@
-"""A section of the reproduction: what it runs, what it shows, what it depends on."""
+"""A section of the reproduction: the step that finds its content, and the tables that show it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
+from fastac.flow import frames
 from fastac.flow.build import Build
+from fastac.models.integer import bundle as bundles
+from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
+from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
-from fastac.store.workspace import Workspace
+
+
+@dataclass(frozen=True)
+class Finished:
+    """What a section reads of a finished build: its bundle and its dataset.
+
+    store : folder of the step store
+    """
+
+    bundle: Bundle
+    data: Dataset
+    bundle_path: Path
+    data_path: Path
+    store: Path
+    progress: bool
+
+    @classmethod
+    def read(cls, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> Self:
+        model = bundles.load_for(bundle, scene)
+        known = frames.read(data, scene, store=store, progress=progress)
+        return cls(model, known, bundle, data, store, progress)
+
+    @property
+    def scene(self) -> Scene:
+        return self.bundle.scene
+
+
+Known = Build | Finished
+"""Where a section may ask for `scene`, `data` and `data_path`, before or inside its step."""
 
 
 @dataclass(frozen=True)
 class Section:
     """One part of `reproduce.json` and of the page.
 
-    name : its key, and its folder
-    run : from a finished build and that folder to its content, JSON; pictures (PNG) that it leaves in the
-        folder are shown below the tables
-    tables : of that content
-    sources : patterns of the source files that it depends on
-    needs : names of the sections before it whose folders it reads
+    run : a step's function, `run(folder, **results, store=..., progress=...)`; writes `<name>.json` and the
+        pictures into the folder
+    tables : of that JSON
+    reads : the build's results that `run` is given: "scene", "bundle", "data" or "report"
+    needs : names of sections before it whose JSON `run` is given
+    pictures : file names, PNG, in the order in which the page shows them below the tables
+    others : further files that `run` writes
     lacks : the one line that says why it cannot be run on this build; None if it can
-    of_hardware : whether it also depends on the Verilog's simulation
     """
 
-    name: str
     title: str
-    run: Callable[[Build, Path], dict]
+    run: Callable[..., None]
     tables: Callable[[dict], list[Table]]
-    sources: tuple[str, ...]
+    pictures: tuple[str, ...]
+    reads: tuple[str, ...] = ("scene", "bundle", "data")
     needs: tuple[str, ...] = ()
+    others: tuple[str, ...] = ()
     lacks: Callable[[Build], str | None] = lambda _: None
-    of_hardware: bool = False
-
-    @property
-    def file(self) -> str:
-        """Its content, in the folder of all."""
-        return f"{self.name}/{self.name}.json"
-
-
-def stamped_key(build: Build, step: str) -> str:
-    """What identifies the result of a build's step: settings, code, and the same of the steps before it."""
-    return Workspace(build.folder).stamped_key(step)
 
 
 def vertical(data: Dataset, split: str) -> np.ndarray:

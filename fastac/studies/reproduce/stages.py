@@ -21,7 +21,6 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from fastac.flow.build import Build
 from fastac.models.accuracy import with_background_of
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.threads import single_thread
@@ -29,10 +28,12 @@ from fastac.models.floating.torch_pipeline import TorchPipeline
 from fastac.report.figures import save_png
 from fastac.report.paper import STAGES
 from fastac.report.tables import Table, number
+from fastac.scenes.schema import Scene
 from fastac.sensor.samples import evenly_spaced
+from fastac.store.files import write_json
 from fastac.studies.benchmarks.rapl import NoCounters, PackageCounters
 from fastac.studies.benchmarks.timing import fastest
-from fastac.studies.reproduce.section import stamped_key
+from fastac.studies.reproduce.section import Finished, Known
 
 TITLES = {
     "normals": "surface normals",
@@ -55,7 +56,7 @@ Stage = Callable[[], object]
 """Runs one stage on all timed frames once, one after the other."""
 
 
-def lacks(build: Build) -> str | None:
+def lacks(build: Known) -> str | None:
     """One line that says why this section cannot be run on the build; None if it can."""
     scene = build.scene
     if not scene.wants_solver or not scene.wants_force:
@@ -146,11 +147,14 @@ def processor() -> str:
     return names[0] if names else "CPU of unknown name"
 
 
-def run(build: Build, folder: Path) -> dict:
-    """Time the stages on this machine; cycles and errors are those of the build's report.json."""
-    data, pipeline = build.data, with_background_of(FloatPipeline.from_bundle(build.bundle), build.data)
-    index = evenly_spaced(data.indices("test"), FRAMES)
-    frames, report = data.frames[index], json.loads((build.folder / "report.json").read_text())
+def run(
+    folder: Path, scene: Scene, bundle: Path, data: Path, report: Path, *, store: Path, progress: bool
+) -> None:
+    """Time the stages on this machine; cycles and errors are those of the build's JSON `report`."""
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
+    pipeline = with_background_of(FloatPipeline.from_bundle(build.bundle), build.data)
+    index = evenly_spaced(build.data.indices("test"), FRAMES)
+    frames, report = build.data.frames[index], json.loads(report.read_text())
     errors, clock_mhz = report["accuracy"], build.scene.hardware.clock_mhz
     axes = build.scene.force_axes
     of_z = "force_z_mae_n" if len(axes) > 1 else "force_mae_n"
@@ -201,12 +205,11 @@ def run(build: Build, folder: Path) -> dict:
         "rtl_vs_integer": {
             k: report["rtl_vs_integer"][k] for k in ("frames", "values_compared", "mismatches")
         },
-        "build": stamped_key(build, "sim"),
         "platforms": platforms,
         "absent": absent,
     }
     draw(content, folder / "stages.png")
-    return content
+    write_json(folder / "stages.json", content)
 
 
 PAPER_PLATFORM = {"CPU": "CPU", "GPU": "GPU", "RTL": "FPGA"}

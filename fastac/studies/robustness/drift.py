@@ -1,6 +1,5 @@
 """Fault injection: errors as the sensor drifts or fails, and the level at which its frames are flagged."""
 
-import hashlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,14 +14,18 @@ from fastac.sensor.samples import subset
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
+from fastac.flow import frames
+from fastac.flow import steps as build_steps
+from fastac.flow.steps import DATA
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import REASONS
 from fastac.scenes.schema import Scene
-from fastac.sensor import fingertip
-from fastac.sensor.dataset import Dataset, read
+from fastac.sensor.dataset import Dataset
 from fastac.sensor.optics import faults
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 
 ERRORS = {"depth_mae_mm": "depth error, mm", "force_mae_n": "force error, N"}
 LOADS = (1.5, 2, 3, 4, 6)
@@ -81,16 +84,14 @@ def loads_n(scene: Scene) -> tuple[float, ...]:
     return (LIGHT_N, largest, *(largest * factor for factor in LOADS))
 
 
-def presses(scene: Scene, folder: Path, *, progress: bool) -> Dataset:
-    """Virtual presses at each of `loads_n`, place by place; simulated once, then read from `folder`."""
+def presses(scene: Scene, store: Path, *, progress: bool) -> Dataset:
+    """Virtual presses at each of `loads_n`, place by place: the same step as a build's data."""
     protocol = scene.protocol.model_copy(
         update={"train_grid": 1, "validation_grid": 1, "test_grid": 4, "loads_n": loads_n(scene)}
     )
-    content = scene.sensor.model_dump_json() + protocol.model_dump_json() + str(scene.wants_solver)
-    file = folder / f"presses-{hashlib.sha256(content.encode()).hexdigest()[:12]}.h5"
-    if not file.exists():
-        fingertip.generate(scene.model_copy(update={"protocol": protocol}), file, progress=progress)
-    return read(file, scene)
+    pressed, quiet = scene.model_copy(update={"protocol": protocol}), {"store": store, "progress": progress}
+    step = Step("data", build_steps.data, {"scene": pressed}, (DATA,), quiet)
+    return frames.read(open_store(store).perform(step).path(DATA), scene, store=store, progress=progress)
 
 
 def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundle: Bundle) -> dict:
@@ -111,11 +112,12 @@ def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundl
 
 
 def measure(
-    bundle: Bundle, data: Dataset, index: np.ndarray, folder: Path, *, progress: Callable
+    bundle: Bundle, data: Dataset, index: np.ndarray, store: Path, *, progress: Callable
 ) -> Iterator[dict]:
     """One row per fault and level, then one per load of virtual presses where the sensor is simulated.
 
     index : the held-out frames that the faults are injected into; progress : wraps the list of faults
+    store : folder of the step store, which keeps the presses
     """
     models = {
         "float": accuracy.with_background_of(FloatPipeline.from_bundle(bundle), data),
@@ -128,7 +130,7 @@ def measure(
             changed = replace(good, frames=fault.apply(good.frames, level))
             yield _row(fault.name, fault.unit, level, models, changed, bundle)
     if bundle.scene.sensor.source == "simulated" and bundle.scene.wants_force:
-        pressed = presses(bundle.scene, folder, progress=False)
+        pressed = presses(bundle.scene, store, progress=False)
         loads = loads_n(bundle.scene)
         each = np.tile(np.arange(len(loads)), len(pressed) // len(loads))
         for k, load in enumerate(loads):

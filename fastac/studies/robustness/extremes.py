@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from fastac.models import accuracy
-from fastac.models.integer.bundle import Bundle, load_bundle
+from fastac.models.integer.bundle import Bundle, bundle_folder, load_bundle
 from fastac.models.integer.frame_validity import REASONS
 from fastac.report.tables import text_table
 from fastac.sensor import samples
@@ -55,18 +55,19 @@ def false_alarms(bundle: Bundle, data: Dataset, *, progress: bool) -> dict:
     return found
 
 
-def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
+def measure(folder: Path, *, store: Path, rtl: bool, progress: bool) -> Iterator[str]:
     """Run all experiments; yields lines of text. extremes.json is written after each, so an interrupted run
-    leaves the completed ones."""
+    leaves the completed ones.
+
+    store : folder of the step store, which keeps hardware comparisons and presses
+    """
     bundle, file = load_bundle(folder), folder / FILE
     data = read(folder / "data.h5", bundle.scene)
     place = folder / "extremes"
     place.mkdir(exist_ok=True)
     content = {"scene": bundle.scene.name, "bundle_sha256": bundle.digest, "source": data.source}
 
-    lanes = bundle.scene.hardware.pixels_per_clock
-    cases = words.worst_cases(bundle.pipeline)
-    content["words"] = words.rows(cases, bundle.digest, lanes, place, rtl=rtl, progress=progress)
+    content["words"] = words.rows(bundle_folder(folder), place, store=store, rtl=rtl, progress=progress)
     write_json(file, content)
     yield "Every word at its worst case; the range is what the stage's own inputs allow for"
     columns = ("stage", "word", "width_bits", "bound", "range_bound", "reached", "percent_of_range_bound")
@@ -89,7 +90,7 @@ def measure(folder: Path, *, rtl: bool, progress: bool) -> Iterator[str]:
     index = samples.evenly_spaced(data.indices("test"), DRIFT_FRAMES)
     content["drift_frame_indices"] = index.tolist()
     bar = partial(progress_bar, desc="faults", enabled=progress, leave=True)
-    content["drift"] = list(drift.measure(bundle, data, index, place, progress=bar))
+    content["drift"] = list(drift.measure(bundle, data, index, store, progress=bar))
     write_json(file, content)
     drift.figure(content["drift"], folder / PLOT)
     yield "\nDrift and faults, on held-out frames"

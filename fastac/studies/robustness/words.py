@@ -1,18 +1,17 @@
 # amaranth: UnusedElaboratable=no
 """The table of every word at its worst case, in the integers and in the hardware of its stage."""
 
-import json
+from functools import lru_cache
 from pathlib import Path
 
+from fastac.models.integer import bundle as bundles
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
-from fastac.store.sources import digest_sources
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 from fastac.studies.robustness.worst_case import WorstCase, of_pixels
 from fastac.studies.robustness.worst_case_hardware import compare
 from fastac.studies.robustness.worst_case_solver import of_solver
-
-RTL_SOURCES = ("gateware/**/*.py", "models/**/*.py", "sim/**/*.py")
 
 
 class ExtremesError(RuntimeError):
@@ -23,18 +22,31 @@ def worst_cases(pipeline: IntegerPipeline) -> list[WorstCase]:
     return of_pixels(pipeline) + (of_solver(pipeline) if pipeline.solver is not None else [])
 
 
-def rows(
-    cases: list[WorstCase], digest: str, lanes: int, folder: Path, *, rtl: bool, progress: bool
-) -> list[dict]:
-    """The table of the words; with `rtl` each stage's hardware too, once for each bundle and sources."""
-    file, key = folder / "rtl.json", [digest, digest_sources(RTL_SOURCES)]
-    try:
-        known = json.loads(file.read_text())
-        compared = known["beats"] if known["key"] == key else {}
-    except (OSError, ValueError, KeyError, TypeError):
-        compared = {}
+@lru_cache(1)
+def _cases(folder: Path, digest: str) -> dict[str, WorstCase]:
+    """By name, those of the bundle in a folder; the digest is that of its content now."""
+    return {title(case): case for case in worst_cases(bundles.load(folder).pipeline)}
+
+
+def title(case: WorstCase) -> str:
+    return f"{case.name}, {case.word}"
+
+
+def compare_hardware(folder: Path, bundle: Path, case: str, *, logs: Path) -> int:
+    """A step: beats of one case through its stage's hardware, all equal; the bench's output is in `logs`."""
+    model = bundles.load(bundle)
+    found = _cases(bundle, model.digest)[case]
+    return compare(found, logs, lanes=model.scene.hardware.pixels_per_clock)
+
+
+def rows(bundle: Path, folder: Path, *, store: Path, rtl: bool, progress: bool) -> list[dict]:
+    """The words of the bundle in the folder `bundle`; with `rtl` each stage's hardware too, once.
+
+    folder : for what the benches print. Raises ExtremesError where the hardware differs.
+    """
+    cases = _cases(bundle, bundles.load(bundle).digest)
     found = []
-    for case in progress_bar(cases, desc="stages", enabled=progress, leave=True):
+    for name, case in progress_bar(cases.items(), desc="stages", enabled=progress, leave=True):
         row = {
             "stage": case.name,
             "word": case.word,
@@ -47,15 +59,13 @@ def rows(
             "head_room_bits": case.head_room_bits,
             "note": case.note,
         }
-        name = f"{case.name}, {case.word}"
-        if rtl and name not in compared:
-            place = folder / "rtl" / case.word.split(",")[0].replace(" ", "_")
+        if rtl:
+            logs = folder / "rtl" / case.word.split(",")[0].replace(" ", "_")
+            known = {"bundle": bundle, "case": name}
+            step = Step("worst-case", compare_hardware, known, unkeyed={"logs": logs})
             try:
-                compared[name] = compare(case, place, lanes=lanes)
+                row |= {"rtl_beats": open_store(store).value(step), "rtl_mismatches": 0}
             except (SystemExit, RuntimeError):
-                raise ExtremesError(f"{place}: {name}: the hardware differs from the integers") from None
-            write_json(file, {"key": key, "beats": compared})
-        if name in compared:
-            row |= {"rtl_beats": compared[name], "rtl_mismatches": 0}
+                raise ExtremesError(f"{logs}: {name}: the hardware differs from the integers") from None
         found.append(row)
     return found

@@ -8,7 +8,6 @@ import pytest
 
 from fastac.flow import training
 from fastac.flow.build import Build, BuildError
-from fastac.flow.settings import float_settings, network_settings
 from fastac.models.floating import pipeline
 from fastac.models.integer import assemble, bundle
 from fastac.models.integer.dst2d import Solver
@@ -270,23 +269,3 @@ class TestDataMustFit:
         found = bundle.load(tmp_path / "b" / "bundle").pipeline
         assert not found.rest_depth_mm.any()
         assert not found.source.offset.any()
-
-
-def test_what_floats_depend_on(make_scene):
-    """Experiments in floats are kept while only the integers' words or the hardware change."""
-    known = make_scene()
-    words = make_scene(numbers={"kernel_bits": 5}, hardware={"pixels_per_clock": 2})
-    assert float_settings(words) == float_settings(known)
-    for changes in (
-        {"numbers": {"slope_limit": 2}},
-        {"poisson": {"mode": "difference"}},
-        {"force": {"kernel_size": 3}},
-        {"training": {"seed": 2}},
-        {"sensor": {"noise_dn": 3.0}},
-    ):
-        assert float_settings(make_scene(**changes)) != float_settings(known), changes
-    other_force = make_scene(force={"kernel_size": 3})
-    assert network_settings(other_force) == network_settings(known)
-    training_by_force = known.training.model_copy(update={"labels": "force"})
-    by_force = [scene.model_copy(update={"training": training_by_force}) for scene in (words, known)]
-    assert network_settings(by_force[0]) != network_settings(by_force[1])

@@ -58,7 +58,7 @@ def test_everything_that_vivado_and_a_driver_need_is_there(bundle, written):
 def test_more_multipliers_than_the_device_has_are_refused(bundle, tmp_path, monkeypatch):
     needed = sum(TopZynq(bundle).datapath.multipliers.values())
     monkeypatch.setitem(DEVICE, "dsp48e2", needed - 1)
-    monkeypatch.setattr(hardware, "to_verilog", lambda top, name: pytest.fail("elaborated"))
+    monkeypatch.setattr(hardware, "to_rtlil", lambda top, name: pytest.fail("elaborated"))
     with pytest.raises(
         HardwareError, match=rf"{bundle.scene.name}: {needed} DSP48E2 \(normals \d+,"
     ) as error:
@@ -116,7 +116,8 @@ def test_interruption_leaves_the_old_folder_or_none(bundle, tmp_path, monkeypatc
     def interrupted(*args, **kwargs):
         raise reason
 
-    monkeypatch.setattr(hardware, "to_verilog", lambda top, name: f"module {name}(clk);\nendmodule\n")
+    monkeypatch.setattr(hardware, "to_rtlil", lambda top, name: "")
+    monkeypatch.setattr(hardware, "verilog_of", lambda rtlil: "module fastac(clk);\nendmodule\n")
     monkeypatch.setattr(hardware, step, interrupted)
     with pytest.raises(type(reason)):
         write_verilog(bundle, folder, progress=False)
@@ -126,7 +127,8 @@ def test_interruption_leaves_the_old_folder_or_none(bundle, tmp_path, monkeypatc
 
 
 def test_writing_again_replaces_everything(bundle, tmp_path, monkeypatch):
-    monkeypatch.setattr(hardware, "to_verilog", lambda top, name: f"module {name}(clk);\nendmodule\n")
+    monkeypatch.setattr(hardware, "to_rtlil", lambda top, name: "")
+    monkeypatch.setattr(hardware, "verilog_of", lambda rtlil: "module fastac(clk);\nendmodule\n")
     monkeypatch.setattr(hardware, "lint", lambda source: None)
     folder = tmp_path / "deeper" / "verilog"
     for _ in range(2):

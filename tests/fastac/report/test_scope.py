@@ -1,6 +1,7 @@
 import json
 
 from fastac.report.scope import ABSENT, Scope, table
+from fastac.store.record import RECORD
 from fastac.synth.resources import stage_names
 
 
@@ -40,10 +41,7 @@ def test_normals_alone(make_scene, tmp_path):
 
 
 def test_wall_times_are_those_of_the_build(make_scene, tmp_path):
-    stamps = tmp_path / ".stamps"
-    stamps.mkdir()
-    (stamps / "normals.json").write_text(json.dumps({"key": "", "files": [], "seconds": 12.4}))
-    (stamps / "data.json").write_text("{}")
+    (tmp_path / RECORD).write_text(json.dumps({"normals": {"entry": "normals/1-2", "seconds": 12.4}}))
     found = scope(make_scene, tmp_path).seconds()
     assert found["pixel network, float"] == "12 s"
     assert found["presses"] == "not built"

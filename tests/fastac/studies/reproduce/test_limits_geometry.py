@@ -1,18 +1,20 @@
-"""What each experiment switches off; the experiments themselves are run in test_reproduce.py."""
+"""What each experiment switches off; the experiments themselves are run in test_run.py."""
+
+import json
 
 import numpy as np
 import pytest
 
 from fastac.scenes.sensor_schema import Light, Markers, Raw10
 from fastac.store.files import load_arrays
-from fastac.studies.reproduce.geometry import rgb_data, rgb_scene
+from fastac.store.side_by_side import perform_all
+from fastac.store.store import open_store
 from fastac.studies.reproduce.limits_geometry import (
     IDEAL,
     NOISELESS,
     RECORDED,
-    Training,
+    network_steps,
     seen_by,
-    train_all,
     true_slopes,
     variants,
 )
@@ -71,19 +73,43 @@ def test_true_slopes_are_those_of_the_normals(tiny_data):
 
 
 @pytest.mark.full
-def test_trainings_are_the_same_in_any_number_of_processes(make_scene, tiny_data, tmp_path):
+def test_trainings_are_the_same_in_any_number_of_processes(make_scene, tiny_file, tmp_path):
     scene = make_scene(training={"normals_epochs": 1})
-    pairs = {"nir": (scene, tiny_data), "rgb": (rgb_scene(scene), rgb_data(tiny_data))}
     found = []
     for processes in (1, 2):
-        folder = tmp_path / str(processes)
-        folder.mkdir()
-        trainings = [Training(of, data, folder / f"{name}.npz") for name, (of, data) in pairs.items()]
-        train_all(trainings, processes, progress=False)
-        found.append([load_arrays(one.weights) for one in trainings])
-        errors = trainings[0].errors(progress=False)
+        store = tmp_path / str(processes)
+        trainings = network_steps(scene, tiny_file, store=store, progress=False)[RECORDED]
+        assert list(trainings) == ["bgr", "bgr+nir"]
+        steps = list(trainings.values())
+        perform_all(store, steps, processes, label="networks", progress=False)
+        assert all(open_store(store).is_current(step) for step in steps)
+        entries = [open_store(store).perform(step) for step in steps]
+        found.append([load_arrays(entry.path("normals.npz")) for entry in entries])
+        errors = json.loads(entries[0].path("errors.json").read_text())
         assert set(errors) == {"gradient_mae_mm_per_px", "depth_mae_mm"}
     for one, two in zip(*found, strict=True):
         assert one.keys() == two.keys()
         for key, array in one.items():
             np.testing.assert_array_equal(array, two[key])
+
+
+def test_a_training_depends_on_what_it_reads(make_scene, tiny_file, tmp_path):
+    def steps(training=None, **changes):
+        scene = make_scene(training={"normals_epochs": 1} | (training or {}), **changes)
+        return network_steps(scene, tiny_file, store=tmp_path, progress=False)[RECORDED]
+
+    store = open_store(tmp_path)
+    store.perform(steps()["bgr+nir"])
+    # It is kept while only the integers' words, the hardware or the force change.
+    for changes in (
+        {"numbers": {"kernel_bits": 5}, "hardware": {"pixels_per_clock": 2}},
+        {"force": {"kernel_size": 3}},
+    ):
+        assert store.is_current(steps(**changes)["bgr+nir"]), changes
+    for changes in (
+        {"numbers": {"slope_limit": 2}},
+        {"poisson": {"mode": "difference"}},
+        {"training": {"seed": 2}},
+        {"sensor": {"pitch_mm": 0.2}},
+    ):
+        assert not store.is_current(steps(**changes)["bgr+nir"]), changes

@@ -1,9 +1,11 @@
 # amaranth: UnusedElaboratable=no
 """The whole reproduction on a small virtual rig; only what the RTL counts is taken from its formulas."""
 
+import importlib
 import json
 import os
 import shutil
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import fastac
 from fastac.cli.main import main
 from fastac.flow import hardware, training
 from fastac.flow.build import Build
@@ -19,11 +22,12 @@ from fastac.models.accuracy import compare_pipelines
 from fastac.report.paper import FORCE_MAE_N, STAGES
 from fastac.report.tables import Table
 from fastac.scenes import schema as scenes
+from fastac.store.closure import Code
 from fastac.store.files import write_json
-from fastac.store.sources import ROOT
+from fastac.store.store import Store, open_store
 from fastac.studies.demos import grasp, vibration
 from fastac.studies.reproduce import limits_geometry, run
-from fastac.studies.reproduce.section import Section, vertical
+from fastac.studies.reproduce.section import Finished, Section, vertical
 
 RIG = """
 name = "rig"
@@ -110,9 +114,9 @@ def test_everything_is_there_and_called_simulated(place, content):
     page = (folder / "out" / "reproduce.html").read_text()
     assert page.count("data:image/png;base64,") == 6
     assert 'src="http' not in page
-    for section in run.SECTIONS:
+    for name, section in run.SECTIONS.items():
         assert section.title in page
-        for table in section.tables(content["sections"][section.name]):
+        for table in section.tables(content["sections"][name]):
             assert table.text in result.output
             assert table.title in page
     assert "ours: simulated frames" in page
@@ -213,12 +217,21 @@ def test_a_second_run_keeps_everything(place, monkeypatch):
     assert "running" not in result.stderr
 
 
-def test_an_interrupted_section_goes_on_with_what_it_has(place, monkeypatch):
-    folder = place[0]
-    (folder / "out" / ".stamps" / "limits.json").unlink()
-    gone = next((folder / "out" / "limits" / "runs").glob("no-dots-*.json"))
-    before = gone.read_text()
-    gone.unlink()
+def networks(build: Build) -> dict:
+    """The trainings of the section `limits`, by experiment and channels."""
+    bundle, data = (Path(build.folder / name) for name in ("bundle", "data.h5"))
+    finished = Finished.read(build.scene, bundle, data, store=build.store, progress=False)
+    known = {"store": finished.store, "progress": False}
+    return limits_geometry.network_steps(finished.scene, finished.data_path, **known)
+
+
+def test_an_interrupted_section_goes_on_with_what_it_has(place, build, monkeypatch):
+    folder, store = place[0], open_store(build.store)
+    before = (folder / "out" / "limits" / "limits.json").read_text()
+    shutil.rmtree(store.folder / "limits")
+    gone = store.perform(networks(build)["no dots"]["bgr+nir"])
+    errors = gone.path("errors.json").read_text()
+    shutil.rmtree(gone.folder)
     drawn = []
     draw = limits_geometry.seen_by
 
@@ -230,19 +243,60 @@ def test_an_interrupted_section_goes_on_with_what_it_has(place, monkeypatch):
     result = invoke(folder)
     assert result.exit_code == 0, result.output
     assert drawn == ["frames, no dots"]
-    assert gone.read_text() == before
+    assert (folder / "out" / "limits" / "limits.json").read_text() == before
+    again = store.perform(networks(build)["no dots"]["bgr+nir"])
+    assert again.path("errors.json").read_text() == errors
 
 
-def test_a_section_of_one_s_own(place, build, tmp_path):
+def test_a_section_depends_on_what_it_reads(build):
+    """A training on its own settings, the hardware's left out; only the times on the build's report."""
+    wider = networks(build)["as recorded, a network twice as wide"]["bgr+nir"]
+    store = open_store(build.store)
+    assert store.is_current(wider)
+    scene = wider.arguments["trained"]
+    other = scene.model_copy(update={"network": scene.network.model_copy(update={"width": 5})})
+    changed = replace(wider, arguments={**wider.arguments, "trained": other})
+    assert store.why(changed).startswith("trained network")
+    lanes = scene.hardware.model_copy(update={"pixels_per_clock": 2})
+    unread = scene.model_copy(update={"hardware": lanes})
+    assert store.is_current(replace(wider, arguments={**wider.arguments, "trained": unread}))
+    reads = {name: set(step.arguments) for name, step in run.steps(build, run.SECTIONS).items()}
+    assert [name for name, read in reads.items() if "report" in read] == ["stages"]
+    assert reads["limits"] == {"scene", "bundle", "data", "geometry"}
+
+
+OWN = """
+import shutil
+from pathlib import Path
+from fastac.studies.reproduce.section import Finished
+from fastac.store.files import write_json
+
+
+def ran(folder, scene, bundle, data, *, store, progress):
+    build = Finished.read(scene, bundle, data, store=store, progress=progress)
+    (folder / "own.png").write_bytes(Path(__file__).with_name("picture.png").read_bytes())
+    write_json(folder / "own.json", {"scene": build.scene.name})
+"""
+
+
+def test_a_section_of_one_s_own(place, build, tmp_path, monkeypatch):
     """As the temporal experiments add theirs: a function, its tables, and its picture."""
+    package = tmp_path / "own_sections"
+    package.mkdir()
+    (package / "__init__.py").write_text(OWN)
+    shutil.copy(place[0] / "out" / "stages" / "stages.png", package / "picture.png")
+    monkeypatch.syspath_prepend(tmp_path)
+    ran = importlib.import_module("own_sections").ran
+    roots = {"fastac": Path(fastac.__file__).parent, "own_sections": package}
+    monkeypatch.setattr(run, "open_store", lambda folder: Store(folder, Code(roots)))
 
-    def ran(build, folder):
-        shutil.copy(place[0] / "out" / "stages" / "stages.png", folder / "own.png")
-        return {"scene": build.scene.name}
-
-    own = Section("own", "A section", ran, lambda found: [Table("T", ["a"], [[found["scene"]]])], ())
-    without = Section("none", "Absent one", ran, lambda found: [], (), lacks=lambda _: "no such thing")
-    found = run.run(build, tmp_path / "out", lambda name, current: None, (own, without))
+    own = Section("A section", ran, lambda found: [Table("T", ["a"], [[found["scene"]]])], ("own.png",))
+    without = Section("Absent one", ran, lambda found: [], (), lacks=lambda _: "no such thing")
+    sections = {"own": own, "none": without}
+    states = []
+    for _ in range(2):
+        found = run.run(build, tmp_path / "out", lambda name, state: states.append((name, state)), sections)
+    assert [state for name, state in states if name == "own"] == ["running", "kept"]
     assert found["sections"] == {"own": {"scene": "rig"}}
     assert found["absent"] == {"none": "no such thing"}
     assert found["goals"] == []
@@ -252,7 +306,7 @@ def test_a_section_of_one_s_own(place, build, tmp_path):
 
 
 def lacking(build) -> dict[str, str | None]:
-    return {section.name: section.lacks(build) for section in run.SECTIONS}
+    return {name: section.lacks(build) for name, section in run.SECTIONS.items()}
 
 
 def test_what_a_scene_has_no_use_for_is_said(make_scene, tiny_file, tiny_folder):
@@ -261,7 +315,7 @@ def test_what_a_scene_has_no_use_for_is_said(make_scene, tiny_file, tiny_folder)
     assert found["forces"].startswith("sensor.markers: missing")
     found = lacking(Build(make_scene(outputs=["normals"]), tiny_folder, tiny_file, progress=False))
     assert found["geometry"] == "outputs = normals: no depth is found from normals"
-    assert found["stages"].startswith("outputs = normals: not all of")
+    assert found["stages"].startswith("outputs = normals: expected normals, depth")
     assert found["forces"] == "outputs = normals: no force is wanted"
 
 
@@ -270,8 +324,3 @@ def test_a_missing_scene_is_one_line(tmp_path):
     assert result.exit_code == 1
     assert "none.toml" in result.stderr
     assert len(result.stderr.strip().splitlines()) == 1
-
-
-def test_the_sections_sources_are_files():
-    for pattern in {*run.COMMON, *(p for section in run.SECTIONS for p in section.sources)}:
-        assert any(Path(ROOT).glob(pattern)), pattern

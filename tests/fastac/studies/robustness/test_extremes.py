@@ -1,5 +1,6 @@
 import json
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,6 +8,7 @@ from click.testing import CliRunner
 
 from fastac.cli.main import main
 from fastac.flow import verify
+from fastac.models.integer import bundle
 from fastac.sensor import samples
 from fastac.studies.robustness import drift, extremes, words, worst_case_hardware
 from fastac.studies.robustness import frames as extreme_frames
@@ -24,7 +26,8 @@ def folder(tiny_folder, tiny_file, tmp_path_factory):
 @pytest.fixture(scope="module")
 def content(folder):
     """What the command writes, without the hardware."""
-    result = CliRunner().invoke(main, ["study", "extremes", str(folder), "--no-rtl", "--no-progress"])
+    kept = ["--store", str(folder.parent / "store")]
+    result = CliRunner().invoke(main, ["study", "extremes", str(folder), "--no-rtl", *kept, "--no-progress"])
     assert result.exit_code == 0, result.output
     assert "every value of every frame is finite: yes" in result.output
     assert (folder / extremes.PLOT).stat().st_size > 10_000
@@ -83,8 +86,8 @@ def test_errors_and_flags_of_every_fault(content, tiny_bundle):
     assert loads[0] == drift.LIGHT_N
 
 
-def test_frames_of_the_hardware_are_compared_once(tiny_bundle, tmp_path, monkeypatch):
-    """And again when a source changes; a difference names the stage."""
+def test_frames_of_the_hardware_are_compared_once(tiny_bundle, tiny_folder, tmp_path, monkeypatch):
+    """And again for another bundle; a difference names the stage."""
     asked = []
 
     def compare(case, folder, *, lanes):
@@ -96,18 +99,33 @@ def test_frames_of_the_hardware_are_compared_once(tiny_bundle, tmp_path, monkeyp
     monkeypatch.setattr(words, "compare", compare)
     cases = words.worst_cases(tiny_bundle.pipeline)
 
-    def rows(digest: str):
-        return words.rows(cases, digest, 1, tmp_path, rtl=True, progress=False)
+    def rows(path):
+        return words.rows(path, tmp_path, store=tmp_path / "store", rtl=True, progress=False)
 
-    found = rows("a")
+    found = rows(tiny_folder / "bundle")
     assert len(asked) == len(cases) == len(found)
     assert all(row["rtl_beats"] == 7 and row["rtl_mismatches"] == 0 for row in found)
-    assert rows("a") == found
+    assert rows(tiny_folder / "bundle") == found
+    shutil.copytree(tiny_folder / "bundle", tmp_path / "copy")
+    assert rows(tmp_path / "copy") == found
     assert len(asked) == len(cases)
     asked += [""] * 30
+    other = replace(tiny_bundle.pipeline, provenance={"source": "another"})
+    bundle.save(tmp_path / "other", other, tiny_bundle.floats)
     with pytest.raises(words.ExtremesError, match="source, output: the hardware differs"):
-        rows("b")
+        rows(tmp_path / "other")
     assert worst_case_hardware.compare is not compare
+
+
+def test_a_comparison_depends_on_the_hardware_and_on_the_worst_cases(tiny_folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(words, "compare", lambda case, folder, lanes: 7)
+    words.rows(tiny_folder / "bundle", tmp_path, store=tmp_path / "store", rtl=True, progress=False)
+    entry = next((tmp_path / "store" / "worst-case").iterdir())
+    symbols = json.loads((entry / "step.json").read_text())["symbols"]
+    modules = {name.rpartition(".")[0] for name in symbols}
+    assert {"fastac.gateware.mlp_mvm", "fastac.sim.check_stream"} <= modules
+    assert {f"fastac.studies.robustness.{name}" for name in ("worst_case", "worst_case_solver")} <= modules
+    assert "fastac.studies.robustness.drift" not in modules
 
 
 def test_what_differs_is_counted(tiny_bundle, monkeypatch):
