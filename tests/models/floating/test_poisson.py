@@ -1,15 +1,12 @@
 """The float solver against a direct solution of the sparse linear system."""
 
-from math import cos, pi
-
 import numpy as np
 import pytest
-from scipy.fft import dst
 from scipy.sparse import diags_array, eye_array, kron
 from scipy.sparse.linalg import spsolve
 
 from fastac.models.floating.poisson import solve, source_of
-from fastac.models.integer.laplacian import boundary_term, eigenvalues, sine_matrix
+from fastac.models.integer.laplacian import boundary_term
 
 
 def laplacian(n: int):
@@ -23,30 +20,6 @@ def five_point(z: np.ndarray) -> np.ndarray:
     return z[:-2, 1:-1] + z[2:, 1:-1] + z[1:-1, :-2] + z[1:-1, 2:] - 4 * z[1:-1, 1:-1]
 
 
-@pytest.mark.parametrize("n", [1, 5, 14, 126])
-def test_sine_matrix_is_orthonormal_and_its_own_inverse(n):
-    s = sine_matrix(n)
-    np.testing.assert_array_equal(s, s.T)
-    np.testing.assert_allclose(s @ s, np.eye(n), atol=1e-12)
-    np.testing.assert_allclose(s, dst(np.eye(n), type=1, norm="ortho"), atol=1e-12)
-
-
-@pytest.mark.parametrize("n", [1, 4, 14])
-def test_eigenvalues_are_the_laplacian_s(n):
-    found = eigenvalues(n)
-    assert found[0, 0] == pytest.approx(4 * cos(pi / (n + 1)) - 4)
-    assert (found > -8).all()
-    assert (found < 0).all()
-    np.testing.assert_allclose(
-        np.sort(found, axis=None), np.linalg.eigvalsh(laplacian(n).toarray()), atol=1e-12
-    )
-    # Each belongs to its own sine mode.
-    s = sine_matrix(n)
-    for m, k in np.ndindex(n, n):
-        mode = np.outer(s[m], s[k]).ravel()
-        np.testing.assert_allclose(laplacian(n) @ mode, found[m, k] * mode, atol=1e-12)
-
-
 @pytest.mark.parametrize("n", [1, 5, 14, 30])
 def test_solve_equals_a_direct_solver(n):
     source = np.random.default_rng(n).normal(size=(3, n, n))
@@ -55,17 +28,6 @@ def test_solve_equals_a_direct_solver(n):
     for f, z in zip(source, found, strict=True):
         direct = spsolve(laplacian(n), f.ravel())
         np.testing.assert_allclose(z.ravel(), direct, rtol=1e-10, atol=1e-10 * np.abs(direct).max())
-
-
-def test_boundary_term_sums_the_neighbours_on_the_boundary():
-    rest = np.random.default_rng(1).normal(size=(6, 7))
-    expected = np.zeros((4, 5))
-    for i in range(1, 5):
-        for j in range(1, 6):
-            for v, u in ((i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)):
-                if v in (0, 5) or u in (0, 6):
-                    expected[i - 1, j - 1] += rest[v, u]
-    np.testing.assert_allclose(boundary_term(rest), expected, atol=1e-15)
 
 
 SURFACES = {
