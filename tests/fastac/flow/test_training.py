@@ -25,7 +25,7 @@ def test_arrays_survive_a_file_which_is_whole_or_as_it_was(tmp_path, monkeypatch
     save_arrays(path, arrays)
 
     def full(file, **_):
-        file.write_bytes(b"half")
+        file.write(b"half")
         raise OSError("no space left on device")
 
     monkeypatch.setattr(np, "savez_compressed", full)
