@@ -3,12 +3,9 @@
 from pathlib import Path
 
 from fastac.store.files import content_hash
-from fastac.store.steps import Output, Step, leaves
-from fastac.store.store import Store
+from fastac.store.steps import Step, needed_steps
+from fastac.store.store import CHECKPOINTS, Store
 from fastac.store.traces import Inputs
-
-FOLDER = ".checkpoints"
-"""In the store's folder."""
 
 
 def checkpoint(store: Store, step: Step) -> Path:
@@ -17,11 +14,10 @@ def checkpoint(store: Store, step: Step) -> Path:
     The steps before it are performed. The step's function removes the file when it has done its work. What
     it looks up in tables of kinds does not count: it should look up nothing there.
     """
-    found = [leaf for name, value in step.arguments.items() for _, leaf in leaves(value, name)]
-    needed = {leaf.step: store.perform(leaf.step) for leaf in found if isinstance(leaf, Output)}
+    needed = {other: store.perform(other) for other in needed_steps(step)}
     inputs = Inputs.of(step, needed)
     store.code.refresh()
     schemas = {type(settings.unwatched()) for settings in inputs.settings.values()}
     names = sorted(f"{schema.__module__}:{schema.__qualname__}" for schema in schemas)
     codes = [store.code.closure(start).digest for start in (step.code, *names)]
-    return store.folder / FOLDER / f"{step.name}-{content_hash(inputs.run, codes)[:24]}.npz"
+    return store.folder / CHECKPOINTS / f"{step.name}-{content_hash(inputs.run, codes)[:24]}.npz"

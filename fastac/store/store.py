@@ -23,6 +23,8 @@ from fastac.store.traces import Inputs
 Announce = Callable[[str, str], None]
 """Called with a step's name and its state: kept, running, waiting."""
 DAY_S = 86400
+CHECKPOINTS = ".checkpoints"
+"""In the store's folder: what interrupted steps go on from, see `checkpoint.py`."""
 
 
 def _silent(name: str, state: str) -> None:
@@ -114,6 +116,9 @@ class Store:
                 used = os.stat(folder / entries.TRACE).st_mtime
                 if used < oldest and self._remove(folder, oldest):
                     removed.append(f"{folder.parent.name}/{folder.name}")
+        for file in (self.folder / CHECKPOINTS).glob("*"):
+            if file.stat().st_mtime < oldest:
+                file.unlink(missing_ok=True)
         self._sweep()
         return removed
 

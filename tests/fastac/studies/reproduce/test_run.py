@@ -315,7 +315,7 @@ def test_what_a_scene_has_no_use_for_is_said(make_scene, tiny_file, tiny_folder)
     assert found["forces"].startswith("sensor.markers: missing")
     found = lacking(Build(make_scene(outputs=["normals"]), tiny_folder, tiny_file, progress=False))
     assert found["geometry"] == "outputs = normals: no depth is found from normals"
-    assert found["stages"].startswith("outputs = normals: expected normals, depth")
+    assert found["stages"].startswith("outputs = normals: not all of")
     assert found["forces"] == "outputs = normals: no force is wanted"
 
 
