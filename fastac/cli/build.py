@@ -35,8 +35,9 @@ def print_summary(folder: Path) -> None:
     "--data", type=INPUT, help="Dataset of a recorded sensor. [default: simulate the virtual fingertip]"
 )
 @output_option("The build folder.", OUTPUT_FOLDER, "build/SCENE")
+@click.option("--why", is_flag=True, help="Only say of each step whether it would run, and why.")
 @progress_option
-def build(scene, data, output, progress):
+def build(scene, data, output, why, progress):
     """Run every step of SCENE: dataset, training, Verilog, its simulation on held-out frames, report.
 
     Steps whose inputs have not changed are kept; an interrupted build resumes where it stopped. Ends with an
@@ -47,6 +48,12 @@ def build(scene, data, output, progress):
     """
     scene = scenes.load(scene)
     folder = build_folder(scene, output)
+    if why:
+        from fastac.flow.build import Build
+
+        for name, reason in Build(scene, folder, data, progress).reasons().items():
+            click.echo(f"{name:10s} {reason}")
+        return
     run_build(scene, folder, data, progress, until=None)
     print_summary(folder)
     check_mismatches(folder)

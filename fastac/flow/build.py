@@ -104,6 +104,11 @@ class Build:
         add("report", steps.report, seen | reported, steps.REPORT, steps.PAGE, unkeyed=stored)
         return found
 
+    def reasons(self) -> dict[str, str]:
+        """Of each step "current", or the first thing that changed since it ran; performs nothing."""
+        store = open_store(self.store)
+        return {name: store.why(step) for name, step in self.steps.items()}
+
     def run(self, announce: Callable[[str, str], None], *, until: str | None = None) -> None:
         """Perform the steps in order, those that are up to date excepted; `until` names the last one.
 

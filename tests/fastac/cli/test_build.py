@@ -4,6 +4,8 @@ import shutil
 
 from command_line import fail, succeed
 
+STEPS = ("data", "normals", "integers", "force", "bundle", "evaluate", "verilog", "sim", "report")
+
 
 def test_report_prints_the_summary(tiny_folder, tiny_file, tmp_path):
     folder = shutil.copytree(tiny_folder, tmp_path / "tiny")
@@ -66,4 +68,11 @@ def test_a_scene_from_frames_to_the_report(toml, tmp_path, one_process):
     assert again.stdout == first.stdout
     assert "running" in first.stderr
     assert "running" not in again.stderr
+    reasons = succeed(*command, "--why").stdout.splitlines()
+    assert [line.split() for line in reasons] == [[name, "current"] for name in STEPS]
+    toml.write_text(toml.read_text().replace("force_epochs = 1", "force_epochs = 2"))
+    reasons = dict(line.split(maxsplit=1) for line in succeed(*command, "--why").stdout.splitlines())
+    assert {reasons[name] for name in STEPS[:3]} == {"current"}
+    assert reasons["force"] == "scene training.force_epochs = 2 was 1"
+    assert all(reasons[name].startswith("needs force: ") for name in STEPS[4:])
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()} == before
