@@ -124,7 +124,8 @@ def code_digest(store: Path) -> str:
     code = open_store(store).code
     code.refresh()
     functions = [f"{function.__module__}:{function.__qualname__}" for function in FUNCTIONS]
-    kinds = [f"{table.table}[{name}]" for table in Kinds.tables for name in table.names]
+    own = [table for table in Kinds.tables if code.modules.owns(table.table.partition(":")[0])]
+    kinds = [f"{table.table}[{name}]" for table in own for name in table.names]
     return digest([code.closure(start).digest for start in (*functions, *sorted(kinds))])
 
 
