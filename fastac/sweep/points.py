@@ -24,7 +24,7 @@ FUNCTIONS = (
     *(build_steps.data, build_steps.normals, build_steps.integers),
     *(point_steps.force_start, point_steps.float_errors, point_steps.measure),
 )
-"""Those of all steps behind a point."""
+"""The functions of all steps behind a point."""
 
 
 @dataclass(frozen=True)
@@ -131,11 +131,14 @@ def code_digest(store: Path) -> str:
 
 def generation(setting: Setting) -> str:
     """What all comparable points share: the code, the data, the frames."""
-    data = None if setting.data is None else path_digest(Path(setting.data))
-    return digest([code_digest(Path(setting.store)), data, setting.split, setting.frames])
+    return digest([code_digest(Path(setting.store)), *_evaluated_on(setting)])
 
 
 def point_key(content: dict, setting: Setting) -> str:
     """Of a point: what it is, and on which data and frames it is judged."""
+    return digest([content, *_evaluated_on(setting)])
+
+
+def _evaluated_on(setting: Setting) -> tuple[str | None, str, int]:
     data = None if setting.data is None else path_digest(Path(setting.data))
-    return digest([content, data, setting.split, setting.frames])
+    return data, setting.split, setting.frames

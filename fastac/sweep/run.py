@@ -121,8 +121,10 @@ class Sweep:
             key = point_key(point.content, self.setting)
             models = point.scene and PointModels(point.scene, self.setting)
             if self._is_known(key, models):
-                row = replace(self.known[key], generation=self.generation)
-                self.results.add(row)
+                row = self.known[key]
+                if row.generation != self.generation:
+                    row = replace(row, generation=self.generation)
+                    self.results.add(row)
                 self._finish(Job(key, point, []), row)
             elif models is None:
                 self._finish(Job(key, point, []), {"infeasible": point.error})

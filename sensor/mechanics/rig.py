@@ -15,8 +15,6 @@ from fastac.sensor.mechanics.press import Probe, Rig
 def rig_of(sensor: Sensor, store: Path | str, *, progress: bool = True) -> Rig:
     """The rig for the sensor's contact model; `store` is the folder of the step store."""
     if sensor.elastomer.mechanics == "layer":
-        from fastac.sensor.mechanics.layer_rig import LayerRig
-
         return LayerRig(sensor)
     from fastac.sensor.mechanics.fem.rig import FemRig  # scikit-fem is slow to load, and a layer does without
 
