@@ -45,6 +45,8 @@ class Closure:
     """Digest by symbol or file."""
     libraries: Mapping[str, str]
     """Version by distribution, and Python's."""
+    tables: frozenset[str] = frozenset()
+    """Tables of kinds that it may look up, `module:kind`; what it looks up is recorded when it runs."""
 
     @cached_property
     def digest(self) -> str:
@@ -62,6 +64,7 @@ class _Walk:
     touched: set[str] = field(default_factory=set)
     folders: set[str] = field(default_factory=set)
     files: set[Path] = field(default_factory=set)
+    tables: set[str] = field(default_factory=set)
     work: list[tuple[Target, Use]] = field(default_factory=list)
 
 
@@ -110,10 +113,23 @@ class Code:
                 versions = self.libraries.versions(walk.imported, walk.distributions)
                 versions["python"] = ".".join(platform.python_version_tuple()[:2])
                 paths = {m.path for name in walk.touched if (m := self.modules.get(name))} | walk.files
-                closure = Closure(dict(sorted(walk.symbols.items())), versions)
+                closure = Closure(dict(sorted(walk.symbols.items())), versions, frozenset(walk.tables))
                 self._known[start] = closure, walk.touched, paths
                 self._stamps.update((path, _stamp(path)) for path in paths - self._stamps.keys())
             return self._known[start][0]
+
+    def all_kinds(self, starts: Iterable[str]) -> dict[str, Closure]:
+        """The closures of functions and of every entry that they can choose from tables of kinds."""
+        pending, found = list(starts), {}
+        with self._lock:
+            while pending:
+                if (start := pending.pop()) in found:
+                    continue
+                found[start] = self.closure(start)
+                for table in found[start].tables:
+                    names = self.names(table)
+                    pending += [f"{table}[{name}]" for name in (names if isinstance(names, list) else [""])]
+        return found
 
     def loaded(self, start: str) -> Closure:
         """The closure, if this process runs what the files hold; raises EditedError if they were edited.
@@ -180,8 +196,10 @@ class Code:
         module = self.modules.get(target.module)
         if target.name is not None and use == Use.LATER:
             nodes = module.definition(target.name).nodes
-            if nodes and all(self.resolver.table(module, node) for node in nodes):
+            tables = [self.resolver.table(module, node) for node in nodes]
+            if tables and all(tables):
                 self._touch(target.module, walk)
+                walk.tables |= {f"{target.module}:{table.args[0].value}" for table in tables}
                 return
         reach = Use.CALL if use == Use.CALL else Use.LATER
         if walk.uses.get(target, -1) >= reach:

@@ -8,7 +8,7 @@ literal dict, so that an entry's code can be found without running it.
 
 import sys
 from collections.abc import Iterator, Mapping
-from typing import ClassVar, TypeVar
+from typing import TypeVar
 
 from fastac.store.recording import listed, looked_up
 
@@ -25,15 +25,11 @@ class UnknownKindError(KeyError):
 class Kinds(Mapping[str, Value]):
     """A frozen mapping from names to what they stand for, whose use inside a step is recorded."""
 
-    tables: ClassVar[list["Kinds"]] = []
-    """All that have been imported."""
-
     def __init__(self, kind: str, entries: Mapping[str, Value]):
         self.kind = kind
         self._entries = dict(entries)
         self.table = f"{sys._getframe(1).f_globals['__name__']}:{kind}"
         """Where the table is, for the step engine."""
-        Kinds.tables.append(self)
 
     @property
     def names(self) -> tuple[str, ...]:

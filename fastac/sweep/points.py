@@ -13,8 +13,8 @@ from fastac.flow import steps as build_steps
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
+from fastac.store.closure import Closure
 from fastac.store.digest import path_digest
-from fastac.store.kinds import Kinds
 from fastac.store.steps import Step
 from fastac.store.store import open_store
 from fastac.sweep import point_steps
@@ -119,14 +119,19 @@ class PointModels:
         return point_steps.float_arrays(self.path("normals", build_steps.NORMALS), self._force_path)
 
 
-def code_digest(store: Path) -> str:
-    """Of all code that a point can depend on: that of its steps, and every kind that a scene can choose."""
+def point_code(store: Path) -> dict[str, Closure]:
+    """All code that a point can depend on: its steps', the schema's and every kind that a scene can choose.
+
+    It is found in the source, so that all processes with the same source agree.
+    """
     code = open_store(store).code
     code.refresh()
-    functions = [f"{function.__module__}:{function.__qualname__}" for function in FUNCTIONS]
-    own = [table for table in Kinds.tables if code.modules.owns(table.table.partition(":")[0])]
-    kinds = [f"{table.table}[{name}]" for table in own for name in table.names]
-    return digest([code.closure(start).digest for start in (*functions, *sorted(kinds))])
+    return code.all_kinds(f"{start.__module__}:{start.__qualname__}" for start in (*FUNCTIONS, Scene))
+
+
+def code_digest(store: Path) -> str:
+    found = point_code(store)
+    return digest([found[start].digest for start in sorted(found)])
 
 
 def generation(setting: Setting) -> str:

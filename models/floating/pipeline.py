@@ -158,14 +158,13 @@ class _AfterSlopes:
 
     def __init__(self, pipeline: FloatPipeline):
         scene, self.weights = pipeline.scene, pipeline.force_weights
+        self.pipeline = pipeline
         self.stencil, self.force = STENCILS[scene.poisson.divergence], scene.force
         self.rest_slopes = _by_planes(pipeline.rest_slopes())
         self.has_solver = scene.wants_solver
         if self.has_solver:
             pitch_mm = scene.sensor.pitch_mm
-            self.rest_mm = pipeline.rest_depth_mm.astype(np.float32)
-            self.rest_mm[1:-1, 1:-1] = pipeline.rest_px() * pitch_mm
-            size = len(self.rest_mm) - 2
+            size = len(pipeline.rest_depth_mm) - 2
             self.rest_source = np.zeros((size, size), np.float32)
             self.rest_source = self._source(self.rest_slopes)
             self.sine = FoldedSine(sine_matrix(size).astype(np.float32))
@@ -174,6 +173,13 @@ class _AfterSlopes:
         if self.weights is not None:
             weight = collapse(self.weights) if self.has_solver else self.weights
             self.weight = weight.reshape(len(weight), -1).astype(np.float64)
+
+    @cached_property
+    def rest_mm(self) -> np.ndarray:
+        """The depth of the background frame, (H, W) in mm."""
+        found = self.pipeline.rest_depth_mm.astype(np.float32)
+        found[1:-1, 1:-1] = self.pipeline.rest_px() * self.pipeline.scene.sensor.pitch_mm
+        return found
 
     def _source(self, slopes: np.ndarray) -> np.ndarray:
         """`poisson.source_of` of slopes (H, W, 2) less that of the background's slopes, (N, N)."""

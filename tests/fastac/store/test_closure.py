@@ -144,6 +144,19 @@ def test_tables_looked_up_while_running_are_opaque(reached):
     assert whole <= reached(head + cached + "def f(folder): return h('fast')")
 
 
+def test_all_kinds_that_a_function_can_choose(toy):
+    toy.write("under_test.py", "from .solvers import SOLVERS\ndef f(folder, name): return SOLVERS[name]")
+    code, start = toy.code(), f"{toy.name}.under_test:f"
+    table = f"{toy.name}.solvers:solver"
+    assert code.closure(start).tables == {table}
+    found = code.all_kinds([start])
+    assert found.keys() == {start, f"{table}[fast]", f"{table}[exact]"}
+    before = {name: closure.digest for name, closure in found.items()}
+    toy.edit("solvers.py", "return 1", "return 5")
+    after = {name: closure.digest for name, closure in toy.code().all_kinds([start]).items()}
+    assert [name for name in before if before[name] != after[name]] == [f"{table}[fast]"]
+
+
 def test_another_import_under_the_same_name(toy):
     toy.write("under_test.py", "from math import sin as g\ndef f(folder): return g(1)")
     before = toy.code().closure(f"{toy.name}.under_test:f").digest

@@ -1,3 +1,5 @@
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +14,7 @@ from fastac.store.likeness import likeness
 from fastac.store.steps import needed_steps
 from fastac.store.store import open_store
 from fastac.sweep import point_steps
-from fastac.sweep.points import PointModels, Setting
+from fastac.sweep.points import PointModels, Setting, code_digest, point_code
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +53,23 @@ def test_the_errors_are_those_of_evaluate(tiny, tiny_bundle, tiny_data):
     assert set(point_steps.origins()) <= set(found)
 
 
+def test_the_code_is_that_of_steps_schema_and_all_kinds(setting):
+    found = point_code(Path(setting.store))
+    assert "fastac.synth.solvers:poisson.solver[tridiagonal]" in found
+    assert "fastac.scenes.outputs:outputs[force_map]" in found
+    assert "fastac.scenes.model_schema.Numbers" in found["fastac.scenes.schema:Scene"].symbols
+
+
+def test_the_code_does_not_depend_on_what_else_was_imported(setting):
+    ask = f"import sys; from pathlib import Path; {{}}; print(code_digest(Path({setting.store!r})))"
+    mine = "from fastac.sweep.points import code_digest"
+    digests = [
+        subprocess.run([sys.executable, "-c", ask.format(lines)], capture_output=True, text=True, check=True)
+        for lines in (mine, f"import fastac.studies.reproduce.run, fastac.sensor.mechanics.objects; {mine}")
+    ]
+    assert digests[0].stdout == digests[1].stdout == f"{code_digest(Path(setting.store))}\n"
+
+
 def likenesses(make_scene, setting, **changes) -> dict[str, str]:
     """What each training has in common with others that give the same, once the tiny scene is trained."""
     models = PointModels(make_scene(**changes), setting)
@@ -68,7 +87,7 @@ ALL = {"normals", "integers", "force_start", "float_errors"}
         ({"numbers": {"rounding": "floor"}}, set()),
         ({"name": "other", "simulation": {"frames": 9}}, set()),
         ({"force": {"kernel": "collapsed"}}, set()),
-        ({"poisson": {"mode": "difference"}}, {"force_start", "float_errors"}),
+        ({"poisson": {"mode": "difference"}}, {"float_errors"}),
         ({"numbers": {"weight_bits": 5}}, {"integers"}),
         ({"training": {"finetune_epochs": 9}}, {"integers"}),
         ({"training": {"force_epochs": 9}}, {"force_start", "float_errors"}),
