@@ -63,6 +63,7 @@ def test_sources_are_compiled_behind_precompiled_headers(build):
     assert "! ./runtime.h.gch" in made.stderr
 
 
+@pytest.mark.full
 def test_a_design_of_several_sources_has_its_own_precompiled_header(build):
     """As the tops of scenes have; the compiler uses one precompiled header only."""
     folder = build("first", "--output-split", "1")

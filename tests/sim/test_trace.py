@@ -132,6 +132,7 @@ def saif_instances(text: str) -> tuple[dict, dict]:
     return found, fields
 
 
+@pytest.mark.full
 def test_saif(traced):
     """The content that Vivado's report_power reads: every net's time high and low, and its toggle count."""
     file, report, period_ps = traced("saif")

@@ -60,6 +60,7 @@ def test_the_code_is_that_of_steps_schema_and_all_kinds(setting):
     assert "fastac.scenes.model_schema.Numbers" in found["fastac.scenes.schema:Scene"].symbols
 
 
+@pytest.mark.full
 def test_the_code_does_not_depend_on_what_else_was_imported(setting):
     ask = f"import sys; from pathlib import Path; {{}}; print(code_digest(Path({setting.store!r})))"
     mine = "from fastac.sweep.points import code_digest"

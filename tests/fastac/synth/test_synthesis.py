@@ -29,6 +29,7 @@ def runs(monkeypatch):
     return log
 
 
+@pytest.mark.full
 def test_modules_of_a_bundle(tiny_bundle):
     found, _ = synthesis.elaborate(tiny_bundle)
     names = [name for part in found for name in part.instances]
