@@ -27,9 +27,7 @@ def strawberry(
 ) -> HeightMap:
     """A body with radii of curvature of 14 and 20 mm and pits, `pit_mm` deep, in a triangular lattice.
 
-    Each pit holds a seed.
-
-    A pit's profile is Gaussian; the seed fills a third of it.
+    A pit's profile is Gaussian; the seed in it fills a third of it.
     """
     x, y = _grid(size_mm)
     height = _bowl(x, y, 14.0, 20.0)

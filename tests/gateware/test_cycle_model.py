@@ -46,7 +46,6 @@ OPTIONS = {
     ),
     "hidden": ((4,), (5, 3)),
 }
-CASES = 240
 
 
 def drawn(count: int) -> list[tuple[dict, object, tuple[int, ...]]]:
@@ -75,11 +74,13 @@ def check(path: Datapath, model: CycleModel) -> None:
             assert getattr(model, key) == getattr(path, key)
 
 
-def test_random_scenes(tmp_path):
-    cases = drawn(CASES)
+@pytest.mark.parametrize("count", [60, 240])
+@pytest.mark.quick("60")
+def test_random_scenes(tmp_path, count):
+    cases = drawn(count)
     for name, values in OPTIONS.items():
         for value in values:
-            assert sum(chosen[name] == value for chosen, _, _ in cases) >= CASES // 50, (name, value)
+            assert sum(chosen[name] == value for chosen, _, _ in cases) >= count // 50, (name, value)
     for k, (_, wanted, hidden) in enumerate(cases):
         path = Datapath(random_bundle(tmp_path / f"{k}", wanted, hidden=hidden).pipeline)
         check(path, CycleModel(wanted, hidden=hidden))

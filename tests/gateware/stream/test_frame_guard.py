@@ -105,7 +105,7 @@ class Camera:
         return beats
 
 
-def sequences(guard):
+def sequences(guard, randoms):
     camera = Camera(guard, 1)
     height, whole = guard.height, guard.line_beats
     frame, line = camera.frame, camera.line
@@ -136,7 +136,7 @@ def sequences(guard):
         frame(enable=0) + frame() + frame(enable=0) + frame(1, enable=0) + frame()
     )
     cases["disabled inside a frame"] = frame(1) + line(enable=0) * (height - 1) + frame(enable=0) + frame()
-    for k in range(60):
+    for k in range(randoms):
         parts = [
             camera.rng.choice([frame, camera.faulty_frame, lambda: camera.garbage(20)])() for _ in range(5)
         ]
@@ -144,12 +144,14 @@ def sequences(guard):
     return cases
 
 
-@pytest.mark.parametrize(("height", "width", "channels", "lanes"), [(3, 8, 3, 2), (2, 4, 1, 4)])
-@pytest.mark.quick("3-8-3-2")
-def test_bit_exact_to_golden_model(tmp_path, height, width, channels, lanes):
+@pytest.mark.parametrize(
+    ("height", "width", "channels", "lanes", "randoms"), [(3, 8, 3, 2, 15), (3, 8, 3, 2, 60), (2, 4, 1, 4, 60)]
+)
+@pytest.mark.quick("3-8-3-2-15")
+def test_bit_exact_to_golden_model(tmp_path, height, width, channels, lanes, randoms):
     guard = FrameGuard(height, width, channels, lanes=lanes)
     settings = []
-    for name, beats in sequences(guard).items():
+    for name, beats in sequences(guard, randoms).items():
         sent, bad, flags = reference(beats, height, guard.line_beats, lanes, 8 * channels)
         kind = name.split(",")[0].split(" ")[0]
         if kind in FRAME_FAULTS:
