@@ -17,7 +17,7 @@ from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.stream.fork import Fork
-from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FrameGuard
+from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, TIMEOUT_BITS, FrameGuard
 from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.gateware.stream.tables import TableFormat
@@ -46,7 +46,7 @@ class Datapath(FrameCycles, wiring.Component):
 
     Members
     -------
-    axis, enable, FrameGuard's events and faults : see FrameGuard
+    axis, enable, timeout, FrameGuard's events and faults : see FrameGuard
     tag : stream of one bit per frame: the frame is bad; offered before the frame's depth
     capture, captured : see BackgroundSubtraction
     normals : stream of `lanes` normals (x, y, z), the network's outputs, signed(accumulator_width of the last
@@ -92,6 +92,7 @@ class Datapath(FrameCycles, wiring.Component):
         members = {
             "axis": In(self.guard.axis.signature.flip()),
             "enable": In(1, init=1),
+            "timeout": In(TIMEOUT_BITS),
             "tag": Out(stream.Signature(1)),
             "capture": In(1),
             "captured": Out(1),
@@ -190,6 +191,7 @@ class Datapath(FrameCycles, wiring.Component):
         connect(m, mlp.o, normals.i)
         m.d.comb += [
             guard.enable.eq(self.enable),
+            guard.timeout.eq(self.timeout),
             background.capture.eq(self.capture),
             self.captured.eq(background.captured),
             Cat(getattr(self, n) for n in (*EVENTS, *FRAME_FAULTS)).eq(

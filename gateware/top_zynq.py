@@ -1,7 +1,7 @@
 # amaranth: UnusedElaboratable=no
 """Top level for the Zynq's programmable logic: AXI4-Streams in and out, AXI4-Lite registers, interrupt."""
 
-from amaranth import Cat, Const, Module, ResetInserter, Signal
+from amaranth import Cat, Module, ResetInserter, Signal
 from amaranth.lib import fifo, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -12,13 +12,13 @@ from fastac.gateware.calibration import image_layout, make_loader
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.raster_outputs import RASTERS, WORD, RasterOutput, raster_outputs
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FRAMES_IN_FLIGHT
-from fastac.gateware.stream.handshake import axis_signature
+from fastac.gateware.stream.raster_port import RasterPort, raster_members
 from fastac.models.integer.bundle import Bundle
 
-VERSION = 3
+VERSION = 4
 """Version of the hardware and of its register map, in the register VERSION."""
-ROW_BITS = 8
-"""Bits of the row number in `tuser`."""
+FRAME_TIMEOUT_S = 0.1
+"""Initial value of FRAME_TIMEOUT: three frames of a camera with 30 frames a second."""
 RESULT = {"force": "result_valid", "depth": "depth_done", "normals": "normals_done"}
 """Input of RegisterBlock that pulses with a frame's result, for each kind of result."""
 
@@ -52,8 +52,9 @@ class TopZynq(wiring.Component):
 
     The force is read from the registers; whether its frame was bad or suspect is in STATUS and
     FRAME_VALIDITY. If the network is loadable, the register CALIBRATION loads another calibration between
-    frames (gateware/calibration.py); resets do not undo that. A soft reset aborts the frames in flight, also
-    on the output streams, whose next beat is a start of frame.
+    frames (gateware/calibration.py); resets do not undo that. A soft reset aborts the frames in flight; an
+    output stream inside a frame completes it with zeros marked as bad (gateware/stream/raster_port.py), and
+    its next beat is a start of frame.
     """
 
     def __init__(self, bundle: Bundle):
@@ -78,6 +79,8 @@ class TopZynq(wiring.Component):
             rows_reversed=path.rows_reversed,
             calibration_words=layout.words if layout else 0,
             calibration_layout=layout.identifier if layout else 0,
+            frame_timeout=round(FRAME_TIMEOUT_S * scene.hardware.clock_mhz * 1e6),
+            bus_errors=scene.hardware.bus_errors,
         )
         members = {
             **flattened_ports("s_axis", self.datapath.axis.signature.flip(), In),
@@ -85,10 +88,8 @@ class TopZynq(wiring.Component):
             "interrupt": Out(1),
         }
         for output in self.outputs:
-            members |= flattened_ports(f"m_axis_{output.name}", axis_signature(8 * output.octets), Out)
-            if output.tagged:
-                members[f"m_axis_{output.name}_tuser"] = Out(3 + ROW_BITS)
-                members[f"m_axis_{output.name}_tkeep"] = Out(output.octets)
+            port = wiring.Signature(raster_members(output.octets, tagged=output.tagged))
+            members |= flattened_ports(f"m_axis_{output.name}", port, Out)
         super().__init__(members)
 
     def elaborate(self, platform):
@@ -103,6 +104,7 @@ class TopZynq(wiring.Component):
                 m.d.comb += signal.eq(port) if member.flow == In else port.eq(signal)
         m.d.comb += [
             path.enable.eq(registers.enable),
+            path.timeout.eq(registers.timeout),
             path.capture.eq(registers.capture_background),
             self.interrupt.eq(registers.interrupt),
             registers.gradient_saturated.eq(path.gradient_saturated),
@@ -150,50 +152,38 @@ class TopZynq(wiring.Component):
     def _raster(self, m, output: RasterOutput, reset) -> tuple[Signal, fifo.SyncFIFO | None]:
         """Connect an output to its ports; returns (last beat of a frame is taken, FIFO of its tags)."""
         name, source = output.name, getattr(self.datapath, output.name)
-        members = ("tdata", "tvalid", "tready", "tlast", "tuser")
-        port = {member: getattr(self, f"m_axis_{name}_{member}") for member in members}
-        x, y = Signal(range(output.beats), name=f"{name}_x"), Signal(range(output.rows), name=f"{name}_y")
-        first, last, done = (Signal(name=f"{name}_{k}") for k in ("first", "last", "done"))
+        m.submodules[f"{name}_port"] = raster = RasterPort(
+            output.rows,
+            output.beats,
+            output.octets,
+            tagged=output.tagged,
+            void_octets=output.void_octets,
+            rows_reversed=output.rows_reversed,
+        )
         words = RASTERS[name].beat(source.payload, output.lanes)
         extended = [Signal(WORD, name=f"{name}_word_{k}") for k in range(len(words))]
         m.d.comb += [word.eq(value) for word, value in zip(extended, words, strict=True)]
         m.d.comb += [
-            port["tdata"].eq(Cat(extended)),
-            port["tvalid"].eq(source.valid),
-            source.ready.eq(port["tready"]),
-            port["tlast"].eq(last),
-            port["tuser"].eq(first),
-            first.eq((x == 0) & (y == 0)),
-            last.eq(x == output.beats - 1),
-            done.eq(source.valid & source.ready & last & (y == output.rows - 1)),
+            raster.i.payload.eq(Cat(extended)),
+            raster.i.valid.eq(source.valid),
+            source.ready.eq(raster.i.ready),
+            raster.cut.eq(reset),
         ]
-        with m.If(source.valid & source.ready):
-            m.d.sync += x.eq(x + 1)
-            with m.If(last):
-                m.d.sync += [x.eq(0), y.eq(y + 1)]
-                with m.If(y == output.rows - 1):
-                    m.d.sync += y.eq(0)
-        with m.If(reset):
-            m.d.sync += [x.eq(0), y.eq(0)]
+        for member, flow in raster.port.signature.members.items():
+            port, signal = getattr(self, f"m_axis_{name}_{member}"), getattr(raster.port, member)
+            m.d.comb += port.eq(signal) if flow.flow == Out else signal.eq(port)
         if not output.tagged:
-            return done, None
+            return raster.done, None
         tags, suspects = (fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT) for _ in range(2))
         m.submodules[f"{name}_tags"] = ResetInserter(reset)(tags)
         # A frame's entry comes later than its tag and leaves with it, so the FIFO is never full.
         m.submodules[f"{name}_suspects"] = ResetInserter(reset)(suspects)
-        row = Signal(ROW_BITS, name=f"{name}_row")
-        keep, full = getattr(self, f"m_axis_{name}_tkeep"), (1 << output.octets) - 1
         m.d.comb += [
-            row.eq(output.rows - 1 - y if output.rows_reversed else y),
-            tags.r_en.eq(done),
-            suspects.r_en.eq(done),
+            tags.r_en.eq(raster.done),
+            suspects.r_en.eq(raster.done),
             suspects.w_en.eq(self.datapath.suspect_valid),
             suspects.w_data.eq(self.datapath.suspect),
-            port["tuser"].eq(
-                Cat(first, tags.r_data & tags.r_rdy, row, suspects.r_data & suspects.r_rdy),
-            ),
-            keep.eq(Const(full)),
+            raster.bad.eq(tags.r_data & tags.r_rdy),
+            raster.suspect.eq(suspects.r_data & suspects.r_rdy),
         ]
-        with m.If(last):
-            m.d.comb += keep.eq(full >> output.void_octets)
-        return done, tags
+        return raster.done, tags

@@ -45,6 +45,7 @@ def scene(
     weights: str = "loadable",
     numbers: dict | None = None,
     rounding: str = "nearest",
+    bus_errors: str = "flag",
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -67,7 +68,7 @@ def scene(
                 "clamp": clamp,
                 "max_displacement_mm": 0.01,
             },
-            "hardware": {"pixels_per_clock": lanes, "weights": weights},
+            "hardware": {"pixels_per_clock": lanes, "weights": weights, "bus_errors": bus_errors},
         }
     )
 

@@ -17,7 +17,7 @@ class OutputFacts:
     measured, unit : its values in physical units, as a field of models/result.py, and their unit ("1": none)
     words : the integers that the hardware gives for it, as a field of the same
     force_axes : of an output that is a force, its axes: 0, 1, 2 for x, y, z
-    needs_geometry : whether normals must be right for it, so that forces alone cannot train it
+    needs_geometry : whether the network must be trained on known normals: forces alone cannot train it
     needs_depth : whether it follows from the Poisson solver's solution
     needs_force : whether a force must be among the outputs, too
     needs_patches : whether it needs the force's K×K kernels at every pixel, not their sum

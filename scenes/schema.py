@@ -51,6 +51,9 @@ class Hardware(Strict):
     baked: constants as shifts and additions, which need no DSP."""
     clock_mhz: Annotated[float, Field(gt=0, le=775)] = 150.0
     """The clock that latencies are converted with; an assumption until a board confirms it."""
+    bus_errors: Literal["flag", "respond"] = "flag"
+    """How the registers refuse an access: by ERRORS.access_refused alone, or by an AXI error response too,
+    which stops or crashes the software on most processors."""
 
 
 class Simulation(Strict):

@@ -1,7 +1,7 @@
 """Frames as the models take them: the channels of RAW10 images, processed once and kept.
 
-The one place where a dataset's frames are processed. Where a scene's frames are channels nothing is, and
-nothing is kept.
+Builds and sweeps read their frames here. Where a scene's frames are channels already, nothing is processed
+and nothing is kept.
 """
 
 import dataclasses

@@ -69,7 +69,10 @@ def content(folder: Path, bundle: Bundle) -> dict:
 
 
 def bounds(bundle: Bundle) -> dict:
-    """The width of every word of the datapath, and its largest possible value or where it saturates."""
+    """Widths of the datapath's words with their largest possible value, or where they saturate.
+
+    Of accumulators, slopes, the source, the solver's words and the displacement.
+    """
     pipeline = bundle.pipeline
     found = {
         f"fc{k}.accumulator": {"bound": layer.accumulator_bound, "width_bits": layer.accumulator_width}

@@ -19,9 +19,13 @@ ERRORS = (
     "result_overrun",
     "calibration_refused",
     "frame_suspect",
+    "frame_timeout",
+    "access_refused",
 )
 """Bits of the register ERRORS, from bit 0."""
 AXES = "xyz"
+BUS_ERRORS = ("flag", "respond")
+"""How a refused access is reported: by ERRORS.access_refused alone, or by an AXI error response too."""
 
 
 class Field(NamedTuple):
@@ -125,7 +129,8 @@ REGISTERS = (
         " or without a start of frame. gradient_saturated, displacement_saturated: a value was clipped."
         " result_overrun: a result came while the interrupt of the previous one was pending."
         " calibration_refused: a word of CALIBRATION was refused. frame_suspect: a frame's FRAME_VALIDITY was"
-        " not 0",
+        " not 0. frame_timeout: the camera stopped inside a frame for FRAME_TIMEOUT clocks. access_refused: a"
+        " read without a register, or a write that was refused",
         tuple(Field(name, k) for k, name in enumerate(ERRORS)),
     ),
     Register("INTERRUPT_STATUS", 0x24, "w1c", "result: there is a new result", (Field("result", 0),)),
@@ -179,12 +184,19 @@ REGISTERS = (
         " saturated values. Capturing a background does not change the limits; a calibration has its own",
         tuple(Field(name, k) for k, name in enumerate(REASONS)),
     ),
+    Register(
+        "FRAME_TIMEOUT",
+        0x4C,
+        "rw",
+        "clocks without a beat inside a frame after which the frame is completed by padding and marked as"
+        " bad; 0: never",
+    ),
     *_FORCE,
     Register(
         "CALIBRATION",
         0x70,
         "wo",
-        "next word of a calibration image. The write is refused with SLVERR if frames are in flight, if a"
+        "next word of a calibration image. The write is refused if frames are in flight, if a"
         " first word is not CALIBRATION_LAYOUT, or if not all bytes are written",
         needs="calibration",
     ),
@@ -225,6 +237,8 @@ class Identity:
     rows_reversed: bool = False
     calibration_words: int = 0  # words of a calibration image; 0: no calibration can be loaded
     calibration_layout: int = 0  # first word of an image
+    frame_timeout: int = 0  # clocks, FRAME_TIMEOUT after reset
+    bus_errors: str = "flag"  # a refused access: "flag" sets ERRORS.access_refused, "respond" also answers so
 
     def __post_init__(self):
         for name, low, high in (
@@ -237,11 +251,14 @@ class Identity:
             ("force_width", 1, 64),
             ("calibration_words", 0, (1 << 32) - 1),
             ("calibration_layout", 0, (1 << 32) - 1),
+            ("frame_timeout", 0, (1 << 32) - 1),
         ):
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f"{name} {getattr(self, name)}: expected {low} to {high}")
         if self.axes != "".join(axis for axis in AXES if axis in self.axes):
             raise ValueError(f"axes {self.axes!r}: expected some of {AXES!r}, in this order")
+        if self.bus_errors not in BUS_ERRORS:
+            raise ValueError(f"bus_errors {self.bus_errors!r}: expected one of {BUS_ERRORS}")
         if not self.axes and not self.depth and not self.normals:
             raise ValueError("axes '', depth False, normals False: expected at least one output")
 
@@ -262,7 +279,7 @@ class Identity:
 
     @property
     def registers(self) -> tuple[Register, ...]:
-        """The registers of this hardware; accesses to other addresses get the response DECERR."""
+        """The registers of this hardware; accesses to other addresses are refused."""
         present = {"", *(f"force_{axis}" for axis in self.axes)}
         present |= {"force"} if self.axes else set()
         present |= {"depth"} if self.depth else set()

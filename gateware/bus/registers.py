@@ -8,10 +8,10 @@ from fastac.gateware.bus.axi_lite import AxiLiteSlave, Response, axi_lite_signat
 from fastac.gateware.bus.calibration_loader import calibration_signature
 from fastac.gateware.bus.frame_timer import FrameTimer
 from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, REGISTERS, Identity
-from fastac.gateware.stream.frame_guard import EVENTS
+from fastac.gateware.stream.frame_guard import EVENTS, TIMEOUT_BITS
 from fastac.models.integer.frame_validity import REASONS
 
-ERRORS_DETECTED_HERE = ("result_overrun", "calibration_refused", "frame_suspect")
+ERRORS_DETECTED_HERE = ("result_overrun", "calibration_refused", "frame_suspect", "access_refused")
 """Errors that the register block detects itself; the others are inputs."""
 
 
@@ -28,10 +28,12 @@ class RegisterBlock(wiring.Component):
 
     Members
     -------
-    axil : AXI4-Lite slave with 8-bit byte addresses; DECERR at an address without a register, SLVERR on a
-        write to a read-only one
+    axil : AXI4-Lite slave with 8-bit byte addresses. An access to an address without a register and a write
+        to a read-only one read 0, change nothing and set ERRORS.access_refused. The response is OKAY, or
+        with bus_errors "respond" DECERR and SLVERR; then a refused word of CALIBRATION gets SLVERR as well.
     accepted, frame_started, frame_done, frame_bad, line_short, line_long, frame_short, frame_long,
-        no_start : the outputs of FrameGuard
+        no_start, frame_timeout : the outputs of FrameGuard
+    timeout_clocks : the value of FRAME_TIMEOUT, FrameGuard's `timeout`
     gradient_saturated, displacement_saturated : set their bit of ERRORS in each clock in which they are high
     force : raw accumulators, signed(force_width) per axis, sampled with `result_valid`. Only with axes.
     result_valid : pulse when a frame's force is taken. Only with axes.
@@ -57,6 +59,7 @@ class RegisterBlock(wiring.Component):
         members = {
             "axil": In(axi_lite_signature(ADDRESS_WIDTH)),
             "enable": Out(1, init=1),
+            "timeout_clocks": Out(TIMEOUT_BITS, init=identity.frame_timeout),
             "validity": In(len(REASONS)),
         }
         if identity.axes:
@@ -114,6 +117,10 @@ class RegisterBlock(wiring.Component):
         if identity.background_capture:
             m.d.sync += self.capture_background.eq(after[1] | requested)
 
+        m.d.sync += self.timeout_clocks.eq(
+            Mux(written("FRAME_TIMEOUT"), (self.timeout_clocks & kept) | ones, self.timeout_clocks)
+        )
+
         errors = Signal(len(ERRORS))
         frame_validity = Signal(len(REASONS))
         pending = Signal()
@@ -123,6 +130,8 @@ class RegisterBlock(wiring.Component):
         seen = {name: getattr(self, name) for name in self.reported}
         seen["result_overrun"] = result & pending & ~clear_pending
         seen["frame_suspect"] = result & self.validity.any()
+        access_refused = Signal()
+        seen["access_refused"] = access_refused
         with m.If(result):
             m.d.sync += frame_validity.eq(self.validity)
         loading, refused = Const(0, 1), Const(0, 1)
@@ -175,6 +184,7 @@ class RegisterBlock(wiring.Component):
             "FRAME_ERRORS": frame_errors,
             "INTERVAL": timer.interval,
             "FRAME_VALIDITY": frame_validity,
+            "FRAME_TIMEOUT": self.timeout_clocks,
         }
         if identity.calibration:
             values |= {
@@ -203,9 +213,16 @@ class RegisterBlock(wiring.Component):
                 m.d.sync += held.eq(force[32:])
             values |= {low: force[:32], high: held}
 
+        responds = identity.bus_errors == "respond"
+        no_register = Response.DECERR if responds else Response.OKAY
+        not_now = Response.SLVERR if responds else Response.OKAY
+        unreadable, unwritable = Signal(), Signal()
         m.d.comb += [
-            bus.read_response.eq(Response.DECERR),
-            bus.write_response.eq(Response.DECERR),
+            bus.read_response.eq(no_register),
+            bus.write_response.eq(no_register),
+            unreadable.eq(1),
+            unwritable.eq(1),
+            access_refused.eq((bus.read & unreadable) | (bus.write & unwritable)),
         ]
         with m.Switch(bus.read_word):
             for register in identity.registers:
@@ -213,12 +230,14 @@ class RegisterBlock(wiring.Component):
                     m.d.comb += [
                         bus.read_data.eq(values[register.name]),
                         bus.read_response.eq(Response.OKAY),
+                        unreadable.eq(0),
                     ]
         with m.Switch(bus.write_word):
             for register in identity.registers:
-                answer = Response.SLVERR if register.access == "ro" else Response.OKAY
+                read_only = register.access == "ro"
+                answer = not_now if read_only else Response.OKAY
                 if register.name == "CALIBRATION":
-                    answer = Mux(refused, Response.SLVERR, Response.OKAY)
+                    answer = Mux(refused, not_now, Response.OKAY)
                 with m.Case(register.offset >> 2):
-                    m.d.comb += bus.write_response.eq(answer)
+                    m.d.comb += [bus.write_response.eq(answer), unwritable.eq(read_only)]
         return m

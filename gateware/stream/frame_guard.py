@@ -8,8 +8,9 @@ from fastac.gateware.stream.handshake import axis_signature
 
 FRAMES_IN_FLIGHT = 8
 """Depth of the FIFOs with one word per frame in flight; every datapath holds fewer frames than this."""
-FRAME_FAULTS = ("line_short", "line_long", "frame_short", "frame_long", "no_start")
+FRAME_FAULTS = ("line_short", "line_long", "frame_short", "frame_long", "no_start", "frame_timeout")
 """Outputs of FrameGuard that pulse when the input breaks the frame format."""
+TIMEOUT_BITS = 32
 EVENTS = ("accepted", "frame_started", "frame_done", "frame_bad")
 """Outputs of FrameGuard from which FrameTimer counts and times the frames."""
 
@@ -32,6 +33,8 @@ class FrameGuard(wiring.Component):
     enable : sampled with each start of frame that `axis` accepts; if low, that whole frame is dropped, and no
         fault is reported for it
     hold : while high, no frame starts: its first beat waits here and `axis` is stalled
+    timeout : clocks without a beat after which an unfinished frame counts as abandoned; 0: never. Clocks in
+        which a beat waits for `o` do not count.
     o : stream of `lanes` pixels of `channels` unsigned(8), exactly `beats` = H · W/lanes beats per frame
     tag : stream of one unsigned(1) per frame, valid in the clock after the frame's last beat left `o`: 1 if
         the frame is bad. While it is not taken, the last beat of the next frame waits; earlier beats do not.
@@ -46,10 +49,12 @@ class FrameGuard(wiring.Component):
     frame_long : pulse: a beat that is not a start of frame came after a complete frame. It and the following
         beats are dropped up to the next start of frame; they are reported once.
     no_start : the same before the first frame since reset
+    frame_timeout : pulse: no beat came for `timeout` clocks inside a frame. The frame is padded with its last
+        pixel. Its beats that come later are dropped without another report.
 
-    A frame is bad if `line_short`, `line_long` or `frame_short` occurred in it. `frame_long` does not make
-    the frame before it bad, since that frame may already have left; so what is marked does not depend on
-    timing. A line without `tlast` also ends at the next start of frame.
+    A frame is bad if `line_short`, `line_long`, `frame_short` or `frame_timeout` occurred in it. `frame_long`
+    does not make the frame before it bad, since that frame may already have left; so what is marked does not
+    depend on timing. A line without `tlast` also ends at the next start of frame.
 
     `latency` = 2 clocks from an accepted beat to the same beat at `o`, without back-pressure. Initiation
     interval: 1 clock per beat, also between frames, while frames are good. Padding takes one clock per padded
@@ -73,6 +78,7 @@ class FrameGuard(wiring.Component):
                 "axis": In(axis_signature(8 * channels * lanes)),
                 "enable": In(1, init=1),
                 "hold": In(1),
+                "timeout": In(TIMEOUT_BITS),
                 "o": Out(stream.Signature(data.ArrayLayout(pixel, lanes))),
                 "tag": Out(stream.Signature(unsigned(1))),
                 **{name: Out(1) for name in (*EVENTS, *FRAME_FAULTS)},
@@ -117,6 +123,7 @@ class FrameGuard(wiring.Component):
         state = Signal(State)
         send = Signal()
         made_up = Signal()
+        waits = Signal()  # an unfinished frame needs another beat
         reported = Signal()  # the surplus beats since the last frame have been reported
         seen = Signal()  # a frame has started since reset
         with m.Switch(state):
@@ -141,6 +148,7 @@ class FrameGuard(wiring.Component):
                     m.d.comb += self.frame_short.eq(held)
                 with m.Else():
                     m.d.comb += [send.eq(held & room), take.eq(send)]
+                m.d.comb += waits.eq(~held)
             with m.Case(State.DROP):
                 # (x, y) is already the start of the next line, or of the next frame if y is 0.
                 with m.If(held & start):
@@ -149,11 +157,21 @@ class FrameGuard(wiring.Component):
                     with m.Else():
                         m.d.comb += self.frame_short.eq(1)
                 with m.Else():
-                    m.d.comb += take.eq(held)
+                    m.d.comb += [take.eq(held), waits.eq(~held & (y != 0))]
                     with m.If(held & last):
                         m.d.sync += state.eq(Mux(y == 0, State.WAIT, State.LINE))
             with m.Default():
                 m.d.comb += [made_up.eq(1), send.eq(room)]
+
+        # The comparison has a clock of its own; a lower `timeout` also ends a wait that is under way.
+        waited = Signal(TIMEOUT_BITS, init=1)  # clocks waited, with this one
+        expired = Signal()
+        m.d.comb += self.frame_timeout.eq(waits & expired)
+        m.d.sync += expired.eq(waits & self.timeout.any() & (waited >= self.timeout))
+        with m.If(~waits):
+            m.d.sync += waited.eq(1)
+        with m.Elif(~waited.all()):
+            m.d.sync += waited.eq(waited + 1)
 
         received = send & ~made_up
         m.d.comb += [
@@ -162,8 +180,10 @@ class FrameGuard(wiring.Component):
         ]
         with m.If(self.frame_started):
             m.d.sync += [seen.eq(1), reported.eq(0)]
-        with m.If(self.frame_short):
+        with m.If(self.frame_short | self.frame_timeout):
             m.d.sync += state.eq(State.FILL)
+        with m.If(self.frame_timeout):
+            m.d.sync += reported.eq(1)
         with m.If(send):
             m.d.sync += x.eq(Mux(line_ends, 0, x + 1))
             with m.If(line_ends):
@@ -184,7 +204,7 @@ class FrameGuard(wiring.Component):
         ]
         with m.If(self.frame_done):
             m.d.sync += bad.eq(0)
-        with m.Elif(Cat(self.line_short, self.line_long, self.frame_short).any()):
+        with m.Elif(Cat(self.line_short, self.line_long, self.frame_short, self.frame_timeout).any()):
             m.d.sync += bad.eq(1)
 
         # The output register also keeps the last pixel, which padding repeats.

@@ -1,4 +1,4 @@
-"""From a scene and quantised layers to every integer table of the pipeline."""
+"""From a scene and quantised layers to the integer pipeline: all its tables, and the widths of its words."""
 
 from dataclasses import replace
 

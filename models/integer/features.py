@@ -11,7 +11,7 @@ COORDINATE_SCALE = 1 / 127
 HIDDEN = (16, 16, 16)
 """Neurons of the pixel network's hidden layers."""
 WIDTH = 9
-"""Bits of a signed integer feature."""
+"""Bits of a feature, the network's signed input: a difference of two bytes, or a coordinate."""
 
 
 def coordinate_codes(size: int) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""From float weights to the integer model: scales, multipliers, kernels, and every word's width."""
+"""Post-training quantisation of the pixel network: float weights to integer layers and multipliers."""
 
 from collections.abc import Sequence
 

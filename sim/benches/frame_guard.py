@@ -12,15 +12,17 @@ import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
+from fastac.gateware.stream.frame_guard import FRAME_FAULTS
+
 SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
-FLAGS = ("line_short", "line_long", "frame_short", "frame_long", "no_start", "frame_started", "frame_done")
+FLAGS = (*FRAME_FAULTS, "frame_started", "frame_done")
 
 
 async def start(dut):
     cocotb.start_soon(Clock(dut.clk, 10, unit="ns").start())
     for signal in (dut.axis__tvalid, dut.o__ready, dut.tag__ready):
         signal.value = 0
-    dut.enable.value, dut.hold.value = 1, 0
+    dut.enable.value, dut.hold.value, dut.timeout.value = 1, 0, SETTINGS["timeout"]
     await reset(dut)
 
 
@@ -33,6 +35,8 @@ async def reset(dut):
 
 class SequenceRun:
     """Driver and monitors for one sequence of beats [tdata, tlast, tuser, enable], and what they record.
+
+    At a None between beats the driver waits until an unfinished frame has been abandoned.
 
     stalls : probabilities per clock that the driver, `o` or `tag` pauses, and that `hold` is high
     """
@@ -48,13 +52,23 @@ class SequenceRun:
         """Send `beats` and record all outputs until nothing has been valid for `linger` clocks."""
         dut, rng = self.dut, self.rng
         slow_in, slow_out, slow_tag, holds = self.stalls
-        offered = idle = cycle = 0
+        offered = idle = cycle = quiet = 0
         held = None
+        pauses = {k - beats[:k].count(None) for k, beat in enumerate(beats) if beat is None}
+        beats = [beat for beat in beats if beat]
         while idle < SETTINGS["linger"]:
             assert cycle < SETTINGS["timeout_cycles"], (
                 f"hang: {len(self.accepted_at)} of {len(beats)} beats taken"
             )
-            if offered == len(self.accepted_at) and offered < len(beats) and rng.random() >= slow_in:
+            if quiet > SETTINGS["timeout"] + 10:
+                pauses.discard(offered)
+            pausing = offered == len(self.accepted_at) and offered in pauses
+            if (
+                offered == len(self.accepted_at)
+                and offered < len(beats)
+                and not pausing
+                and rng.random() >= slow_in
+            ):
                 word, last, user, enable = beats[offered]
                 dut.axis__tdata.value = word
                 dut.axis__tlast.value, dut.axis__tuser.value = last, user
@@ -66,8 +80,12 @@ class SequenceRun:
             dut.hold.value = int(rng.random() < holds)
             await ReadOnly()
             waiting = (dut.axis__tvalid, dut.o__valid, dut.tag__valid)
-            done = offered == len(beats) and not any(int(signal.value) for signal in waiting)
-            idle = idle + 1 if done else 0
+            silent = not any(int(signal.value) for signal in waiting)
+            idle = idle + 1 if silent and offered == len(beats) else 0
+            if not (pausing and silent):
+                quiet = 0
+            elif not int(dut.hold.value):  # while `hold` is high, a frame may wait for its start
+                quiet += 1
             took = int(dut.axis__tvalid.value) and int(dut.axis__tready.value)
             assert int(dut.accepted.value) == took
             if int(dut.frame_started.value):
@@ -128,3 +146,39 @@ async def outputs_of_every_sequence(dut, stalls):
             assert run.started_at == [cycle + 1 for cycle in first]
             assert run.done_at == [cycle + 1 for cycle in last[:: SETTINGS["frame_beats"]]]
         await reset(dut)
+
+
+@cocotb.test()
+async def clocks_to_the_timeout(dut):
+    """An unfinished frame waits `timeout` clocks, for ever with 0, and the value of the moment counts."""
+    await start(dut)
+    word = int(SETTINGS["sequences"][0]["beats"][0][0], 16)
+    dut.o__ready.value = dut.tag__ready.value = 1
+
+    async def clocks_until_timeout(most):
+        """Clocks from the call to the pulse; None if there is none within `most`."""
+        for clock in range(most):
+            await ReadOnly()
+            if int(dut.frame_timeout.value):
+                return clock
+            await RisingEdge(dut.clk)
+        return None
+
+    for timeout in (1, 2, 7):
+        dut.timeout.value = timeout
+        dut.axis__tdata.value, dut.axis__tlast.value, dut.axis__tuser.value = word, 0, 1
+        dut.axis__tvalid.value = 1
+        await RisingEdge(dut.clk)  # accepted in this clock
+        dut.axis__tvalid.value = 0
+        # In the next clock the beat is held; then come `timeout` clocks without one.
+        assert await clocks_until_timeout(100) == 1 + timeout
+        await RisingEdge(dut.clk)
+        for _ in range(2 * SETTINGS["frame_beats"]):
+            await RisingEdge(dut.clk)
+    dut.timeout.value = 0
+    dut.axis__tvalid.value = 1
+    await RisingEdge(dut.clk)
+    dut.axis__tvalid.value = 0
+    assert await clocks_until_timeout(1000) is None
+    dut.timeout.value = 500
+    assert await clocks_until_timeout(10) == 1

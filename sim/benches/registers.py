@@ -11,6 +11,7 @@ import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from fastac.gateware.bus.register_map import ERRORS, REGISTERS, Identity
+from fastac.gateware.bus.registers import ERRORS_DETECTED_HERE
 from fastac.sim.benches.host import DECERR, OKAY, SLVERR, read, start, write
 
 IDENTITY = Identity(**json.loads(os.environ["IDENTITY"]))
@@ -18,6 +19,9 @@ AT = {register.name: register.offset for register in IDENTITY.registers}
 FIELDS = {register.name: {field.name: field for field in register.fields} for register in REGISTERS}
 FLAGS = (0x155, 0)
 """FRAME_VALIDITY of two frames, one with and one without flags."""
+RESPONDS = IDENTITY.bus_errors == "respond"
+NO_REGISTER, REFUSED = (DECERR, SLVERR) if RESPONDS else (OKAY, OKAY)
+"""Responses to an access without a register, and to one that a register refuses."""
 RESULT = "result_valid" if IDENTITY.axes else "depth_done"
 """Input that pulses with a frame's result."""
 
@@ -78,6 +82,7 @@ async def every_address_after_reset(dut, stall):
         "BUNDLE_HASH_HIGH": IDENTITY.bundle_hash >> 32,
         "GEOMETRY": bits("GEOMETRY", height=IDENTITY.height, width=IDENTITY.width),
         "CONTROL": bits("CONTROL", enable=1),
+        "FRAME_TIMEOUT": IDENTITY.frame_timeout,
     }
     counts = {name: getattr(IDENTITY, name) for name in ("channels", "lanes")}
     outputs = ("depth", "background_capture", "normals", "force_map", "rows_reversed")
@@ -91,12 +96,19 @@ async def every_address_after_reset(dut, stall):
         values["CAPABILITIES"] |= bits("CAPABILITIES", calibration=1)
     await expect(master, **values)
     registers = {register.offset: register for register in IDENTITY.registers}
+    refused = bits("ERRORS", access_refused=1)
     for address in range(0, 256, 4):
         if address not in registers:
-            assert await read(master, address) == (0, DECERR), hex(address)
-            assert await write(master, address, 0xFFFFFFFF) == DECERR, hex(address)
+            assert await read(master, address) == (0, NO_REGISTER), hex(address)
+            await expect(master, ERRORS=refused)
+            assert await write(master, AT["ERRORS"], refused) == OKAY
+            assert await write(master, address, 0xFFFFFFFF) == NO_REGISTER, hex(address)
         elif registers[address].access == "ro":
-            assert await write(master, address, 0xFFFFFFFF) == SLVERR, registers[address].name
+            assert await write(master, address, 0xFFFFFFFF) == REFUSED, registers[address].name
+        else:
+            continue
+        await expect(master, ERRORS=refused)
+        assert await write(master, AT["ERRORS"], refused) == OKAY
     await expect(master, **values)
 
 
@@ -140,7 +152,7 @@ async def control(dut):
 async def errors_stick_until_cleared(dut):
     master = await start(dut)
     for k, name in enumerate(ERRORS):
-        if name == "frame_suspect" or not hasattr(dut, name):  # RegisterBlock detects it itself
+        if name in ERRORS_DETECTED_HERE:
             continue
         await pulse(dut, **{name: 1})
         await expect(master, ERRORS=1 << k)
@@ -154,3 +166,14 @@ async def errors_stick_until_cleared(dut):
     assert await write(master, AT["ERRORS"], 0xFF) == OKAY
     dut.no_start.value = 0
     await expect(master, ERRORS=bits("ERRORS", no_start=1))
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def frame_timeout(dut):
+    """The register's initial value is the identity's; bytes are written by their strobes."""
+    master = await start(dut)
+    assert await level(dut, "timeout_clocks") == IDENTITY.frame_timeout
+    assert await write(master, AT["FRAME_TIMEOUT"], 0x12345678) == OKAY
+    assert await write(master, AT["FRAME_TIMEOUT"] + 1, 0xFF, 1) == OKAY
+    await expect(master, FRAME_TIMEOUT=0x1234FF78, ERRORS=0)
+    assert await level(dut, "timeout_clocks") == 0x1234FF78

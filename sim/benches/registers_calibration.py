@@ -3,8 +3,8 @@
 import cocotb
 from cocotb.triggers import ReadOnly, RisingEdge
 
-from fastac.sim.benches.host import OKAY, SLVERR, start, write
-from fastac.sim.benches.registers import AT, IDENTITY, bits, expect, level
+from fastac.sim.benches.host import OKAY, start, write
+from fastac.sim.benches.registers import AT, IDENTITY, REFUSED, bits, expect, level
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms", skip=not IDENTITY.calibration)
@@ -32,7 +32,7 @@ async def calibration(dut, stall):
     dut.calibration__taken.value = 0
     refused = bits("ERRORS", calibration_refused=1)
     for word, size, offered in ((7, 4, True), (7, 3, False), (7, 1, False)):
-        assert await write(master, AT["CALIBRATION"], word, size) == SLVERR
+        assert await write(master, AT["CALIBRATION"], word, size) == REFUSED
         assert seen == [("write", word)] * offered
         seen.clear()
         await expect(master, ERRORS=refused)

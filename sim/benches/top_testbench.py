@@ -20,8 +20,8 @@ COLUMNS = {"normals": WIDTH, "depth": WIDTH - 2, "force_map": WIDTH - 2}
 LINE_BEATS = FRAMES["frames"].shape[2] // SETTINGS["lanes"]
 FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
 RESULT_VALID, LAST_FRAME_BAD, LAST_FRAME_SUSPECT = 2, 4, 16
-SUSPECT = 1 << 10
-"""Bit of `tuser` in the streams of depth and force maps."""
+BAD, SUSPECT = 1 << 1, 1 << 10
+"""Bits of `tuser` in the streams of depth and force maps."""
 MARKS = RESULT_VALID | LAST_FRAME_BAD | LAST_FRAME_SUSPECT
 ENABLE, CAPTURE, SOFT_RESET, INTERRUPT = 1, 2, 4, 8
 TEST = {"timeout_time": SETTINGS["timeout_cycles"] * SETTINGS["period_ps"], "timeout_unit": "ps"}
@@ -37,6 +37,11 @@ def error_bits(*names: str) -> int:
 def frame_beats_of(*indices: int) -> list[tuple[int, int, int]]:
     """Input beats of the images with these indices."""
     return [beat for k in indices for beat in frame_beats(FRAMES["frames"][k], SETTINGS["lanes"])]
+
+
+def beats_of(name: str) -> int:
+    """Beats per frame of an output stream."""
+    return ROWS[name] * -(-COLUMNS[name] // SETTINGS["lanes"])
 
 
 class Testbench:
@@ -84,9 +89,12 @@ class Testbench:
         await self.host.write("CONTROL", ENABLE | INTERRUPT)
 
     async def soft_reset(self) -> None:
-        for sink in self.streams.sinks.values():
-            sink.reset_expected = True
+        """By the host. Streams that nobody reads keep their offers; then every stream completes its frame."""
         await self.host.write("CONTROL", ENABLE | INTERRUPT | SOFT_RESET)
+        await ClockCycles(self.dut.clk, LINGER)
+        self.streams.blocked = False
+        sinks = self.streams.sinks
+        await self.wait_until(lambda: not any(len(sinks[name].cycles) % beats_of(name) for name in sinks))
         await self.expect_silence()
 
     async def expect_silence(self) -> None:
@@ -98,10 +106,11 @@ class Testbench:
             sink.reset_expected = False
         self.streams.blocked = False
 
-    def check_stream(self, name: str, frames, bad, *, prefix: bool = False) -> None:
-        """Compare a stream's words and markers with those of `frames`, or with their beginning if `prefix`.
+    def check_stream(self, name: str, frames, bad, *, cut: str = "") -> int:
+        """Compare a stream's words and markers with those of `frames`; returns the number of closing zeros.
 
         frames : indices of images; bad : for each, whether it is to be marked as bad
+        cut : "hard": only the beginning came; "soft": the frame that was cut was closed with zeros
         """
         sink, rows, columns = self.streams.sinks[name], ROWS[name], COLUMNS[name]
         arrays = {k.removeprefix(f"{name}_"): v for k, v in sink.arrays(name).items()}
@@ -118,27 +127,35 @@ class Testbench:
         user = np.zeros(shape, int)
         user[:, 0, 0] = 1
         if name != "normals":
-            user += 2 * np.array(bad, int).reshape(-1, 1, 1) + 4 * np.array(SETTINGS["row_order"])[:, None]
+            user += BAD * np.array(bad, int).reshape(-1, 1, 1) + 4 * np.array(SETTINGS["row_order"])[:, None]
             user += SUSPECT * suspects(FRAMES["validity"][list(frames)])[:, None, None]
         expected = {"last": last.ravel(), "user": user.ravel()}
-        if prefix:
-            assert 0 < len(found) < len(words), f"{name}: {len(found)} beats, expected 1 to {len(words) - 1}"
+        closing = 0
+        if cut:
+            most = len(words) - (cut == "hard")
+            assert 0 < len(found) <= most, f"{name}: {len(found)} beats, expected 1 to {most}"
             words, here = words[: len(found)], here[: len(found)]
             expected = {k: v[: len(found)] for k, v in expected.items()}
+        if cut == "soft":
+            values = found.any(axis=(1, 2)) if name == "normals" else arrays["user"][-len(found) :] & BAD == 0
+            exact = np.flatnonzero(values)[-1] + 1
+            closing, words[exact:] = len(found) - exact, 0
+            assert not len(found) % beats_of(name), f"{name}: {len(found)} beats, not whole frames"
+            if name != "normals":
+                expected["user"][exact:] = expected["user"][exact:] & ~SUSPECT | BAD
         assert len(found) == len(words), f"{name}: {len(found)} beats, expected {len(words)}"
         wrong = np.argwhere((found != words).any(axis=2) & here)
         assert not len(wrong), f"{name}: {len(wrong)} values differ, the first in (beat, lane) {wrong[0]}"
         for k, values in expected.items():
             wrong = np.flatnonzero(arrays[k][self.beats_before[name] :] != values)
             assert not len(wrong), f"{name}.t{k}: {len(wrong)} differ, the first in beat {wrong[0]}"
+        return closing
 
     async def expect_frames(self, frames, bad=None) -> None:
         """Wait for all outputs of `frames` (indices of images) and compare them, registers included."""
         bad = bad or [0] * len(frames)
         host, streams = self.host, self.streams
-        full = {
-            name: len(frames) * ROWS[name] * -(-COLUMNS[name] // SETTINGS["lanes"]) for name in streams.sinks
-        }
+        full = {name: len(frames) * beats_of(name) for name in streams.sinks}
         wanted = len(frames) if self.serving else 0
         await self.wait_until(
             lambda: (

@@ -31,7 +31,8 @@ SPANS = (10, 5, 60)
 )
 @pytest.mark.quick("difference from the background")
 def test_frames_use_the_loaded_calibration(tmp_path, wanted):
-    own = random_bundle(tmp_path / "own", scene(**wanted))
+    """With AXI error responses, so that the host sees which of its words is refused."""
+    own = random_bundle(tmp_path / "own", scene(**wanted, bus_errors="respond"))
     other = recalibrated(tmp_path / "other", own)
     top = TopZynq(own)
     source = tmp_path / f"{NAME}.v"

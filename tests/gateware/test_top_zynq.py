@@ -17,6 +17,8 @@ from fastac.sim.check_top import Report, bench_settings, expected_words, simulat
 from fastac.sim.runner import QUICK, build
 
 NAME = "fastac"
+SHORT_ROWS = 7
+"""Rows of the image with the fault "frame_short"."""
 MILD = (10, 5, 15, 20, 25)
 """Largest differences from the background of frames in which nothing saturates."""
 
@@ -120,7 +122,7 @@ def repaired(image: np.ndarray, fault: str, lanes: int) -> np.ndarray:
     elif fault == "line_short, the last":
         image[-1, lanes:] = image[-1, lanes - 1]
     elif fault.startswith("frame_short"):
-        image[7:] = image[6, -1]
+        image[SHORT_ROWS:] = image[SHORT_ROWS - 1, -1]
     return image
 
 
@@ -136,7 +138,7 @@ def faulty(number: int, fault: str, height: int, line: int) -> list[list[int]]:
     elif fault == "line_long, no end":
         lines[4][3] = 0
     elif fault == "frame_short":
-        lines = lines[:7]
+        lines = lines[:SHORT_ROWS]
     elif fault == "frame_long":
         lines += [[number, 0, line, 1, 0]] * 3
     elif fault == "no_start":
@@ -221,6 +223,7 @@ def check_faults(hardware: Hardware) -> None:
         "timeout_cycles": 20_000,
         "row_order": next((o.row_order for o in hardware.top.outputs if o.tagged), None),
         "scenarios": scenarios,
+        "short_rows": SHORT_ROWS,
         "background": background,
         "captured": captured,
         "after_capture": [captured + 1, captured + 2],

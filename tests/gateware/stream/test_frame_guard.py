@@ -7,9 +7,14 @@ import pytest
 from fastac.gateware.stream.frame_guard import FRAME_FAULTS, FrameGuard
 from fastac.sim.runner import simulate
 
+PAUSE = None
+"""In a sequence of beats: the camera sends nothing until a frame that it has begun counts as abandoned."""
+TIMEOUT = 100
+"""Clocks; random pauses between two beats are shorter."""
+
 
 def reference(beats, height, line_beats, lanes, pixel_bits):
-    """Golden model of FrameGuard for beats (tdata, tlast, tuser, enable), a plain loop.
+    """Golden model of FrameGuard for beats (tdata, tlast, tuser, enable) and PAUSE, a plain loop.
 
     Returns the output words, `frame_bad` of each frame, and the number of pulses of each flag.
     """
@@ -24,17 +29,24 @@ def reference(beats, height, line_beats, lanes, pixel_bits):
 
     def close():
         nonlocal frame
+        frame += [again(frame[-1])] * (total - len(frame))
         sent.extend(frame)
         verdicts.append(bad)
         flags["frame_done"] += 1
         frame = None
 
-    for word, last, start, enable in beats:
+    for beat in beats:
+        if beat is PAUSE:
+            if frame is not None:
+                flags["frame_timeout"] += 1
+                bad, surplus, reported = 1, False, True
+                close()
+            continue
+        word, last, start, enable = beat
         if start:
             if frame is not None:
                 flags["frame_short"] += 1
                 bad = 1
-                frame += [again(frame[-1])] * (total - len(frame))
                 close()
             surplus = False
             if not enable:
@@ -118,6 +130,10 @@ def sequences(guard, randoms):
         "frame_short, one beat": line(1, start=1, last=whole == 1),
         "frame_long": frame(height + 2),
         "no_start": line() + line(),
+        "frame_timeout": [*frame(1), PAUSE],
+        "frame_timeout, first beat": [*line(1, start=1, last=0), PAUSE],
+        "frame_timeout, the rest comes late": [*frame(1), PAUSE, *line(), *line()],
+        "frame_timeout, in a long line": frame(1) + line(whole + 1, last=0) + [PAUSE] + line(2),
     }
     if whole > 1:
         alone |= {
@@ -132,6 +148,9 @@ def sequences(guard, randoms):
         for name, beats in alone.items()
     }
     cases["good"] = frame() + frame() + frame()
+    unended = frame(height - 1) + line(last=0)  # complete, but its last line has no end
+    cases["pauses between frames"] = [PAUSE, *frame(), PAUSE, *unended, PAUSE, *line(), *frame(), PAUSE]
+    cases["pauses between frames"] += frame()
     cases["dropped while disabled"] = (
         frame(enable=0) + frame() + frame(enable=0) + frame(1, enable=0) + frame()
     )
@@ -140,7 +159,10 @@ def sequences(guard, randoms):
         parts = [
             camera.rng.choice([frame, camera.faulty_frame, lambda: camera.garbage(20)])() for _ in range(5)
         ]
-        cases[f"random {k}"] = [beat for part in parts for beat in part] + frame() + frame()
+        beats = [beat for part in parts for beat in part]
+        for _ in range(camera.rng.choice([0, 0, 1, 2])):
+            beats.insert(camera.rng.randrange(len(beats)), PAUSE)
+        cases[f"random {k}"] = beats + frame() + frame()
     return cases
 
 
@@ -164,7 +186,7 @@ def test_bit_exact_to_golden_model(tmp_path, height, width, channels, lanes, ran
         settings.append(
             {
                 "name": name,
-                "beats": [[hex(word), *rest] for word, *rest in beats],
+                "beats": [beat and [hex(beat[0]), *beat[1:]] for beat in beats],
                 "expected": [hex(word) for word in sent],
                 "bad": bad,
                 "flags": flags,
@@ -177,6 +199,7 @@ def test_bit_exact_to_golden_model(tmp_path, height, width, channels, lanes, ran
         "frame_beats": guard.beats,
         "latency": guard.latency,
         "linger": 2 * guard.beats,
+        "timeout": TIMEOUT,
         "timeout_cycles": 20_000,
     }
     path.write_text(json.dumps(bench))
