@@ -104,7 +104,7 @@ class TopZynq(wiring.Component):
                 m.d.comb += signal.eq(port) if member.flow == In else port.eq(signal)
         m.d.comb += [
             path.enable.eq(registers.enable),
-            path.timeout.eq(registers.timeout),
+            path.timeout.eq(registers.timeout_clocks),
             path.capture.eq(registers.capture_background),
             self.interrupt.eq(registers.interrupt),
             registers.gradient_saturated.eq(path.gradient_saturated),

@@ -43,7 +43,11 @@ force_epochs = 5
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Of a test marked `quick(id, …)`, cases of other ids are `full`: `make test` leaves them out."""
+    """Mark cases as `full` that `quick(id, …)` does not name, and put `long` tests first.
+
+    Begun last, a long test would run alone on one core at the end.
+    """
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
     unknown = {}
     for item in items:
         marker = item.get_closest_marker("quick")

@@ -127,7 +127,7 @@ async def outputs_of_every_sequence(dut, stalls):
     await start(dut)
     for sequence in SETTINGS["sequences"]:
         run = SequenceRun(dut, rng, stalls)
-        await run.play([(int(word, 16), *rest) for word, *rest in sequence["beats"]])
+        await run.play([beat and (int(beat[0], 16), *beat[1:]) for beat in sequence["beats"]])
         name = sequence["name"]
         assert run.flags == sequence["flags"], f"{name}: flags {run.flags}, expected {sequence['flags']}"
         assert run.bad == run.tags == sequence["bad"], f"{name}: {run.bad}, {run.tags}, {sequence['bad']}"

@@ -157,9 +157,10 @@ async def errors_stick_until_cleared(dut):
         await pulse(dut, **{name: 1})
         await expect(master, ERRORS=1 << k)
         assert await write(master, AT["ERRORS"], ~(1 << k) & 0xFFFFFFFF) == OKAY
-        assert await write(master, AT["ERRORS"] + 1, 0xFF, 1) == OKAY
+        octet, bit = divmod(k, 8)
+        assert await write(master, AT["ERRORS"] + 1 - octet, 0xFF, 1) == OKAY
         await expect(master, ERRORS=1 << k)
-        assert await write(master, AT["ERRORS"], 1 << k, 1) == OKAY
+        assert await write(master, AT["ERRORS"] + octet, 1 << bit, 1) == OKAY
         await expect(master, ERRORS=0)
     # An error in the clock in which it is cleared stays set.
     dut.no_start.value = 1

@@ -30,6 +30,7 @@ SPANS = (10, 5, 60)
     ids=["absolute depth", "difference from the background", "adjoint"],
 )
 @pytest.mark.quick("difference from the background")
+@pytest.mark.long
 def test_frames_use_the_loaded_calibration(tmp_path, wanted):
     """With AXI error responses, so that the host sees which of its words is refused."""
     own = random_bundle(tmp_path / "own", scene(**wanted, bus_errors="respond"))

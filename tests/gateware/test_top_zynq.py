@@ -239,6 +239,7 @@ def check_faults(hardware: Hardware) -> None:
     )
 
 
+@pytest.mark.long
 def test_depth_and_force(tmp_path):
     """The paper's architecture: absolute depth, four channels, one pixel per clock."""
     hardware = Hardware(tmp_path, outputs=("depth", "force_z"), channels="bgr+nir")
@@ -246,25 +247,34 @@ def test_depth_and_force(tmp_path):
     check_faults(hardware)
 
 
-def test_tridiagonal_depth_and_three_axes(tmp_path):
-    """The tridiagonal solver sends the last row first."""
+@pytest.mark.long
+def test_tridiagonal_force_map_and_two_axes(tmp_path):
+    """Last row first, and with void lanes: 18 columns are 4.5 beats of four lanes."""
     hardware = Hardware(
         tmp_path,
-        outputs=("depth", "force_xyz"),
+        outputs=("depth", "force_x", "force_z", "force_map"),
         channels="bgr+nir",
         solver="tridiagonal",
-        kernel="collapsed",
+        mode="difference",
         weights="baked",
-        lanes=2,
+        lanes=4,
+        size=20,
     )
     check_frames(hardware)
     check_faults(hardware)
 
 
+ADJOINT = {"outputs": ("force_xyz",), "solver": "adjoint", "lanes": 2}
+
+
+@pytest.mark.long
 def test_adjoint_force(tmp_path):
-    hardware = Hardware(tmp_path, outputs=("force_xyz",), solver="adjoint", lanes=2)
-    check_frames(hardware)
-    check_faults(hardware)
+    check_frames(Hardware(tmp_path, **ADJOINT))
+
+
+@pytest.mark.full
+def test_adjoint_faults(tmp_path):
+    check_faults(Hardware(tmp_path, **ADJOINT))
 
 
 @pytest.mark.full
@@ -287,8 +297,23 @@ def test_normals_alone(tmp_path):
     check_faults(hardware)
 
 
-def test_force_map_with_void_lanes_last_row_first(tmp_path):
-    """22 columns are 5.5 beats of four lanes, and the tridiagonal solver sends the last row first."""
+@pytest.mark.full
+def test_tridiagonal_collapsed_kernels(tmp_path):
+    hardware = Hardware(
+        tmp_path,
+        outputs=("depth", "force_xyz"),
+        channels="bgr+nir",
+        solver="tridiagonal",
+        kernel="collapsed",
+        weights="baked",
+        lanes=2,
+    )
+    check_frames(hardware)
+    check_faults(hardware)
+
+
+@pytest.mark.full
+def test_force_map_with_larger_kernels(tmp_path):
     settings = {"solver": "tridiagonal", "kernel_size": 5, "mode": "difference", "weights": "baked"}
     check_frames(
         Hardware(tmp_path, outputs=("depth", "force_y", "force_z", "force_map"), lanes=4, size=24, **settings)
@@ -310,7 +335,7 @@ PAPER = [
 
 
 @pytest.mark.parametrize(("lanes", "weights", "mode", "kernel_size"), PAPER)
-@pytest.mark.quick("4-loadable-difference-7")
+@pytest.mark.full
 def test_lanes_weights_modes_and_kernels(tmp_path, lanes, weights, mode, kernel_size):
     settings = {"lanes": lanes, "weights": weights, "mode": mode, "kernel_size": kernel_size}
     check_frames(Hardware(tmp_path, outputs=("depth", "force_z"), **settings))

@@ -70,6 +70,7 @@ def changed(words: np.ndarray, *where: tuple[int, ...]) -> np.ndarray:
     return words
 
 
+@pytest.mark.long
 def test_mismatches_with_the_golden_model_are_found(hardware):
     """There are as many mismatches as golden words were changed, in every output, first and last included."""
     *_, result, folder = hardware

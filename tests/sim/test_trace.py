@@ -175,6 +175,7 @@ def test_fst(traced):
     assert (low, high, again, ends - begins) == (0, 1, 0, 256 * period_ps)
 
 
+@pytest.mark.full
 def test_traced_simulators_have_their_own_build_folder(traced, tmp_path):
     file, *_ = traced("saif")
     assert (file.parent / "build-saif" / NAME).exists()

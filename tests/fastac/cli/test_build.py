@@ -2,6 +2,7 @@ import json
 import re
 import shutil
 
+import pytest
 from command_line import fail, succeed
 
 STEPS = ("data", "normals", "integers", "force", "bundle", "evaluate", "verilog", "sim", "report")
@@ -38,6 +39,7 @@ def test_no_results_no_report(tiny_folder, tiny_file, tmp_path):
     assert fail("report", folder) == f"{folder}/data.h5: no such file"
 
 
+@pytest.mark.long
 def test_a_scene_from_frames_to_the_report(toml, tmp_path, one_process):
     """Frames, trained integers, Verilog, its simulation, the report; a second run does nothing."""
     text = toml.read_text().replace("[poisson]\n", '[poisson]\nsolver = "tridiagonal"\n')

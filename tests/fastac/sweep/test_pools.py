@@ -26,6 +26,7 @@ def cache(tmp_path_factory):
     return tmp_path_factory.mktemp("cache")
 
 
+@pytest.mark.long
 def test_local_processes(tiny_toml, tiny_file, cache, tmp_path):
     """Two processes measure what one does."""
     (tmp_path / "tiny.toml").write_text(tiny_toml)

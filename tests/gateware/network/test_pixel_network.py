@@ -101,6 +101,7 @@ def test_loadable_weights(tmp_path, with_parameters, sizes, lanes, latency, bits
     compare(with_parameters(dut, image), layers, x, latency, bits, tmp_path)
 
 
+@pytest.mark.full
 def test_multipliers_of_the_papers_network():
     layers = network([6, 16, 16, 16, 3], np.random.default_rng(1), 10, loadable=True)
     dut = NormalMlp(layers, input_width=WIDTH, lanes=1)

@@ -52,7 +52,7 @@ def words(frames, background, over, lanes: int) -> dict[str, list[int]]:
     ("lanes", "channels", "slopes", "displacements"),
     [(1, 4, True, True), (2, 3, True, False), (4, 4, False, False), (4, 3, True, True)],
 )
-@pytest.mark.quick("2-3-True-False", "4-3-True-True")
+@pytest.mark.quick("2-3-True-False")
 def test_flags(tmp_path, lanes, channels, slopes, displacements):
     rng = np.random.default_rng(lanes)
     frames, background, over = stimulus(rng, channels, slopes, displacements)

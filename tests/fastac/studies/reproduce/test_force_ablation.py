@@ -145,6 +145,7 @@ def test_a_second_run_trains_nothing(written, drawn, monkeypatch):
     assert invoke(drawn, output).output == first.output
 
 
+@pytest.mark.full
 def test_an_interrupted_run_goes_on(written, drawn, monkeypatch):
     """From the epoch after which it was interrupted, to the same result; then no checkpoint is left."""
     output, first = written

@@ -29,6 +29,7 @@ from fastac.studies.demos import grasp, vibration
 from fastac.studies.reproduce import limits_geometry, run
 from fastac.studies.reproduce.section import Finished, Section, vertical
 
+pytestmark = pytest.mark.long
 RIG = """
 name = "rig"
 outputs = ["depth", "force_xyz"]
