@@ -16,12 +16,14 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.sensor.dataset import Dataset
 from fastac.sim import check_top as simulation
-from fastac.sim.runner import EXECUTABLE, use_verilator
+from fastac.sim.runner import EXECUTABLE, QUICK, use_verilator
 from fastac.store.files import write_folder_atomically, write_json
 from fastac.store.progress import watched
 from fastac.synth import resources
 
 NAME = "fastac"
+SHORT_RUN_PX = 1 << 13
+"""Runs with fewer pixels in all take less time with a simulator that is built without optimisation."""
 
 
 class HardwareError(RuntimeError):
@@ -118,7 +120,16 @@ def simulate(
     frames = data.frames[index]
     result = Emulator(bundle.pipeline).run(frames, progress=progress)
     source = verilog_folder / f"{NAME}.v"
+    pixels = len(index) * bundle.scene.sensor.height_px * bundle.scene.sensor.width_px
     found = simulation.simulate(
-        bundle, source, frames, result, folder, name=NAME, trace=trace, progress=progress
+        bundle,
+        source,
+        frames,
+        result,
+        folder,
+        name=NAME,
+        build_args=QUICK if pixels < SHORT_RUN_PX else (),
+        trace=trace,
+        progress=progress,
     )
     return found.as_dict()

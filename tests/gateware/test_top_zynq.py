@@ -240,9 +240,9 @@ def check_faults(hardware: Hardware) -> None:
 
 
 @pytest.mark.long
-def test_depth_and_force(tmp_path):
-    """The paper's architecture: absolute depth, four channels, one pixel per clock."""
-    hardware = Hardware(tmp_path, outputs=("depth", "force_z"), channels="bgr+nir")
+def test_normals_depth_and_force(tmp_path):
+    """The paper's architecture, with normals: absolute depth, four channels, one pixel per clock."""
+    hardware = Hardware(tmp_path, outputs=("normals", "depth", "force_z"), channels="bgr+nir")
     check_frames(hardware)
     check_faults(hardware)
 

@@ -2,6 +2,7 @@
 import json
 import re
 
+import numpy as np
 import pytest
 
 from fastac.flow import hardware
@@ -10,6 +11,8 @@ from fastac.gateware.target.device import DEVICE
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.random_bundle import random_bundle, scene
+from fastac.sim.check_top import Report
+from fastac.sim.runner import QUICK
 from fastac.synth.resources import block_rams, memories
 
 
@@ -53,6 +56,25 @@ def test_everything_that_vivado_and_a_driver_need_is_there(bundle, written):
     assert registers["FORCE_Z_LOW"]["offset"] == 0x60
     assert registers["ERRORS"]["access"] == "w1c"
     assert all(register["meaning"] for register in registers.values())
+
+
+@pytest.mark.parametrize(("frames", "arguments"), [(31, QUICK), (32, ())])
+def test_the_simulator_of_a_short_run_is_built_without_optimisation(
+    bundle, written, tmp_path, monkeypatch, frames, arguments
+):
+    """32 frames of 16×16 pixels are 8,192 pixels."""
+    called = {}
+
+    class Dataset:
+        frames = np.repeat(bundle.pipeline.background[None], 40, axis=0)
+
+    def simulate(*positional, **named):
+        called.update(named)
+        return Report(*[0] * 7)
+
+    monkeypatch.setattr(hardware.simulation, "simulate", simulate)
+    hardware.simulate(bundle, Dataset, np.arange(frames), written, tmp_path, progress=False)
+    assert called["build_args"] == arguments
 
 
 def test_more_multipliers_than_the_device_has_are_refused(bundle, tmp_path, monkeypatch):

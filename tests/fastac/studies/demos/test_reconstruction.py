@@ -40,6 +40,12 @@ def test_every_object_is_reconstructed(shown, tiny_bundle):
     ] == pytest.approx(3 * 0.06)
 
 
+def test_summary_of_one_object(shown):
+    content = reconstruction.summary(shown[:1])
+    assert content["load_n"] == shown[0].truth.pressed.pose["load_n"]
+    assert content["objects"].keys() == {"strawberry"}
+
+
 def test_arrows_are_the_whole_force(shown):
     for item in shown:
         feet, force = arrows(item.truth.force_map_n, item.truth.pressed.depth_mm, item.sensor)
