@@ -1,3 +1,5 @@
+from collections import Counter
+
 import numpy as np
 import pytest
 
@@ -32,6 +34,12 @@ def test_each_vertical_load_is_followed_by_its_tangential_ones():
     sizes = [np.hypot(*t) / found[1].load_n for t in found[1].tangential_n]
     np.testing.assert_allclose(sizes, [0.3] * 4 + [0.6] * 4)
     np.testing.assert_allclose(np.sum(found[1].tangential_n, axis=0), 0, atol=1e-15)
+
+
+def test_default_grids_are_the_papers():
+    """192, 75 and 192 vertical presses on 8×8, 5×5 and 8×8 places (supplement I)."""
+    found = stations(parse(TEXT.split("[protocol]")[0], origin="p"))
+    assert Counter(station.split for station in found) == {"train": 192, "validation": 75, "test": 192}
 
 
 @pytest.mark.parametrize(

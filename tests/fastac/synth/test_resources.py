@@ -5,6 +5,8 @@ import numpy as np
 import pytest
 
 from fastac.gateware.cycle_model import multipliers
+from fastac.gateware.datapath import Datapath
+from fastac.models.random_bundle import random_bundle, scene
 from fastac.report.scope import random_pipeline
 from fastac.synth import resources
 
@@ -92,6 +94,21 @@ def test_products_are_dsp_slices():
     """Of every sample: the architecture has as many products as Yosys finds DSP48E2."""
     for sample in SAMPLES:
         assert sample["dsp48e2"] == sum(stage["dsp48e2"] for stage in sample["counted"].values())
+
+
+@pytest.mark.parametrize("weights", ["loadable", "baked"])
+def test_tables_are_as_wide_as_in_hardware(tmp_path, weights):
+    """A loadable table holds what any calibration may need, a baked one its own values."""
+    bundle = random_bundle(
+        tmp_path / "difference", scene(("depth", "force_z"), size=34, mode="difference", weights=weights)
+    )
+    table = Datapath(bundle.pipeline).solver.source.table
+    found = [found for found in resources.memories(bundle.pipeline) if found[0] == "source"]
+    assert found == [("source", 1, table.fields * table.bits, table.depth)]
+    bundle = random_bundle(tmp_path / "absolute", scene(("force_z",), size=34, weights=weights))
+    table = Datapath(bundle.pipeline).displacement.table
+    found = [found for found in resources.memories(bundle.pipeline) if found[0] == "depth"]
+    assert found == [("depth", 1, table.fields * table.bits, table.depth)]
 
 
 def test_an_estimate_says_where_it_is_from(tiny_scene, make_scene):
