@@ -133,7 +133,7 @@ def sequences(guard, randoms):
         "frame_timeout": [*frame(1), PAUSE],
         "frame_timeout, first beat": [*line(1, start=1, last=0), PAUSE],
         "frame_timeout, the rest comes late": [*frame(1), PAUSE, *line(), *line()],
-        "frame_timeout, in a long line": frame(1) + line(whole + 1, last=0) + [PAUSE] + line(2),
+        "frame_timeout, in a long line": [*line(whole + 1, start=1, last=0), PAUSE, *line(2)],
     }
     if whole > 1:
         alone |= {
