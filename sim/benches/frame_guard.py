@@ -62,13 +62,9 @@ class SequenceRun:
             )
             if quiet > SETTINGS["timeout"] + 10:
                 pauses.discard(offered)
-            pausing = offered == len(self.accepted_at) and offered in pauses
-            if (
-                offered == len(self.accepted_at)
-                and offered < len(beats)
-                and not pausing
-                and rng.random() >= slow_in
-            ):
+            taken = offered == len(self.accepted_at)
+            pausing = taken and offered in pauses
+            if taken and not pausing and offered < len(beats) and rng.random() >= slow_in:
                 word, last, user, enable = beats[offered]
                 dut.axis__tdata.value = word
                 dut.axis__tlast.value, dut.axis__tuser.value = last, user

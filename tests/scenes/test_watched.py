@@ -26,9 +26,8 @@ def test_unwatched_is_the_scene_behind_all_watching(make_scene):
 )
 def test_fields_that_were_added_at_their_default_change_nothing(make_scene, changes, same):
     """As if `force` had been written when it had no `hidden` and no `clamp`."""
-    force = make_scene(force=changes).force
-    before = sorted(set(type(force).model_fields) - {"hidden", "clamp"})
     scene = make_scene(force=changes)
+    before = sorted(set(type(scene.force).model_fields) - {"hidden", "clamp"})
     assert scene.means_the_same(f"force.{ALL_FIELDS}", before) == same
     # A field that is gone, or a path of one value, never means the same.
     assert not scene.means_the_same(f"force.{ALL_FIELDS}", [*before, "gone"])
