@@ -9,6 +9,7 @@ from fastac.cli.data import data, protocol
 from fastac.cli.demos import grasp, vibration
 from fastac.cli.hardware import calibration, sim, synth, verilog
 from fastac.cli.models import evaluate, objects, predict, train
+from fastac.cli.prove import prove
 from fastac.cli.recordings import import_
 from fastac.cli.studies import study
 from fastac.cli.trade import scope, sweep, trade
@@ -34,7 +35,7 @@ def main():
 COMMANDS = (
     *(build, reproduce, report, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
-    *(verilog, calibration, sim, verify, synth, sweep, trade, scope, study, bench),
+    *(verilog, calibration, sim, verify, synth, sweep, trade, scope, study, prove, bench),
 )
 for command in COMMANDS:
     main.add_command(command)

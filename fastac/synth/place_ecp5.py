@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-from fastac.synth import tools
+from fastac.gateware.target import tools
 from fastac.synth.netlist import Part, Port, ports
 from fastac.synth.yosys import cells, netlist
 

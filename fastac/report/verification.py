@@ -1,0 +1,68 @@
+"""The page docs/verification.md: what has been shown of the hardware, campaign by campaign."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from tabulate import tabulate
+
+from fastac.store.evidence import Evidence, Table, gateware_digest, load
+
+CAMPAIGNS = ("formal", "mutation", "simulators", "faults", "fuzz")
+"""In the order of the page."""
+HEAD = """\
+# Verification
+
+What has been shown of the hardware and of the readers, by which means, and what has not. `fastac prove page`
+writes this page from the results in `build/evidence/`, which the commands below leave there. Times are wall
+times of the machine that ran them, with two cores. Nothing here was run on a board.
+"""
+
+
+def _table(table: Table) -> str:
+    rows = [["" if cell is None else str(cell).replace("|", "\\|") for cell in row] for row in table.rows]
+    text = tabulate(rows, list(table.columns), tablefmt="github", disable_numparse=True)
+    return "\n\n".join(filter(None, (f"### {table.title}", table.note, text)))
+
+
+def _section(evidence: Evidence, gateware: str) -> str:
+    minutes = f"{evidence.seconds / 60:.1f} min"
+    parts = [f"## {evidence.title}", f"`{evidence.command}` ({minutes}). {evidence.summary}"]
+    if evidence.gateware != gateware:
+        parts.append("These results are of an earlier state of `gateware/`.")
+    parts += [_table(table) for table in evidence.tables]
+    if evidence.not_covered:
+        parts.append("Not covered:\n\n" + "\n".join(f"- {sentence}" for sentence in evidence.not_covered))
+    return "\n\n".join(parts)
+
+
+def page(found: Sequence[Evidence], gateware: str) -> str:
+    """The page's text, in Markdown; campaigns without a result are named as such.
+
+    gateware : digest of the present sources; results of others say that they are older
+    """
+    by_name = {evidence.name: evidence for evidence in found}
+    overview = tabulate(
+        [
+            [by_name[name].title, f"`{by_name[name].command}`", f"{by_name[name].seconds / 60:.1f} min"]
+            for name in CAMPAIGNS
+            if name in by_name
+        ],
+        ["campaign", "command", "time"],
+        tablefmt="github",
+        disable_numparse=True,
+    )
+    missing = [name for name in CAMPAIGNS if name not in by_name]
+    parts = [HEAD.rstrip(), overview]
+    if missing:
+        parts.append(f"No results here of: {', '.join(missing)}.")
+    parts += [_section(by_name[name], gateware) for name in CAMPAIGNS if name in by_name]
+    return "\n\n".join(parts) + "\n"
+
+
+def of_folder(folder: Path) -> str:
+    """The page of the results in `folder`; raises FileNotFoundError if it holds none."""
+    paths = [folder / f"{name}.json" for name in CAMPAIGNS]
+    found = [load(path) for path in paths if path.exists()]
+    if not found:
+        raise FileNotFoundError(f"{folder}: no results of a campaign; run make formal, for example")
+    return page(found, gateware_digest())

@@ -1,0 +1,67 @@
+"""Results of verification campaigns: one file each, from which the page docs/verification.md is made."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from fastac.store.digest import path_digest
+from fastac.store.files import DamagedFileError, content_hash, read_json, write_json
+
+FOLDER = Path("build/evidence")
+GATEWARE = Path(__file__).resolve().parents[1] / "gateware"
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table of a campaign's results; cells are text or numbers, and None where nothing was obtained."""
+
+    title: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[object]]
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What a campaign has shown.
+
+    name : its file in `FOLDER`, for example "formal"
+    title, summary : heading, and the result in a sentence or two, with its numbers
+    command : what prints the same again, for example "make formal"
+    seconds : wall time of the campaign on the machine that ran it
+    not_covered : sentences, each on something that the campaign does not show
+    gateware : digest of the hardware's sources that it ran on
+    """
+
+    name: str
+    title: str
+    command: str
+    summary: str
+    seconds: float
+    tables: Sequence[Table]
+    not_covered: Sequence[str] = ()
+    gateware: str = field(default_factory=lambda: gateware_digest())
+
+
+def gateware_digest() -> str:
+    """Digest of all Python sources in `gateware/`."""
+    sources = sorted(GATEWARE.resolve().rglob("*.py"))
+    return content_hash([[p.relative_to(GATEWARE.resolve()).as_posix(), path_digest(p)] for p in sources])[
+        :16
+    ]
+
+
+def keep(evidence: Evidence, folder: Path = FOLDER) -> Path:
+    """Write `evidence` to `folder`, in place of the campaign's earlier result; returns the file."""
+    path = folder / f"{evidence.name}.json"
+    write_json(path, asdict(evidence))
+    return path
+
+
+def load(path: Path) -> Evidence:
+    """Raises DamagedFileError for a file that holds no evidence."""
+    content = read_json(path)
+    try:
+        return Evidence(**{**content, "tables": [Table(**table) for table in content["tables"]]})
+    except (TypeError, KeyError) as error:
+        raise DamagedFileError(f"{path}: no results of a campaign ({error})") from None

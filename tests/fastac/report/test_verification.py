@@ -1,0 +1,40 @@
+"""The page of what has been verified."""
+
+from dataclasses import replace
+
+import pytest
+
+from fastac.report.verification import of_folder, page
+from fastac.store.evidence import Evidence, Table, keep
+
+FOUND = Evidence(
+    "formal",
+    "Proofs",
+    "make formal",
+    "All hold.",
+    90.0,
+    [Table("Fork", ["a", "b"], [["x|y", None]])],
+    ["X."],
+    "1",
+)
+
+
+def test_sections_tables_and_what_is_missing():
+    text = page([FOUND], "1")
+    assert "| Proofs     | `make formal` | 1.5 min |" in text
+    assert "No results here of: mutation, simulators, faults, fuzz." in text
+    assert "## Proofs\n\n`make formal` (1.5 min). All hold.\n\n### Fork" in text
+    assert "| x\\|y |     |" in text
+    assert "Not covered:\n\n- X." in text
+    assert "earlier state" not in text
+
+
+def test_results_of_other_sources_say_so():
+    assert "These results are of an earlier state of `gateware/`." in page([FOUND], "2")
+
+
+def test_folder(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no results of a campaign"):
+        of_folder(tmp_path)
+    keep(replace(FOUND, name="fuzz"), tmp_path)
+    assert "## Proofs" in of_folder(tmp_path)

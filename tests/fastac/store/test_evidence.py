@@ -1,0 +1,26 @@
+"""Results of campaigns survive writing and reading, and a damaged file is refused in one line."""
+
+import pytest
+
+from fastac.store.evidence import Evidence, Table, gateware_digest, keep, load
+from fastac.store.files import DamagedFileError
+
+FOUND = Evidence(
+    "formal", "Proofs", "make formal", "All hold.", 90.0, [Table("Fork", ["a"], [["b|c"]])], ["X."]
+)
+
+
+def test_kept_and_loaded(tmp_path):
+    path = keep(FOUND, tmp_path)
+    assert path == tmp_path / "formal.json"
+    again = load(path)
+    assert again == FOUND
+    assert again.gateware == gateware_digest()
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", '{"tables": [{}]}', "{"])
+def test_damaged(tmp_path, text):
+    path = tmp_path / "formal.json"
+    path.write_text(text)
+    with pytest.raises(DamagedFileError, match=r"formal\.json: "):
+        load(path)
