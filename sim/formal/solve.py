@@ -92,5 +92,6 @@ def solve(
 
 def _tied(port: str, name: str) -> str:
     """Yosys' commands that turn the input `port` into a copy of the signal `name`."""
-    # A name with brackets, a memory's word, would be read as a slice.
-    return f"rename \\{name} inner_{port}\ndelete -input w:{port}\nconnect -set {port} inner_{port}"
+    # A name with brackets, a memory's word, would be read as a slice. What the input drives stays driven:
+    # without -nounset whatever it was connected to would become free.
+    return f"rename \\{name} inner_{port}\ndelete -input w:{port}\nconnect -nounset -set {port} inner_{port}"
