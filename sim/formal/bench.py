@@ -12,6 +12,12 @@ from amaranth.lib.wiring import In
 _CHECK = re.compile(r'(?<=cell \$check )\S+(\n    parameter \\FORMAT "(.+)"\n)')
 """A cell of an assertion in RTLIL: its name, and the text of the assertion. Assumptions have no text."""
 
+_NO_BITS = (
+    (re.compile(r"(parameter \\[AB]_WIDTH) 0$", re.M), r"\1 1"),
+    (re.compile(r"(connect \\[AB]) {  }"), r"\1 1'0"),
+)
+"""Operands of no bits, which Amaranth's constant 0 is; Yosys' SMT-LIB writer takes other values for them."""
+
 
 class FormalBench:
     """A module around the component `dut`; whatever of the component's inputs is not driven here is free.
@@ -57,6 +63,15 @@ class FormalBench:
         """Restrict the free inputs to clocks in which `condition` holds."""
         self.m.d.comb += Assume(condition)
 
+    def constant(self, name: str, shape: ShapeLike) -> Signal:
+        """A signal with any value that never changes, not even by a reset."""
+        port = self.free(name, shape)
+        before = Signal(shape, name=f"{name}_before", reset_less=True)
+        begun = Signal(name=f"{name}_begun", reset_less=True)
+        self.m.d.sync += [before.eq(port), begun.eq(1)]
+        self.assume(~begun | (port == before))
+        return port
+
     def past(self, value: Value, name: str) -> Signal:
         """`value` a clock ago; its initial value, usually 0, after a reset."""
         register = Signal.like(Value.cast(value), name=name)
@@ -69,11 +84,11 @@ class FormalBench:
         self.m.d.comb += Value.cast(port).eq(value)
 
     def held(self, name: str, valid: Value, ready: Value, payload: Value) -> tuple[Signal, Value]:
-        """Whether a beat was offered and not taken a clock ago, and that it then is still there, unchanged."""
+        """(A beat was offered and not taken a clock ago; if so it is still offered, unchanged.)"""
         waits = self.past(valid & ~ready, f"{name}_waits")
         before = Signal(len(Value.cast(payload)), name=f"{name}_before", reset_less=True)
-        self.m.d.sync += before.eq(payload)
-        return waits, ~waits | (valid & (before == payload))
+        self.m.d.sync += before.eq(Value.cast(payload))
+        return waits, ~waits | (valid & (before == Value.cast(payload)))
 
     def source(self, port, name: str) -> tuple[Signal, Signal]:
         """Offer beats at the input stream `port` by the rules of streams; returns (transfer, payload)."""
@@ -126,4 +141,6 @@ class FormalBench:
             if member.flow == In and id(value) not in self._driven:
                 self.drive(value, self.free("__".join(map(str, path)), len(Value.cast(value))))
         text = rtlil.convert(self.m, name="top", ports=self._ports, emit_src=False)
+        for operand, zero in _NO_BITS:
+            text = operand.sub(zero, text)
         return _CHECK.sub(lambda cell: f"\\check_{self.assertions.index(cell[2])}{cell[1]}", text)

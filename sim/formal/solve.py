@@ -22,10 +22,12 @@ smtbmc z3
 [script]
 read_rtlil top.il
 hierarchy -top top
-proc
+proc -noopt
 flatten
-{probes}
 memory_map -formal
+cd top
+{probes}
+cd ..
 prep -top top
 [files]
 top.il
@@ -64,7 +66,7 @@ def solve(
     check_installed(TOOLS, "proof")
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "top.il").write_text(bench.rtlil())
-    probes = [f"delete -input w:{port}\nconnect -set {port} \\{name}" for port, name in bench.probes.items()]
+    probes = [_tied(port, name) for port, name in bench.probes.items()]
     settings = {"mode": "bmc" if bounded else "prove", "depth": depth, "limit_s": limit_s}
     (folder / "proof.sby").write_text(SBY.format(probes="\n".join(probes), **settings))
     scripts = Path(sys.executable).parent
@@ -84,5 +86,14 @@ def solve(
         lines = done.stdout.splitlines()
         errors = [line for line in lines if "ERROR" in line] or done.stderr.splitlines()[-1:]
         raise ToolError(f"yowasp-sby: {errors[0] if errors else f'exit status {done.returncode}'}")
-    failed = dict.fromkeys(bench.assertions[int(k)] for k in _FAILED.findall(done.stdout))
-    return Answer(STATUSES[found[1]], tuple(failed), time.monotonic() - begun)
+    status = STATUSES[found[1]]
+    ignored = ".induction:" if status == "fail" else ".basecase:"
+    lines = [line for line in done.stdout.splitlines() if ignored not in line]
+    failed = dict.fromkeys(bench.assertions[int(k)] for k in _FAILED.findall("\n".join(lines)))
+    return Answer(status, tuple(failed), time.monotonic() - begun)
+
+
+def _tied(port: str, name: str) -> str:
+    """Yosys' commands that turn the input `port` into a copy of the signal `name`."""
+    # A name with brackets, a memory's word, would be read as a slice.
+    return f"rename \\{name} inner_{port}\ndelete -input w:{port}\nconnect -nomap -set {port} inner_{port}"
