@@ -12,12 +12,6 @@ from amaranth.lib.wiring import In
 _CHECK = re.compile(r'(?<=cell \$check )\S+(\n    parameter \\FORMAT "(.+)"\n)')
 """A cell of an assertion in RTLIL: its name, and the text of the assertion. Assumptions have no text."""
 
-_NO_BITS = (
-    (re.compile(r"(parameter \\[AB]_WIDTH) 0$", re.M), r"\1 1"),
-    (re.compile(r"(connect \\[AB]) {  }"), r"\1 1'0"),
-)
-"""Operands of no bits, which Amaranth's constant 0 is; Yosys' SMT-LIB writer takes other values for them."""
-
 
 class FormalBench:
     """A module around the component `dut`; whatever of the component's inputs is not driven here is free.
@@ -142,6 +136,4 @@ class FormalBench:
             if member.flow == In and id(value) not in self._driven:
                 self.drive(value, self.free("__".join(map(str, path)), len(Value.cast(value))))
         text = rtlil.convert(self.m, name="top", ports=self._ports, emit_src=False)
-        for operand, zero in _NO_BITS:
-            text = operand.sub(zero, text)
         return _CHECK.sub(lambda cell: f"\\check_{self.assertions.index(cell[2])}{cell[1]}", text)
