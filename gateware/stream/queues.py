@@ -23,7 +23,7 @@ class SkidBuffer(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.queue = queue = fifo.SyncFIFO(width=self.i.payload.shape().size, depth=2)
+        m.submodules.queue = queue = fifo.SyncFIFO(width=len(Value.cast(self.i.payload)), depth=2)
         m.d.comb += [
             queue.w_data.eq(self.i.payload),
             queue.w_en.eq(self.i.valid),
@@ -77,7 +77,8 @@ class CreditQueue(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         taken = Signal()
-        under_way, full = Signal(range(self.depth + 1)), Signal()
+        under_way = Signal(range(self.depth + 1))
+        full = Signal()
         following = (under_way + self.launch - taken)[: len(under_way)]
         m.d.comb += [taken.eq(self.o.valid & self.o.ready), self.room.eq(~full)]
         m.d.sync += [under_way.eq(following), full.eq(following == self.depth)]

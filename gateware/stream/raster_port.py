@@ -77,8 +77,11 @@ class RasterPort(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         port = self.port
-        x, y = Signal(range(self.beats)), Signal(range(self.rows))
-        last, ends, taken = Signal(), Signal(), Signal()
+        x = Signal(range(self.beats))
+        y = Signal(range(self.rows))
+        last = Signal()
+        ends = Signal()
+        taken = Signal()
         m.d.comb += [
             last.eq(x == self.beats - 1),
             ends.eq(last & (y == self.rows - 1)),
@@ -91,7 +94,8 @@ class RasterPort(wiring.Component):
 
         # What is sent: `i`, or what a reset has left open, of which the first beat may have been offered.
         flags = Cat(self.bad, self.suspect) if self.tagged else Const(0, 2)
-        closing, offered = Signal(), Signal()
+        closing = Signal()
+        offered = Signal()
         offer = Signal.like(self.i.payload, reset_less=True)
         offer_flags = Signal(2, reset_less=True)
         sent_flags = Signal(2)

@@ -57,10 +57,11 @@ class FormalBench:
         """Restrict the free inputs to clocks in which `condition` holds."""
         self.m.d.comb += Assume(condition)
 
-    def constant(self, name: str, shape: ShapeLike) -> Signal:
-        """A signal with any value that never changes, not even by a reset."""
-        port = self.free(name, shape)
-        before = Signal(shape, name=f"{name}_before", reset_less=True)
+    def constant(self, name: str, values: range) -> Signal:
+        """A signal with any of `values` that never changes, not even by a reset."""
+        port = self.free(name, values)
+        self.assume((port >= values.start) & (port < values.stop))
+        before = Signal(values, name=f"{name}_before", reset_less=True)
         begun = Signal(name=f"{name}_begun", reset_less=True)
         self.m.d.sync += [before.eq(port), begun.eq(1)]
         self.assume(~begun | (port == before))

@@ -22,7 +22,7 @@ smtbmc z3
 [script]
 read_rtlil top.il
 hierarchy -top top
-proc
+proc -noopt
 flatten
 memory_map -formal
 cd top
@@ -86,12 +86,14 @@ def solve(
         lines = done.stdout.splitlines()
         errors = [line for line in lines if "ERROR" in line] or done.stderr.splitlines()[-1:]
         raise ToolError(f"yowasp-sby: {errors[0] if errors else f'exit status {done.returncode}'}")
-    failed = dict.fromkeys(bench.assertions[int(k)] for k in _FAILED.findall(done.stdout))
-    return Answer(STATUSES[found[1]], tuple(failed), time.monotonic() - begun)
+    status = STATUSES[found[1]]
+    ignored = ".induction:" if status == "fail" else ".basecase:"
+    lines = [line for line in done.stdout.splitlines() if ignored not in line]
+    failed = dict.fromkeys(bench.assertions[int(k)] for k in _FAILED.findall("\n".join(lines)))
+    return Answer(status, tuple(failed), time.monotonic() - begun)
 
 
 def _tied(port: str, name: str) -> str:
     """Yosys' commands that turn the input `port` into a copy of the signal `name`."""
-    # A name with brackets, a memory's word, would be read as a slice. What the input drives stays driven:
-    # without -nounset whatever it was connected to would become free.
-    return f"rename \\{name} inner_{port}\ndelete -input w:{port}\nconnect -nounset -set {port} inner_{port}"
+    # A name with brackets, a memory's word, would be read as a slice.
+    return f"rename \\{name} inner_{port}\ndelete -input w:{port}\nconnect -nomap -set {port} inner_{port}"

@@ -1,17 +1,22 @@
-"""Proofs of the parts that move beats without changing them: fork, queues."""
+"""Proofs of the parts that move beats without changing them: fork, skid buffer, credit queue."""
 
-from amaranth import Cat, Signal, unsigned
+from functools import partial
+
+from amaranth import Array, Cat, Signal, Value, unsigned
 
 from fastac.gateware.stream.fork import Fork
+from fastac.gateware.stream.queues import CreditQueue, SkidBuffer
 from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.in_order import InOrder
 from fastac.sim.formal.proof import Proof
 
 WAYS = 3
+PAYLOAD = unsigned(3)
 
 
 def fork(component: type) -> FormalBench:
     """Every beat reaches each output once, in order: outputs are ahead of the input by at most one beat."""
-    bench = FormalBench(component(unsigned(4), WAYS))
+    bench = FormalBench(component(PAYLOAD, WAYS))
     moves, payload = bench.source(bench.dut.i, "i")
     taken = bench.probe("taken", WAYS)
     waits = Signal()  # the beat at the input was there a clock ago
@@ -31,11 +36,67 @@ def fork(component: type) -> FormalBench:
     return bench
 
 
+def fifo_words(bench: FormalBench, path: str, depth: int, width: int) -> tuple[Value, list[Value]]:
+    """Level and words, the oldest first, of the SyncFIFO `path`; asserts that its pointers fit its level."""
+    level = bench.probe(f"{path}.level", range(depth + 1))
+    produce, consume = (bench.probe(f"{path}.{name}", range(depth)) for name in ("produce", "consume"))
+    rows = [bench.probe(f"{path}.storage[{k}]", width) for k in range(depth)]
+    if depth > 1:
+        bench.always("the FIFO's pointers are in it", (produce < depth) & (consume < depth))
+        apart = Signal(range(2 * depth))
+        bench.m.d.comb += apart.eq(consume + level)
+        bench.always(
+            "the FIFO's pointers fit its level", produce == apart - depth * (apart >= depth).as_unsigned()
+        )
+    bench.always("the FIFO holds at most its depth", level <= depth)
+    memory = Array(rows)
+    return level, [memory[(consume + k) % depth] for k in range(depth)]
+
+
+def skid_buffer(component: type) -> FormalBench:
+    """Beats leave as they entered; no deadlock, and `ready` comes from a register."""
+    bench = FormalBench(component(PAYLOAD))
+    enters, payload = bench.source(bench.dut.i, "i")
+    leaves = bench.sink(bench.dut.o, "o")
+    track = InOrder(bench, enters, payload, leaves, bench.dut.o.payload, capacity=2)
+    level, words = fifo_words(bench, "queue", 2, len(payload))
+    track.stored(bench, words)
+    bench.always("inside are the FIFO's beats", track.inside == level)
+    bench.always("no deadlock: what is inside is offered", bench.dut.o.valid == (track.inside != 0))
+    bench.always("no deadlock: takes a beat while it has room", bench.dut.i.ready == (track.inside != 2))
+    return bench
+
+
+def credit_queue(component: type, depth: int) -> FormalBench:
+    """Beats leave as they entered, and no beat arrives without room, behind a pipeline of any length."""
+    bench = FormalBench(component(PAYLOAD, depth=depth))
+    dut, m = bench.dut, bench.m
+    launch, arrives = bench.free("launch"), bench.free("arrives")
+    payload = bench.free("payload", PAYLOAD)
+    under_way = Signal(range(depth + 2))  # in the pipeline
+    m.d.sync += under_way.eq(under_way + launch - arrives)
+    bench.assume(~launch | dut.room)
+    bench.assume(~arrives | (under_way != 0))
+    for port, value in ((dut.launch, launch), (dut.i_valid, arrives), (dut.i, payload)):
+        bench.drive(port, value)
+    leaves = bench.sink(dut.o, "o")
+    track = InOrder(bench, arrives, payload, leaves, dut.o.payload, capacity=depth)
+    level, words = fifo_words(bench, "queue", depth, len(payload))
+    track.stored(bench, words)
+    credits = bench.probe("under_way", range(depth + 1))
+    bench.always("inside are the FIFO's beats", track.inside == level)
+    bench.always("a credit for each beat under way or inside", credits == under_way + level)
+    bench.always("at most as many as places", under_way + level <= depth)
+    bench.always("no deadlock: room while a credit is free", dut.room == (credits != depth))
+    bench.always("no deadlock: what is inside is offered", dut.o.valid == (arrives | (track.inside != 0)))
+    return bench
+
+
 PROOFS = (
     Proof(
         "fork",
         Fork,
-        "three outputs of 4 bits; outputs are alike and payloads are only wired through",
+        "three outputs of 3 bits; outputs are alike and payloads are only wired through",
         fork,
         depth=2,
         breaks=(
@@ -45,5 +106,36 @@ PROOFS = (
             ("o.payload.eq(self.i.payload)", "o.payload.eq(self.i.payload | 1)"),
         ),
         quick=True,
+    ),
+    Proof(
+        "skid_buffer",
+        SkidBuffer,
+        "3 bits; payloads are only stored",
+        skid_buffer,
+        depth=2,
+        breaks=(
+            ("queue.w_en.eq(self.i.valid)", "queue.w_en.eq(1)"),
+            ("queue.r_en.eq(self.o.ready)", "queue.r_en.eq(1)"),
+            ("self.i.ready.eq(queue.w_rdy)", "self.i.ready.eq(1)"),
+            ("self.o.valid.eq(queue.r_rdy)", "self.o.valid.eq(queue.r_rdy & self.o.ready)"),
+        ),
+        quick=True,
+    ),
+    *(
+        Proof(
+            f"credit_queue_{depth}",
+            CreditQueue,
+            f"depth {depth}, 3 bits, behind a pipeline of any length",
+            partial(credit_queue, depth=depth),
+            depth=2,
+            breaks=(
+                ("following == self.depth", "following == self.depth + 1"),
+                ("under_way + self.launch - taken", "under_way + self.launch - self.o.valid"),
+                ("(queue.r_rdy | ~self.o.ready)", "~self.o.ready"),
+                ("Mux(queue.r_rdy, queue.r_data, self.i)", "queue.r_data"),
+            ),
+            quick=depth == 2,
+        )
+        for depth in (2, 4)
     ),
 )
