@@ -46,12 +46,15 @@ def check(
 ) -> None:
     """Simulate `component` (streams `i` and `o`) and compare every output beat; raises on a difference.
 
+    A beat that `o` offers must stay offered, unchanged, until it is taken; that is checked in every clock.
+
     inputs, expected : payloads, packed with `pack`; as many beats as expected must come, in this order
     mask : bits of the output payloads to compare, one mask for all or one per beat (for unused lanes)
     latencies : (index of input beat, index of output beat, clocks between their transfers), checked in the
         run without pauses
     flags : {one-bit output port: number of transfers at `o` in which it must be high}
-    stalls : probabilities per clock that the driver and `o.ready` pause; one run for each, from one build
+    stalls : shares of clocks in which the driver and `o.ready` pause, each on its own, for single clocks and
+        in bursts; one run for each, from one build
     build_args, log_file : further arguments of Verilator; file for the output instead of the terminal
     """
     folder.mkdir(parents=True, exist_ok=True)

@@ -14,6 +14,34 @@ def prove():
 
 
 @prove.command()
+@click.argument("names", metavar="[PROOF]...", nargs=-1)
+@click.option("--quick", is_flag=True, help="Only those that take a few seconds.")
+@click.option("--jobs", type=click.IntRange(0), default=0, help="Solvers side by side. [default: one a core]")
+def formal(names, quick, jobs):
+    """Prove the properties of the streams, the buses and the arithmetic with Yosys and z3.
+
+    Every input is free, the reset too. Each proof has copies of its component that were broken on purpose,
+    on which its properties must fail. Answers are kept in build/cache/formal and found again while the
+    hardware and the properties are unchanged. Without PROOF all are asked, and the result is kept for the
+    page of what has been verified. Ends with an error if a property does not hold, or a broken copy passes.
+
+    \b
+    Example: fastac prove formal frame_guard_2x2
+    """
+    from fastac.sim.formal import campaign
+    from fastac.store.evidence import keep
+
+    chosen = [proof for proof in campaign.proofs(names) if proof.quick or not quick]
+    outcomes = campaign.campaign(chosen, click.echo, jobs)
+    if not names and not quick:
+        click.echo(f"written: {keep(campaign.evidence(outcomes))}")
+    wrong = [outcome.proof.name for outcome in outcomes if not outcome.holds]
+    if wrong:
+        raise click.ClickException(f"not proven: {', '.join(wrong)}")
+    click.echo(f"{len(outcomes)} proofs hold")
+
+
+@prove.command()
 @click.option(
     "--evidence",
     type=INPUT,

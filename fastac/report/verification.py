@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from tabulate import tabulate
-
 from fastac.store.evidence import Evidence, Table, gateware_digest, load
 
 CAMPAIGNS = ("formal", "mutation", "simulators", "faults", "fuzz")
@@ -18,10 +16,15 @@ times of the machine that ran them, with two cores. Nothing here was run on a bo
 """
 
 
+def _rows(columns: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """A Markdown table without padding: a page of long cells stays readable as text."""
+    cells = [["" if cell is None else str(cell).replace("|", "\\|") for cell in row] for row in rows]
+    lines = [list(columns), ["---"] * len(columns), *cells]
+    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+
+
 def _table(table: Table) -> str:
-    rows = [["" if cell is None else str(cell).replace("|", "\\|") for cell in row] for row in table.rows]
-    text = tabulate(rows, list(table.columns), tablefmt="github", disable_numparse=True)
-    return "\n\n".join(filter(None, (f"### {table.title}", table.note, text)))
+    return "\n\n".join(filter(None, (f"### {table.title}", table.note, _rows(table.columns, table.rows))))
 
 
 def _section(evidence: Evidence, gateware: str) -> str:
@@ -41,15 +44,13 @@ def page(found: Sequence[Evidence], gateware: str) -> str:
     gateware : digest of the present sources; results of others say that they are older
     """
     by_name = {evidence.name: evidence for evidence in found}
-    overview = tabulate(
+    overview = _rows(
+        ("campaign", "command", "time"),
         [
-            [by_name[name].title, f"`{by_name[name].command}`", f"{by_name[name].seconds / 60:.1f} min"]
+            (by_name[name].title, f"`{by_name[name].command}`", f"{by_name[name].seconds / 60:.1f} min")
             for name in CAMPAIGNS
             if name in by_name
         ],
-        ["campaign", "command", "time"],
-        tablefmt="github",
-        disable_numparse=True,
     )
     missing = [name for name in CAMPAIGNS if name not in by_name]
     parts = [HEAD.rstrip(), overview]

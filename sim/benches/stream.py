@@ -12,11 +12,30 @@ from cocotb.triggers import ReadOnly, RisingEdge
 SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
 INPUTS, EXPECTED, MASKS = ([int(x, 16) for x in SETTINGS[key]] for key in ("inputs", "expected", "masks"))
 
+LONGEST_PAUSE = 24
+
+
+class Pauses:
+    """Pauses of one side of a stream: `share` of all clocks, half of them one clock long, others bursts."""
+
+    def __init__(self, share: float, rng: random.Random):
+        self.share, self.rng, self.left = share, rng, 0
+        mean = (1 + (2 + LONGEST_PAUSE) / 2) / 2
+        self.begins = 1.0 if share >= 1 else share / (share + mean * (1 - share))
+
+    def now(self) -> bool:
+        """Whether this clock is part of a pause."""
+        if not self.left and self.share and self.rng.random() < self.begins:
+            self.left = 1 if self.rng.random() < 0.5 else self.rng.randint(2, LONGEST_PAUSE)
+        paused = self.left > 0
+        self.left -= paused
+        return paused
+
 
 @cocotb.test()
 @cocotb.parametrize(stall=SETTINGS["stalls"])
 async def values_order_latency_flags(dut, stall):
-    rng = random.Random(SETTINGS["seed"])
+    source, sink = (Pauses(stall, random.Random(f"{SETTINGS['seed']} {side}")) for side in "io")
     cocotb.start_soon(Clock(dut.clk, 10, unit="ns").start())
     dut.rst.value = 1
     dut.i__valid.value = dut.o__ready.value = 0
@@ -26,6 +45,7 @@ async def values_order_latency_flags(dut, stall):
 
     offered, accepted_at, output_at, received = 0, [], [], []
     flags = dict.fromkeys(SETTINGS["flags"], 0)
+    held = None  # what was offered at `o` and not taken
     idle = cycle = 0
     # Go on for 64 clocks after the last expected beat: no more may come.
     while idle < 64:
@@ -33,14 +53,17 @@ async def values_order_latency_flags(dut, stall):
             f"hang: {len(received)} of {len(EXPECTED)} after {cycle} cycles"
         )
         # A valid beat must not be withdrawn, so a pause is decided before the beat is offered.
-        if offered == len(accepted_at) and offered < len(INPUTS) and rng.random() >= stall:
+        if offered == len(accepted_at) and not source.now() and offered < len(INPUTS):
             dut.i__payload.value = INPUTS[offered]
             offered += 1
         dut.i__valid.value = int(offered > len(accepted_at))
-        dut.o__ready.value = int(rng.random() >= stall)
+        dut.o__ready.value = int(not sink.now())
         await ReadOnly()
         if int(dut.i__valid.value) and int(dut.i__ready.value):
             accepted_at.append(cycle)
+        offer = int(dut.o__payload.value) if int(dut.o__valid.value) else None
+        assert held in (None, offer), f"clock {cycle}: beat {len(received)} was withdrawn or changed at `o`"
+        held = None if int(dut.o__ready.value) else offer
         if int(dut.o__valid.value) and int(dut.o__ready.value):
             received.append(int(dut.o__payload.value))
             output_at.append(cycle)

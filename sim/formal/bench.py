@@ -1,7 +1,8 @@
 """Bench of a proof: a component whose inputs are free, with assumptions about them and assertions."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 
 from amaranth import Module, Signal, Value
 from amaranth.back import rtlil
@@ -11,6 +12,15 @@ from amaranth.lib.wiring import In
 
 _CHECK = re.compile(r'(?<=cell \$check )\S+(\n    parameter \\FORMAT "(.+)"\n)')
 """A cell of an assertion in RTLIL: its name, and the text of the assertion. Assumptions have no text."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What the solver is asked: the netlist of a bench, its probes by port, and its assertions' names."""
+
+    rtlil: str
+    probes: Mapping[str, str]
+    assertions: tuple[str, ...]
 
 
 class FormalBench:
@@ -130,10 +140,11 @@ class FormalBench:
         for k, port in enumerate(ports):
             yield from FormalBench._each(f"{name}_{k}", port, dimensions[1:])
 
-    def rtlil(self) -> str:
+    def question(self) -> Question:
         """The module `top`: free inputs are its ports, assertion k of `assertions` is the cell check_k."""
         for path, member, value in self.dut.signature.flatten(self.dut):
             if member.flow == In and id(value) not in self._driven:
                 self.drive(value, self.free("__".join(map(str, path)), len(Value.cast(value))))
         text = rtlil.convert(self.m, name="top", ports=self._ports, emit_src=False)
-        return _CHECK.sub(lambda cell: f"\\check_{self.assertions.index(cell[2])}{cell[1]}", text)
+        text = _CHECK.sub(lambda cell: f"\\check_{self.assertions.index(cell[2])}{cell[1]}", text)
+        return Question(text, self.probes, tuple(self.assertions))

@@ -2,12 +2,14 @@
 
 import inspect
 import sys
+import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.bench import FormalBench, Question
 from fastac.sim.formal.solve import Answer, solve
+from fastac.store.files import content_hash
 
 
 @dataclass(frozen=True)
@@ -35,24 +37,47 @@ class Proof:
     broken_depth: int = 16
     quick: bool = False
 
-    def run(self, folder: Path, limit_s: int = 600) -> Answer:
-        """Prove the properties; the solver's files go to `folder`."""
-        bench = self.bench(self.component)
-        return solve(bench, folder, depth=self.depth, bounded=bool(self.bound), limit_s=limit_s)
+    def question(self, index: int | None = None) -> Question:
+        """What is asked of the component, or of its broken copy `index`."""
+        component = self.component if index is None else broken(self.component, *self.breaks[index])
+        return self.bench(component).question()
 
-    def run_broken(self, index: int, folder: Path, limit_s: int = 600) -> Answer:
-        """Check the properties on the broken copy `index`, from the start on; they should fail."""
-        bench = self.bench(broken(self.component, *self.breaks[index]))
-        return solve(bench, folder, depth=self.broken_depth, bounded=True, limit_s=limit_s)
+    def key(self, index: int | None = None) -> str:
+        """Digest of the question and the settings."""
+        question = self.question(index)
+        depth = self.depth if index is None else self.broken_depth
+        return content_hash(question.rtlil, dict(question.probes), question.assertions, depth, self.bound)
+
+    def properties(self) -> tuple[str, ...]:
+        """The names of the assertions."""
+        return self.question().assertions
+
+    def run(self, folder: Path, index: int | None = None, limit_s: int = 600) -> Answer:
+        """Prove the properties, or check them on the broken copy `index`, where they should fail.
+
+        A broken copy is checked from the start on for `broken_depth` clocks. The solver's files go to
+        `folder`.
+        """
+        question = self.question(index)
+        if index is None:
+            return solve(question, folder, depth=self.depth, bounded=bool(self.bound), limit_s=limit_s)
+        return solve(question, folder, depth=self.broken_depth, bounded=True, limit_s=limit_s)
+
+
+_parsing = threading.Lock()
+"""Python 3.11 fails if two threads parse source at the same time (its count of the recursion is shared)."""
 
 
 def broken(component: type, text: str, replacement: str) -> type:
     """A copy of a class with `replacement` in place of `text`, which must be in its source once."""
-    source = inspect.getsource(component)
+    with _parsing:
+        source = inspect.getsource(component)
     if source.count(text) != 1:
         raise ValueError(
             f"{component.__name__}: {text!r} is in its source {source.count(text)} times, not once"
         )
     names = dict(vars(sys.modules[component.__module__]))
-    exec(compile(source.replace(text, replacement), f"<broken {component.__name__}>", "exec"), names)
+    with _parsing:
+        code = compile(source.replace(text, replacement), f"<broken {component.__name__}>", "exec")
+    exec(code, names)
     return names[component.__name__]

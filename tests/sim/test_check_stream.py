@@ -42,6 +42,26 @@ class Delay(wiring.Component):
         return m
 
 
+class Fickle(wiring.Component):
+    """Passes words on, rightly in the clocks in which they are taken, and breaks a rule while they wait."""
+
+    def __init__(self, fault: str):
+        self.fault = fault
+        super().__init__({"i": In(stream.Signature(8)), "o": Out(stream.Signature(8))})
+
+    def elaborate(self, platform):
+        m = Module()
+        phase = Signal()
+        m.d.sync += phase.eq(~phase)
+        offers = phase if self.fault == "withdraws" else 1
+        m.d.comb += [
+            self.o.valid.eq(self.i.valid & offers),
+            self.i.ready.eq(self.o.ready & offers),
+            self.o.payload.eq(self.i.payload ^ ((self.fault == "changes") & ~self.o.ready)),
+        ]
+        return m
+
+
 WORDS = [0x10, 0x21, 0x32, 0x43, 0x54, 0x65, 0x76]
 LATENCY = 3
 RIGHT = {
@@ -89,6 +109,15 @@ def test_each_error_is_detected(tmp_path, capfd, name):
     with pytest.raises((RuntimeError, SystemExit)):
         check(Delay(LATENCY), "delay", tmp_path, stalls=(0,), **RIGHT | changes)
     assert message in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("fault", ["withdraws", "changes"])
+@pytest.mark.quick("changes")
+def test_rules_of_streams_are_checked(tmp_path, capfd, fault):
+    """`valid` holds and the payload is stable until a beat is taken."""
+    with pytest.raises((RuntimeError, SystemExit)):
+        check(Fickle(fault), "fickle", tmp_path, inputs=WORDS * 9, expected=WORDS * 9, stalls=(0.6,))
+    assert "was withdrawn or changed at `o`" in capfd.readouterr().out
 
 
 def test_pack_and_unpack():

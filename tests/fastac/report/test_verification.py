@@ -21,10 +21,10 @@ FOUND = Evidence(
 
 def test_sections_tables_and_what_is_missing():
     text = page([FOUND], "1")
-    assert "| Proofs     | `make formal` | 1.5 min |" in text
+    assert "| Proofs | `make formal` | 1.5 min |" in text
     assert "No results here of: mutation, simulators, faults, fuzz." in text
     assert "## Proofs\n\n`make formal` (1.5 min). All hold.\n\n### Fork" in text
-    assert "| x\\|y |     |" in text
+    assert "| x\\|y |  |" in text
     assert "Not covered:\n\n- X." in text
     assert "earlier state" not in text
 

