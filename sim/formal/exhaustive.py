@@ -10,9 +10,11 @@ from amaranth import Module, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
+from fastac.gateware.target.elaboration import to_rtlil
 from fastac.sim.formal.proof import broken
 from fastac.sim.formal.solve import Answer
 from fastac.sim.runner import simulate
+from fastac.store.files import content_hash
 
 
 class Trial(wiring.Component):
@@ -61,21 +63,31 @@ class Exhaustive:
     breaks: tuple[tuple[str, str], ...]
     quick: bool = False
 
-    def run(self, folder: Path) -> Tried:
-        """Try all cases; the simulator's files go to `folder`."""
-        return self._run(self.component, folder)
+    bound = ""  # every case is tried
 
-    def run_broken(self, index: int, folder: Path) -> Tried:
-        """Try all cases on the broken copy `index`, which should fail."""
-        return self._run(broken(self.component, *self.breaks[index]), folder)
+    def harness(self, index: int | None = None) -> Trial:
+        """The hardware that tries the component, or its broken copy `index`."""
+        return self.trial(self.component if index is None else broken(self.component, *self.breaks[index]))
 
-    def _run(self, component: type, folder: Path) -> Tried:
+    def key(self, index: int | None = None) -> str:
+        """Digest of the simulated hardware and the number of cases."""
+        return content_hash(to_rtlil(self.harness(index), name="trial"), self.cases, self.clocks)
+
+    def properties(self) -> tuple[str, ...]:
+        """What is compared."""
+        return (self.compares,)
+
+    def run(self, folder: Path, index: int | None = None) -> Tried:
+        """Try all cases, or try them on the broken copy `index`, which should fail.
+
+        The simulator's files go to `folder`.
+        """
         begun = time.monotonic()
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / "found.json"
         path.unlink(missing_ok=True)
         simulate(
-            self.trial(component),
+            self.harness(index),
             "trial",
             "fastac.sim.benches.exhaustive",
             folder,
