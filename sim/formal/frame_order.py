@@ -9,16 +9,15 @@ FRAMES = 4
 
 
 class FrameOrder:
-    """Assert that the value that enters at `entry` of a frame leaves at `exit` of the same frame, unchanged.
+    """Follow the value that enters at `entry` of each frame, and assert what leaves in its place.
 
-    With places that are free constants the property holds for all values of a frame. Frames are counted
+    If `entry` is a free constant, what is asserted holds for all values of a frame. Frames are counted
     modulo FRAMES; that fewer than FRAMES are inside is asserted too, so that none is taken for another.
 
     Parameters
     ----------
     beats : of a frame, the same number at both sides
     entry, value : a beat's place in its frame, and the value of the beat that enters now
-    exit, leaving : the place at which the value must leave, and the value of the beat that is offered now
 
     Attributes
     ----------
@@ -37,8 +36,6 @@ class FrameOrder:
         beats: int,
         entry: Value,
         value: Value,
-        exit: Value,
-        leaving: Value,
     ):
         self.bench, self.beats = bench, beats
         m = bench.m
@@ -54,10 +51,12 @@ class FrameOrder:
         bench.always(f"fewer than {FRAMES} frames inside", (self.held >= 0) & (self.held < FRAMES * beats))
         bench.always("places are inside the frame", (self.place_in < beats) & (self.place_out < beats))
         bench.always("no beat before it has entered", ~leaves | (self.held > 0))
-        due = bench.dut.o.valid & (self.place_out == exit)
-        bench.always(
-            "each value once, at its place, unchanged", ~due | (leaving == self.caught[self.frame_out])
-        )
+
+    def expect(self, exit: Value, leaving: Value) -> None:
+        """Assert that the value leaves at place `exit`, where it is `leaving` of the beat that is offered."""
+        due = self.bench.dut.o.valid & (self.place_out == exit)
+        known = self.caught[self.frame_out]
+        self.bench.always("each value once, at its place, unchanged", ~due | (leaving == known))
 
     def after(self, place: Value, frame: Value, beats: Value) -> tuple[Value, Value]:
         """Place and frame of the beat that comes `beats` after the one at `place` of `frame`."""

@@ -42,12 +42,9 @@ def transposer(component: type, size: int, lanes: int) -> FormalBench:
     entry, exit = (bench.wire(*named) for named in (
         ("entry", r * beats + c // lanes), ("exit", c * beats + r // lanes)
     ))  # fmt: skip
-    out = Value.cast(dut.o.payload)
-    order = FrameOrder(
-        bench, enters, leaves, beats=places,
-        entry=entry, value=payload.word_select(c % lanes, WIDTH),
-        exit=exit, leaving=out.word_select(r % lanes, WIDTH),
-    )  # fmt: skip
+    value = payload.word_select(c % lanes, WIDTH)
+    order = FrameOrder(bench, enters, leaves, beats=places, entry=entry, value=value)
+    order.expect(exit, Value.cast(dut.o.payload).word_select(r % lanes, WIDTH))
 
     # For the induction: where writer and reader are, which pages are full, where the tracked value is.
     full, valid = bench.probe("full", 2), bench.probe("valid", 2)
@@ -113,10 +110,8 @@ def reversal(component: type, size: int, lanes: int) -> FormalBench:
     r, b = bench.constant("r", range(size)), bench.constant("b", range(beats))
     entry = bench.wire("entry", r * beats + b)
     mirrored = bench.wire("mirrored", (size - 1 - r) * beats + b)
-    out = Value.cast(dut.o.payload)
-    order = FrameOrder(
-        bench, enters, leaves, beats=places, entry=entry, value=payload, exit=mirrored, leaving=out
-    )
+    order = FrameOrder(bench, enters, leaves, beats=places, entry=entry, value=payload)
+    order.expect(mirrored, Value.cast(dut.o.payload))
 
     # For the induction: where writer and reader are, and where in the memory the tracked beat is.
     valid, whole = bench.probe("valid", 2), bench.probe("whole")
