@@ -69,7 +69,7 @@ def patches(component: type, size: int, kernel_size: int, lanes: int) -> FormalB
     bench.always("patches owed", owed == Mux(after < reach, reach - after, 0))
     bench.always("beats of a frame are steps", (after <= long) & ((index <= after) | (after == long)))
     flight = [valid[2], valid[1] + valid[2], valid[0] + valid[1] + valid[2]]
-    (p1, f1), (p0, f0), (pe, fe) = (order.after(order.place_out, order.frame_out, n) for n in flight)
+    (p1, f1), (p0, f0), (pe, fe) = (order.left.after(n) for n in flight)
     before = (order.frame_in - 1)[:2]
     ends = (fe == before) & (pe == places - reach + after)
     goes = (fe == order.frame_in) & (pe == Mux(index > reach, index - reach, 0))
