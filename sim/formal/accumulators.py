@@ -10,10 +10,15 @@ shows: it fails.
 from functools import partial
 
 import numpy as np
-from amaranth import Array, Const, Mux, Signal, Value, signed
+from amaranth import Array, Cat, Const, Mux, Signal, Value, signed
 
 from fastac.gateware.arithmetic.frame_sum import FrameAccumulator
+from fastac.gateware.force.weighted_sum import WeightedSumStream
+from fastac.gateware.mlp_mvm import MvmCore
+from fastac.models.integer.force import WeightedSum
+from fastac.models.integer.network import Layer
 from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.pipelines import weighted_flow
 from fastac.sim.formal.proof import Proof
 
 WIDE = signed(16)
@@ -101,7 +106,92 @@ def frame_sum(component: type, bounds: np.ndarray, constant: int) -> FormalBench
     return bench
 
 
-PROOFS = tuple(
+def _one_stall(bench: FormalBench, moves: Value) -> None:
+    """Assume that of two clocks in a row one is not stalled: in longer stalls nothing moves any more."""
+    stalled = Signal(reset_less=True)
+    bench.m.d.sync += stalled.eq(~moves)
+    bench.assume(moves | ~stalled)
+
+
+def _later(bench: FormalBench, advance: Value, value: Value, name: str) -> Signal:
+    """`value` a step of the pipeline later."""
+    held = Signal(Value.cast(value).shape(), reset_less=True, name=name)
+    with bench.m.If(advance):
+        bench.m.d.sync += held.eq(value)
+    return held
+
+
+def weighted(component: type, weight: np.ndarray, constant: int, bits: int) -> FormalBench:
+    """The sum of a frame is constant + Σ weight · x, for all x."""
+    given = WeightedSum(weight[None, :, :, None], np.array([constant]), bits, True)
+    dut = component(given, lanes=2)
+    bench = FormalBench(dut)
+    m, beats, weights = bench.m, dut.interval, weight.reshape(-1, 2)
+    entered, arrives, place = weighted_flow(bench)
+    _one_stall(bench, dut.o.ready)
+    bench.always("the weights' place", bench.probe("weights.address", range(beats)) == entered.place)
+
+    total = Const(0, WIDE)
+    for k, x in enumerate(dut.i.payload):
+        bench.assume(x != -(1 << (bits - 1)))
+        total += x * Array(Const(int(w), signed(8)) for w in weights[:, k])[entered.place]
+    moves = bench.probe("advance")
+    sums = bench.probe("accumulator.advance")
+    for step in range(5):
+        total = _later(bench, moves, total, f"total_{step}")
+    total = _later(bench, sums, total, "total_5")
+    exact = Signal(WIDE, reset_less=True)
+    with m.If(sums & arrives):
+        m.d.sync += exact.eq(Mux(place == 0, constant, exact) + total)
+
+    own = bench.probe("accumulator.accumulator_0", given.width).as_signed()
+    bench.always("the accumulator is the unbounded sum", own == exact)
+    so_far = abs(constant) + np.cumsum(np.abs(weights).sum(axis=1)) * given.input_limit
+    begun = (place != 0) | dut.o.valid
+    bench.always(
+        "the sum is within the bound of its beats", ~begun | _within(exact, np.roll(so_far, 1), place)
+    )
+    return bench
+
+
+def tile(component: type, loadable: bool) -> FormalBench:
+    """Each neuron's sum is Σ weight · x + bias, for all x; if they are loadable, all weights and biases."""
+    weight, bias = [[3, -2], [-3, 3]], [5, -6]
+    layer = Layer(np.array(weight), np.array(bias), np.array([2, 1]), 3, loadable=loadable)
+    dut = component(layer, input_width=2, input_signed=True)
+    bench = FormalBench(dut)
+    advance = bench.free("advance")
+    bench.drive(dut.advance, advance)
+    _one_stall(bench, advance)
+
+    def unknown(name: str, limit: int) -> Value:
+        return bench.constant(name, range(2 * limit + 1)) - limit
+
+    if loadable:
+        weight = [[unknown(f"weight_{k}_{j}", 3) for j in range(2)] for k in range(2)]
+        bias = [unknown(f"bias_{k}", layer.bias_limit) for k in range(2)]
+        words = [dut.packing.word(*pair)[: dut.packing.width] for pair in zip(*weight, strict=True)]
+        bench.drive(dut.parameters, Cat(words, (b[: dut.bias_width] for b in bias)))
+    for x, limit in zip(dut.i, layer.input_limit.tolist(), strict=True):
+        bench.assume((x <= limit) & (x >= -limit))
+    given = Const(1)
+    sums = []
+    for k in range(2):
+        terms = (w * x for w, x in zip(weight[k], dut.i, strict=True))
+        total = Signal(WIDE, name=f"sum_{k}")
+        bench.m.d.comb += total.eq(sum(terms, bias[k]))
+        sums.append(total)
+    for step in range(dut.latency):
+        given = _later(bench, advance, given, f"given_{step}")
+        sums = [_later(bench, advance, total, f"sum_{k}_{step}") for k, total in enumerate(sums)]
+    for k, total in enumerate(sums):
+        bench.always(f"neuron {k} is the unbounded sum", ~given | (dut.o[k] == total))
+    return bench
+
+
+ONE_STALL = "stalls of one clock; in a longer one nothing moves any more"
+
+FRAMES = tuple(
     Proof(
         f"frame_sum_{len(bounds)}_{len(bounds[0])}",
         FrameAccumulator,
@@ -121,4 +211,40 @@ PROOFS = tuple(
         (((3,), (1,)), -3),
         (((3, 1, 0), (0, 2, 3), (7, 5, 1)), 9),
     )
+)
+
+PROOFS = (
+    *FRAMES,
+    Proof(
+        "weighted_sum_bound",
+        WeightedSumStream,
+        f"frames of 4 × 4 values of 2 bits, two a beat, largest weights of either sign; {ONE_STALL}",
+        partial(weighted, weight=np.array([[1, -1], [0, 1]] * 4).reshape(4, 4), constant=-2, bits=2),
+        depth=16,
+        breaks=(
+            ("width=self.weighted.width", "width=None"),
+            ("bounds = np.abs(words) * self.weighted.input_limit", "bounds = np.abs(words)"),
+        ),
+        broken_depth=20,
+    ),
+    *(
+        Proof(
+            f"tile_bound_{name}",
+            MvmCore,
+            f"two neurons of two inputs, {name} weights of 3 bits; {ONE_STALL}",
+            partial(tile, loadable=name == "loadable"),
+            depth=16,
+            breaks=breaks,
+        )
+        for name, breaks in (
+            ("baked", (("total.bound + bias.bound", "total.bound"),)),
+            (
+                "loadable",
+                (
+                    ("reached + bias.bound", "reached"),
+                    ("largest = self.packing.limit if packed", "largest = self.layer.weight_limit if packed"),
+                ),
+            ),
+        )
+    ),
 )
