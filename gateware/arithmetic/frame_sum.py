@@ -102,7 +102,8 @@ class FrameAccumulator(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance, done = Signal(), Signal()
+        advance = Signal()
+        done = Signal()
         valid = Signal(tree_levels(self.words))
         summed = Cat(self.i.valid, valid)[-1]  # a beat's sum is at the accumulator's input
         m.d.comb += [

@@ -130,7 +130,7 @@ PROOFS = (
             ),
             ("loading = Signal(reset_less=True)", "loading = Signal()"),
             ("chain.eq(Cat(chain, word)[WORD:])", "chain.eq(Cat(word, chain))"),
-            ("place[:shift].all()", "place[:shift].any()"),
+            (" & place[:shift].all()", ""),
         ),
     ),
 )

@@ -8,13 +8,21 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fastac.gateware.target.tools import VERSIONS
-from fastac.sim.formal import axi_lite, calibration_loader, frame_guard, raster_port, registers, streams
+from fastac.sim.formal import (
+    axi_lite,
+    calibration_loader,
+    frame_guard,
+    frame_validity,
+    raster_port,
+    registers,
+    streams,
+)
 from fastac.sim.formal.proof import Proof
 from fastac.sim.formal.solve import TOOLS, Answer
 from fastac.store.evidence import Evidence, Table
 from fastac.store.files import content_hash, read_json, write_json
 
-MODULES = (streams, frame_guard, raster_port, axi_lite, registers, calibration_loader)
+MODULES = (streams, frame_guard, raster_port, axi_lite, registers, calibration_loader, frame_validity)
 CACHE = Path("build/cache/formal")
 """Answers by the digest of their question."""
 
