@@ -81,7 +81,8 @@ class PatchGenerator(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance, step, emit = Signal(), Signal(), Signal()
+        advance, emit = Signal(), Signal()
+        step = Signal()
         stepped = Signal()  # the line buffers' read register holds a step
         valid = Signal(3)  # patches after the line buffers, in the window, at the output
         m.d.comb += [
@@ -184,7 +185,8 @@ class PatchGenerator(wiring.Component):
     def _inside(self, m: Module, advance, emitted) -> tuple[Signal, Signal]:
         """Which rows and columns of the window are inside the frame; valid one clock after `emitted`."""
         half, beats = self.kernel_size // 2, self.row_beats
-        row, beat = Signal(range(self.size)), Signal(range(beats))
+        row = Signal(range(self.size))
+        beat = Signal(range(beats))
         rows = Signal(self.kernel_size, reset_less=True)
         columns = Signal(self.lanes + 2 * half, reset_less=True)
         with m.If(advance & emitted):

@@ -91,10 +91,8 @@ class FrameReversal(wiring.Component):
         """Address counters that step through frames, upwards and downwards in turn, one beat per `step`."""
         start = 0 if upwards else (self.size - 1) * self.beats
         address = Signal(range(self.size * self.beats), init=start, name=f"{name}_address")
-        row, beat = (
-            Signal(range(self.size), name=f"{name}_row"),
-            Signal(range(self.beats), name=f"{name}_beat"),
-        )
+        row = Signal(range(self.size), name=f"{name}_row")
+        beat = Signal(range(self.beats), name=f"{name}_beat")
         up, last = Signal(init=upwards, name=f"{name}_up"), Signal(name=f"{name}_last")
         m.d.comb += last.eq((row == self.size - 1) & (beat == self.beats - 1))
         with m.If(step):

@@ -55,12 +55,15 @@ class Transposer(wiring.Component):
             reads.append(storage.read_port())
 
         # A page is full from the write of its last beat to the read of its last beat.
-        full, filled, emptied = Signal(2), Signal(2), Signal(2)
+        full = Signal(2)
+        filled, emptied = Signal(2), Signal(2)
         m.d.sync += full.eq((full | filled) & ~emptied)
 
         # Write rows.
-        write_page, write_address = Signal(), Signal(range(2 * words))
-        row, row_beat = Signal(range(self.size)), Signal(range(self.beats))
+        write_page = Signal()
+        write_address = Signal(range(2 * words))
+        row = Signal(range(self.size))
+        row_beat = Signal(range(self.beats))
         accept = Signal()
         m.d.comb += [
             self.i.ready.eq(~Mux(write_page, full[1], full[0])),
@@ -82,8 +85,10 @@ class Transposer(wiring.Component):
             m.d.comb += [write.addr.eq(write_address), write.en.eq(accept)]
 
         # Read columns while the output has room; `base` is the address of the first row of a beat.
-        read_page, base = Signal(), Signal(range(2 * words))
-        column, column_beat = Signal(range(self.size)), Signal(range(self.beats))
+        read_page = Signal()
+        base = Signal(range(2 * words))
+        column = Signal(range(self.size))
+        column_beat = Signal(range(self.beats))
         advance, issue = Signal(), Signal()
         valid = Signal(2)
         m.d.comb += [

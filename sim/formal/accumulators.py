@@ -1,0 +1,124 @@
+"""Proofs of accumulators: within the declared ranges no register of a sum differs from the unbounded sum.
+
+The bench adds the same numbers in words that are wide enough for anything. The width of an accumulator
+follows from a bound, |constant| + Σ over a frame's beats of the largest magnitude of each word. The proof is
+by induction over the beats, with the bound of the beats so far as the invariant: neither the number of beats
+nor the ranges matter to it, so small ones stand for all. That the bound is reached, a copy with one bit less
+shows: it fails.
+"""
+
+from functools import partial
+
+import numpy as np
+from amaranth import Array, Const, Mux, Signal, Value, signed
+
+from fastac.gateware.arithmetic.frame_sum import FrameAccumulator
+from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.proof import Proof
+
+WIDE = signed(16)
+"""Words of the bench's own sums."""
+
+
+def _within(value: Value, limits: np.ndarray, place: Value) -> Value:
+    """|value| is at most the limit at `place`."""
+    limit = Array(Const(int(limit)) for limit in limits)[place]
+    return (value <= limit) & (-limit <= value)
+
+
+def frame_sum(component: type, bounds: np.ndarray, constant: int) -> FormalBench:
+    """The sum of a frame is constant + Σ words, for all words within `bounds`, frame after frame."""
+    dut = component(bounds[:, None], np.array([constant]))
+    bench = FormalBench(dut)
+    m, beats, advance = bench.m, len(bounds), dut.i.ready
+    enters, _ = bench.source(dut.i, "i")
+    bench.sink(dut.o, "o")
+
+    def counted(name: str, step: Value) -> Signal:
+        place = Signal(range(beats), name=name)
+        with m.If(step):
+            m.d.sync += place.eq(Mux(place == beats - 1, 0, place + 1))
+        bench.always(f"{name} is inside the frame", place < beats)
+        return place
+
+    # Unbounded sums on the way through the adder tree; each beat's words are within their bounds.
+    entered = counted("entered", enters)
+    nodes, limits, valid, where = list(dut.i.payload[0]), bounds, dut.i.valid, entered
+    for node, limit in zip(nodes, limits.T, strict=True):
+        bench.assume(_within(node, limit, entered))
+    stages = []
+    for level in range(dut.latency - 1):
+        sums = [Signal(WIDE, reset_less=True, name=f"exact{level}_{k}") for k in range((len(nodes) + 1) // 2)]
+        stage = Signal(name=f"valid_{level}"), Signal(range(beats), name=f"where_{level}", reset_less=True)
+        with m.If(advance):
+            m.d.sync += [total.eq(sum(nodes[2 * k : 2 * k + 2])) for k, total in enumerate(sums)]
+            m.d.sync += [stage[0].eq(valid), stage[1].eq(where)]
+        (valid, where), nodes = stage, sums
+        limits = np.add.reduceat(limits, np.arange(0, limits.shape[1], 2), axis=1)
+        stages.append(stage)
+        for k, (node, limit) in enumerate(zip(nodes, limits.T, strict=True)):
+            own = bench.probe(f"axis_0_sum{level}_{k}", int(limit.max()).bit_length() + 1).as_signed()
+            bench.always(f"sum {k} of level {level} is the unbounded sum", ~valid | (own == node))
+            bench.always(
+                f"sum {k} of level {level} is within its bound", ~valid | _within(node, limit, where)
+            )
+
+    # The unbounded sum of the frame.
+    arrives = bench.wire("arrives", valid & advance)
+    summed = counted("summed", arrives)  # beats of the frame that are in the sum
+    exact, complete = Signal(WIDE, reset_less=True), Signal()
+    with m.If(arrives):
+        m.d.sync += exact.eq(Mux(summed == 0, constant, exact) + nodes[0])
+    with m.If(advance):
+        m.d.sync += complete.eq(arrives & (summed == beats - 1))
+
+    own = bench.probe("accumulator_0", len(dut.o.payload[0])).as_signed()
+    bench.always("the accumulator is the unbounded sum", own == exact)
+    bench.always("a frame's sum is offered once", dut.o.valid == complete)
+    bench.always(
+        "the sum that is offered is the frame's", ~complete | ((summed == 0) & (dut.o.payload[0] == exact))
+    )
+    bench.always("no deadlock: takes a beat unless its sum waits", advance | (complete & ~dut.o.ready))
+
+    # For the induction: the bound of the beats so far, and which beats are under way.
+    so_far = abs(constant) + np.cumsum(bounds.sum(axis=1))
+    begun = (summed != 0) | complete
+    bench.always(
+        "the sum is within the bound of its beats", ~begun | _within(exact, np.roll(so_far, 1), summed)
+    )
+    if beats > 1:
+        bench.always("the beats in the sum", bench.probe("beat", range(beats)) == summed)
+    bench.always("a new frame begins with the constant", bench.probe("fresh") == (summed == 0))
+    following: Value = summed
+    own = bench.probe("valid", len(stages)) if stages else []
+    for level, (valid, where) in reversed(list(enumerate(stages))):
+        bench.always(f"whether a beat is in level {level}", own[level] == valid)
+        bench.always(f"which beat is in level {level}", ~valid | (where == following))
+        step = Signal(range(beats), name=f"following_{level}")
+        m.d.comb += step.eq(Mux(valid, Mux(following == beats - 1, 0, following + 1), following))
+        following = step
+    bench.always("which beat enters", entered == following)
+    return bench
+
+
+PROOFS = tuple(
+    Proof(
+        f"frame_sum_{len(bounds)}_{len(bounds[0])}",
+        FrameAccumulator,
+        f"frames of {len(bounds)} beats of {len(bounds[0])} words, largest magnitudes {bounds},"
+        f" constant {constant}; axes are alike",
+        partial(frame_sum, bounds=np.array(bounds), constant=constant),
+        depth=1,
+        breaks=(
+            ("bounds.sum(axis=(0, 2))).max())", "bounds.sum(axis=(0, 2))).max()) // 2"),
+            ("fresh.eq(last)", "fresh.eq(0)"),
+            ("done.eq(summed & last)", "done.eq(last)"),
+            ("advance.eq(self.o.ready | ~done)", "advance.eq(1)"),
+        ),
+        quick=len(bounds) == 2,
+    )
+    for bounds, constant in (
+        (((3,), (1,)), -3),
+        (((3, 1, 0), (0, 2, 3), (7, 5, 1)), 9),
+    )
+)

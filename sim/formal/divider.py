@@ -1,0 +1,152 @@
+"""Proofs of the restoring division of the gradient ratios, stage by stage.
+
+A stage brings one bit of the numerator down to its remainder R and finds one bit of the quotient Q. The bench
+keeps beside it the product P of Q and the divisor D, by its recursion: P is 0 before the first stage, and a
+stage whose bit is q makes 2·P + q·D of it, as 2·Q + q is the new quotient. So no product of two unknowns
+appears, and z3 proves at the full width that after every stage P + R = N and 0 <= R < D, where N are the bits
+of the numerator brought down so far. By that, Q after the last stage is floor(N/D), and (Q + 1) >> 1 is
+N/(2·D) rounded to the nearest, halves up: what `models/integer/network.py` defines.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+from amaranth import Const, Mux, Signal, Value
+
+from fastac.gateware.network.gradient_ratio import GradientDivider
+from fastac.models.integer.network import GradientRatio
+from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.proof import Proof
+
+Register = Callable[..., Signal]
+
+
+def stages(component: type, ratio: GradientRatio) -> FormalBench:
+    """After every stage P + R = N and R < D; the slope is the rounded quotient, limited, with its sign."""
+    dut = component(ratio, lanes=1)
+    bench = FormalBench(dut)
+    advance = bench.probe("advance")
+    bench.source(dut.i, "i")
+    bench.sink(dut.o, "o")
+
+    def register(value: Value, name: str, bits: int = 1) -> Signal:
+        """`value` a step of the pipeline later; no reset, as the pipeline's registers of data."""
+        held = Signal(bits, name=name, reset_less=True)
+        with bench.m.If(advance):
+            bench.m.d.sync += held.eq(value)
+        return held
+
+    n_z = dut.i.payload[0][2]
+    bits = ratio.normal_width - 1
+    live = [register(Const(1), "live")]  # the registers hold what the component has been given
+    void = [register(n_z <= 0, "void")]
+    divisor = [register(Mux(n_z <= 0, (1 << bits) - 1, n_z), "divisor", bits)]
+    for name, own in (("divisor", divisor[0]), ("void", void[0])):
+        bench.always(f"{name} of the input", ~live[0] | (bench.probe(f"lane0_{name}", len(own)) == own))
+    bench.always("the divisor is positive", ~live[0] | (divisor[0] > 0))
+    for k in range(ratio.width):
+        live.append(register(live[-1], f"live_{k}"))
+        void.append(register(void[-1], f"void_{k}"))
+        divisor.append(register(divisor[-1], f"divisor_{k}", bits))
+        bench.always(f"stage {k}: D > 0", ~live[-1] | (divisor[-1] > 0))
+        if k < ratio.width - 1:
+            own = bench.probe(f"lane0_divisor_{k}", bits)
+            bench.always(f"stage {k}: D is the divisor", ~live[-1] | (own == divisor[-1]))
+        own = bench.probe(f"lane0_void_{k}")
+        bench.always(f"stage {k}: whether n_z is positive", ~live[-1] | (own == void[-1]))
+    given = register(live[-1], "given")
+
+    for place, axis in enumerate("pq"):
+        slope, saturated = _axis(bench, register, ratio, place, live, void, divisor)
+        found = dut.o.payload[0][place]
+        bench.always(f"{axis}: the slope is the rounded quotient", ~given | (found == slope.as_signed()))
+        bench.always(f"{axis}: saturation is flagged", ~given | (dut.over[place] == saturated))
+    bench.always("saturated while a slope of the beat is", dut.saturated == (dut.o.valid & dut.over.any()))
+    return bench
+
+
+def _axis(
+    bench: FormalBench,
+    register: Register,
+    ratio: GradientRatio,
+    place: int,
+    live: list[Signal],
+    void: list[Signal],
+    divisor: list[Signal],
+) -> tuple[Signal, Signal]:
+    """Assert the invariant of one axis; returns the slope and the flag that must leave."""
+    n, axis, bits = bench.dut.i.payload[0][place], "pq"[place], ratio.normal_width
+    whole = ratio.width - 1 - ratio.fraction
+    size = register(Mux(n < 0, -n, n), f"{axis}_size", bits)
+    positive = register(n > 0, f"{axis}_positive")
+    own = bench.probe(f"lane0_{axis}_magnitude", bits)
+    bench.always(f"{axis}: magnitude of the input", ~live[0] | (own == size))
+    own = bench.probe(f"lane0_{axis}_negate")
+    bench.always(f"{axis}: sign of the input", ~live[0] | (size == 0) | (own == positive))
+    product, quotient = Const(0, 1), Const(0, 0)
+    for k in range(ratio.width):
+        trial_bits = (max(bits - whole + 1, bits - 1) if k == 0 else bits) + 1
+        fits = ~bench.probe(f"lane0_{axis}_trial_{k}", trial_bits)[-1]
+        product = register(2 * product + Mux(fits, divisor[k], 0), f"{axis}_product_{k}", bits + k)
+        quotient = register((quotient << 1) | fits, f"{axis}_quotient_{k}", k + 1)
+        size = register(size, f"{axis}_size_{k}", bits)
+        positive = register(positive, f"{axis}_positive_{k}")
+        over = Mux(void[k + 1], size != 0, (size >> whole) >= divisor[k + 1])
+
+        divides = live[k + 1] & ~over
+        brought = (size << (k + 1)) >> whole
+        if k < ratio.width - 1:
+            remainder = bench.probe(f"lane0_{axis}_remainder_{k}", bits - 1)
+            bench.always(f"{axis}, stage {k}: P + R = N", ~divides | (product + remainder == brought))
+        else:
+            remainder = brought - product
+        inside = (remainder >= 0) & (remainder < divisor[k + 1])
+        bench.always(f"{axis}, stage {k}: 0 <= R < D", ~divides | inside)
+        bench.always(f"{axis}, stage {k}: 0 / D = 0", ~divides | (size != 0) | (quotient == 0))
+
+        own = bench.probe(f"lane0_{axis}_quotient_{k}", k + 1)
+        bench.always(f"{axis}, stage {k}: Q is the quotient", ~live[k + 1] | (own == quotient))
+        for name, value in (("over", over), ("negate", positive)):
+            own = bench.probe(f"lane0_{axis}_{name}_{k}")
+            known = (size == 0) if name == "negate" else Const(0)  # the sign of 0 does not matter
+            bench.always(f"{axis}, stage {k}: {name}", ~live[k + 1] | known | (own == value))
+        if k < whole - 1:
+            own = bench.probe(f"lane0_{axis}_rest_{k}", whole - 1 - k)
+            bench.always(f"{axis}, stage {k}: bits to come", ~live[k + 1] | (own == size[: len(own)]))
+
+    rounded = (quotient + 1) >> 1
+    beyond = over | (rounded > ratio.limit)
+    limited = Mux(beyond, ratio.limit, rounded)
+    slope = register(Mux(positive, -limited, limited), f"{axis}_slope", ratio.width)
+    return slope, register(beyond | void[-1], f"{axis}_saturated")
+
+
+EARLY = (
+    ("fits = ~trial[-1]", "fits = trial > 0"),
+    ("Mux(fits, trial, brought)", "brought"),
+    ("magnitude[whole:] >= divisor", "magnitude[whole:] > divisor"),
+)
+LATE = (
+    ("over | Cat(quotient).all()", "over"),
+    ("(odd ^ negate)", "negate"),
+    ("register(beyond | void,", "register(beyond,"),
+)
+"""Faults that show in the first stages, and those that show at the output only."""
+
+PROOFS = tuple(
+    Proof(
+        f"gradient_divider_{normal_width}_{width}_{fraction}",
+        GradientDivider,
+        f"normals of {normal_width} bits, slopes of {width} bits, {fraction} of them fractional; one lane,"
+        " as lanes have nothing in common but the clock enable",
+        partial(stages, ratio=GradientRatio(normal_width, width, fraction)),
+        depth=2,
+        breaks=breaks,
+        broken_depth=width + 4 if breaks[-1] in LATE else 6,
+        quick=width < 4,
+    )
+    for normal_width, width, fraction, breaks in (
+        (4, 3, 1, (*EARLY, *LATE)),
+        (21, 17, 14, EARLY),
+    )
+)
