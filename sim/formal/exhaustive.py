@@ -10,9 +10,11 @@ from amaranth import Module, Value
 from amaranth.lib import wiring
 from amaranth.lib.wiring import Out
 
+from fastac.gateware.target.elaboration import to_rtlil
 from fastac.sim.formal.proof import broken
 from fastac.sim.formal.solve import Answer
 from fastac.sim.runner import simulate
+from fastac.store.files import content_hash
 
 
 class Trial(wiring.Component):
@@ -45,7 +47,7 @@ class Exhaustive:
     """All operands of one component, tried in a simulation with Verilator.
 
     name, component, size, breaks, quick : as in `Proof`
-    compares : what is compared, in words; a failure prints it
+    compares : what must hold of each case, in words; a failure prints it
     trial : makes the hardware around the class that it is given
     cases : their number; another number of tried cases is a failure
     clocks : an upper limit of the clocks that they take
@@ -61,21 +63,36 @@ class Exhaustive:
     breaks: tuple[tuple[str, str], ...]
     quick: bool = False
 
-    def run(self, folder: Path) -> Tried:
-        """Try all cases; the simulator's files go to `folder`."""
-        return self._run(self.component, folder)
+    bound = ""
 
-    def run_broken(self, index: int, folder: Path) -> Tried:
-        """Try all cases on the broken copy `index`, which should fail."""
-        return self._run(broken(self.component, *self.breaks[index]), folder)
+    @property
+    def extent(self) -> str:
+        """For what the answer holds, in words."""
+        return f"all {self.cases:,} cases"
 
-    def _run(self, component: type, folder: Path) -> Tried:
+    def made(self, index: int | None = None) -> Trial:
+        """The hardware around the component, or around its broken copy `index`."""
+        return self.trial(self.component if index is None else broken(self.component, *self.breaks[index]))
+
+    def key(self, index: int | None = None) -> str:
+        """Digest of the hardware and of what is expected of it."""
+        return content_hash(to_rtlil(self.made(index)), self.cases, self.clocks)
+
+    def properties(self) -> tuple[str, ...]:
+        """What is compared, as the only property."""
+        return (self.compares,)
+
+    def run(self, folder: Path, index: int | None = None) -> Tried:
+        """Try all cases, or try them on the broken copy `index`, where they should fail.
+
+        The simulator's files go to `folder`.
+        """
         begun = time.monotonic()
         folder.mkdir(parents=True, exist_ok=True)
         path = folder / "found.json"
         path.unlink(missing_ok=True)
         simulate(
-            self.trial(component),
+            self.made(index),
             "trial",
             "fastac.sim.benches.exhaustive",
             folder,
