@@ -88,7 +88,8 @@ class Dst1Engine(wiring.Component):
 
         # Collect a row; its last beat goes directly to the operand registers when they are free. Whether a
         # beat or step is the last is registered: the enables' fan-out leaves no time for a comparator.
-        beat, last_beat = Signal(range(self.interval)), Signal()
+        beat = Signal(range(self.interval))
+        last_beat = Signal()
         collected = Signal(data.ArrayLayout(word, last * self.lanes), reset_less=True)
         operands = Signal(data.ArrayLayout(word, size), reset_less=True)
         row = Cat(collected, self.i.payload)
@@ -109,7 +110,8 @@ class Dst1Engine(wiring.Component):
 
         # One step per output beat; the pipeline after it has no clock enable.
         active = Signal()
-        step, last_step = Signal(range(self.interval)), Signal()
+        step = Signal(range(self.interval))
+        last_step = Signal()
         launch = Signal()
         valid = Signal(self.latency - 1)
         payload = self.o.payload.shape()

@@ -81,8 +81,9 @@ class PatchGenerator(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance, emit = Signal(), Signal()
+        advance = Signal()
         step = Signal()
+        emit = Signal()
         stepped = Signal()  # the line buffers' read register holds a step
         valid = Signal(3)  # patches after the line buffers, in the window, at the output
         m.d.comb += [
@@ -187,8 +188,8 @@ class PatchGenerator(wiring.Component):
         half, beats = self.kernel_size // 2, self.row_beats
         row = Signal(range(self.size))
         beat = Signal(range(beats))
-        rows = Signal(self.kernel_size, reset_less=True)
-        columns = Signal(self.lanes + 2 * half, reset_less=True)
+        rows = Signal(self.kernel_size, reset_less=True, name="rows_inside")
+        columns = Signal(self.lanes + 2 * half, reset_less=True, name="columns_inside")
         with m.If(advance & emitted):
             m.d.sync += beat.eq(Mux(beat == beats - 1, 0, beat + 1))
             with m.If(beat == beats - 1):

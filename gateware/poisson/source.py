@@ -86,7 +86,8 @@ class PoissonSourceStream(wiring.Component):
         m.d.comb += [advance.eq(self.o.ready | ~self.o.valid), self.i.ready.eq(advance)]
 
         # Stage 1: the beat of slopes and, from the line buffer, earlier rows of its columns.
-        x, y = Signal(range(row_beats)), Signal(range(self.height))
+        x = Signal(range(row_beats))
+        y = Signal(range(self.height))
         with m.If(advance & self.i.valid):
             m.d.sync += x.eq(x + 1)
             with m.If(x == row_beats - 1):
@@ -105,7 +106,10 @@ class PoissonSourceStream(wiring.Component):
         inner = (y >= self.rows_ahead) & (y < self.height - 2 + self.rows_ahead)
         completes = inner & (x >= self.beats_ahead) & (x < self.beats + self.beats_ahead)
         trails = inner & (x == row_beats - 1) & (self.beats + self.beats_ahead > row_beats)
-        present, complete, trailing, late = Signal(), Signal(), Signal(), Signal()
+        present = Signal()
+        complete = Signal()
+        trailing = Signal()
+        late = Signal()
         valid = Signal(self.latency - 1)
         m.d.comb += self.o.valid.eq(valid[-1])
         with m.If(advance):

@@ -1,4 +1,5 @@
-"""Proofs of the restoring division of the gradient ratios, stage by stage.
+# amaranth: UnusedElaboratable=no
+"""Proofs of the restoring division of the gradient ratios: stage by stage, and exhaustively at small widths.
 
 A stage brings one bit of the numerator down to its remainder R and finds one bit of the quotient Q. The bench
 keeps beside it the product P of Q and the divisor D, by its recursion: P is 0 before the first stage, and a
@@ -11,14 +12,19 @@ N/(2·D) rounded to the nearest, halves up: what `models/integer/network.py` def
 from collections.abc import Callable
 from functools import partial
 
-from amaranth import Const, Mux, Signal, Value
+import numpy as np
+from amaranth import Cat, Const, Module, Mux, Signal, Value, unsigned
+from amaranth.lib.memory import Memory
 
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.models.integer.network import GradientRatio
 from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.exhaustive import Exhaustive, Trial
 from fastac.sim.formal.proof import Proof
 
 Register = Callable[..., Signal]
+BITS, FORMS = 6, ((4, 0), (6, 5), (6, 2), (9, 3))
+"""Bits of the normals that are all tried, and the formats of the slopes: (bits, fractional bits)."""
 
 
 def stages(component: type, ratio: GradientRatio) -> FormalBench:
@@ -124,7 +130,7 @@ def _axis(
 EARLY = (
     ("fits = ~trial[-1]", "fits = trial > 0"),
     ("Mux(fits, trial, brought)", "brought"),
-    ("magnitude[whole:] >= divisor", "magnitude[whole:] > divisor"),
+    ("magnitude[whole:] >= divisor", "Const(0, 1)"),
 )
 LATE = (
     ("over | Cat(quotient).all()", "over"),
@@ -133,7 +139,63 @@ LATE = (
 )
 """Faults that show in the first stages, and those that show at the output only."""
 
-PROOFS = tuple(
+
+class RatioTrial(Trial):
+    """All normals of a few bits in dividers of several formats, against `models/integer/network.py`.
+
+    The slopes p and q have their own stages and share n_z, so p runs through all n_x for every n_z and q
+    through all n_y in another order.
+    """
+
+    def __init__(self, component: type):
+        self.dividers = [component(GradientRatio(BITS, *form), lanes=1) for form in FORMS]
+        super().__init__()
+
+    def elaborate(self, platform):
+        m = Module()
+        given = Signal(2 * BITS + 1)
+        m.d.sync += given.eq(given + ~given[-1])
+        tried, wrong, ended = [], [], []
+        for k, divider in enumerate(self.dividers):
+            m.submodules[f"divider_{k}"] = divider
+            normal = divider.i.payload[0]
+            m.d.comb += [part.eq(value) for part, value in zip(normal, _normal(given), strict=True)]
+            m.d.comb += [divider.i.valid.eq(~given[-1]), divider.o.ready.eq(1)]
+            case = Signal(2 * BITS + 1, name=f"case_{k}")
+            ended.append(case[-1])
+            m.d.sync += case.eq(case + divider.o.valid)
+
+            m.submodules[f"table_{k}"] = table = Memory(
+                shape=unsigned(1 + divider.ratio.width), depth=1 << 2 * BITS, init=_slopes(divider.ratio)
+            )
+            *known, n_z = _normal(case)
+            for place, n in enumerate(known):
+                word = table.read_port(domain="comb")
+                m.d.comb += word.addr.eq(Cat(n, n_z))
+                found = Cat(divider.o.payload[0][place], divider.over[place])
+                tried.append(divider.o.valid)
+                wrong.append(found != word.data)
+        m.d.sync += self.done.eq(Cat(ended).all())
+        self.count(m, tried, wrong)
+        return m
+
+
+def _normal(case: Value) -> tuple[Value, Value, Value]:
+    """n_x, n_y and n_z of a case; for every n_z both n_x and n_y take all values."""
+    n_x, n_z = case[:BITS].as_signed(), case[BITS : 2 * BITS].as_signed()
+    return n_x, (n_x + n_z)[:BITS].as_signed(), n_z
+
+
+def _slopes(ratio: GradientRatio) -> list[int]:
+    """By n + (n_z << BITS), both in two's complement: the slope, and above it whether it is flagged."""
+    words = (np.arange(1 << BITS) ^ (1 << BITS >> 1)) - (1 << BITS >> 1)
+    n_z, n = np.meshgrid(words, words, indexing="ij")
+    slopes, saturated = ratio(np.stack([n, n, n_z], axis=-1))
+    found = (slopes[..., 0] & ((1 << ratio.width) - 1)) | (saturated[..., 0] << ratio.width)
+    return found.reshape(-1).tolist()
+
+
+STAGES = tuple(
     Proof(
         f"gradient_divider_{normal_width}_{width}_{fraction}",
         GradientDivider,
@@ -149,4 +211,18 @@ PROOFS = tuple(
         (4, 3, 1, (*EARLY, *LATE)),
         (21, 17, 14, EARLY),
     )
+)
+
+PROOFS = (
+    *STAGES,
+    Exhaustive(
+        "gradient_divider_all",
+        GradientDivider,
+        f"all normals of {BITS} bits in formats of (bits, fractional bits) {', '.join(map(str, FORMS))}",
+        "slopes and flags with the integer model",
+        RatioTrial,
+        cases=len(FORMS) * 2 << 2 * BITS,
+        clocks=(1 << 2 * BITS) + 64,
+        breaks=(EARLY[-1], LATE[0]),
+    ),
 )

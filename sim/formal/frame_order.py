@@ -8,17 +8,37 @@ FRAMES = 4
 """Frames that are told apart; fewer are ever inside."""
 
 
-class FrameOrder:
-    """Assert that the value that enters at `entry` of a frame leaves at `exit` of the same frame, unchanged.
+class FrameCounter:
+    """Place in its frame, and frame modulo FRAMES, of the next beat of a stream.
 
-    With places that are free constants the property holds for all values of a frame. Frames are counted
+    moves : a beat moves in this clock
+    beats : of a frame
+    """
+
+    def __init__(self, bench: FormalBench, side: str, moves: Value, beats: int):
+        self.beats = beats
+        self.place, self.frame = Signal(range(beats), name=f"place_{side}"), Signal(2, name=f"frame_{side}")
+        last = self.place == beats - 1
+        with bench.m.If(moves):
+            bench.m.d.sync += [self.place.eq(Mux(last, 0, self.place + 1)), self.frame.eq(self.frame + last)]
+        bench.always(f"place_{side} is inside the frame", self.place < beats)
+
+    def after(self, beats: Value) -> tuple[Value, Value]:
+        """Place and frame of the beat that comes `beats` after the next one."""
+        place = self.place + beats
+        return place % self.beats, (self.frame + place // self.beats)[:2]
+
+
+class FrameOrder:
+    """Follow the value that enters at `entry` of each frame, and assert what leaves in its place.
+
+    If `entry` is a free constant, what is asserted holds for all values of a frame. Frames are counted
     modulo FRAMES; that fewer than FRAMES are inside is asserted too, so that none is taken for another.
 
     Parameters
     ----------
     beats : of a frame, the same number at both sides
     entry, value : a beat's place in its frame, and the value of the beat that enters now
-    exit, leaving : the place at which the value must leave, and the value of the beat that is offered now
 
     Attributes
     ----------
@@ -26,6 +46,7 @@ class FrameOrder:
     frame_in, frame_out : the frames of these beats, modulo FRAMES
     caught : value of the tracked place, frame by frame
     held : beats that have entered and not left
+    left : counter of the beats that leave
     """
 
     def __init__(
@@ -37,13 +58,13 @@ class FrameOrder:
         beats: int,
         entry: Value,
         value: Value,
-        exit: Value,
-        leaving: Value,
     ):
         self.bench, self.beats = bench, beats
         m = bench.m
-        self.place_in, self.place_out = self._place("in", enters), self._place("out", leaves)
-        self.frame_in, self.frame_out = self._frame("in", enters), self._frame("out", leaves)
+        self.left = FrameCounter(bench, "out", leaves, beats)
+        entered = FrameCounter(bench, "in", enters, beats)
+        self.place_in, self.place_out = entered.place, self.left.place
+        self.frame_in, self.frame_out = entered.frame, self.left.frame
         self.caught = Array(
             Signal(len(value), reset_less=True, name=f"caught_{frame}") for frame in range(FRAMES)
         )
@@ -52,30 +73,13 @@ class FrameOrder:
         self.whole = (self.frame_in - self.frame_out)[: len(self.frame_in)]
         self.held = bench.wire("held", self.whole * beats + self.place_in - self.place_out)
         bench.always(f"fewer than {FRAMES} frames inside", (self.held >= 0) & (self.held < FRAMES * beats))
-        bench.always("places are inside the frame", (self.place_in < beats) & (self.place_out < beats))
         bench.always("no beat before it has entered", ~leaves | (self.held > 0))
-        due = bench.dut.o.valid & (self.place_out == exit)
-        bench.always(
-            "each value once, at its place, unchanged", ~due | (leaving == self.caught[self.frame_out])
-        )
 
-    def after(self, place: Value, frame: Value, beats: Value) -> tuple[Value, Value]:
-        """Place and frame of the beat that comes `beats` after the one at `place` of `frame`."""
-        wraps = place + beats >= self.beats
-        return Mux(wraps, place + beats - self.beats, place + beats), (frame + wraps)[: len(frame)]
-
-    def _place(self, side: str, moves: Value) -> Signal:
-        place = Signal(range(self.beats), name=f"place_{side}")
-        with self.bench.m.If(moves):
-            self.bench.m.d.sync += place.eq(Mux(place == self.beats - 1, 0, place + 1))
-        return place
-
-    def _frame(self, side: str, moves: Value) -> Signal:
-        frame = Signal(range(FRAMES), name=f"frame_{side}")
-        place = self.place_in if side == "in" else self.place_out
-        with self.bench.m.If(moves & (place == self.beats - 1)):
-            self.bench.m.d.sync += frame.eq(frame + 1)
-        return frame
+    def expect(self, exit: Value, leaving: Value) -> None:
+        """Assert that the value leaves at place `exit`, where it is `leaving` of the beat that is offered."""
+        due = self.bench.dut.o.valid & (self.place_out == exit)
+        known = self.caught[self.frame_out]
+        self.bench.always("each value once, at its place, unchanged", ~due | (leaving == known))
 
     def progress(self, capacity: int, complete: Value, patience: int) -> None:
         """Assert that nothing waits for ever if the reader is fair.

@@ -42,12 +42,9 @@ def transposer(component: type, size: int, lanes: int) -> FormalBench:
     entry, exit = (bench.wire(*named) for named in (
         ("entry", r * beats + c // lanes), ("exit", c * beats + r // lanes)
     ))  # fmt: skip
-    out = Value.cast(dut.o.payload)
-    order = FrameOrder(
-        bench, enters, leaves, beats=places,
-        entry=entry, value=payload.word_select(c % lanes, WIDTH),
-        exit=exit, leaving=out.word_select(r % lanes, WIDTH),
-    )  # fmt: skip
+    value = payload.word_select(c % lanes, WIDTH)
+    order = FrameOrder(bench, enters, leaves, beats=places, entry=entry, value=value)
+    order.expect(exit, Value.cast(dut.o.payload).word_select(r % lanes, WIDTH))
 
     # For the induction: where writer and reader are, which pages are full, where the tracked value is.
     full, valid = bench.probe("full", 2), bench.probe("valid", 2)
@@ -69,7 +66,7 @@ def transposer(component: type, size: int, lanes: int) -> FormalBench:
     bench.always("the writer's page is its frame's", write_page == order.frame_in[0])
     bench.always("the writer's address", write_address == write_page * words + order.place_in)
 
-    issued, issued_frame = order.after(order.place_out, order.frame_out, valid[0] + valid[1])
+    issued, issued_frame = order.left.after(valid[0] + valid[1])
     issued_frame = bench.wire("issued_frame", issued_frame)
     pages = bench.wire("pages", (order.frame_in - issued_frame)[:2])
     bench.always("column and beat are the reader's place", column * beats + column_beat == issued)
@@ -90,7 +87,7 @@ def transposer(component: type, size: int, lanes: int) -> FormalBench:
         there = (behind < pages) | ((behind == pages) & (order.place_in > entry))
         word = banks[bank][frame[0] * words + entry]
         bench.always(f"page {behind} holds the value", ~there | (word == order.caught[frame]))
-    place, frame = order.after(order.place_out, order.frame_out, valid[1])
+    place, frame = order.left.after(valid[1])
     due = valid[0] & (place == exit)
     bench.always("the memory's register holds the value", ~due | (read[bank] == order.caught[frame]))
     bench.always(
@@ -113,16 +110,14 @@ def reversal(component: type, size: int, lanes: int) -> FormalBench:
     r, b = bench.constant("r", range(size)), bench.constant("b", range(beats))
     entry = bench.wire("entry", r * beats + b)
     mirrored = bench.wire("mirrored", (size - 1 - r) * beats + b)
-    out = Value.cast(dut.o.payload)
-    order = FrameOrder(
-        bench, enters, leaves, beats=places, entry=entry, value=payload, exit=mirrored, leaving=out
-    )
+    order = FrameOrder(bench, enters, leaves, beats=places, entry=entry, value=payload)
+    order.expect(mirrored, Value.cast(dut.o.payload))
 
     # For the induction: where writer and reader are, and where in the memory the tracked beat is.
     valid, whole = bench.probe("valid", 2), bench.probe("whole")
     words = Array(bench.probe(f"page[{k}]", len(payload)) for k in range(places))
     read = Value.cast(memory.read_ports[0].data)
-    issued, issued_frame = order.after(order.place_out, order.frame_out, valid[0] + valid[1])
+    issued, issued_frame = order.left.after(valid[0] + valid[1])
     issued, issued_frame = bench.wire("issued", issued), bench.wire("issued_frame", issued_frame)
     walks = (("write", order.place_in, order.frame_in[0]), ("read", issued, ~issued_frame[0]))
     for name, place, downwards in walks:
@@ -147,7 +142,7 @@ def reversal(component: type, size: int, lanes: int) -> FormalBench:
     ):
         word = words[Mux(frame[0], mirrored, entry)]
         bench.always(f"the frame that is {name} holds the beat", ~there | (word == order.caught[frame]))
-    place, frame = order.after(order.place_out, order.frame_out, valid[1])
+    place, frame = order.left.after(valid[1])
     due = valid[0] & (place == mirrored)
     bench.always("the memory's register holds the beat", ~due | (read == order.caught[frame]))
     order.progress(places, order.frame_in != order.frame_out, 2)
