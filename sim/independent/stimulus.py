@@ -73,8 +73,9 @@ class Stimulus:
 
     octets, beats, per_frame : bytes of a beat of s_axis, number of beats, and of a frame
     clean : frames at the start without any pause; later ones have pauses at random on all streams
-    unknown_idle : between two beats all bits of the camera's payload are unknown (in simulators that know
-        unknowns) instead of random; unknowns are then looked for in what is offered only
+    unknown_idle : between two offers all bits of the camera's payload are unknown in Icarus Verilog, and
+        unknowns are looked for in what the outputs offer; otherwise the payload stays, and unknowns are
+        looked for in all outputs. In CXXRTL it is random.
     values : words that the output streams have to bring
     limit : clocks after which the bench gives up
     """
