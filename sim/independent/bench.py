@@ -12,14 +12,19 @@ _TEMPLATES = jinja2.Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-HOST_BITS = 44
+HOST_BITS = 43
 """Bits of the outputs that every design has: interrupt, ready of the camera, and AXI4-Lite."""
+
+
+def rendered(template: str, **values) -> str:
+    """The text of a template beside this file."""
+    return _TEMPLATES.get_template(template).render(**values)
 
 
 def text(template: str, stimulus: Stimulus, top: str) -> str:
     """The bench of a design with top module `top` for what `stimulus` says, such as of "bench.v.j2"."""
-    bits = HOST_BITS + sum(1 + s.payload_bits for s in stimulus.streams)
-    return _TEMPLATES.get_template(template).render(
+    return rendered(
+        template,
         top=top,
         octets=stimulus.octets,
         frames=stimulus.frames,
@@ -30,5 +35,5 @@ def text(template: str, stimulus: Stimulus, top: str) -> str:
         accesses=stimulus.accesses,
         limit=stimulus.limit,
         streams=stimulus.streams,
-        output_bits=bits,
+        output_bits=HOST_BITS + sum(1 + s.payload_bits for s in stimulus.streams),
     )

@@ -24,7 +24,7 @@ hierarchy -top {top}
 write_cxxrtl -g0 {flatten} design.cc
 """
 DESIGN, BENCH, EXECUTABLE = "design.cc", "bench.cc", "bench"
-COMPILER = ("g++", "-std=c++17", "-O1", "-fno-var-tracking")
+COMPILER = ("g++", "-std=c++17")
 
 
 def installed() -> bool:
@@ -49,11 +49,13 @@ def simulate(
     folder: Path,
     *,
     flatten: bool = False,
+    optimisation: str = "-O1",
     progress: bool = False,
 ) -> Outcome:
     """The Verilog `sources` with top module `top`, under the bench and the files in `folder`.
 
     flatten : one function for the whole design: fast to run, but the compiler takes many times as long
+    optimisation : of the compiler; for few clocks "-O0" is less work in all
     Raises ToolError or SimulatorError if Yosys is missing or refuses the design, or if the bench does not
     come to its end. A compiled bench is kept by content (`sim.simulators`).
     """
@@ -73,11 +75,11 @@ def simulate(
         (folder / "script.ys").write_text(script)
         with watched("Yosys writes C++", enabled=progress):
             tools.run(TOOL, ["-q", "script.ys"], folder)
-        command = [*COMPILER, "-I", str(runtime()), "-o", EXECUTABLE, BENCH]
+        command = [*COMPILER, optimisation, "-I", str(runtime()), "-o", EXECUTABLE, BENCH]
         run(command, folder, "compile.log", label="compiling the C++", progress=progress)
 
     contents = [digest_file(path) for path in sources]
-    versions = (tools.VERSIONS[TOOL], compiler_version(), COMPILER)
+    versions = (tools.VERSIONS[TOOL], compiler_version(), COMPILER, optimisation)
     name = simulators.digest("cxxrtl", top, flatten, contents, text, versions)
     simulators.copy_or_build(name, folder / EXECUTABLE, build)
     built = time.monotonic()
