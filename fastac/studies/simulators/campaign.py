@@ -18,7 +18,7 @@ from fastac.models.integer import bundle as bundles
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import read
-from fastac.sim.independent import cxxrtl, icarus, stimulus
+from fastac.sim.independent import cxxrtl, icarus, primitives, stimulus
 from fastac.store.files import read_json, write_atomically
 from fastac.store.steps import Output, Step
 from fastac.store.store import Store, open_store
@@ -32,8 +32,6 @@ FORMS = {
     "cells": "netlist without block RAM and DSP cells",
     "blocks": "netlist with our models of block RAM and DSP cells",
 }
-OUR_MODELS = tuple(sorted((Path(stimulus.__file__).parent / "primitives").glob("*.v")))
-"""Models of block RAM and DSP cells that this project has written from the user guides."""
 NETLIST_PX = 32
 """Side of the image in the scene whose netlists are simulated."""
 
@@ -61,7 +59,7 @@ RUNS = (
     Run("force", "verilog", "cxxrtl", 20, 20),
     Run("fast", "verilog", "cxxrtl", 10, 10),
     Run("paper", "verilog", "cxxrtl", 5, 5),
-    Run("force", "verilog", "icarus", 1, 1),
+    Run("force", "verilog", "icarus", 1, 0),
     Run("fast", "verilog", "icarus", 1, 0),
     Run("paper", "verilog", "icarus", 1, 0),
 )
@@ -94,12 +92,14 @@ def simulated(
     frames: Path,
     simulator: str,
     unknown_idle: bool,
+    our_models: bool,
     workplace: Path,
     progress: bool,
 ) -> dict:
     """A step: `frames` through a simulator; returns its outcome.
 
     hardware : what the elaboration says of itself, hardware.json
+    our_models : add our models of block RAM and DSP cells to the sources
     workplace : folder for the bench, its files and its log
     """
     model, images, stated = bundles.load(bundle), np.load(frames), read_json(hardware)
@@ -115,7 +115,8 @@ def simulated(
         unknown_idle=unknown_idle,
     )
     run = {"icarus": icarus.simulate, "cxxrtl": cxxrtl.simulate}[simulator]
-    found = run(sources, NAME, written, workplace, progress=progress)
+    models = primitives.write(workplace) if our_models else []
+    found = run([*sources, *models], NAME, written, workplace, progress=progress)
     counted = {"latency_cycles": found.first_pixel_to_result, "formula_cycles": latency}
     return asdict(found) | counted
 
@@ -169,8 +170,7 @@ class Campaign:
             {"verilog": verilog, "blocks": run.form == "blocks"},
             (mapped.NETLIST, mapped.COUNT),
         )
-        models = [mapped.cell_models()]
-        return [step.output(mapped.NETLIST), *models, *(OUR_MODELS if run.form == "blocks" else ())]
+        return [step.output(mapped.NETLIST), mapped.cell_models()]
 
     def perform(self, run: Run) -> dict | None:
         """The outcome of a run; None if its design is not built."""
@@ -189,6 +189,7 @@ class Campaign:
                 "frames": frames,
                 "simulator": run.simulator,
                 "unknown_idle": run.unknown_idle,
+                "our_models": run.form == "blocks",
             },
             (),
             {"workplace": self.workplace / name, "progress": self.progress},
