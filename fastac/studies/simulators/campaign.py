@@ -83,6 +83,11 @@ def netlist(folder: Path, *, verilog: Path, blocks: bool) -> None:
         (folder / left).unlink(missing_ok=True)
 
 
+def our_models(folder: Path) -> None:
+    """A step: our models of block RAM and DSP cells, `primitives.FILES`."""
+    primitives.write(folder)
+
+
 def simulated(
     folder: Path,
     *,
@@ -92,14 +97,12 @@ def simulated(
     frames: Path,
     simulator: str,
     unknown_idle: bool,
-    our_models: bool,
     workplace: Path,
     progress: bool,
 ) -> dict:
     """A step: `frames` through a simulator; returns its outcome.
 
     hardware : what the elaboration says of itself, hardware.json
-    our_models : add our models of block RAM and DSP cells to the sources
     workplace : folder for the bench, its files and its log
     """
     model, images, stated = bundles.load(bundle), np.load(frames), read_json(hardware)
@@ -115,8 +118,7 @@ def simulated(
         unknown_idle=unknown_idle,
     )
     run = {"icarus": icarus.simulate, "cxxrtl": cxxrtl.simulate}[simulator]
-    models = primitives.write(workplace) if our_models else []
-    found = run([*sources, *models], NAME, written, workplace, progress=progress)
+    found = run(sources, NAME, written, workplace, progress=progress)
     counted = {"latency_cycles": found.first_pixel_to_result, "formula_cycles": latency}
     return asdict(found) | counted
 
@@ -170,7 +172,11 @@ class Campaign:
             {"verilog": verilog, "blocks": run.form == "blocks"},
             (mapped.NETLIST, mapped.COUNT),
         )
-        return [step.output(mapped.NETLIST), mapped.cell_models()]
+        found = [step.output(mapped.NETLIST), mapped.cell_models()]
+        if run.form == "blocks":
+            models = Step("models", our_models, {}, primitives.FILES)
+            found += [models.output(name) for name in primitives.FILES]
+        return found
 
     def perform(self, run: Run) -> dict | None:
         """The outcome of a run; None if its design is not built."""
@@ -189,7 +195,6 @@ class Campaign:
                 "frames": frames,
                 "simulator": run.simulator,
                 "unknown_idle": run.unknown_idle,
-                "our_models": run.form == "blocks",
             },
             (),
             {"workplace": self.workplace / name, "progress": self.progress},
