@@ -6,8 +6,8 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test test-all mutants formal unit lint bench identities extremes stability synth verify verify-photographs trade scope \
-	reproduce samples clean
+.PHONY: all build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
+	stability synth verify verify-photographs trade scope reproduce samples clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -89,9 +89,14 @@ verify: $(READY)
 		echo "verify: no photographs in $(PHOTOGRAPHS); give their folder with PHOTOGRAPHS=FOLDER." \
 			"Only simulated frames were verified."; \
 	fi
+	$(MAKE) simulators
 
 verify-photographs: $(PRESSES)
 	$(FASTAC) verify scenes/gelsight.toml --data $(PRESSES)
+
+# The Verilog and netlists in Icarus Verilog (Debian's iverilog) and CXXRTL, of those scenes that are built: an hour.
+simulators: $(READY)
+	$(FASTAC) prove simulators $(if $(wildcard $(PHOTOGRAPHS)),--photographs $(PHOTOGRAPHS))
 
 # What speed costs: every specification in sweeps/, on all cores, then the page and its tables.
 SWEEPS := $(wildcard sweeps/*.toml)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from fastac.cli.common import INPUT, OUTPUT_FILE, Group, output_option
+from fastac.cli.common import INPUT, OUTPUT_FILE, OUTPUT_FOLDER, Group, output_option, progress_option
 from fastac.store.evidence import FOLDER
 
 
@@ -39,6 +39,52 @@ def formal(names, quick, jobs):
     if wrong:
         raise click.ClickException(f"not proven: {', '.join(wrong)}")
     click.echo(f"{len(outcomes)} proofs hold")
+
+
+@prove.command()
+@click.option(
+    "--builds",
+    type=INPUT,
+    default=Path("build"),
+    show_default=True,
+    help="Folder with the builds of the scenes paper, fast and force; those that are missing are left out.",
+)
+@click.option(
+    "--photographs",
+    type=INPUT,
+    help="Folder whose press/*.png are sent as frames too. [default: simulated frames only]",
+)
+@click.option("--only", multiple=True, help="Of the designs, only this one; can be given several times.")
+@click.option(
+    "--evidence",
+    type=OUTPUT_FOLDER,
+    default=FOLDER,
+    show_default=True,
+    help="Folder for the campaign's result.",
+)
+@progress_option
+def simulators(builds, photographs, only, evidence, progress):
+    """Send frames through other makers' simulators, under benches that share nothing with the project's own.
+
+    The Verilog of the scenes paper, fast and force goes through Icarus Verilog, in which an unknown stays
+    visible, and through Yosys' CXXRTL; the netlists after synthesis of the force scene at 32x32 pixels
+    (design force_32) through Icarus. Every beat and register is compared with the integers, unknown bits of
+    outputs are counted, and the streams' handshakes checked. Frames of 128x128 pixels take Icarus minutes
+    each. What has been simulated is kept. Ends with an error if anything differs.
+
+    \b
+    Example: fastac prove simulators --photographs ../photographs
+             fastac prove simulators --only force_32
+    """
+    from fastac.studies.simulators import evidence as result
+    from fastac.studies.simulators.campaign import RUNS, Campaign
+
+    runs = [run for run in RUNS if not only or run.design in only]
+    if not runs:
+        known = ", ".join(dict.fromkeys(run.design for run in RUNS))
+        raise click.ClickException(f"--only {' '.join(only)}: no such design; there is {known}")
+    for line in result.measure(Campaign(builds, photographs, progress), runs=runs, folder=evidence):
+        click.echo(line)
 
 
 @prove.command()

@@ -15,6 +15,8 @@ from fastac.sim.formal import (
     divider,
     frame_guard,
     frame_validity,
+    patches,
+    pipelines,
     products,
     raster_port,
     registers,
@@ -30,7 +32,8 @@ from fastac.store.files import content_hash, read_json, write_json
 MODULES = (
     *(streams, frame_guard, raster_port, frame_validity),
     *(axi_lite, registers, calibration_loader),
-    *(reordering, products, divider, accumulators),
+    *(pipelines, reordering, patches),
+    *(products, divider, accumulators),
 )
 CACHE = Path("build/cache/formal")
 """Answers by the digest of their question."""
