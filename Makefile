@@ -6,7 +6,7 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test test-all mutants unit lint bench identities extremes stability synth verify verify-photographs trade scope \
+.PHONY: all build test test-all mutants fuzz unit lint bench identities extremes stability synth verify verify-photographs trade scope \
 	reproduce samples clean
 .DELETE_ON_ERROR:
 
@@ -40,6 +40,10 @@ lint: $(READY)
 # Small faults put into the code one after another: which of them `make test` finds; see docs/testing.md.
 mutants: $(READY)
 	$(VENV)/bin/python tests/mutants.py
+
+# Damaged files for every reader, thousands each; see docs/testing.md.
+fuzz: $(READY)
+	$(VENV)/bin/python tests/fuzz/campaign.py
 
 BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle.json \
 	build/fast/bundle/bundle.json build/force/bundle/bundle.json))

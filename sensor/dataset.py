@@ -186,6 +186,8 @@ def _content(file: h5py.File, path: Path) -> dict:
         value = file.attrs[key]
         if not isinstance(value, kind):
             raise DatasetError(f"{path}: {key} = {value!r}: expected {kind.__name__}")
+        if kind is str and not value.isprintable():
+            raise DatasetError(f"{path}: {key} = {value!r}: expected text in one line")
         attributes[key] = value
     if attributes["format_version"] != FORMAT_VERSION:
         raise DatasetError(
@@ -194,7 +196,7 @@ def _content(file: h5py.File, path: Path) -> dict:
     known = {field.name for field in fields(Dataset)}
     for key in file:
         if key not in known:
-            raise DatasetError(f"{path}: {key}: unknown key")
+            raise DatasetError(f"{path}: {key if key.isprintable() else ascii(key)}: unknown key")
         check_link(file, key)
     content = {
         "pitch_mm": float(attributes["pitch_mm"]),

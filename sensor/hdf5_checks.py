@@ -154,7 +154,9 @@ def check_array(stored: h5py.Dataset, key: str, path: Path) -> None:
     declared = prod(stored.shape or ()) * kind.get_size()
     chunk = prod(stored.chunks or (1,)) * kind.get_size()
     if declared > room or chunk > room:
-        raise UnsafeFileError(f"{key} = {stored.shape} of {stored.dtype}: more than its {file_bytes} bytes can hold")
+        raise UnsafeFileError(
+            f"{key} = {stored.shape} of {stored.dtype}: more than its {file_bytes} bytes can hold"
+        )
     if stored.chunks:
         chunks = prod(ceil(size / step) for size, step in zip(stored.shape, stored.chunks, strict=True))
         if chunks > file_bytes // BYTES_PER_CHUNK:

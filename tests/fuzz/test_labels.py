@@ -1,7 +1,5 @@
 """Damaged CSV files: labels of photographs, readings of a force gauge, poses of a machine."""
 
-from pathlib import Path
-
 import fuzzing
 import pytest
 from fuzzing import Reader
@@ -31,12 +29,65 @@ test,1,0.2,-0.2,2.7,1,0.3,0,0.3,0,1.0
 """
 FRAGMENTS = (
     *(b",", b"\n", b"\r", b"\r\n", b'"', b'""', b";", b"\xef\xbb\xbf", b"\xff", b"\xed\xa0\x80", b"\x00"),
-    *(b"nan", b"inf", b"-inf", b"1e999", b"-1e308", b"-0", b"1_0", "٣".encode(), "²".encode(), b"0x10", b"9" * 5000),
-    *(b"x" * 140_000, b"," * 2000, b"../../../../etc/hostname", b"train", b" ", b"\t", b"frame", b"index", b"split"),
+    *(
+        b"nan",
+        b"inf",
+        b"-inf",
+        b"1e999",
+        b"-1e308",
+        b"-0",
+        b"1_0",
+        "٣".encode(),
+        "²".encode(),
+        b"0x10",
+        b"9" * 5000,
+    ),
+    *(
+        b"x" * 140_000,
+        b"," * 2000,
+        b"../../../../etc/hostname",
+        b"train",
+        b" ",
+        b"\t",
+        b"frame",
+        b"index",
+        b"split",
+    ),
 )
 CELLS = (
-    *("", " ", "0", "1", "-1", "2", "1.5", "nan", "inf", "1e308", "1e-320", "9" * 30, "9" * 5000, "x", "train", "test"),
-    *("validation", "a.png", "../a.png", "/etc/hostname", "a\x00b", "\x85", '"', "é", "٣", "²", "1_0", "0b1", "+1"),
+    *(
+        "",
+        " ",
+        "0",
+        "1",
+        "-1",
+        "2",
+        "1.5",
+        "nan",
+        "inf",
+        "1e308",
+        "1e-320",
+        "9" * 30,
+        "9" * 5000,
+        "x",
+        "train",
+        "test",
+    ),
+    *(
+        "validation",
+        "a.png",
+        "../a.png",
+        "/etc/hostname",
+        "a\x00b",
+        "\x85",
+        '"',
+        "é",
+        "٣",
+        "²",
+        "1_0",
+        "0b1",
+        "+1",
+    ),
 )
 
 

@@ -27,7 +27,12 @@ frames = 4
 "numbers.weight_bits, numbers.activation_bits" = [8, [6, 5]]
 """
 BASES = SPEC + b'scene = ["base.toml", "other.toml"]\n'
-SPECS = [SPEC, BASES, SPEC.replace(b"[axes]", b"[[axes]]"), SPEC.replace(b'"grid"', b'"optuna"\nobjectives = ["dsp"]')]
+SPECS = [
+    SPEC,
+    BASES,
+    SPEC.replace(b"[axes]", b"[[axes]]"),
+    SPEC.replace(b'"grid"', b'"optuna"\nobjectives = ["dsp"]'),
+]
 FRAGMENTS = (
     b"[" * 3000,
     b"x = " + b"[" * 2000 + b"]" * 2000,
@@ -48,7 +53,19 @@ FRAGMENTS = (
     b"#",
 )
 
-VALUES = (*NASTY, date(1979, 5, 27), time(7, 32), 16, 4, 1.0, "fem", "adjoint", "tridiagonal", "slopes", "force_xyz")
+VALUES = (
+    *NASTY,
+    date(1979, 5, 27),
+    time(7, 32),
+    16,
+    4,
+    1.0,
+    "fem",
+    "adjoint",
+    "tridiagonal",
+    "slopes",
+    "force_xyz",
+)
 
 
 def dumped(tree: dict) -> str:

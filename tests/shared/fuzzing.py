@@ -24,6 +24,8 @@ LIMIT_S = 5.0
 """Processor time that a reader may take for one case."""
 COMMAND_EVERY = 100
 """Of the refused cases every so-many-th is given to the command line too."""
+KEPT = 20
+"""How many failures of a batch are kept."""
 OUTPUT = "out"
 """In a case's folder: where a reader that writes something writes it."""
 
@@ -109,7 +111,7 @@ class _Opened:
             self.outside.append(path)
 
 
-_CODE = tuple(os.path.realpath(place) for place in sys.path if place) + ("/proc", "/sys", "/dev", "/usr")
+_CODE = (*tuple(os.path.realpath(place) for place in sys.path if place), "/proc", "/sys", "/dev", "/usr")
 _opened: _Opened | None = None
 
 
@@ -126,11 +128,14 @@ def _limited(enabled: bool):
     if enabled:
         signal.signal(signal.SIGPROF, signal.SIG_DFL)
         signal.setitimer(signal.ITIMER_PROF, LIMIT_S)
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)  # for one that waits, without using the processor
+        signal.setitimer(signal.ITIMER_REAL, 60 * LIMIT_S)
     try:
         yield
     finally:
         if enabled:
             signal.setitimer(signal.ITIMER_PROF, 0)
+            signal.setitimer(signal.ITIMER_REAL, 0)
 
 
 class Bench:
@@ -141,8 +146,6 @@ class Bench:
 
     def __init__(self, reader: Reader, folder: Path, *, kill: bool = False):
         self.reader, self.folder, self.kill = reader, folder / "case", kill
-        self.outside = folder / "outside"
-        self.outside.mkdir(parents=True, exist_ok=True)
         self.tally = Tally()
 
     def write(self, case: Case) -> None:
@@ -196,7 +199,9 @@ class Bench:
 
     def _left_over(self) -> list[str]:
         out = self.folder / OUTPUT
-        partial = [p for p in self.folder.rglob(".*") if p.name.endswith((".part", ".part.h5")) or ".part." in p.name]
+        partial = [
+            p for p in self.folder.rglob(".*") if p.name.endswith((".part", ".part.h5")) or ".part." in p.name
+        ]
         return [str(p.relative_to(self.folder)) for p in (*partial, *out.rglob("*")) if p.is_file()]
 
     def _command(self) -> None:
@@ -217,8 +222,10 @@ class Bench:
             raise BadEndError(f"command line left {self._left_over()[0]} behind")
 
 
-def run_batch(reader: Reader, folder: Path, seed: int, count: int, *, kill: bool = False) -> Tally:
-    """Draw and read `count` cases from a seed; failures are collected."""
+def run_batch(
+    reader: Reader, folder: Path, seed: int, count: int, *, kill: bool = False, keep: Path | None = None
+) -> Tally:
+    """Draw and read `count` cases from a seed; failures are collected, the first of them in `keep`."""
     bench = Bench(reader, folder, kill=kill)
 
     @hypothesis.seed(seed)
@@ -235,9 +242,10 @@ def run_batch(reader: Reader, folder: Path, seed: int, count: int, *, kill: bool
             bench.drive(case)
         except BadEndError as error:
             bench.tally.failures.append(f"{reader.name}: {error}")
-            keep = bench.outside / f"{seed}-{len(bench.tally.failures)}"
-            shutil.rmtree(keep, ignore_errors=True)
-            shutil.copytree(bench.folder, keep, symlinks=True)
+            if keep is not None and len(bench.tally.failures) <= KEPT:
+                shutil.copytree(
+                    bench.folder, keep / str(len(bench.tally.failures)), symlinks=True, dirs_exist_ok=True
+                )
 
     one()
     return bench.tally
