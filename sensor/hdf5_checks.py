@@ -113,7 +113,7 @@ def _stored_attribute(path: Path, key: str) -> bytes:
 
 
 def _check_lengths(stored: bytes, file_bytes: int, key: str) -> None:
-    """Raise UnsafeFileError for texts longer than their file: the library clears memory of a text's length."""
+    """Raise UnsafeFileError for texts longer than their file: the library clears memory of their length."""
     for at in range(0, len(stored) - TEXT_BYTES + 1, TEXT_BYTES):
         (length,) = struct.unpack_from("<I", stored, at)
         if length > file_bytes:

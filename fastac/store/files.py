@@ -21,7 +21,15 @@ import numpy as np
 
 _DAMAGE = (
     *(ValueError, EOFError, KeyError, AttributeError, TypeError, SyntaxError, RuntimeError, OverflowError),
-    *(MemoryError, IndexError, struct.error, tokenize.TokenError, zipfile.BadZipFile, zlib.error, lzma.LZMAError),
+    *(
+        MemoryError,
+        IndexError,
+        struct.error,
+        tokenize.TokenError,
+        zipfile.BadZipFile,
+        zlib.error,
+        lzma.LZMAError,
+    ),
 )
 """What NumPy and zipfile raise for archives that are cut short, overwritten, or none."""
 MAX_DEFLATE_RATIO = 1032

@@ -218,7 +218,9 @@ def _of_content(content: dict, path: Path, scene: Scene) -> Bundle:
     floats = _arrays(path, "floats.npz")
     digest = _digest(content, integers | {f"float.{k}": v for k, v in floats.items()})
     if stated != digest:
-        raise BundleError(f"{path}: sha256 = {shown(stated)}: the content's is {digest}; it was changed or damaged")
+        raise BundleError(
+            f"{path}: sha256 = {shown(stated)}: the content's is {digest}; it was changed or damaged"
+        )
     try:
         pipeline = _restore(content["pipeline"], integers, CLASSES | _solver_classes(scene), scene)
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -19,6 +19,8 @@ FORMATS = ("BMP", "JPEG", "PNG", "TIFF")
 """Pillow tells formats by their content, and calls programs for some others."""
 MAX_RATIO = 2048
 """Most bytes of pixels that a byte of these files can become."""
+MAX_FRAME_PX = 2**26
+"""Of a video's frame: more is refused before memory is allocated."""
 CONTAINERS = (
     *("mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpeg", "mpegts", "mpegvideo"),
     *("ogg", "asf", "flv", "h264", "hevc", "mjpeg", "yuv4mpegpipe", "wav"),
@@ -117,14 +119,19 @@ class Video:
         import av  # folders of photographs do without it
 
         try:
-            with av.open(f"file:{self.path}", options=OPTIONS) as container:
+            with av.open(f"file:{self.path}", options=OPTIONS, metadata_errors="replace") as container:
                 if not container.streams.video:
                     raise ImportFailure(f"{self.path}: no video in this file")
-                container.streams.video[0].thread_type = "AUTO"
-                for frame in container.decode(video=0):
+                stream = container.streams.video[0]
+                stream.thread_type = "AUTO"
+                stream.codec_context.options = {"max_pixels": str(MAX_FRAME_PX)}
+                for frame in container.decode(stream):
                     yield frame.to_ndarray(format="bgr24")
-        except av.FFmpegError as error:
-            raise ImportFailure(f"{self.path}: not a readable video: {error.strerror}") from None
+        except ImportFailure:
+            raise
+        except Exception as error:  # FFmpeg's own, and what PyAV meets in damaged texts and sizes
+            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            raise ImportFailure(f"{self.path}: not a readable video: {reason}".splitlines()[0]) from None
 
 
 def footage(path: Path) -> Photographs | Video:

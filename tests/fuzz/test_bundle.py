@@ -53,13 +53,35 @@ def signed(text: bytes) -> bytes:
 def header(shape: str, kind: str, data: bytes, version: int = 1) -> bytes:
     """An .npy file that declares whatever it is told."""
     text = f"{{'descr': {kind!r}, 'fortran_order': False, 'shape': {shape}, }}".encode() + b"\n"
-    return b"\x93NUMPY" + bytes([version, 0]) + len(text).to_bytes(2 if version == 1 else 4, "little") + text + data
+    return (
+        b"\x93NUMPY"
+        + bytes([version, 0])
+        + len(text).to_bytes(2 if version == 1 else 4, "little")
+        + text
+        + data
+    )
 
 
 ARRAYS = st.builds(
     header,
-    st.sampled_from(("(3,)", "(2, 2)", "()", "(10**9,)", "(1000000000000,)", "(-1,)", "(True,)", "(0, 99999999999)", "3", "x", "(" * 500)),
-    st.sampled_from(("<i8", "|u1", "<f4", "|O", "<U99999999", "|V0", "|S0", "<M8[s]", "x", ">i4", "<c16", "a" * 2000)),
+    st.sampled_from(
+        (
+            "(3,)",
+            "(2, 2)",
+            "()",
+            "(10**9,)",
+            "(1000000000000,)",
+            "(-1,)",
+            "(True,)",
+            "(0, 99999999999)",
+            "3",
+            "x",
+            "(" * 500,
+        )
+    ),
+    st.sampled_from(
+        ("<i8", "|u1", "<f4", "|O", "<U99999999", "|V0", "|S0", "<M8[s]", "x", ">i4", "<c16", "a" * 2000)
+    ),
     st.sampled_from((b"", b"\x01" * 24, bytes(4))),
     st.sampled_from((1, 2, 3, 9)),
 )
@@ -80,7 +102,9 @@ def archives(draw) -> bytes:
     import zipfile
 
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", draw(st.sampled_from((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))) as archive:
+    with zipfile.ZipFile(
+        file, "w", draw(st.sampled_from((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))
+    ) as archive:
         for k in range(draw(st.integers(0, 3))):
             name = draw(st.sampled_from(("a.npy", "../a.npy", "/etc/a.npy", "a", "", "ä.npy")))
             archive.writestr(f"{k}{name}" if draw(st.booleans()) else f"{name}{k}", draw(ARRAYS))
@@ -91,7 +115,13 @@ NPY = st.one_of(ARRAYS, st.deferred(lambda: changed_bytes(array_files())))
 NPZ = st.one_of(
     archives(), st.deferred(lambda: changed_bytes([sample()["integers.npz"], sample()["floats.npz"]]))
 )
-LINKS = (Link("/etc/hostname"), Link("../../bundle/bundle.json"), Link("bundle.json"), Link("."), Link("nowhere"))
+LINKS = (
+    Link("/etc/hostname"),
+    Link("../../bundle/bundle.json"),
+    Link("bundle.json"),
+    Link("."),
+    Link("nowhere"),
+)
 
 
 def dumped(tree: dict) -> str:
@@ -129,7 +159,9 @@ def whole(text: bytes) -> Case:
     return {f"bundle/{name}": content for name, content in (sample() | {"bundle.json": text}).items()}
 
 
-EVIDENCE = Evidence("fuzz", "Bad files", "make fuzz", "All.", 1.0, [Table("A", ["b"], [[1, None]])], ["x"], "0")
+EVIDENCE = Evidence(
+    "fuzz", "Bad files", "make fuzz", "All.", 1.0, [Table("A", ["b"], [[1, None]])], ["x"], "0"
+)
 
 
 def evidence_files() -> st.SearchStrategy[bytes]:
@@ -156,7 +188,9 @@ READERS = [
         count=10_000,
     ),
     Reader("bundle's files", folders(), bundle.load_bundle, command),
-    Reader("archive of arrays", NPZ.map(lambda content: {"a.npz": content}), lambda f: load_arrays(f / "a.npz")),
+    Reader(
+        "archive of arrays", NPZ.map(lambda content: {"a.npz": content}), lambda f: load_arrays(f / "a.npz")
+    ),
     Reader("height map", NPY.map(lambda content: {"a.npy": content}), lambda f: read_array(f / "a.npy")),
     Reader(
         "results of a campaign",
