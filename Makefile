@@ -45,6 +45,10 @@ mutants: $(READY)
 formal: $(READY)
 	$(FASTAC) prove formal
 
+# Damaged files for every reader, thousands each; see docs/testing.md.
+fuzz: $(READY)
+	$(VENV)/bin/python tests/fuzz/campaign.py
+
 BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle.json \
 	build/fast/bundle/bundle.json build/force/bundle/bundle.json))
 
