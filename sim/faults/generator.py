@@ -1,0 +1,387 @@
+"""Seeded generator of faults: for each the beats of the input, and what happens besides and when."""
+
+import random
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+
+from fastac.sim.faults.kinds import KINDS, SECOND, STATES, kinds_of
+
+MILD, STRONG = 8, 3
+"""Images of the bank: the first ones are ordinary, the others saturate."""
+
+
+@dataclass(frozen=True)
+class Shape:
+    """What the generator must know of the hardware."""
+
+    height: int
+    line_beats: int
+    streams: int
+    loadable: bool
+
+    @property
+    def beats(self) -> int:
+        return self.height * self.line_beats
+
+
+@dataclass
+class Fault:
+    """One fault: what is sent, what happens besides, and the good frame after it.
+
+    beats : [image of the bank, row, beat of the line, end of line, start of frame, clocks of pause before it]
+    events : dicts, one after the other: `at` beats accepted, and the guard in `state` (None: any), `delay`
+        clocks later, do `do` with `settings`. While one with `hold` waits, no further beat is offered.
+    kinds : one or two names of KINDS; states : the state in which each is to begin, or None
+    marks : {beat: place in `kinds`}, for kinds that begin with a beat
+    slow_outputs : probability per clock that an output is not ready
+    serves : the host reads each result when the interrupt comes
+    """
+
+    number: int
+    kinds: list[str]
+    states: list[str | None]
+    beats: list[list[int]] = field(default_factory=list)
+    events: list[dict] = field(default_factory=list)
+    marks: dict[int, int] = field(default_factory=dict)
+    slow_outputs: float = 0.0
+    serves: bool = True
+
+    def as_dict(self) -> dict:
+        return asdict(self)
+
+
+def goals(shape: Shape) -> list[tuple[str, str]]:
+    """Every kind with every state in which it can begin."""
+    kinds = kinds_of(shape.streams, loadable=shape.loadable)
+    return [(name, state) for name, kind in kinds.items() for state in kind.states()]
+
+
+def faults(shape: Shape, design: str, seed: int, numbers: Sequence[int]) -> list[Fault]:
+    """The faults with these numbers; each depends on the design, the seed and its own number only.
+
+    The goals of `goals` are visited in turn, in another order in each round.
+    """
+    wanted, found = goals(shape), []
+    for number in numbers:
+        turn, place = divmod(number, len(wanted))
+        order = random.Random(f"{design} {seed} round {turn}").sample(range(len(wanted)), len(wanted))
+        rng = random.Random(f"{design} {seed} fault {number}")
+        found.append(_Script(shape, rng, number, *wanted[order[place]]).fault)
+    return found
+
+
+class _Script:
+    """Writes one fault: frames before it, the way into the guard's state, the fault, the good frame."""
+
+    def __init__(self, shape: Shape, rng: random.Random, number: int, kind: str, state: str):
+        self.shape, self.rng, self.row = shape, rng, None
+        self.image, self.begun = rng.randrange(MILD), 0
+        pauses = rng.choice([0, 0, 0, 0.1, 0.4])
+        self.pause = lambda: rng.choice([1, 1, 2, 3, 10]) if rng.random() < pauses else 0
+        kinds, states = [kind], [state]
+        if rng.random() < 0.3 and not kind.startswith("calibration"):
+            possible = kinds_of(shape.streams, loadable=shape.loadable)
+            kinds.append(rng.choice([name for name in SECOND if name in possible]))
+            states.append(None)
+        self.fault = Fault(number, kinds, states)
+        self.fault.slow_outputs = rng.choice([0, 0, 0, 0.2, 0.6]) if shape.streams else 0
+        self.fault.serves = rng.random() < 0.7
+        for _ in range(rng.choice([0, 1, 1, 2])):
+            self.whole_frame()
+        self.lead_in(kind, state)
+        for place, name in enumerate(kinds):
+            self.target = states[place]
+            getattr(self, f"_{name}")(place)
+        if self.row is not None and rng.random() < 0.6:
+            self.lines(self.shape.height - self.row)
+        for _ in range(rng.choice([1, 1, 1, 2])):
+            self.good_frame()
+
+    # Beats
+
+    def line(self, length: int | None = None, *, last: int = 1, start: int = 0, row: int | None = None) -> None:
+        whole = self.shape.line_beats
+        length = whole if length is None else length
+        row = self.row if row is None else row
+        for k in range(length):
+            ends = last * (k == length - 1)
+            place = [self.image, row % self.shape.height, k % whole]
+            self.fault.beats.append([*place, ends, start * (k == 0), self.pause()])
+
+    def lines(self, count: int) -> None:
+        """Whole lines, the first of which starts a frame unless one is under way."""
+        for _ in range(count):
+            starts = self.row is None
+            if starts:
+                self.row, self.image = 0, self.rng.randrange(MILD)
+            self.line(start=int(starts))
+            self.step()
+
+    def step(self) -> None:
+        self.row = None if self.row is None or self.row + 1 >= self.shape.height else self.row + 1
+
+    def whole_frame(self) -> None:
+        self.row = None
+        self.lines(self.shape.height)
+
+    def good_frame(self) -> None:
+        """Waits until what was to happen before it has happened."""
+        self.event("join", hold=True)
+        self.whole_frame()
+
+    def event(self, do: str, *, state: str | None = None, delay: int = 0, hold: bool = False, **settings):
+        at = len(self.fault.beats)
+        self.fault.events.append(
+            {"at": at, "state": state, "delay": delay, "hold": hold, "do": do, "settings": settings}
+        )
+
+    # The way into a state of the guard
+
+    def lead_in(self, kind: str, state: str) -> None:
+        rng, height, whole = self.rng, self.shape.height, self.shape.line_beats
+        by_beats = KINDS[kind].beats
+        idle = kind in ("calibration_loaded", "calibration_restarted", "calibration_reset")
+        if state == "WAIT":
+            return
+        if state == "LINE":
+            self.lines(rng.randint(1, height - 2))
+            if not by_beats:
+                self.part_of_a_line(rng.randint(1, whole - 1))
+        elif state == "DROP":
+            self.lines(height - 1 if idle else rng.randint(1, height - 1))
+            # The next beat comes while the last surplus beat is looked at.
+            self.line(whole + rng.randint(2, 4), last=int(by_beats))
+            self.fault.beats[-1][-1] = self.fault.beats[-2][-1] = 0
+            self.step()
+        elif state == "PAD":
+            self.lines(rng.randint(1, height - 2))
+            self.line(1)
+            self.step()
+        else:
+            self.lines(rng.randint(1, height // 2))
+            if by_beats or rng.random() < 0.5:
+                self.event("stop", hold=True)
+                self.row = None
+            else:
+                self.row, self.image = 0, rng.randrange(MILD)
+                self.part_of_a_line(1, start=1)
+
+    def part_of_a_line(self, length: int, *, start: int = 0) -> None:
+        """The rest of the line is sent before whatever comes next on its own."""
+        self.line(length, last=0, start=start)
+        self.begun = length
+
+    def rest_of_the_line(self) -> None:
+        begun, whole = self.begun, self.shape.line_beats
+        if begun:
+            self.begun = 0
+            if self.rng.random() < 0.8:
+                for k in range(begun, whole):
+                    self.fault.beats.append([self.image, self.row, k, int(k == whole - 1), 0, self.pause()])
+                self.step()
+
+    # Kinds made of beats
+
+    def mark(self, place: int) -> None:
+        """The fault begins with the next beat, for which the guard's state is waited."""
+        self.rest_of_the_line()
+        self.fault.marks[len(self.fault.beats)] = place
+        if self.target in ("WAIT", "LINE", "PAD", "FILL"):
+            self.event("go", state=self.target, hold=True)
+
+    def faulty_line(self, place: int, length: int, *, last: int) -> None:
+        self.mark(place)
+        starts = self.row is None
+        if starts:
+            self.row, self.image = 0, self.rng.randrange(MILD)
+        self.line(length, last=last, start=int(starts))
+        self.fault.beats[-length][-1] = 0
+        self.step()
+
+    def _line_short(self, place: int) -> None:
+        self.faulty_line(place, self.rng.randint(1, self.shape.line_beats - 1), last=1)
+
+    def _line_long(self, place: int) -> None:
+        self.faulty_line(place, self.shape.line_beats + self.rng.randint(1, 5), last=1)
+
+    def _line_unended(self, place: int) -> None:
+        self.faulty_line(place, self.shape.line_beats + self.rng.choice([0, 0, 3]), last=0)
+
+    def faulty_frame(self, place: int, lines: int) -> None:
+        self.mark(place)
+        self.row = None
+        first = len(self.fault.beats)
+        self.lines(lines)
+        self.fault.beats[first][-1] = 0
+
+    def _frame_short(self, place: int) -> None:
+        self.faulty_frame(place, self.rng.randint(1, self.shape.height - 1))
+        self.row = None
+
+    def _frame_cut(self, place: int) -> None:
+        self.faulty_frame(place, self.rng.randint(1, self.shape.height - 1))
+        self.line(self.rng.randint(1, self.shape.line_beats - 1), last=0)
+        self.row = None
+
+    def _frame_long(self, place: int) -> None:
+        self.faulty_frame(place, self.shape.height)
+        for _ in range(self.rng.randint(1, 3)):
+            self.line(row=0)
+
+    def _overload(self, place: int) -> None:
+        self.faulty_frame(place, 1)
+        first = self.fault.marks and max(self.fault.marks)
+        self.image = MILD + self.rng.randrange(STRONG)
+        for beat in self.fault.beats[first:]:
+            beat[0] = self.image
+        self.lines(self.shape.height - 1)
+
+    def _garbage(self, place: int) -> None:
+        self.mark(place)
+        rng = self.rng
+        ends, starts = rng.choice([(0.3, 0.05), (0.05, 0.02), (0.5, 0.5)])
+        for k in range(rng.randint(5, 2 * self.shape.line_beats + 20)):
+            pixel = [rng.randrange(MILD), rng.randrange(self.shape.height), k % self.shape.line_beats]
+            pause = 0 if k == 0 else self.pause()
+            self.fault.beats.append([*pixel, int(rng.random() < ends), int(rng.random() < starts), pause])
+        self.row = None
+
+    def _no_start(self, place: int) -> None:
+        self.event(self.rng.choice(["soft_reset", "hard_reset"]), hold=True)
+        self.event("join", hold=True)
+        self.mark(place)
+        self.row = self.rng.randrange(1, self.shape.height - 3)
+        self.lines(self.rng.randint(1, 3))
+        self.row = None
+
+    # Kinds that begin beside the stream
+
+    def act(self, place: int, do: str, *, hold: bool = True, **settings) -> None:
+        """What happens once the guard is in the state that is wanted; without one, at a random beat."""
+        rng = self.rng
+        if self.target is None:
+            self.some_beats()
+            self.event(do, delay=rng.randint(0, 20), hold=do == "stop", place=place, **settings)
+            self.some_beats()
+            return
+        delay = rng.randint(0, 6) if self.target in ("WAIT", "LINE", "DROP") else rng.choice([0, 0, 1, 2])
+        self.event(do, state=self.target, delay=delay, hold=hold, place=place, **settings)
+        self.rest_of_the_line()
+
+    def some_beats(self) -> None:
+        """A few more lines of the frame, or of a new one."""
+        self.rest_of_the_line()
+        self.lines(self.rng.randint(0, 2))
+
+    def _camera_stops(self, place: int) -> None:
+        self.act(place, "stop")
+        if self.row is not None and self.rng.random() < 0.5:
+            self.row = None  # otherwise the rest of the frame comes late
+
+    def _camera_pauses(self, place: int) -> None:
+        self.act(place, "pause", clocks=self.rng.randint(5, 60))
+
+    def _input_stalls(self, place: int) -> None:
+        self.act(place, "go")
+        start = len(self.fault.beats)
+        self.lines(self.rng.randint(2, self.shape.height))
+        odds = self.rng.uniform(0.2, 0.9)
+        for beat in self.fault.beats[start:]:
+            beat[-1] = self.rng.randint(1, 30) if self.rng.random() < odds / 4 else self.pause()
+
+    def _output_stalls(self, place: int) -> None:
+        which = self.rng.choice([*range(self.shape.streams), None])
+        clocks = self.rng.randint(10, 2 * self.shape.beats)
+        self.act(place, "stall", which=which, clocks=clocks, share=self.rng.uniform(0.3, 0.95))
+
+    def _output_blocked(self, place: int) -> None:
+        self.block(place, self.rng.randrange(self.shape.streams))
+
+    def _outputs_blocked(self, place: int) -> None:
+        self.block(place, None)
+
+    def block(self, place: int, which: int | None) -> None:
+        clocks = round(self.rng.uniform(1, 3) * self.shape.beats) + self.rng.randint(0, 100)
+        self.act(place, "stall", which=which, clocks=clocks, share=1.0)
+        if self.rng.random() < 0.7:
+            self.rest_of_the_line()
+            if self.row is not None:
+                self.lines(self.shape.height - self.row)
+            self.whole_frame()
+
+    def _disabled(self, place: int) -> None:
+        self.act(place, "disable")
+        if self.row is not None and self.rng.random() < 0.7:
+            self.lines(self.shape.height - self.row)
+        if self.rng.random() < 0.6:
+            self.row = None
+            self.lines(self.rng.randint(1, self.shape.height))
+        self.event("enable", delay=self.rng.randint(0, 20))
+        self.some_beats()
+
+    def _soft_reset(self, place: int) -> None:
+        self.act(place, "soft_reset")
+
+    def _soft_reset_blocked(self, place: int) -> None:
+        which = self.rng.choice([*range(self.shape.streams), None])
+        clocks = self.rng.randint(20, 2 * self.shape.beats)
+        self.act(place, "soft_reset", block=which, clocks=clocks)
+
+    def _hard_reset(self, place: int) -> None:
+        self.act(place, "hard_reset", clocks=self.rng.randint(1, 3), camera_runs=self.rng.random() < 0.5)
+
+    def _hard_reset_in_read(self, place: int) -> None:
+        self.act(place, "hard_reset", inside="read", after=self.rng.randint(1, 8))
+
+    def _hard_reset_in_write(self, place: int) -> None:
+        self.act(place, "hard_reset", inside="write", after=self.rng.randint(1, 8))
+
+    def _power_up(self, place: int) -> None:
+        self.act(place, "hard_reset", randomise=True, clocks=self.rng.randint(1, 3))
+
+    def _registers_read(self, place: int) -> None:
+        self.act(place, "registers_read")
+
+    def _registers_absent(self, place: int) -> None:
+        self.act(place, "registers_absent", count=self.rng.randint(1, 6))
+
+    def _registers_refused(self, place: int) -> None:
+        self.act(place, "registers_refused", count=self.rng.randint(1, 6))
+
+    def _calibration_busy(self, place: int) -> None:
+        if self.target == "WAIT":
+            self.whole_frame()
+        self.act(place, "calibration_busy")
+
+    def _calibration_foreign(self, place: int) -> None:
+        self.act(place, "calibration_foreign", bit=self.rng.randrange(32))
+
+    def calibrate(self, place: int, **settings) -> None:
+        self.event("idle", hold=True)
+        self.event(
+            "calibrate",
+            state=self.target,
+            delay=self.rng.randint(0, 5),
+            hold=True,
+            place=place,
+            image=self.rng.choice(["own", "other"]),
+            **settings,
+        )
+        self.row = None
+        # Held until the last word; or a frame comes meanwhile, whose first beat then waits.
+        self.event("loading" if self.rng.random() < 0.5 else "join", hold=True)
+        self.whole_frame()
+
+    def _calibration_loaded(self, place: int) -> None:
+        self.calibrate(place)
+
+    def _calibration_restarted(self, place: int) -> None:
+        self.calibrate(place, cut=self.rng.random(), by="restart")
+
+    def _calibration_reset(self, place: int) -> None:
+        self.calibrate(place, cut=self.rng.random(), by=self.rng.choice(["soft_reset", "hard_reset"]))
+
+
+def pairs_of_states() -> list[tuple[str, str]]:
+    """Every kind with every state, the impossible ones included."""
+    return [(name, state) for name in KINDS for state in STATES]
