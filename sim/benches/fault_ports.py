@@ -58,7 +58,8 @@ class OutputStream:
     def expect_frame(self, words: Iterable[int], *, bad: bool, suspect: bool) -> None:
         """A frame's beats follow what is expected already."""
         self.expected += [
-            (data & self._mask(k), self._mask(k), *self._marks(k, bad, suspect)) for k, data in enumerate(words)
+            (data & self._mask(k), self._mask(k), *self._marks(k, bad, suspect))
+            for k, data in enumerate(words)
         ]
 
     def soft_reset(self) -> None:

@@ -72,7 +72,7 @@ class Checks:
     """What is compared when a fault and the good frames after it are over."""
 
     def __init__(self, engine: Engine):
-        self.engine, self.host, self.values = engine, engine.host, 0
+        self.engine, self.host, self.results = engine, engine.host, 1
 
     def run(self):
         """The host's last program of a fault; raises AssertionError."""
@@ -104,7 +104,7 @@ class Checks:
             if engine.settings["axes"] and least == most and number > least:
                 expected = expected_result(frames[number - least - 1])
                 assert tuple(found) == expected, f"result {number}: {found}, expected {expected}"
-                self.values += len(expected[0])
+                self.results += 1
 
     def _check_errors(self):
         engine, host, rules = self.engine, self.host, self.engine.rules
@@ -151,10 +151,12 @@ async def play(engine: Engine, fault: dict, frames: dict) -> dict:
         "kinds": fault["kinds"],
         "states": [engine.found.get(place) for place in range(len(fault["kinds"]))],
         "clocks": engine.cycle - start,
-        "frames": engine.started,
+        "frames": len(engine.rules.frames),
         "bad": sum(frame.bad for frame in engine.rules.frames),
+        "results": checks.results,
+        "beats": sum(stream.taken for stream in engine.streams) - sum(taken),
         "errors": checks.errors,
-        "beats": sum(s.taken for s in engine.streams) - sum(taken),
+        "slow_outputs": fault["slow_outputs"],
     }
 
 

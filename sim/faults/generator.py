@@ -4,7 +4,7 @@ import random
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 
-from fastac.sim.faults.kinds import KINDS, SECOND, STATES, kinds_of
+from fastac.sim.faults.kinds import KINDS, SECOND, kinds_of
 
 MILD, STRONG = 8, 3
 """Images of the bank: the first ones are ordinary, the others saturate."""
@@ -56,18 +56,24 @@ def goals(shape: Shape) -> list[tuple[str, str]]:
     return [(name, state) for name, kind in kinds.items() for state in kind.states()]
 
 
-def faults(shape: Shape, design: str, seed: int, numbers: Sequence[int]) -> list[Fault]:
-    """The faults with these numbers; each depends on the design, the seed and its own number only.
+def goal_of(shape: Shape, design: str, seed: int, number: int) -> tuple[str, str]:
+    """Kind and state of the fault with this number. All of `goals` come in turn, in another order each round."""
+    wanted = goals(shape)
+    turn, place = divmod(number, len(wanted))
+    return random.Random(f"{design} {seed} round {turn}").sample(wanted, len(wanted))[place]
 
-    The goals of `goals` are visited in turn, in another order in each round.
-    """
-    wanted, found = goals(shape), []
-    for number in numbers:
-        turn, place = divmod(number, len(wanted))
-        order = random.Random(f"{design} {seed} round {turn}").sample(range(len(wanted)), len(wanted))
-        rng = random.Random(f"{design} {seed} fault {number}")
-        found.append(_Script(shape, rng, number, *wanted[order[place]]).fault)
-    return found
+
+def faults(shape: Shape, design: str, seed: int, numbers: Sequence[int]) -> list[Fault]:
+    """The faults with these numbers; each depends on the design, the seed and its own number only."""
+    return [
+        _Script(
+            shape,
+            random.Random(f"{design} {seed} fault {number}"),
+            number,
+            *goal_of(shape, design, seed, number),
+        ).fault
+        for number in numbers
+    ]
 
 
 class _Script:
@@ -99,7 +105,9 @@ class _Script:
 
     # Beats
 
-    def line(self, length: int | None = None, *, last: int = 1, start: int = 0, row: int | None = None) -> None:
+    def line(
+        self, length: int | None = None, *, last: int = 1, start: int = 0, row: int | None = None
+    ) -> None:
         whole = self.shape.line_beats
         length = whole if length is None else length
         row = self.row if row is None else row
@@ -380,8 +388,3 @@ class _Script:
 
     def _calibration_reset(self, place: int) -> None:
         self.calibrate(place, cut=self.rng.random(), by=self.rng.choice(["soft_reset", "hard_reset"]))
-
-
-def pairs_of_states() -> list[tuple[str, str]]:
-    """Every kind with every state, the impossible ones included."""
-    return [(name, state) for name in KINDS for state in STATES]

@@ -39,7 +39,9 @@ KINDS = {
     "frame_short": Kind("lines are missing at a frame's end", beats=True),
     "frame_cut": Kind("a frame breaks off inside a line, and the next one starts", beats=True),
     "frame_long": Kind("a frame has too many lines", beats=True),
-    "no_start": Kind("after a reset come lines without a start of frame", beats=True, impossible=NEVER_STARTED),
+    "no_start": Kind(
+        "after a reset come lines without a start of frame", beats=True, impossible=NEVER_STARTED
+    ),
     "garbage": Kind("beats with random ends of line and starts of frame", beats=True),
     "overload": Kind("a frame whose values saturate", beats=True),
     "camera_stops": Kind("the camera stops until the timeout; late beats may follow"),
