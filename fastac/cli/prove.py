@@ -26,9 +26,10 @@ def prove():
 def faults(count, seed, designs, numbers, jobs, store, progress):
     """Play thousands of faults to small designs: after each the next good frame must be exact.
 
-    Short, long and broken lines and frames, stalls, resets at random clocks, register traffic and calibrations
-    that are cut off, drawn from a seed; every flag of ERRORS is compared. The first failure ends the campaign
-    with a line that says how to repeat it; otherwise the result goes to build/evidence/faults.json.
+    Short, long and broken lines and frames, stalls, resets at random clocks, register traffic and
+    calibrations that are cut off, drawn from a seed; every flag of ERRORS is compared. The first failure ends
+    the campaign with a line that says how to repeat it; otherwise the result goes to
+    build/evidence/faults.json.
 
     \b
     Example: fastac prove faults --design dst2d_1 --faults 600-677
@@ -36,10 +37,12 @@ def faults(count, seed, designs, numbers, jobs, store, progress):
     import time
 
     from fastac.sim.faults import campaign
+    from fastac.sim.faults.designs import DESIGNS
+    from fastac.sim.faults.summary import evidence
     from fastac.store.evidence import keep
 
     start, workplace = time.monotonic(), Path("build/faults")
-    known = tuple(campaign.DESIGNS)
+    known = tuple(DESIGNS)
     for name in designs:
         if name not in known:
             raise click.ClickException(f"design {name!r}: expected one of {', '.join(known)}")
@@ -51,12 +54,14 @@ def faults(count, seed, designs, numbers, jobs, store, progress):
         click.echo(f"{designs[0]}, seed {seed}: {played} faults, nothing wrong")
         return
     coverage = run.run(count)
-    evidence = run.evidence(coverage, "make faults", time.monotonic() - start)
-    click.echo(evidence.summary)
+    found = evidence(
+        run.records, run.seconds, seed=seed, command="make faults", seconds=time.monotonic() - start
+    )
+    click.echo(found.summary)
     for kind, state in coverage.missing():
         click.echo(f"not reached: {kind} in {state}")
     if not designs:
-        click.echo(f"written: {keep(evidence)}")
+        click.echo(f"written: {keep(found)}")
 
 
 @prove.command()

@@ -1,22 +1,20 @@
-"""One clock of the fault campaign after the other: camera, outputs, host, resets, and what must come of them."""
+"""The hardware of the fault campaign, clock by clock: camera, outputs, host, resets, golden model."""
 
 import random
 
 from cocotb.triggers import ReadOnly, RisingEdge
 
-from fastac.sim.benches.fault_host import ENABLE, INTERRUPT, SOFT_RESET, Host
+from fastac.sim.benches.fault_events import Events
+from fastac.sim.benches.fault_host import ENABLE, SOFT_RESET, Host
 from fastac.sim.benches.fault_ports import OutputStream, RegisterBus
 from fastac.sim.faults.frame_rules import FrameRules
 from fastac.sim.faults.kinds import STATES
-
-STATE_LIMIT = 40
-"""Clocks for which an event waits for the guard's state."""
 
 
 class Engine:
     """The hardware with everything around it, and the golden model of what it must do.
 
-    `golden` has the results of frames, see `faults.Golden`. `play` begins a fault; `clock` lets one clock pass.
+    golden : the results of all frames, see `faults.Golden`
     """
 
     def __init__(self, dut, settings: dict, golden):
@@ -34,7 +32,7 @@ class Engine:
         self.flip_flops = None
         self.cycle = self.accepted = self.offered = 0
         self.state = self.reset_clocks = 0
-        self.reset_begins, self.reset_place = False, None
+        self.reset_begins = False
         self.programs: list[list] = []  # [generator, name, answer]; the first is running
         self.enabled, self.loading, self.calibration = True, False, "own"
         self.waiting: list = []  # frames whose first beat waits until a calibration is complete
@@ -48,22 +46,26 @@ class Engine:
         """Take over the beats and events of a fault; the earlier ones are over."""
         self.fault, self.frames = fault, frames
         self.rng.seed(f"{self.settings['seed']} {fault['number']}")
-        self.beats, self.events = fault["beats"], list(fault["events"])
-        self.marks = {int(beat): place for beat, place in fault["marks"].items()}
+        self.beats, self.events = fault["beats"], Events(self, fault)
         self.accepted = self.offered = 0
         self.pause = self.beats[0][5] if self.beats else 0
         self.stalls: dict[int, tuple[int, float]] = {}
-        self.found: dict[int, list] = {}
         self.flags: set[str] = set()
         self.samples: list[tuple] = []
         self.epochs: list[list] = []  # frames before each soft reset since the last hard one
         self.started = 0
-        self.delay = self.waited = None
-        self.stopping = self.on_write = None
-        self.holding = self.cut_in = 0
-        self.frozen = False  # no beat comes until what was begun takes effect
         self.rules.forget_frames()
         self.rules.clear_flags()
+
+    @property
+    def position(self) -> str:
+        """Where in a frame the camera is."""
+        frame = self.rules.frame
+        if frame is None:
+            return "between frames"
+        done = len(frame.sources) // self.settings["line_beats"]
+        last = self.settings["height"] - 1
+        return "first line" if not done else "last line" if done >= last else "inside"
 
     # Clocks
 
@@ -93,7 +95,7 @@ class Engine:
         if self.offered > self.accepted:
             return
         place = self.accepted
-        offers = place < len(self.beats) and not self._held_back(place)
+        offers = place < len(self.beats) and not self.events.hold(place)
         if offers and self.pause:
             self.pause -= 1
             offers = False
@@ -103,11 +105,6 @@ class Engine:
                 port.value = value
             self.offered += 1
         self.valid.value = int(offers)
-
-    def _held_back(self, place: int) -> bool:
-        if self.stopping or self.holding or (self.frozen and (self.on_write or self.cut_in)):
-            return True
-        return any(event["hold"] and place >= event["at"] for event in self.events)
 
     def _next_access(self) -> None:
         while self.programs:
@@ -136,7 +133,7 @@ class Engine:
             stream.sample()
         if soft_reset:
             self._soft_reset()
-        self._act()
+        self.events.clock()
         if not self.programs and self.fault.get("serves") and int(self.interrupt.value):
             self.run(self._serve(), "serve")
 
@@ -144,8 +141,7 @@ class Engine:
         place = self.accepted
         self.accepted += 1
         _, _, _, last, start, _ = self.beats[place]
-        if place in self.marks:
-            self.record(self.marks[place])
+        self.events.accepted(place)
         frame = self.rules.beat(place, last=bool(last), start=bool(start), enabled=self.enabled)
         if frame is not None:
             self.started += 1
@@ -181,9 +177,10 @@ class Engine:
         if not self.camera_runs:
             self.valid.value = 0
             self.offered = self.accepted
-        self.before_reset = [STATES[self.state], self._position()]
+        before = [STATES[self.state], self.position]
         self.bus.abort()
         self._reset_model()
+        self.events.reset(before)
         if self.randomise:
             self._randomise()
 
@@ -207,13 +204,10 @@ class Engine:
         self.started = 0
         self.run(self.host.initialise(), "control")
         if loads:
-            self.run(self.host.calibrate(self.image, resumes=True), "calibrate")
+            self.run(self.host.calibrate(self.events.image, resumes=True), "calibrate")
 
     def _sample_reset(self) -> None:
-        if self.reset_begins:
-            self.reset_begins = False
-            if self.reset_place is not None:
-                self.found[self.reset_place] = self.before_reset
+        self.reset_begins = False
         if self.offered > self.accepted and self.camera_runs and int(self.ready.value):
             self.accepted += 1
             self.pause = 0
@@ -242,26 +236,29 @@ class Engine:
     @property
     def controlled(self) -> bool:
         """Everything that controls the hardware has been done."""
-        busy = self.reset_clocks or self.stopping or self.holding or self.cut_in
-        return not busy and all(entry[1] in ("look", "serve") for entry in self.programs)
+        return not self.reset_clocks and not self.events.busy and self.commanded
+
+    @property
+    def commanded(self) -> bool:
+        """No program is left that controls the hardware."""
+        return all(entry[1] in ("look", "serve") for entry in self.programs)
 
     def _written(self) -> bool:
         """A write takes effect in this clock; returns whether it is a soft reset."""
         request, registers = self.bus.last, self.settings["registers"]
-        if self.on_write is not None and request["address"] == registers[self.on_write[1]]:
-            self.record(self.on_write[0])
-            self.on_write = None
+        self.events.written(request["address"])
         if request["address"] == registers.get("CALIBRATION") and self.host.loads:
             if self.host.loads == "part":
                 self.loading = True
             else:
-                self._calibrated(self.host.loads)
+                self.calibrated(self.host.loads)
         if request["address"] != registers["CONTROL"]:
             return False
         self.enabled = bool(request["data"] & ENABLE)
         return bool(request["data"] & SOFT_RESET)
 
-    def _calibrated(self, image: str) -> None:
+    def calibrated(self, image: str) -> None:
+        """From now on frames use this calibration; those that waited start."""
         self.calibration, self.loading = image, False
         for frame in self.waiting:
             self._launch(frame)
@@ -273,144 +270,6 @@ class Engine:
         if found is not None and epoch == len(self.epochs):
             self.samples.append((epoch, found))
         yield from self.host.write("INTERRUPT_STATUS", 1)
-
-    # Events
-
-    def record(self, place: int) -> None:
-        """The fault's kind `place` begins now: the guard's state, and where in the frame."""
-        self.found[place] = [STATES[self.state], self._position()]
-
-    def _position(self) -> str:
-        frame = self.rules.frame
-        if frame is None:
-            return "between frames"
-        done = len(frame.sources) // self.settings["line_beats"]
-        last = self.settings["height"] - 1
-        return "first line" if not done else "last line" if done >= last else "inside"
-
-    def _act(self) -> None:
-        if self.host.loaded:
-            self._calibrated(self.host.loaded)
-            self.host.loaded = ""
-        if self.host.reset_wanted:
-            self.host.reset_wanted, self.cut_in = False, self.rng.randint(1, 8)
-        if self.cut_in:
-            self.cut_in -= 1
-            if not self.cut_in:
-                self.hard_reset()
-            return
-        self.holding -= self.holding > 0
-        if self.stopping and self.stopping():
-            self.rules.silence()
-            self.stopping = None
-        if not self.events or self.accepted < self.events[0]["at"] or self.reset_clocks or self.stopping:
-            return
-        event = self.events[0]
-        if event["do"] in ("join", "calibrate", "stop", "idle") and not self.controlled:
-            return
-        if event["do"] == "loading" and not (self.loading or self.controlled):
-            return
-        if self.delay is None:
-            self.waited = (self.waited or 0) + 1
-            if event["state"] not in (None, STATES[self.state]) and self.waited < STATE_LIMIT:
-                return
-            self.delay = event["delay"]
-        if self.delay:
-            self.delay -= 1
-            return
-        self.events.pop(0)
-        self.delay = self.waited = None
-        settings = dict(event["settings"])
-        self.place = settings.pop("place", None)
-        self.frozen = event["hold"]
-        getattr(self, f"_do_{event['do']}")(**settings)
-
-    def _at(self, register: str) -> tuple[int, str] | None:
-        """The fault begins with the next write to this register."""
-        return None if self.place is None else (self.place, register)
-
-    def _now(self) -> None:
-        if self.place is not None:
-            self.record(self.place)
-
-    def _do_go(self) -> None:
-        self._now()
-
-    _do_join = _do_loading = _do_go
-
-    def _do_idle(self) -> None:
-        self.run(self.host.wait_until_idle(), "control")
-
-    def _do_stop(self) -> None:
-        """No beat comes until the frame under way is given up; without one, for as long as the timeout."""
-        self._now()
-        if self.rules.frame is not None:
-            self.run(self.host.wait_for_error("frame_timeout"), "control")
-            self.stopping = lambda: all(entry[1] in ("look", "serve") for entry in self.programs)
-        else:
-            end = self.cycle + self.settings["timeout"] + 20
-            self.stopping = lambda: self.cycle >= end
-
-    def _do_pause(self, clocks: int) -> None:
-        self._now()
-        self.holding = clocks
-
-    def _do_stall(self, which: int | None, clocks: int, share: float) -> None:
-        self._now()
-        self._stall(which, clocks, share)
-
-    def _stall(self, which: int | None, clocks: int, share: float) -> None:
-        for k in range(len(self.streams)) if which is None else [which]:
-            self.stalls[k] = (self.cycle + clocks, share)
-
-    def _do_disable(self) -> None:
-        self.on_write = self._at("CONTROL")
-        self.run(self.host.control(INTERRUPT), "control")
-
-    def _do_enable(self) -> None:
-        self.run(self.host.control(ENABLE | INTERRUPT), "control")
-
-    def _do_soft_reset(self, block: int | None = -1, clocks: int = 0) -> None:
-        self.on_write = self._at("CONTROL")
-        if clocks:
-            self._stall(block, clocks, 1.0)
-        self.run(self.host.control(ENABLE | INTERRUPT | SOFT_RESET), "control")
-
-    def _do_hard_reset(self, inside: str = "", after: int = 0, **how) -> None:
-        self.reset_place = self.place
-        if not inside:
-            self.hard_reset(**how)
-            return
-        self.run(self.host.endless(inside), "control")
-        self.cut_in = after
-
-    def _do_registers_read(self) -> None:
-        self._now()
-        self.run(self.host.read_all(), "look")
-
-    def _do_registers_absent(self, count: int) -> None:
-        self._now()
-        self.flags.add("access_refused")
-        self.run(self.host.absent(count), "look")
-
-    def _do_registers_refused(self, count: int) -> None:
-        self._now()
-        self.flags.add("access_refused")
-        self.run(self.host.refused(count), "look")
-
-    def _do_calibration_busy(self) -> None:
-        self.on_write = self._at("CALIBRATION")
-        self.flags.add("calibration_refused")
-        self.run(self.host.refused_word(self.settings["words"]["other"][0]), "control")
-
-    def _do_calibration_foreign(self, bit: int) -> None:
-        self.on_write = self._at("CALIBRATION")
-        self.flags.add("calibration_refused")
-        self.run(self.host.refused_word(self.settings["words"]["own"][0] ^ 1 << bit), "control")
-
-    def _do_calibrate(self, image: str, cut: float | None = None, by: str = "") -> None:
-        self.on_write, self.image, self.reset_place = self._at("CALIBRATION"), image, None
-        self.run(self.host.calibrate(image, cut=cut, by=by), "calibrate")
 
 
 def _leaves(handle):

@@ -1,4 +1,4 @@
-"""Per-clock drivers and monitors of the fault campaign: output streams with their AXI rules, AXI4-Lite accesses."""
+"""Drivers and monitors of the fault campaign: output streams with their AXI rules, AXI4-Lite accesses."""
 
 from collections import deque
 from collections.abc import Iterable
@@ -63,7 +63,7 @@ class OutputStream:
         ]
 
     def soft_reset(self) -> None:
-        """After the clock in which the datapath was reset: only what the port completes itself still comes."""
+        """After the clock of the datapath's reset: only what the port completes itself still comes."""
         if self.closing:
             self.expected = deque(list(self.expected)[: self.closing])
             return

@@ -78,6 +78,9 @@ class Checks:
         """The host's last program of a fault; raises AssertionError."""
         engine, host = self.engine, self.host
         frames = engine.rules.frames
+        last = len(engine.beats) - engine.settings["height"] * engine.settings["line_beats"]
+        assert frames, "the good frame did not start"
+        assert (frames[-1].start, frames[-1].bad) == (last, False), "the last frame is not the good one"
         yield from host.wait_until_idle()
         yield from host.expect("STATUS", (yield from host.read("STATUS")) & 0b10110)
         count = yield from host.read("FRAME_COUNT")
@@ -135,10 +138,13 @@ async def play(engine: Engine, fault: dict, frames: dict) -> dict:
     """One fault and what follows it; returns what was seen. Raises AssertionError."""
     start, taken = engine.cycle, [stream.taken for stream in engine.streams]
     engine.begin_fault(fault, frames)
-    while engine.accepted < len(engine.beats) or engine.events or not engine.controlled or engine.programs:
+    while (
+        engine.accepted < len(engine.beats) or engine.events.left or not engine.controlled or engine.programs
+    ):
         await engine.clock()
         assert engine.cycle - start < CLOCKS, (
-            f"stuck: {engine.accepted} of {len(engine.beats)} beats taken, {len(engine.events)} events left"
+            f"stuck: {engine.accepted} of {len(engine.beats)} beats taken,"
+            f" {len(engine.events.left)} events left"
         )
     checks = Checks(engine)
     engine.run(checks.run(), "control")
@@ -149,7 +155,7 @@ async def play(engine: Engine, fault: dict, frames: dict) -> dict:
     return {
         "number": fault["number"],
         "kinds": fault["kinds"],
-        "states": [engine.found.get(place) for place in range(len(fault["kinds"]))],
+        "states": [engine.events.found.get(place) for place in range(len(fault["kinds"]))],
         "clocks": engine.cycle - start,
         "frames": len(engine.rules.frames),
         "bad": sum(frame.bad for frame in engine.rules.frames),
@@ -175,7 +181,7 @@ async def faults(dut):
         try:
             records.append(await play(engine, fault, frames))
         except Exception as error:
-            states = [engine.found.get(place) for place in range(len(fault["kinds"]))]
+            states = [engine.events.found.get(place) for place in range(len(fault["kinds"]))]
             failure = {"number": fault["number"], "kinds": fault["kinds"], "states": states}
             failure |= {"clock": engine.cycle, "error": str(error) or repr(error)}
             (FOLDER / "failure.json").write_text(json.dumps(failure))

@@ -7,13 +7,14 @@ from contextlib import suppress
 from pathlib import Path
 
 from fastac.sim.faults.designs import NAME
-from fastac.sim.faults.generator import Fault, faults
+from fastac.sim.faults.generator import faults
 from fastac.sim.faults.golden import Hardware, prepare
+from fastac.sim.faults.script import Fault
 from fastac.sim.runner import build
 
 
 class FaultFound(RuntimeError):
-    """The hardware did not do what it must after a fault; the message is one line, `failure` has the details."""
+    """The hardware did not do what it must after a fault: one line; `failure` has the details."""
 
     def __init__(self, message: str, failure: dict):
         super().__init__(message)

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 
-from fastac.sim.faults.kinds import KINDS, STATES
+from fastac.sim.faults.kinds import KINDS
 
 PLACES = ("between frames", "first line", "inside", "last line")
 """Where in the camera's frame a fault began."""
@@ -39,12 +39,11 @@ class Coverage:
         ]
 
     def unexpected(self) -> list[tuple[str, str]]:
-        """Kinds with states that were said to be impossible, and were reached."""
+        """Kinds with states that are said to be impossible, and were reached."""
         return [
             (kind, state)
-            for kind, entry in KINDS.items()
-            for state in STATES
-            if state not in entry.states() and self.states[kind, state]
+            for (kind, state), count in self.states.items()
+            if count and state not in KINDS[kind].states()
         ]
 
 

@@ -64,8 +64,8 @@ KEPT_THROUGH_RESETS = {
     "fastac.datapath.background": {"capturing"},
     "fastac.registers": {"capture_background"},
 }
-"""Flip-flops that no power-up randomises: by module, all of them or those named. A calibration is kept through
-resets on purpose, and so is the background, which these two bits would let be written."""
+"""Flip-flops that no power-up randomises: by module, all of them or those named. A calibration is kept
+through resets on purpose, and so is the background, which these two bits would let be written."""
 
 
 def elaborate(folder: Path, design: str) -> None:

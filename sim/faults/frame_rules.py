@@ -1,4 +1,4 @@
-"""Golden model of the documented rules for bad streams: which frames leave, which are bad, which flags stand."""
+"""Golden model of the documented rules for bad streams: which frames leave, and which flags stand."""
 
 from dataclasses import dataclass, field
 

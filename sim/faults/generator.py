@@ -1,53 +1,10 @@
-"""Seeded generator of faults: for each the beats of the input, and what happens besides and when."""
+"""Seeded generator of faults: each kind in each state of the frame guard, alone or with a second fault."""
 
 import random
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
 
-from fastac.sim.faults.kinds import KINDS, SECOND, kinds_of
-
-MILD, STRONG = 8, 3
-"""Images of the bank: the first ones are ordinary, the others saturate."""
-
-
-@dataclass(frozen=True)
-class Shape:
-    """What the generator must know of the hardware."""
-
-    height: int
-    line_beats: int
-    streams: int
-    loadable: bool
-
-    @property
-    def beats(self) -> int:
-        return self.height * self.line_beats
-
-
-@dataclass
-class Fault:
-    """One fault: what is sent, what happens besides, and the good frame after it.
-
-    beats : [image of the bank, row, beat of the line, end of line, start of frame, clocks of pause before it]
-    events : dicts, one after the other: `at` beats accepted, and the guard in `state` (None: any), `delay`
-        clocks later, do `do` with `settings`. While one with `hold` waits, no further beat is offered.
-    kinds : one or two names of KINDS; states : the state in which each is to begin, or None
-    marks : {beat: place in `kinds`}, for kinds that begin with a beat
-    slow_outputs : probability per clock that an output is not ready
-    serves : the host reads each result when the interrupt comes
-    """
-
-    number: int
-    kinds: list[str]
-    states: list[str | None]
-    beats: list[list[int]] = field(default_factory=list)
-    events: list[dict] = field(default_factory=list)
-    marks: dict[int, int] = field(default_factory=dict)
-    slow_outputs: float = 0.0
-    serves: bool = True
-
-    def as_dict(self) -> dict:
-        return asdict(self)
+from fastac.sim.faults.kinds import SECOND, kinds_of
+from fastac.sim.faults.script import MILD, STRONG, Fault, Script, Shape
 
 
 def goals(shape: Shape) -> list[tuple[str, str]]:
@@ -57,7 +14,7 @@ def goals(shape: Shape) -> list[tuple[str, str]]:
 
 
 def goal_of(shape: Shape, design: str, seed: int, number: int) -> tuple[str, str]:
-    """Kind and state of the fault with this number. All of `goals` come in turn, in another order each round."""
+    """Kind and state of the fault with this number: all of `goals` in turn, in another order each round."""
     wanted = goals(shape)
     turn, place = divmod(number, len(wanted))
     return random.Random(f"{design} {seed} round {turn}").sample(wanted, len(wanted))[place]
@@ -66,7 +23,7 @@ def goal_of(shape: Shape, design: str, seed: int, number: int) -> tuple[str, str
 def faults(shape: Shape, design: str, seed: int, numbers: Sequence[int]) -> list[Fault]:
     """The faults with these numbers; each depends on the design, the seed and its own number only."""
     return [
-        _Script(
+        _FaultScript(
             shape,
             random.Random(f"{design} {seed} fault {number}"),
             number,
@@ -76,20 +33,16 @@ def faults(shape: Shape, design: str, seed: int, numbers: Sequence[int]) -> list
     ]
 
 
-class _Script:
+class _FaultScript(Script):
     """Writes one fault: frames before it, the way into the guard's state, the fault, the good frame."""
 
     def __init__(self, shape: Shape, rng: random.Random, number: int, kind: str, state: str):
-        self.shape, self.rng, self.row = shape, rng, None
-        self.image, self.begun = rng.randrange(MILD), 0
-        pauses = rng.choice([0, 0, 0, 0.1, 0.4])
-        self.pause = lambda: rng.choice([1, 1, 2, 3, 10]) if rng.random() < pauses else 0
         kinds, states = [kind], [state]
         if rng.random() < 0.3 and not kind.startswith("calibration"):
             possible = kinds_of(shape.streams, loadable=shape.loadable)
             kinds.append(rng.choice([name for name in SECOND if name in possible]))
             states.append(None)
-        self.fault = Fault(number, kinds, states)
+        super().__init__(shape, rng, Fault(number, kinds, states))
         self.fault.slow_outputs = rng.choice([0, 0, 0, 0.2, 0.6]) if shape.streams else 0
         self.fault.serves = rng.random() < 0.7
         for _ in range(rng.choice([0, 1, 1, 2])):
@@ -102,91 +55,6 @@ class _Script:
             self.lines(self.shape.height - self.row)
         for _ in range(rng.choice([1, 1, 1, 2])):
             self.good_frame()
-
-    # Beats
-
-    def line(
-        self, length: int | None = None, *, last: int = 1, start: int = 0, row: int | None = None
-    ) -> None:
-        whole = self.shape.line_beats
-        length = whole if length is None else length
-        row = self.row if row is None else row
-        for k in range(length):
-            ends = last * (k == length - 1)
-            place = [self.image, row % self.shape.height, k % whole]
-            self.fault.beats.append([*place, ends, start * (k == 0), self.pause()])
-
-    def lines(self, count: int) -> None:
-        """Whole lines, the first of which starts a frame unless one is under way."""
-        for _ in range(count):
-            starts = self.row is None
-            if starts:
-                self.row, self.image = 0, self.rng.randrange(MILD)
-            self.line(start=int(starts))
-            self.step()
-
-    def step(self) -> None:
-        self.row = None if self.row is None or self.row + 1 >= self.shape.height else self.row + 1
-
-    def whole_frame(self) -> None:
-        self.row = None
-        self.lines(self.shape.height)
-
-    def good_frame(self) -> None:
-        """Waits until what was to happen before it has happened."""
-        self.event("join", hold=True)
-        self.whole_frame()
-
-    def event(self, do: str, *, state: str | None = None, delay: int = 0, hold: bool = False, **settings):
-        at = len(self.fault.beats)
-        self.fault.events.append(
-            {"at": at, "state": state, "delay": delay, "hold": hold, "do": do, "settings": settings}
-        )
-
-    # The way into a state of the guard
-
-    def lead_in(self, kind: str, state: str) -> None:
-        rng, height, whole = self.rng, self.shape.height, self.shape.line_beats
-        by_beats = KINDS[kind].beats
-        idle = kind in ("calibration_loaded", "calibration_restarted", "calibration_reset")
-        if state == "WAIT":
-            return
-        if state == "LINE":
-            self.lines(rng.randint(1, height - 2))
-            if not by_beats:
-                self.part_of_a_line(rng.randint(1, whole - 1))
-        elif state == "DROP":
-            self.lines(height - 1 if idle else rng.randint(1, height - 1))
-            # The next beat comes while the last surplus beat is looked at.
-            self.line(whole + rng.randint(2, 4), last=int(by_beats))
-            self.fault.beats[-1][-1] = self.fault.beats[-2][-1] = 0
-            self.step()
-        elif state == "PAD":
-            self.lines(rng.randint(1, height - 2))
-            self.line(1)
-            self.step()
-        else:
-            self.lines(rng.randint(1, height // 2))
-            if by_beats or rng.random() < 0.5:
-                self.event("stop", hold=True)
-                self.row = None
-            else:
-                self.row, self.image = 0, rng.randrange(MILD)
-                self.part_of_a_line(1, start=1)
-
-    def part_of_a_line(self, length: int, *, start: int = 0) -> None:
-        """The rest of the line is sent before whatever comes next on its own."""
-        self.line(length, last=0, start=start)
-        self.begun = length
-
-    def rest_of_the_line(self) -> None:
-        begun, whole = self.begun, self.shape.line_beats
-        if begun:
-            self.begun = 0
-            if self.rng.random() < 0.8:
-                for k in range(begun, whole):
-                    self.fault.beats.append([self.image, self.row, k, int(k == whole - 1), 0, self.pause()])
-                self.step()
 
     # Kinds made of beats
 

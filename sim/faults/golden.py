@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""What the bench of the fault campaign is given: settings, faults, and the golden model's results of all frames."""
+"""What the bench of the fault campaign is given: settings, faults, and the golden results of all frames."""
 
 import json
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from fastac.models.random_bundle import frames as random_frames
 from fastac.sim.check_top import bench_settings, expected_words
 from fastac.sim.faults.designs import OTHER, OWN
 from fastac.sim.faults.frame_rules import FrameRules
-from fastac.sim.faults.generator import MILD, STRONG, Fault, Shape
+from fastac.sim.faults.script import MILD, STRONG, Fault, Shape
 
 TIMEOUT = 160
 """FRAME_TIMEOUT in clocks: longer than any pause that the generator makes on purpose."""

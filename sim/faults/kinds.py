@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 STATES = ("WAIT", "LINE", "DROP", "PAD", "FILL")
-"""States of FrameGuard: between frames; inside a line; dropping surplus beats; padding a line; padding a frame."""
+"""Of FrameGuard: between frames, in a line, dropping surplus beats, padding a line, padding a frame."""
 
 
 @dataclass(frozen=True)
