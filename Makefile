@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
 .PHONY: all build test test-all mutants unit lint bench identities extremes stability synth verify verify-photographs trade scope \
-	reproduce samples clean
+	reproduce samples faults clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -105,6 +105,10 @@ scope: $(READY)
 reproduce: override SCENE := $(if $(filter file,$(origin SCENE)),fingertip,$(SCENE))
 reproduce: $(READY)
 	$(FASTAC) reproduce scenes/$(SCENE).toml
+
+# Ten thousand faults and misuses at the ports of small designs; what has passed is kept.
+faults: $(READY)
+	$(FASTAC) prove faults
 
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)

@@ -58,10 +58,13 @@ def faults(count, seed, designs, numbers, jobs, store, progress):
         run.records, run.seconds, seed=seed, command="make faults", seconds=time.monotonic() - start
     )
     click.echo(found.summary)
-    for kind, state in coverage.missing():
-        click.echo(f"not reached: {kind} in {state}")
-    if not designs:
-        click.echo(f"written: {keep(found)}")
+    missing = ", ".join(f"{kind} in {state}" for kind, state in coverage.missing())
+    if designs:
+        click.echo(f"not reached: {missing or 'nothing'}")
+        return
+    click.echo(f"written: {keep(found)}")
+    if missing or coverage.unexpected():
+        raise click.ClickException(f"not reached: {missing}; impossible but reached: {coverage.unexpected()}")
 
 
 @prove.command()

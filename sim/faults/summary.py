@@ -52,11 +52,11 @@ def evidence(
     possible = sum(len(kind.states()) for kind in KINDS.values())
     summary = (
         f"{len(records):,} faults through {len(processor_s)} designs, seed {seed}: after each one the next"
-        f" good frame was exact on every output, and exactly the right flags stood. {total['frames']:,} frames"
-        f" were compared, {total['bad']:,} repaired ones among them. {possible - len(missing)} of {possible}"
-        f" possible pairs of a kind of fault and a state of the frame guard were reached. The AXI rules were"
-        f" checked in each of {total['clocks']:,} clocks. The batches took"
-        f" {sum(processor_s.values()) / 60:.0f} minutes in all."
+        f" good frame was exact on every output, and the right flags stood, no others."
+        f" {total['frames']:,} frames were compared, {total['bad']:,} repaired ones among them."
+        f" {possible - len(missing)} of {possible} possible pairs of a kind of fault and a state of the frame"
+        f" guard were reached. The AXI rules were checked in each of {total['clocks']:,} clocks. The batches"
+        f" took {sum(processor_s.values()) / 60:.0f} minutes in all."
     )
     return Evidence(
         name="faults",
@@ -124,7 +124,7 @@ def _by_kind(records: Sequence[tuple[str, dict]], coverage: Coverage) -> Table:
 
 def _cross(coverage: Coverage) -> Table:
     rows = [
-        [name, *(coverage.states[name, s] if s in kind.states() else "impossible" for s in STATES)]
+        [name, *(coverage.states[name, s] or ("impossible", 0)[s in kind.states()] for s in STATES)]
         for name, kind in KINDS.items()
     ]
     return Table("Kinds of faults × states of the frame guard", ["kind", *STATES], rows, STATES_NOTE)
