@@ -119,6 +119,10 @@ reproduce: override SCENE := $(if $(filter file,$(origin SCENE)),fingertip,$(SCE
 reproduce: $(READY)
 	$(FASTAC) reproduce scenes/$(SCENE).toml
 
+# Ten thousand faults and misuses at the ports of small designs; what has passed is kept.
+faults: $(READY)
+	$(FASTAC) prove faults
+
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)
 	$(VENV)/bin/python -m fastac.synth.resource_samples
