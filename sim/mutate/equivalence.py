@@ -12,28 +12,19 @@ from contextlib import suppress
 
 from fastac.gateware.target import tools
 from fastac.sim.mutate.netlist import SELECTOR, MutatedDesign
+from fastac.store.files import read_json, write_json
 
 SAT_TIMEOUT_S = 20
 LIMIT_S = 1200
-COMMON = """\
-read_rtlil mutated.il
-memory
-dffunmap
-bmuxmap
-opt_expr
-opt_clean
-design -save both
-"""
 CHOSEN = """\
-design -load both
+design -reset
+read_json cut.json
 delete -input {name}/w:{selector}
 cd {name}
 connect -set {selector} {bits}'d{number}
 cd ..
-flatten
 opt_expr
-opt_clean
-expose -evert-dff {name}
+opt_clean -purge
 rename {name} {copy}
 design -stash {copy}
 """
@@ -41,7 +32,7 @@ PROOF = """\
 design -reset
 design -copy-from gold -as gold gold
 design -copy-from gate -as gate gate
-miter -equiv -flatten -make_outputs gold gate miter
+miter -equiv -flatten gold gate miter
 hierarchy -top miter
 opt_expr
 opt_merge
@@ -53,12 +44,27 @@ sat -timeout {timeout} -prove trigger 0 miter
 PROVEN = "SAT proof finished - no model found: SUCCESS!"
 
 
+def cut_at_registers(netlist: dict) -> dict:
+    """The netlist, in Yosys' JSON, with the registers' outputs as inputs, and their inputs as outputs."""
+    for module in netlist["modules"].values():
+        registers = {name: cell for name, cell in module["cells"].items() if cell["type"] == "$dff"}
+        for name, cell in registers.items():
+            del module["cells"][name]
+            q, d = cell["connections"]["Q"], cell["connections"]["D"]
+            module["ports"][f"{name}.q"] = {"direction": "input", "bits": q}
+            module["ports"][f"{name}.d"] = {"direction": "output", "bits": d}
+        for net in module["netnames"].values():
+            net.get("attributes", {}).pop("init", None)
+    return netlist
+
+
 def equivalent(design: MutatedDesign, numbers: Sequence[int]) -> set[int]:
     """Those of the mutants `numbers` that are proven equivalent to the unchanged design."""
     if not numbers:
         return set()
     chosen = {"name": design.name, "selector": SELECTOR, "bits": design.selector_bits}
-    parts = [COMMON, CHOSEN.format(**chosen, number=0, copy="gold")]
+    write_json(design.folder / "cut.json", cut_at_registers(read_json(design.folder / "mutated.json")))
+    parts = [CHOSEN.format(**chosen, number=0, copy="gold")]
     for number in numbers:
         parts.append(CHOSEN.format(**chosen, number=number, copy="gate"))
         parts.append(PROOF.format(number=number, timeout=SAT_TIMEOUT_S))

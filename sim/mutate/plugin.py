@@ -130,7 +130,8 @@ def simulate(component, name, bench, folder, *, build_args=runner.QUICK, log_fil
             log_file=folder / "bench.log",
         )
     verdicts = json.loads(mutants.read_text())
-    assert isinstance(verdicts, dict) and verdicts.pop("0") == "passed", f"unchanged design: see {folder}"
+    assert isinstance(verdicts, dict), f"no verdicts: see {folder}"
+    assert verdicts.pop("0") == "passed", f"the unchanged design fails: see {folder}"
     tried.note(CAMPAIGN.test, {int(k): v for k, v in verdicts.items()})
 
 
