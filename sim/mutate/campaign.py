@@ -44,9 +44,6 @@ class Survivor:
     what: str
     simulator: str
 
-    def __str__(self) -> str:
-        return f"{self.source} {self.what}"
-
 
 @dataclass(frozen=True)
 class Score:
@@ -191,6 +188,16 @@ def run(
     if errors:
         raise CampaignError("; ".join(errors))
     return found
+
+
+def why(survivor: Survivor, component: Component) -> str | None:
+    """Why the component's entry allows the mutant; None if it does not."""
+    path, _, line = survivor.source.rpartition(":")
+    code = (ROOT / "fastac" / path).read_text().splitlines()[int(line) - 1]
+    for allowed in component.allowed:
+        if allowed.code in code and survivor.what.startswith(allowed.changes or ""):
+            return allowed.why
+    return None
 
 
 def evidence(scores: Sequence[Score], components: Sequence[Component], seconds: float, seed: int) -> Evidence:

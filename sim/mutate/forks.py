@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PASSED, FAILED = 0, 1
-LEAST_LIMIT_S = 3
+LEAST_LIMIT_S = 2
 SLOWER = 4
 """A trial may use this many times the processor time of the unchanged design, and LEAST_LIMIT_S anyway."""
 

@@ -79,7 +79,7 @@ class Campaign:
         rtlil = rtlil.replace(f"{ROOT}/", "")
         key = content_hash(rtlil)[:16]
         if key not in self.tried:
-            if len(self.tried) == self.job.designs:
+            if sum(bool(tried.design.mutants) for tried in self.tried.values()) == self.job.designs:
                 return None
             folder, job = self.folder / key, self.job
             design = mutated(rtlil, name, folder, count=job.count, seed=job.seed, files=job.files)
@@ -199,11 +199,10 @@ class MutatedSimulator:
         rtlil = in_fork(lambda: to_rtlil(self._toplevel, ports=directed(ports), sources=True).encode())
         assert rtlil.verdict == "passed", rtlil.message.decode()
         tried = CAMPAIGN.of(rtlil.message.decode(), "top", "Amaranth")
-        if tried is not None and tried.remaining():
+        if tried is None or not tried.remaining():
+            self._simulator(self._toplevel).run()
+        else:
             self._try(tried, ports)
-            if CAMPAIGN.branch is not None:
-                return
-        self._simulator(self._toplevel).run()
 
     def _record(self) -> bytes:
         simulator = self._simulator(self._toplevel, TouchedSignals)
@@ -213,16 +212,19 @@ class MutatedSimulator:
     def _try(self, tried: Tried, ports) -> None:
         module = json.loads((tried.design.folder / "mutated.json").read_text())["modules"]["top"]
         selector = Signal(tried.design.selector_bits)
-        netlist = Netlist(module, ports | {SELECTOR: selector})
+        chosen = [0]
+
+        async def choose(ctx):
+            ctx.set(selector, chosen[0])
+
+        # Built once for all forks; the parent runs it last, without a mutant.
+        simulator = self._simulator(Netlist(module, ports | {SELECTOR: selector}), chosen=choose)
         limit, verdicts = None, {}
         for number in [0, *tried.remaining()]:
-
-            async def choose(ctx, number=number):
-                ctx.set(selector, number)
-
             trial = self._branch(limit)
             if trial is None:
-                self._simulator(netlist, chosen=choose).run()
+                chosen[0] = number
+                simulator.run()
                 return
             if number == 0:
                 assert trial.verdict == "passed", f"the netlist fails unmutated: {trial}"
@@ -230,6 +232,7 @@ class MutatedSimulator:
             else:
                 verdicts[number] = trial.verdict
         tried.note(CAMPAIGN.test, verdicts)
+        simulator.run()
 
 
 def directed(ports):
