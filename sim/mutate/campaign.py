@@ -211,7 +211,7 @@ def evidence(scores: Sequence[Score], components: Sequence[Component], seconds: 
         [
             survivor.source,
             survivor.what,
-            by_name[score.component].survivors.get(str(survivor), "not explained"),
+            why(survivor, by_name[score.component]) or "not explained",
         ]
         for score in scores
         for survivor in score.survivors
