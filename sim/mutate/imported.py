@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """A netlist of Yosys as an Amaranth module, so that Amaranth's own simulator can run it."""
 
 from collections.abc import Callable, Mapping

@@ -1,7 +1,7 @@
 """Mutants of a design: all of them in one netlist, chosen by the number on an additional input.
 
 Yosys' `mutate` draws them: at one bit of one port of one cell, the value is inverted, constant, or depends on
-another bit of that port. Left out are clocks, whose mutants no registers could follow in Amaranth's simulator,
+another bit of that port. Left out are clocks, which registers in Amaranth's simulator could not follow,
 the outputs of registers, which would lose their initial values (their inputs are mutated), and the initial
 contents of memories.
 """
