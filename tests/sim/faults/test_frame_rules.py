@@ -62,7 +62,9 @@ def test_frames_are_dropped_while_disabled():
     assert rules.flags == set()
 
 
-@pytest.mark.parametrize(("hard", "flags", "possible"), [(True, set(), set()), (False, {"line_short"}, set())])
+@pytest.mark.parametrize(
+    ("hard", "flags", "possible"), [(True, set(), set()), (False, {"line_short"}, set())]
+)
 def test_a_reset_forgets_frames_and_a_hard_one_flags(hard, flags, possible):
     rules, _ = play("SL .")
     rules.reset(hard=hard)
