@@ -6,8 +6,8 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test test-all mutants unit lint bench identities extremes stability synth verify verify-photographs trade scope \
-	reproduce samples clean
+.PHONY: all build test test-all mutants mutate unit lint bench identities extremes stability synth verify \
+	verify-photographs trade scope reproduce samples clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -40,6 +40,10 @@ lint: $(READY)
 # Small faults put into the code one after another: which of them `make test` finds; see docs/testing.md.
 mutants: $(READY)
 	$(VENV)/bin/python tests/mutants.py
+
+# Mutants of every component of the hardware, which its own tests must find; kept in build/mutate.
+mutate: $(READY)
+	$(FASTAC) prove mutation
 
 BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle.json \
 	build/fast/bundle/bundle.json build/force/bundle/bundle.json))
