@@ -219,8 +219,8 @@ def evidence(scores: Sequence[Score], components: Sequence[Component], seconds: 
         "mutation",
         "Mutants of the hardware",
         "make mutate",
-        f"{caught} of {mutants - same} mutants are found by the tests of the mutated component itself"
-        f" ({caught / max(mutants - same, 1):.1%}); {same} more are proven equivalent. {enough} of {len(datapath)}"
+        f"{caught} of {mutants - same} mutants ({caught / max(mutants - same, 1):.1%}) are found by tests of"
+        f" the mutated component itself; {same} more are proven equivalent. {enough} of {len(datapath)}"
         f" components of the datapath reach {NEEDED:.0%}. Seed {seed}.",
         seconds,
         [
@@ -228,19 +228,19 @@ def evidence(scores: Sequence[Score], components: Sequence[Component], seconds: 
                 "Mutants by component",
                 ["component", "mutants", "equivalent", "caught", "survived", "score"],
                 rows,
-                "Yosys' `mutate` changes one bit of one cell that comes from the component's source. Caught: one of"
-                " the component's tests in `make test` fails. Equivalent: proven by SAT to behave like the"
-                " original. Survived: everything else, undecided ones included. The score is caught /"
-                " (mutants − equivalent).",
+                "Yosys' `mutate` changes one bit of one cell that comes from the component's source. Caught:"
+                " one of the component's tests in `make test` fails. Equivalent: proven by SAT to behave like"
+                " the original. Survived: everything else, undecided ones included. The score is"
+                " caught / (mutants − equivalent).",
             ),
             Table("Mutants that survive", ["source", "change", "why it is allowed"], left),
         ],
         [
             "Clocks, outputs of registers (their inputs are mutated) and initial contents of memories are not"
             " mutated.",
-            "The connections of the whole (datapath.py, top_zynq.py) are not mutated: their tests take minutes each.",
+            "The connections of the whole (datapath.py, top_zynq.py) are not mutated: tests take minutes.",
             "calibration.py, raster_outputs.py and the cycle formulas hold no logic of the hardware.",
-            "A test that takes more than four times the processor time of the unchanged design (at least 2 s) counts"
-            " as one that fails: the benches' own limits, in clocks, would come later.",
+            "A test that takes more than four times the processor time of the unchanged design, and at least"
+            " 2 s, counts as one that fails: the benches' own limits, in clocks, would come later.",
         ],
     )

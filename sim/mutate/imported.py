@@ -4,7 +4,18 @@
 from collections.abc import Callable, Mapping
 from itertools import groupby
 
-from amaranth import Cat, ClockSignal, Const, Elaboratable, Module, Mux, ResetSignal, Signal, Value
+from amaranth import (
+    Cat,
+    ClockDomain,
+    ClockSignal,
+    Const,
+    Elaboratable,
+    Module,
+    Mux,
+    ResetSignal,
+    Signal,
+    Value,
+)
 
 BINARY: dict[str, Callable[[Value, Value], Value]] = {
     "$and": lambda a, b: a & b,
@@ -52,6 +63,8 @@ class Netlist(Elaboratable):
 
     def elaborate(self, platform):
         m = Module()
+        # Benches may wait for its clock even where no register is left.
+        m.domains.sync = ClockDomain()
         self._bits: dict[object, tuple[Value, int]] = {}
         cells = [cell for cell in self.module["cells"].values() if cell["type"] not in IGNORED]
         registers = any(cell["type"] == "$dff" for cell in cells)
