@@ -6,13 +6,8 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-<<<<<<< HEAD
 .PHONY: all build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
 	stability synth verify verify-photographs trade scope reproduce samples clean
-=======
-.PHONY: all build test test-all mutants mutate unit lint bench identities extremes stability synth verify \
-	verify-photographs trade scope reproduce samples clean
->>>>>>> mutate
 .DELETE_ON_ERROR:
 
 all: build
@@ -46,7 +41,6 @@ lint: $(READY)
 mutants: $(READY)
 	$(VENV)/bin/python tests/mutants.py
 
-<<<<<<< HEAD
 # Proofs with Yosys and z3; answers are kept in build/cache/formal.
 formal: $(READY)
 	$(FASTAC) prove formal
@@ -54,11 +48,10 @@ formal: $(READY)
 # Damaged files for every reader, thousands each; see docs/testing.md.
 fuzz: $(READY)
 	$(VENV)/bin/python tests/fuzz/campaign.py
-=======
+
 # Mutants of every component of the hardware, which its own tests must find; kept in build/mutate.
 mutate: $(READY)
 	$(FASTAC) prove mutation
->>>>>>> mutate
 
 BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle.json \
 	build/fast/bundle/bundle.json build/force/bundle/bundle.json))
