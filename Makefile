@@ -6,8 +6,8 @@ SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
-.PHONY: all build test test-all mutants formal unit lint bench identities extremes stability synth verify verify-photographs trade scope \
-	reproduce samples clean
+.PHONY: all build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
+	stability synth verify verify-photographs trade scope reproduce samples clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -44,6 +44,14 @@ mutants: $(READY)
 # Proofs with Yosys and z3; answers are kept in build/cache/formal.
 formal: $(READY)
 	$(FASTAC) prove formal
+
+# Damaged files for every reader, thousands each; see docs/testing.md.
+fuzz: $(READY)
+	$(VENV)/bin/python tests/fuzz/campaign.py
+
+# Mutants of every component of the hardware, which its own tests must find; kept in build/mutate.
+mutate: $(READY)
+	$(FASTAC) prove mutation
 
 BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle.json \
 	build/fast/bundle/bundle.json build/force/bundle/bundle.json))
@@ -89,9 +97,14 @@ verify: $(READY)
 		echo "verify: no photographs in $(PHOTOGRAPHS); give their folder with PHOTOGRAPHS=FOLDER." \
 			"Only simulated frames were verified."; \
 	fi
+	$(MAKE) simulators
 
 verify-photographs: $(PRESSES)
 	$(FASTAC) verify scenes/gelsight.toml --data $(PRESSES)
+
+# The Verilog and netlists in Icarus Verilog (Debian's iverilog) and CXXRTL, of those scenes that are built: an hour.
+simulators: $(READY)
+	$(FASTAC) prove simulators $(if $(wildcard $(PHOTOGRAPHS)),--photographs $(PHOTOGRAPHS))
 
 # What speed costs: every specification in sweeps/, on all cores, then the page and its tables.
 SWEEPS := $(wildcard sweeps/*.toml)
@@ -109,6 +122,10 @@ scope: $(READY)
 reproduce: override SCENE := $(if $(filter file,$(origin SCENE)),fingertip,$(SCENE))
 reproduce: $(READY)
 	$(FASTAC) reproduce scenes/$(SCENE).toml
+
+# Ten thousand faults and misuses at the ports of small designs; what has passed is kept.
+faults: $(READY)
+	$(FASTAC) prove faults
 
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)

@@ -18,6 +18,7 @@ from fastac.scenes.solvers import SOLVERS, SolverFacts
 from fastac.scenes.strict import Count, Point, Positive, Strict, listed, require_known
 
 AXES = "xyz"
+SHOWN = 200
 TANGENTIAL_SHARES = (0.3, 0.6)
 """The paper's (supplement, section I)."""
 
@@ -242,7 +243,24 @@ def describe(error: ValidationError) -> str:
         return f"{key}: missing"
     if not key:
         return message
-    return f"{key} = {first['input']!r}: {message}"
+    return f"{key} = {shown(first['input'])}: {message}"
+
+
+def shown(value: object) -> str:
+    """A value as errors show it, in at most `SHOWN` characters."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no integers of thousands of digits
+        return "a number of thousands of digits"
+    return text if len(text) <= SHOWN else f"{text[:SHOWN]}…"
+
+
+def parse_toml(text: str) -> dict:
+    """The content of a TOML text. Raises ValueError, in one line, for what is none or nested too deeply."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("values or tables are nested too deeply") from None
 
 
 def parse(text: str, *, origin: str, default_name: str | None = None) -> Scene:
@@ -251,8 +269,8 @@ def parse(text: str, *, origin: str, default_name: str | None = None) -> Scene:
     Raises SceneError on TOML errors, unknown keys and impossible values.
     """
     try:
-        content = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        content = parse_toml(text)
+    except ValueError as error:
         raise SceneError(f"{origin}: {error}") from None
     if default_name is not None:
         content.setdefault("name", default_name)

@@ -31,6 +31,8 @@ import h5py
 import numpy as np
 
 from fastac.scenes.schema import Scene
+from fastac.sensor import hdf5_checks
+from fastac.sensor.hdf5_checks import UnsafeFileError, check_array, check_attribute, check_link
 from fastac.sensor.samples import FORCE_AXES, SPLITS, Dataset, DatasetError, check
 from fastac.store.files import write_atomically
 
@@ -145,18 +147,26 @@ def read(path: Path | str, scene: Scene | None = None) -> Dataset:
     """
     path = Path(path)
     try:
+        hdf5_checks.check_heaps(path)
         file = h5py.File(path, "r")
     except FileNotFoundError:
         raise DatasetError(f"{path}: no such file") from None
     except PermissionError:
         raise DatasetError(f"{path}: permission denied") from None
-    except OSError:
+    except UnsafeFileError as error:
+        raise DatasetError(f"{path}: damaged: {error}") from None
+    except (OSError, ValueError):
         raise DatasetError(f"{path}: not an HDF5 file") from None
     with file:
         try:
             content = _content(file, path)
-        except OSError as error:
-            raise DatasetError(f"{path}: damaged: {error}".splitlines()[0]) from None
+        except DatasetError:
+            raise
+        except UnsafeFileError as error:
+            raise DatasetError(f"{path}: {error}") from None
+        except Exception as error:  # h5py raises nearly every class for what is damaged
+            reason = (str(error).splitlines() or [type(error).__name__])[0]
+            raise DatasetError(f"{path}: damaged: {reason}") from None
     data = Dataset(**content)
     check(data, scene, str(path))
     return data
@@ -172,9 +182,12 @@ def _content(file: h5py.File, path: Path) -> dict:
     for key, kind in (kinds | {"force_axes": str, "left_out": np.integer}).items():
         if key not in file.attrs:
             continue
+        check_attribute(file.attrs, key, path)
         value = file.attrs[key]
         if not isinstance(value, kind):
             raise DatasetError(f"{path}: {key} = {value!r}: expected {kind.__name__}")
+        if kind is str and not value.isprintable():
+            raise DatasetError(f"{path}: {key} = {value!r}: expected text in one line")
         attributes[key] = value
     if attributes["format_version"] != FORMAT_VERSION:
         raise DatasetError(
@@ -183,7 +196,8 @@ def _content(file: h5py.File, path: Path) -> dict:
     known = {field.name for field in fields(Dataset)}
     for key in file:
         if key not in known:
-            raise DatasetError(f"{path}: {key}: unknown key")
+            raise DatasetError(f"{path}: {key if key.isprintable() else ascii(key)}: unknown key")
+        check_link(file, key)
     content = {
         "pitch_mm": float(attributes["pitch_mm"]),
         "channels": tuple(attributes["channels"].split(",")),
@@ -200,6 +214,7 @@ def _content(file: h5py.File, path: Path) -> dict:
             continue
         if not isinstance(stored, h5py.Dataset):
             raise DatasetError(f"{path}: {key} = a group: expected an array")
+        check_array(stored, key, path)
         if key in TEXTS:
             if h5py.check_string_dtype(stored.dtype) is None:
                 raise DatasetError(f"{path}: {key} = {stored.dtype}: expected text")
@@ -218,8 +233,11 @@ def _indenter(group, path: Path) -> dict[str, np.ndarray]:
     if not isinstance(group, h5py.Group):
         raise DatasetError(f"{path}: indenter = an array: expected a group")
     poses = {}
-    for key, stored in group.items():
+    for key in group:
+        check_link(group, key)
+        stored = group[key]
         if not isinstance(stored, h5py.Dataset) or stored.dtype != np.float64:
             raise DatasetError(f"{path}: indenter/{key}: expected an array of float64")
+        check_array(stored, f"indenter/{key}", path)
         poses[key] = stored[()]
     return poses

@@ -6,13 +6,61 @@ import secrets
 import shutil
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Annotated, NotRequired
+
+from pydantic import AfterValidator, TypeAdapter
+from typing_extensions import TypedDict
 
 from fastac.store.digest import path_digest
 from fastac.store.files import digest_file
 from fastac.store.steps import VALUE, Step, StepError
 
 TRACE = "step.json"
+
+
+def _relative(name: str) -> str:
+    path = PurePosixPath(name)
+    if path.is_absolute() or ".." in path.parts or "\0" in name:
+        raise ValueError("not the name of something in the store")
+    return name
+
+
+Name = Annotated[str, AfterValidator(_relative)]
+Digests = dict[str, str]
+
+
+class _Output(TypedDict):
+    digest: str
+    folder: bool
+    files: dict[Name, tuple[int, int, str]]
+
+
+class _Table(TypedDict):
+    entries: Digests
+    names: NotRequired[list[str]]
+
+
+class _Trace(TypedDict):
+    """What `traces.make` writes, as far as it is used."""
+
+    format: int
+    step: str
+    function: str
+    arguments: dict[str, object]
+    reads: dict[str, dict[str, object]]
+    tables: dict[str, _Table]
+    paths: dict[str, str | None]
+    inner: dict[Name, Digests]
+    outputs: dict[Name, _Output]
+    seconds: float
+    performed: str
+    codes: Digests
+    libraries: Digests
+    symbols: Digests
+
+
+_TRACE = TypeAdapter(_Trace)
 
 
 @dataclass(frozen=True)
@@ -152,8 +200,13 @@ def seal(folder: Path, step: Step) -> dict[str, dict]:
 
 
 def read(folder: Path) -> Entry | None:
-    """The entry in a folder, or None for what is none."""
-    try:
-        return Entry(folder, json.loads((folder / TRACE).read_text(encoding="utf-8")))
-    except (OSError, ValueError):
+    """The entry in a folder, or None for what is none: a damaged trace says nothing."""
+    trace = folder / TRACE
+    if trace.is_symlink():
         return None
+    try:
+        found = json.loads(trace.read_text(encoding="utf-8"))
+        _TRACE.validate_python(found)
+    except (OSError, ValueError, RecursionError):
+        return None
+    return Entry(folder, found)

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+from pydantic import TypeAdapter, ValidationError
+
 from fastac.store.digest import path_digest
 from fastac.store.files import DamagedFileError, content_hash, read_json, write_json
 
@@ -62,6 +64,8 @@ def load(path: Path) -> Evidence:
     """Raises DamagedFileError for a file that holds no evidence."""
     content = read_json(path)
     try:
-        return Evidence(**{**content, "tables": [Table(**table) for table in content["tables"]]})
-    except (TypeError, KeyError) as error:
-        raise DamagedFileError(f"{path}: no results of a campaign ({error})") from None
+        return TypeAdapter(Evidence).validate_python(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(map(str, first["loc"]))
+        raise DamagedFileError(f"{path}: no results of a campaign ({key}: {first['msg']})") from None

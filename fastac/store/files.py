@@ -2,20 +2,38 @@
 
 import hashlib
 import json
+import lzma
+import math
 import os
 import secrets
 import shutil
+import struct
 import tempfile
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
-_DAMAGE = (ValueError, EOFError, KeyError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error)
-"""What NumPy raises for archives that are cut short, overwritten, or none."""
+_DAMAGE = (
+    *(ValueError, EOFError, KeyError, AttributeError, TypeError, SyntaxError, RuntimeError, OverflowError),
+    *(
+        MemoryError,
+        IndexError,
+        struct.error,
+        tokenize.TokenError,
+        zipfile.BadZipFile,
+        zlib.error,
+        lzma.LZMAError,
+    ),
+)
+"""What NumPy and zipfile raise for archives that are cut short, overwritten, or none."""
+MAX_DEFLATE_RATIO = 1032
+"""Most bytes that a byte of a compressed archive can become."""
 
 
 class DamagedFileError(ValueError):
@@ -76,7 +94,7 @@ def read_json(path: Path) -> object:
     """Raises DamagedFileError for what is no JSON."""
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise DamagedFileError(f"{path}: damaged or no JSON ({error})") from None
 
 
@@ -89,8 +107,61 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
     """The arrays of an .npz; raises DamagedFileError for anything else."""
     try:
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            return {name: archive[name] for name in archive.files}
-    except _DAMAGE as error:
+        with zipfile.ZipFile(path) as archive:
+            return {each.filename.removesuffix(".npy"): _member(archive, each) for each in archive.infolist()}
+    except (*_DAMAGE, OSError) as error:
+        if isinstance(error, OSError) and error.filename is not None:  # it could not be opened
+            raise
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise DamagedFileError(f"{path}: damaged or no .npz file ({reason})") from None
+
+
+def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
+    """Raises ValueError where the archive declares more than its bytes can become."""
+    if member.file_size > MAX_DEFLATE_RATIO * member.compress_size:
+        raise ValueError(f"{member.filename!r}: {member.file_size} bytes of {member.compress_size}")
+    with archive.open(member) as file:
+        return read_npy(file, member.file_size)
+
+
+def load_array(path: Path) -> np.ndarray:
+    """The array of an .npy; raises DamagedFileError for anything else, and FileNotFoundError."""
+    try:
+        with open(path, "rb") as file:
+            return read_npy(file, path.stat().st_size)
+    except FileNotFoundError:
+        raise
+    except _DAMAGE as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise DamagedFileError(f"{path}: not a readable array: {reason}") from None
+
+
+def read_npy(file: BinaryIO, size: int) -> np.ndarray:
+    """The array in the .npy format in an open file of `size` bytes, without unpickling.
+
+    Raises ValueError, and what NumPy raises, before anything is allocated where it declares another size.
+    """
+    version = np.lib.format.read_magic(file)
+    read_header = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+    shape, _, dtype = read_header[version](file)
+    declared, left = math.prod(shape) * dtype.itemsize, size - file.tell()
+    if dtype.hasobject:
+        raise ValueError("Object arrays cannot be loaded")
+    if not dtype.itemsize or min(shape, default=0) < 0 or declared != left:
+        raise ValueError(f"{shape} of {dtype}: {declared} bytes are declared, {left} follow")
+    file.seek(0)
+    return np.lib.format.read_array(file, allow_pickle=False)
+
+
+def inside(folder: Path, name: str) -> Path:
+    """The path of a file in a folder that came from elsewhere.
+
+    Raises DamagedFileError where the name, or a symbolic link, leads out of the folder.
+    """
+    try:
+        is_inside = (folder / name).resolve().is_relative_to(folder.resolve())
+    except (OSError, ValueError, RuntimeError):  # zero bytes, circles of links
+        is_inside = False
+    if not is_inside:
+        raise DamagedFileError(f"{folder}: {name!r}: not a file inside this folder")
+    return folder / name

@@ -123,6 +123,9 @@ def differences(entry: entries.Entry, inputs: Inputs, code: Code, root: Path) ->
     if trace.get("format") != FORMAT:
         yield "the store's format changed"
         return
+    if set(trace["outputs"]) != set(inputs.step.written):
+        yield "its outputs are others"
+        return
     yield from _settings_changed(trace, inputs)
     yield from _code_changed(trace, code)
     yield from _inside_changed(trace, root)

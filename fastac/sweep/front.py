@@ -8,11 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import tomli_w
+from pydantic import BaseModel, ValidationError
 
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
 from fastac.store.files import write_text
-from fastac.sweep.results import Results, Row
+from fastac.sweep.results import Results, ResultsError, Row
 
 ERRORS = {
     "normal_mae_deg": "normal error, °",
@@ -33,6 +34,22 @@ TUNING = ("training.finetune_epochs", "training.finetune_weights", "training.fin
 
 class TradeError(ValueError):
     """A question that the results cannot answer; the message is one line."""
+
+
+class _Facts(BaseModel):
+    """What the page needs of a file's facts."""
+
+    scene: Scene
+    origins: dict[str, str] = {}
+
+
+class _Confirmation(BaseModel):
+    """What the page needs of a simulation's findings."""
+
+    is_exact: bool
+    mismatches: int
+    values_compared: int
+    cycles_counted: dict[str, int]
 
 
 @dataclass(frozen=True)
@@ -58,7 +75,26 @@ def read(path: Path) -> Source:
     found = Source(results, facts, results.rows(facts.get("generation")))
     if not found.done:
         raise TradeError(f"{path}: no point is done")
+    _check(found, path)
     return found
+
+
+def _check(source: Source, path: Path) -> None:
+    """Raise ResultsError unless facts, scenes and confirmations have what `fastac sweep` writes of them."""
+    try:
+        _Facts.model_validate(source.facts)
+    except ValidationError as error:
+        raise ResultsError(f"{path}: facts: {scenes.describe(error)}") from None
+    for row in source.done:
+        try:
+            Scene.model_validate(row.scene)
+        except ValidationError as error:
+            raise ResultsError(f"{path}: point {row.key}: scene: {scenes.describe(error)}") from None
+    for key, content in source.results.confirmations().items():
+        try:
+            _Confirmation.model_validate(content)
+        except ValidationError as error:
+            raise ResultsError(f"{path}: confirmation {key}: {scenes.describe(error)}") from None
 
 
 def distinct(sources: Iterable[Source]) -> list[tuple[Source, Row]]:

@@ -53,7 +53,7 @@ def named(row: Row) -> str:
 
 
 def _value(value) -> str:
-    return "+".join(value) if isinstance(value, list) else str(value)
+    return "+".join(map(str, value)) if isinstance(value, list) else str(value)
 
 
 def _cells(row: Row, names: Sequence[str]) -> list[str]:
@@ -255,7 +255,9 @@ def write(shown: Trade, folder: Path) -> list[Path]:
         script = "inline" if not figures else False
         html = figure(shown, error).to_html(full_html=False, include_plotlyjs=script)
         figures.append((ERRORS[error], html))
-    origins = {name: text for source in shown.sources for name, text in source.facts["origins"].items()}
+    origins = {
+        name: text for source in shown.sources for name, text in source.facts.get("origins", {}).items()
+    }
     simulated = {row.scene["sensor"]["source"] for row in shown.rows}
     page = render(
         "sweep/trade.html.j2",

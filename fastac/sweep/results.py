@@ -6,7 +6,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
+Content = TypeVar("Content")
+SHOWN = 60
+"""Characters of a damaged value that errors show."""
 SCHEMA = """
 CREATE TABLE IF NOT EXISTS facts (name TEXT PRIMARY KEY, value TEXT NOT NULL);
 CREATE TABLE IF NOT EXISTS points (
@@ -60,13 +64,10 @@ class Results:
             raise ResultsError(f"{path}: no such file; `fastac sweep` writes results")
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with self._connection() as connection:
-                # Readers then see whole points while another process writes; a kill loses no finished one.
-                connection.execute("PRAGMA journal_mode = WAL")
-                connection.executescript(SCHEMA)
-        except sqlite3.DatabaseError as error:
-            raise ResultsError(f"{path}: no results of a sweep: {error}") from None
+        with self._connection() as connection:
+            # Readers then see whole points while another process writes; a kill loses no finished one.
+            connection.execute("PRAGMA journal_mode = WAL")
+            connection.executescript(SCHEMA)
         version = self.facts().get("format_version", FORMAT_VERSION)
         if version != FORMAT_VERSION:
             raise ResultsError(f"{path}: format_version = {version!r}: expected {FORMAT_VERSION!r}")
@@ -74,19 +75,35 @@ class Results:
 
     @contextmanager
     def _connection(self) -> Iterator[sqlite3.Connection]:
-        """A connection whose changes are one transaction, committed at the end of the block."""
-        connection = sqlite3.connect(self.path, timeout=WAIT_S)
+        """A connection whose changes are one transaction, committed at the end of the block.
+
+        Raises ResultsError where the file is no SQLite file, is damaged, or has other tables.
+        """
         try:
-            with connection:
-                yield connection
-        finally:
-            connection.close()
+            connection = sqlite3.connect(self.path, timeout=WAIT_S)
+            try:
+                with connection:
+                    yield connection
+            finally:
+                connection.close()
+        except (sqlite3.Error, UnicodeDecodeError) as error:
+            raise ResultsError(f"{self.path}: no results of a sweep: {error}") from None
+
+    def _content(self, text: object, place: str, kind: type[Content]) -> Content:
+        """What a cell's JSON says. Raises ResultsError, which names `place`, for anything but a `kind`."""
+        try:
+            found = json.loads(text)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ResultsError(f"{self.path}: {place}: damaged ({error})") from None
+        if not isinstance(found, kind):
+            raise ResultsError(f"{self.path}: {place} = {str(text)[:SHOWN]!r}: expected {kind.__name__}")
+        return found
 
     def facts(self) -> dict:
         """What all points have in common, by name: base scene, settings, origins of the figures."""
         with self._connection() as connection:
             rows = connection.execute("SELECT name, value FROM facts").fetchall()
-        return {name: json.loads(value) for name, value in rows}
+        return {str(name): self._content(value, f"fact {name!r}", object) for name, value in rows}
 
     def set_facts(self, facts: dict) -> None:
         """Add facts, or replace those of the same name."""
@@ -108,11 +125,36 @@ class Results:
         columns = "key, status, axes, scene, metrics, error, seconds, generation"
         with self._connection() as connection:
             rows = connection.execute(f"SELECT {columns} FROM points ORDER BY rowid").fetchall()
-        found = [
-            Row(key, status, json.loads(axes), scene and json.loads(scene), json.loads(metrics), *rest)
-            for key, status, axes, scene, metrics, *rest in rows
-        ]
+        found = [self._row(row) for row in rows]
         return [row for row in found if generation in (None, row.generation)]
+
+    def _row(self, cells: tuple) -> Row:
+        """Raises ResultsError unless the cells of a point are of its fields' types."""
+        key, status, axes, scene, metrics, error, seconds, generation = cells
+        place = f"point {key!r}"
+        for name, value, kind in (
+            ("key", key, str),
+            ("status", status, str),
+            ("error", error, str),
+            ("seconds", seconds, float),
+            ("generation", generation, str),
+        ):
+            if not isinstance(value, kind):
+                raise ResultsError(f"{self.path}: {place}: {name} = {value!r}: expected {kind.__name__}")
+        found = Row(
+            key,
+            status,
+            self._content(axes, f"{place}: axes", dict),
+            None if scene is None else self._content(scene, f"{place}: scene", dict),
+            self._content(metrics, f"{place}: metrics", dict),
+            error,
+            seconds,
+            generation,
+        )
+        for name, value in found.metrics.items():
+            if type(value) not in (int, float):
+                raise ResultsError(f"{self.path}: {place}: {name} = {value!r}: expected a number")
+        return found
 
     def add_trial(self, choice: dict, key: str) -> None:
         """Record that the optimiser chose the axes `choice`, whose point has this key."""
@@ -123,7 +165,7 @@ class Results:
         """Choices of the optimiser and the keys of their points, in the order in which they were recorded."""
         with self._connection() as connection:
             rows = connection.execute("SELECT choice, key FROM trials ORDER BY number").fetchall()
-        return [(json.loads(choice), key) for choice, key in rows]
+        return [(self._content(choice, "trial", dict), key) for choice, key in rows]
 
     def confirm(self, key: str, content: dict) -> None:
         """Record what the RTL simulation of a point found."""
@@ -136,4 +178,4 @@ class Results:
         """What RTL simulations found, by the keys of their points."""
         with self._connection() as connection:
             rows = connection.execute("SELECT key, content FROM confirmations ORDER BY rowid").fetchall()
-        return {key: json.loads(content) for key, content in rows}
+        return {key: self._content(content, f"confirmation {key!r}", dict) for key, content in rows}

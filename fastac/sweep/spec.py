@@ -2,7 +2,6 @@
 
 import hashlib
 import json
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import product
@@ -15,6 +14,7 @@ from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
 from fastac.scenes.strict import Count, Strict
 
+FileName = Annotated[str, Field(pattern=r"^[^\x00-\x1f]+$")]
 Values = Annotated[list, Field(min_length=1)]
 Axes = Annotated[dict[str, Values], Field(min_length=1)]
 
@@ -31,12 +31,12 @@ class Spec(Strict):
     entry. The axis "scene" takes the files of other base scenes.
     """
 
-    scene: str
+    scene: FileName
     """File of the base scene, which gives all keys that no axis sets."""
     axes: Annotated[list[Axes], Field(min_length=1)]
     """One grid or, as [[axes]], several, whose points are merged."""
     method: Literal["grid", "optuna"] = "grid"
-    data: str | None = None
+    data: FileName | None = None
     """Dataset for all points, instead of simulated frames."""
     split: Literal["train", "validation", "test"] = "test"
     frames: Count = 48
@@ -95,14 +95,22 @@ def expand(axis: str, value) -> dict:
     return dict(zip(keys, value if each else [value] * len(keys), strict=True))
 
 
+def _check_value(value: object, key: str, place: str) -> None:
+    """Raise SpecError, beginning with `place`, for what no key of a scene can be."""
+    if key == "scene" and not (isinstance(value, str) and value.isprintable()):
+        raise SpecError(f"{place}: {scenes.shown(value)}: expected the name of a scene's file")
+    try:
+        json.dumps(value)
+    except (TypeError, ValueError):  # dates, which only TOML knows, and integers of thousands of digits
+        raise SpecError(f"{place}: {scenes.shown(value)}: expected numbers, texts or lists of them") from None
+
+
 def load(path: Path) -> tuple[Spec, Scene]:
     """Read a specification and its base scene. Raises SpecError, or SceneError for the scene."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
+        content = scenes.parse_toml(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
         raise SpecError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise SpecError(f"{path}: {error}") from None
     if isinstance(content.get("axes"), dict):
         content["axes"] = [content["axes"]]
     try:
@@ -117,7 +125,10 @@ def load(path: Path) -> tuple[Spec, Scene]:
                     raise SpecError(f"{path}: axes: {key!r}: a scene has no such key")
             for value in values:
                 if len(keys) > 1 and isinstance(value, list) and len(value) != len(keys):
-                    raise SpecError(f"{path}: axes: {axis!r}: {value!r}: expected {len(keys)} values")
+                    wrong = f"{axis!r}: {scenes.shown(value)}"
+                    raise SpecError(f"{path}: axes: {wrong}: expected {len(keys)} values")
+                for key, one in expand(axis, value).items():
+                    _check_value(one, key, f"{path}: axes: {axis!r}")
     if spec.method == "optuna" and len(spec.axes) > 1:
         raise SpecError(f"{path}: method = 'optuna': expected one table of axes")
     return spec, scenes.load(path.parent / spec.scene)

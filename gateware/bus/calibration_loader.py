@@ -156,7 +156,9 @@ class CalibrationLoader(wiring.Component):
                 with m.Case(k):
                     m.d.comb += last.eq(place == length - 1)
         # The shift register's enable has a fan-out of thousands, so it is registered.
-        complete, shifts, finished = Signal(), Signal(reset_less=True), Signal(reset_less=True)
+        complete = Signal()
+        shifts = Signal(reset_less=True)
+        finished = Signal(reset_less=True)
         word = Signal(WORD, reset_less=True)
         in_chain = section == len(sections) - 1
         m.d.comb += complete.eq(last & in_chain)

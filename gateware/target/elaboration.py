@@ -83,16 +83,27 @@ def verilog_of(rtlil_text: str) -> str:
     return verilog._convert_rtlil_text(rtlil_text)
 
 
-def to_rtlil(design: Elaboratable, *, name: str = "top", platform: object = None) -> str:
-    """The RTLIL of `design` as module `name`, followed by its shared modules; otherwise as `to_verilog`."""
+def to_rtlil(
+    design: Elaboratable,
+    *,
+    name: str = "top",
+    platform: object = None,
+    ports: object = None,
+    sources: bool = False,
+) -> str:
+    """The RTLIL of `design` as module `name`, followed by its shared modules; otherwise as `to_verilog`.
+
+    ports : for designs that are no components, as Amaranth's `rtlil.convert` takes them
+    sources : whether every wire and cell names its place in the source
+    """
     shared = SharedModules(name)
     outer = _shared_modules.set(shared)
     try:
         with garbage_collection_paused():
-            texts = [rtlil.convert(design, name=name, platform=platform, emit_src=False)]
+            texts = [rtlil.convert(design, name=name, platform=platform, ports=ports, emit_src=sources)]
             while shared.waiting:
                 module, component = shared.waiting.pop()
-                text = rtlil.convert(component, name=module, platform=platform, emit_src=False)
+                text = rtlil.convert(component, name=module, platform=platform, emit_src=sources)
                 if RESET.search(text):
                     raise ValueError(f"shared module {module} resets a register: expected none with a reset")
                 texts.append(text.replace(TOP_ATTRIBUTE, "", 1))

@@ -10,7 +10,6 @@ refused; its first 64 bits are readable from a hardware register.
 
 import dataclasses
 import hashlib
-import io
 import json
 from pathlib import Path
 
@@ -29,8 +28,8 @@ from fastac.models.integer import (
 )
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.solvers import SOLVERS
-from fastac.scenes.schema import Scene, describe
-from fastac.store.files import write_folder_atomically
+from fastac.scenes.schema import Scene, describe, shown
+from fastac.store.files import DamagedFileError, inside, load_arrays, write_folder_atomically
 
 FORMAT_VERSION = 3
 JSON_FILE = "bundle.json"
@@ -156,18 +155,24 @@ def save(path: Path | str, pipeline: IntegerPipeline, floats: dict[str, np.ndarr
     return Bundle(pipeline, floats, digest)
 
 
-def _arrays(path: Path) -> dict[str, np.ndarray]:
+def _arrays(folder: Path, name: str) -> dict[str, np.ndarray]:
+    path = _file(folder, name)
     try:
-        content = io.BytesIO(path.read_bytes())  # NumPy leaves a damaged file open
+        return load_arrays(path)
     except FileNotFoundError:
         raise BundleError(f"{path}: no such file") from None
+    except DamagedFileError as error:
+        raise BundleError(str(error)) from None
     except OSError as error:
-        raise BundleError(f"{path}: {error.strerror}") from None
+        raise BundleError(f"{path}: {error.strerror or error}") from None
+
+
+def _file(folder: Path, name: str) -> Path:
+    """A file of a bundle, which may come from elsewhere: links out of its folder are not followed."""
     try:
-        with np.load(content, allow_pickle=False) as archive:
-            return {k: archive[k] for k in archive.files}
-    except Exception as error:  # zipfile, zlib and NumPy share no class for what is damaged
-        raise BundleError(f"{path}: not a readable archive: {error}".splitlines()[0]) from None
+        return inside(folder, name)
+    except DamagedFileError as error:
+        raise BundleError(str(error)) from None
 
 
 def load(path: Path | str) -> Bundle:
@@ -192,28 +197,30 @@ def load_for(path: Path | str, scene: Scene) -> Bundle:
 
 
 def _content(path: Path) -> dict:
-    file = path / JSON_FILE
+    file = _file(path, JSON_FILE)
     try:
-        content = json.loads(file.read_text())
+        content = json.loads(file.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise BundleError(f"{file}: no such file; is {path} a bundle folder?") from None
-    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise BundleError(f"{file}: not readable JSON: {error}") from None
     if not isinstance(content, dict) or content.get("format_version") != FORMAT_VERSION:
         version = content.get("format_version") if isinstance(content, dict) else None
-        raise BundleError(f"{file}: format_version = {version!r}: expected {FORMAT_VERSION}")
+        raise BundleError(f"{file}: format_version = {shown(version)}: expected {FORMAT_VERSION}")
     return content
 
 
 def _of_content(content: dict, path: Path, scene: Scene) -> Bundle:
     stated = content.pop("sha256", None)
     integers = {
-        k: v.astype(np.int64) if v.dtype.kind == "i" else v for k, v in _arrays(path / "integers.npz").items()
+        k: v.astype(np.int64) if v.dtype.kind == "i" else v for k, v in _arrays(path, "integers.npz").items()
     }
-    floats = _arrays(path / "floats.npz")
+    floats = _arrays(path, "floats.npz")
     digest = _digest(content, integers | {f"float.{k}": v for k, v in floats.items()})
     if stated != digest:
-        raise BundleError(f"{path}: sha256 = {stated}: the content's is {digest}; it was changed or damaged")
+        raise BundleError(
+            f"{path}: sha256 = {shown(stated)}: the content's is {digest}; it was changed or damaged"
+        )
     try:
         pipeline = _restore(content["pipeline"], integers, CLASSES | _solver_classes(scene), scene)
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -15,7 +15,7 @@ import numpy as np
 from fastac.sensor import dataset
 from fastac.sensor.geometry import ball_slopes, normals_from_slopes
 from fastac.sensor.importers.csv_rows import Split, read_rows, where
-from fastac.sensor.importers.footage import CHANNELS, ImportFailure, photograph
+from fastac.sensor.importers.footage import CHANNELS, ImportFailure, file_in, photograph
 from fastac.sensor.importers.resample import Resampling
 
 
@@ -96,7 +96,11 @@ def import_folder(
     radius_px = np.full(n, np.nan)
     in_photograph = resampling.valid()
     for i, (label, line) in enumerate(rows):
-        path, place = folder / label.image, where(labels, line)
+        place = where(labels, line)
+        try:
+            path = file_in(folder, label.image)
+        except ImportFailure:
+            raise ImportFailure(f"{place}: image = {label.image!r}: not inside {folder}") from None
         if not path.is_file():
             raise ImportFailure(f"{place}: image = {label.image!r}: not in {folder}")
         image = photograph(path)

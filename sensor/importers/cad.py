@@ -16,6 +16,7 @@ from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, pixel_centres_mm, rest_depth_at_mm, rest_slopes
 from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.mechanics.indenter import Ball
+from fastac.store.files import DamagedFileError, load_array
 
 SEARCH_POINTS_PER_PIXEL = 8
 """Points along each side of a pixel at which the first touch is searched."""
@@ -95,11 +96,13 @@ def of_file(sensor: Sensor, path: Path, pitch_mm: float | None = None) -> Cad:
 def read_array(path: Path) -> np.ndarray:
     """The array in an `.npy` file, without unpickling. Raises ImportFailure where it cannot be read."""
     try:
-        return np.load(path, allow_pickle=False)
+        return load_array(path)
     except FileNotFoundError:
         raise ImportFailure(f"{path}: no such file") from None
-    except (OSError, ValueError, EOFError) as error:
-        raise ImportFailure(f"{path}: not a readable array: {error}".splitlines()[0]) from None
+    except DamagedFileError as error:
+        raise ImportFailure(str(error)) from None
+    except OSError as error:
+        raise ImportFailure(f"{path}: {error.strerror or error}") from None
 
 
 def _of_samples(sensor: Sensor, path: Path, x: np.ndarray, y: np.ndarray, height: np.ndarray) -> Cad:

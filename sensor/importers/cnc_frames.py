@@ -12,11 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.importers.cad import read_array
-from fastac.sensor.importers.footage import ImportFailure, photograph
+from fastac.sensor.importers.footage import ImportFailure, file_in, photograph, pixels
 from fastac.sensor.optics.mosaic import CELL, MosaicError, window
 from fastac.sensor.optics.raw10 import Raw10Error, pack, unpack
 
@@ -45,7 +44,7 @@ class CncFrames:
         """
         suffixes = SUFFIXES[self.sensor.frames]
         for suffix in suffixes:
-            path = self.folder / (name + suffix)
+            path = file_in(self.folder, name + suffix)
             if path.is_file():
                 return self._raw(path) if self.sensor.frames == "raw10" else self._channels(path)
         raise ImportFailure(f"{self.folder / name}: no such file: expected {' or '.join(suffixes)}")
@@ -80,15 +79,9 @@ class CncFrames:
         if self.sensor.channels == "bgr":
             return colours
         beside = path.with_suffix(".nir.png")
-        try:
-            with Image.open(beside) as image:
-                if image.mode != "L":
-                    raise ImportFailure(f"{beside}: mode = {image.mode}: expected an 8-bit grey image")
-                nir = np.asarray(image)
-        except FileNotFoundError:
-            raise ImportFailure(f"{beside}: no such file, and the scene has NIR") from None
-        except (OSError, SyntaxError) as error:
-            raise ImportFailure(f"{beside}: not a readable image: {error}".splitlines()[0]) from None
+        if not beside.exists():
+            raise ImportFailure(f"{beside}: no such file, and the scene has NIR")
+        nir = pixels(file_in(self.folder, beside.name), "L", "an 8-bit grey image")
         if nir.shape != colours.shape[:2]:
             raise ImportFailure(f"{beside}: size = {nir.shape}: expected that of {path.name}")
         return np.dstack([colours, nir])

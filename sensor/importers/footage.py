@@ -1,6 +1,7 @@
 """Recorded frames from a video file or a folder of photographs, read one at a time."""
 
 import re
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,9 +9,24 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from fastac.store.files import DamagedFileError, inside
+
 CHANNELS = ("B", "G", "R")
 SUFFIXES = (".bmp", ".jpeg", ".jpg", ".png", ".tif", ".tiff")
 """Suffixes of the files in a folder that count as photographs."""
+
+FORMATS = ("BMP", "JPEG", "PNG", "TIFF")
+"""Pillow tells formats by their content, and calls programs for some others."""
+MAX_RATIO = 2048
+"""Most bytes of pixels that a byte of these files can become."""
+MAX_FRAME_PX = 2**26
+"""Of a video's frame: more is refused before memory is allocated."""
+CONTAINERS = (
+    *("mov", "mp4", "m4a", "3gp", "3g2", "mj2", "matroska", "webm", "avi", "mpeg", "mpegts", "mpegvideo"),
+    *("ogg", "asf", "flv", "h264", "hevc", "mjpeg", "yuv4mpegpipe", "wav"),
+)
+"""Formats of videos, by FFmpeg's names; playlists, which name other files, are none."""
+OPTIONS = {"format_whitelist": ",".join(CONTAINERS), "protocol_whitelist": "file"}
 
 
 class ImportFailure(ValueError):
@@ -22,15 +38,40 @@ def photograph(path: Path) -> np.ndarray:
 
     Raises ImportFailure on a missing or unreadable file, or another mode than RGB.
     """
+    return pixels(path, "RGB", "an 8-bit RGB image")[..., ::-1]
+
+
+def pixels(path: Path, mode: str, expected: str) -> np.ndarray:
+    """The values of an image file of Pillow's mode `mode`, which the words `expected` describe.
+
+    Raises ImportFailure on a missing or unreadable file, another mode, or more pixels than its bytes can hold.
+    """
     try:
-        with Image.open(path) as image:
-            if image.mode != "RGB":
-                raise ImportFailure(f"{path}: mode = {image.mode}: expected an 8-bit RGB image")
-            return np.asarray(image)[..., ::-1]
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")  # Pillow warns of files that are damaged or far too large
+            with Image.open(path, formats=FORMATS) as image:
+                if image.mode != mode:
+                    raise ImportFailure(f"{path}: mode = {image.mode}: expected {expected}")
+                declared, held = image.width * image.height * len(mode), path.stat().st_size
+                if declared > MAX_RATIO * held:
+                    size = f"{image.width} x {image.height} px"
+                    raise ImportFailure(f"{path}: size = {size}: more than its {held} bytes can hold")
+                return np.asarray(image)
+    except ImportFailure:
+        raise
     except FileNotFoundError:
         raise ImportFailure(f"{path}: no such file") from None
-    except (OSError, SyntaxError, Image.DecompressionBombError) as error:
-        raise ImportFailure(f"{path}: not a readable image: {error}".splitlines()[0]) from None
+    except Exception as error:  # Pillow's readers raise whatever they meet
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise ImportFailure(f"{path}: not a readable image: {reason}") from None
+
+
+def file_in(folder: Path, name: str) -> Path:
+    """The path of a recording's file. Raises ImportFailure where name or link lead out of the folder."""
+    try:
+        return inside(folder, name)
+    except DamagedFileError as error:
+        raise ImportFailure(str(error)) from None
 
 
 def _by_number(path: Path) -> list:
@@ -47,7 +88,8 @@ class Photographs:
 
     @classmethod
     def of(cls, folder: Path) -> "Photographs":
-        files = [p for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and not p.name.startswith(".")]
+        names = [p.name for p in folder.iterdir() if p.suffix.lower() in SUFFIXES and p.name[0] != "."]
+        files = [file_in(folder, name) for name in names]
         if not files:
             raise ImportFailure(f"{folder}: no photographs: expected files of {', '.join(SUFFIXES)}")
         return cls(folder, tuple(sorted(files, key=_by_number)))
@@ -77,14 +119,19 @@ class Video:
         import av  # folders of photographs do without it
 
         try:
-            with av.open(str(self.path)) as container:
+            with av.open(f"file:{self.path}", options=OPTIONS, metadata_errors="replace") as container:
                 if not container.streams.video:
                     raise ImportFailure(f"{self.path}: no video in this file")
-                container.streams.video[0].thread_type = "AUTO"
-                for frame in container.decode(video=0):
+                stream = container.streams.video[0]
+                stream.thread_type = "AUTO"
+                stream.codec_context.options = {"max_pixels": str(MAX_FRAME_PX)}
+                for frame in container.decode(stream):
                     yield frame.to_ndarray(format="bgr24")
-        except av.FFmpegError as error:
-            raise ImportFailure(f"{self.path}: not a readable video: {error.strerror}") from None
+        except ImportFailure:
+            raise
+        except Exception as error:  # FFmpeg's own, and what PyAV meets in damaged texts and sizes
+            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            raise ImportFailure(f"{self.path}: not a readable video: {reason}".splitlines()[0]) from None
 
 
 def footage(path: Path) -> Photographs | Video:

@@ -16,6 +16,8 @@ from fastac.sensor.importers.footage import ImportFailure, Photographs, Video
 from fastac.sensor.samples import FORCE_AXES
 
 COLUMNS = {axis: f"force_{axis}_n" for axis in FORCE_AXES}
+LONGEST_INDEX = 9
+"""Digits of a frame's index: no recording has more frames."""
 BLOCKS, VALIDATION_BLOCKS = 10, (3, 8)
 """Validation takes whole stretches of frames, since neighbours look alike: these two of each group's ten."""
 
@@ -73,7 +75,7 @@ def split_by_group(group: np.ndarray, held_out: tuple[str, ...]) -> np.ndarray:
 
 def _index(value: str, frames: Photographs | Video, place: str) -> int:
     """The index of the frame that a value of the column `frame` names."""
-    if value.isascii() and value.isdigit():
+    if value.isascii() and value.isdigit() and len(value) <= LONGEST_INDEX:
         return int(value)
     index = frames.index_of(value)
     if index is None:

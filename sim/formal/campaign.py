@@ -8,18 +8,38 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fastac.gateware.target.tools import VERSIONS
-from fastac.sim.formal import axi_lite, frame_guard, raster_port, registers, streams
+from fastac.sim.formal import (
+    accumulators,
+    axi_lite,
+    calibration_loader,
+    divider,
+    frame_guard,
+    frame_validity,
+    patches,
+    pipelines,
+    products,
+    raster_port,
+    registers,
+    reordering,
+    streams,
+)
+from fastac.sim.formal.exhaustive import Exhaustive
 from fastac.sim.formal.proof import Proof
 from fastac.sim.formal.solve import TOOLS, Answer
 from fastac.store.evidence import Evidence, Table
 from fastac.store.files import content_hash, read_json, write_json
 
-MODULES = (streams, frame_guard, raster_port, axi_lite, registers)
+MODULES = (
+    *(streams, frame_guard, raster_port, frame_validity),
+    *(axi_lite, registers, calibration_loader),
+    *(pipelines, reordering, patches),
+    *(products, divider, accumulators),
+)
 CACHE = Path("build/cache/formal")
 """Answers by the digest of their question."""
 
 
-def proofs(names: Iterable[str] = ()) -> list[Proof]:
+def proofs(names: Iterable[str] = ()) -> list[Proof | Exhaustive]:
     """All proofs, or those of `names`; raises ValueError for a name that is none."""
     known = {proof.name: proof for module in MODULES for proof in module.PROOFS}
     for name in names:
@@ -32,7 +52,7 @@ def proofs(names: Iterable[str] = ()) -> list[Proof]:
 class Outcome:
     """The answers to a proof and to its broken copies."""
 
-    proof: Proof
+    proof: Proof | Exhaustive
     answer: Answer
     broken: tuple[Answer, ...]
 
@@ -46,7 +66,7 @@ class Outcome:
         return self.answer.seconds + sum(answer.seconds for answer in self.broken)
 
 
-def ask(proof: Proof, index: int | None, cache: Path = CACHE) -> Answer:
+def ask(proof: Proof | Exhaustive, index: int | None, cache: Path = CACHE) -> Answer:
     """The answer to a proof or to one of its broken copies, kept in `cache`; "unknown" is asked again."""
     tools = {name: VERSIONS[name] for name in TOOLS}
     path = cache / f"{content_hash(proof.key(index), tools)[:32]}.json"
@@ -60,7 +80,9 @@ def ask(proof: Proof, index: int | None, cache: Path = CACHE) -> Answer:
     return answer
 
 
-def run(chosen: Iterable[Proof], jobs: int = 0, cache: Path = CACHE) -> Iterator[tuple[int, Outcome]]:
+def run(
+    chosen: Iterable[Proof | Exhaustive], jobs: int = 0, cache: Path = CACHE
+) -> Iterator[tuple[int, Outcome]]:
     """Ask for all `chosen` proofs and their broken copies; yields (place among them, outcome) as they end.
 
     jobs : solvers side by side; 0: one for each core
@@ -86,7 +108,7 @@ def line(outcome: Outcome) -> str:
     """An outcome in a line: what holds, or which property fails."""
     proof, answer = outcome.proof, outcome.answer
     caught = sum(each.status == "fail" for each in outcome.broken)
-    extent = f"{proof.depth} clocks" if proof.bound else "all time"
+    extent = proof.extent.split(":")[0]
     text = {"pass": f"holds for {extent}", "unknown": "UNDECIDED", "fail": "FAILS"}[answer.status]
     failed = f": {'; '.join(answer.failed)}" if answer.failed else ""
     copies = f"{caught} of {len(proof.breaks)} broken copies fail"
@@ -99,17 +121,16 @@ def evidence(outcomes: list[Outcome]) -> Evidence:
     rows, named = [], []
     for outcome in outcomes:
         proof, names = outcome.proof, outcome.proof.properties()
-        extent = f"{proof.depth} clocks from the start: {proof.bound}" if proof.bound else "all time"
         fails = sum(each.status == "fail" for each in outcome.broken)
         copies = f"{fails} of {len(proof.breaks)}" if proof.breaks else None
-        rows.append((proof.name, proof.size, len(names), extent, copies, f"{outcome.seconds:.0f}"))
+        rows.append((proof.name, proof.size, len(names), proof.extent, copies, f"{outcome.seconds:.0f}"))
         named += [(proof.name, name) for name in names]
     held, copies = sum(outcome.holds for outcome in outcomes), sum(len(o.broken) for o in outcomes)
     return Evidence(
         "formal",
         "Formal proofs",
         "make formal",
-        f"{held} of {len(outcomes)} proofs hold, {unbounded} of them for all time, with {len(named)}"
+        f"{held} of {len(outcomes)} proofs hold, {unbounded} of them without a bound, with {len(named)}"
         f" properties. Each of {copies} copies broken on purpose breaks one. Inputs and resets are free:"
         " every sequence of them is covered, within the rules that a proof names. SymbiYosys asks z3, with"
         " Amaranth's netlist. The time is the sum of the solver's times.",
@@ -131,7 +152,7 @@ def evidence(outcomes: list[Outcome]) -> Evidence:
 
 
 def campaign(
-    chosen: list[Proof], echo: Callable[[str], None], jobs: int = 0, cache: Path = CACHE
+    chosen: list[Proof | Exhaustive], echo: Callable[[str], None], jobs: int = 0, cache: Path = CACHE
 ) -> list[Outcome]:
     """Run `chosen`, with a line for each proof as it ends; returns the outcomes in order."""
     found: dict[int, Outcome] = {}

@@ -47,7 +47,7 @@ class Exhaustive:
     """All operands of one component, tried in a simulation with Verilator.
 
     name, component, size, breaks, quick : as in `Proof`
-    compares : what is compared, in words; a failure prints it
+    compares : what must hold of each case, in words; a failure prints it
     trial : makes the hardware around the class that it is given
     cases : their number; another number of tried cases is a failure
     clocks : an upper limit of the clocks that they take
@@ -63,22 +63,27 @@ class Exhaustive:
     breaks: tuple[tuple[str, str], ...]
     quick: bool = False
 
-    bound = ""  # every case is tried
+    bound = ""
 
-    def harness(self, index: int | None = None) -> Trial:
-        """The hardware that tries the component, or its broken copy `index`."""
+    @property
+    def extent(self) -> str:
+        """For what the answer holds, in words."""
+        return f"all {self.cases:,} cases"
+
+    def made(self, index: int | None = None) -> Trial:
+        """The hardware around the component, or around its broken copy `index`."""
         return self.trial(self.component if index is None else broken(self.component, *self.breaks[index]))
 
     def key(self, index: int | None = None) -> str:
-        """Digest of the simulated hardware and the number of cases."""
-        return content_hash(to_rtlil(self.harness(index), name="trial"), self.cases, self.clocks)
+        """Digest of the hardware and of what is expected of it."""
+        return content_hash(to_rtlil(self.made(index)), self.cases, self.clocks)
 
     def properties(self) -> tuple[str, ...]:
-        """What is compared."""
+        """What is compared, as the only property."""
         return (self.compares,)
 
     def run(self, folder: Path, index: int | None = None) -> Tried:
-        """Try all cases, or try them on the broken copy `index`, which should fail.
+        """Try all cases, or try them on the broken copy `index`, where they should fail.
 
         The simulator's files go to `folder`.
         """
@@ -87,7 +92,7 @@ class Exhaustive:
         path = folder / "found.json"
         path.unlink(missing_ok=True)
         simulate(
-            self.harness(index),
+            self.made(index),
             "trial",
             "fastac.sim.benches.exhaustive",
             folder,

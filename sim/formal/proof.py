@@ -37,6 +37,11 @@ class Proof:
     broken_depth: int = 16
     quick: bool = False
 
+    @property
+    def extent(self) -> str:
+        """For what the answer holds, in words."""
+        return f"{self.depth} clocks from the start: {self.bound}" if self.bound else "all time"
+
     def question(self, index: int | None = None) -> Question:
         """What is asked of the component, or of its broken copy `index`."""
         component = self.component if index is None else broken(self.component, *self.breaks[index])

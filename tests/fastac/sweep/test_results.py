@@ -34,7 +34,7 @@ def test_rows_of_one_generation(results):
 
 
 def test_a_status_that_is_none(results):
-    with pytest.raises(sqlite3.IntegrityError):
+    with pytest.raises(ResultsError, match="CHECK constraint failed"):
         results.add(replace(ROW, status="perhaps"))
 
 

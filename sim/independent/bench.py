@@ -1,0 +1,39 @@
+"""The texts of the independent benches, from templates beside this file."""
+
+import jinja2
+
+from fastac.sim.independent.stimulus import Stimulus
+
+_TEMPLATES = jinja2.Environment(
+    loader=jinja2.PackageLoader("fastac.sim", "independent"),
+    autoescape=False,
+    undefined=jinja2.StrictUndefined,
+    trim_blocks=True,
+    lstrip_blocks=True,
+    keep_trailing_newline=True,
+)
+HOST_BITS = 43
+"""Bits of the outputs that every design has: interrupt, ready of the camera, and AXI4-Lite."""
+
+
+def rendered(template: str, **values) -> str:
+    """The text of a template beside this file."""
+    return _TEMPLATES.get_template(template).render(**values)
+
+
+def text(template: str, stimulus: Stimulus, top: str) -> str:
+    """The bench of a design with top module `top` for what `stimulus` says, such as of "bench.v.j2"."""
+    return rendered(
+        template,
+        top=top,
+        octets=stimulus.octets,
+        frames=stimulus.frames,
+        beats=stimulus.beats,
+        per_frame=stimulus.per_frame,
+        clean=stimulus.clean,
+        unknown_idle=stimulus.unknown_idle,
+        accesses=stimulus.accesses,
+        limit=stimulus.limit,
+        streams=stimulus.streams,
+        output_bits=HOST_BITS + sum(1 + s.payload_bits for s in stimulus.streams),
+    )
