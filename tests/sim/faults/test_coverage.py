@@ -9,9 +9,7 @@ def record(kinds, states, **changed):
     return base | {"number": 0, "kinds": kinds, "states": found, "slow_outputs": 0} | changed
 
 
-FULL = [
-    ("normals_4", record([kind], [state])) for kind, entry in KINDS.items() for state in entry.states()
-]
+FULL = [("normals_4", record([kind], [state])) for kind, entry in KINDS.items() for state in entry.states()]
 
 
 def test_bins_that_were_not_reached_are_named():
@@ -45,7 +43,12 @@ def test_evidence_says_what_was_and_was_not_reached():
     assert by_design.rows[0][:2] == ["normals_4", "none"]
     assert [row[0] for row in by_kind.rows] == [row[0] for row in cross.rows] == list(KINDS)
     assert dict(zip(cross.columns, cross.rows[0], strict=True)) == {
-        "kind": "line_short", "WAIT": 0, "LINE": 1, "DROP": 1, "PAD": 1, "FILL": 1
+        "kind": "line_short",
+        "WAIT": 0,
+        "LINE": 1,
+        "DROP": 1,
+        "PAD": 1,
+        "FILL": 1,
     }
     assert all(len(table.columns) == len(row) for table in found.tables for row in table.rows)
     assert places.rows[0][1:5] == [0, 0, 4, 0]

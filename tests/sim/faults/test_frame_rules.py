@@ -6,7 +6,7 @@ from fastac.sim.faults.frame_rules import FrameRules
 
 
 def play(text: str, *, enabled: bool = True) -> tuple[FrameRules, list]:
-    """The rules after beats: S start of frame, . beat, L end of line, T start and end, and _ for a silence."""
+    """The rules after beats: S start of frame, L end of line, T both, . neither, and _ for a silence."""
     rules, frames = FrameRules(2, 3), []
     for k, sign in enumerate(text.replace(" ", "")):
         if sign == "_":
@@ -62,7 +62,9 @@ def test_frames_are_dropped_while_disabled():
     assert rules.flags == set()
 
 
-@pytest.mark.parametrize(("hard", "flags", "possible"), [(True, set(), set()), (False, {"line_short"}, set())])
+@pytest.mark.parametrize(
+    ("hard", "flags", "possible"), [(True, set(), set()), (False, {"line_short"}, set())]
+)
 def test_a_reset_forgets_frames_and_a_hard_one_flags(hard, flags, possible):
     rules, _ = play("SL .")
     rules.reset(hard=hard)
