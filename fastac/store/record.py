@@ -14,11 +14,22 @@ def described(entry: Entry) -> dict:
 
 
 def read_record(folder: Path) -> dict[str, dict]:
-    """What the last build says of its steps; nothing where none has run in this folder."""
+    """What the last build says of its steps; nothing where none has run in this folder.
+
+    Steps whose part of the record is damaged are left out, as if they had not run.
+    """
     try:
         found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError):
         return {}
     if not isinstance(found, dict):
         return {}
-    return {name: entry for name, entry in found.items() if isinstance(entry, dict)}
+    return {name: step for name, step in found.items() if _is_whole(step)}
+
+
+def _is_whole(step: object) -> bool:
+    return (
+        isinstance(step, dict)
+        and all(isinstance(step.get(key), str) for key in ("entry", "performed"))
+        and isinstance(step.get("seconds"), float | int)
+    )

@@ -44,7 +44,7 @@ def photograph(path: Path) -> np.ndarray:
 def pixels(path: Path, mode: str, expected: str) -> np.ndarray:
     """The values of an image file of Pillow's mode `mode`, which the words `expected` describe.
 
-    Raises ImportFailure on a missing or unreadable file, another mode, or more pixels than its bytes can hold.
+    Raises ImportFailure on a missing or unreadable file, another mode, or more pixels than it can hold.
     """
     try:
         with warnings.catch_warnings():

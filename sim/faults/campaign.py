@@ -9,6 +9,7 @@ from fastac.sim.faults.coverage import Coverage
 from fastac.sim.faults.designs import FLOPS, OTHER, OWN, SOURCE, elaborate
 from fastac.sim.faults.generator import faults, goal_of
 from fastac.sim.faults.golden import Hardware
+from fastac.store.progress import progress_bar
 from fastac.store.side_by_side import perform_all
 from fastac.store.steps import Step
 from fastac.store.store import Store, open_store
@@ -124,8 +125,12 @@ class Campaign:
             batch_step(design, numbers, self.seed, self.workplace, progress=self.progress)
             for design, numbers in order
         ]
-        perform_all(self.store_folder, steps, self.jobs, label="batches of faults", progress=self.progress)
-        for (design, _), step in zip(order, steps, strict=True):
+        label = "batches of faults"
+        if self.jobs > 1:
+            perform_all(self.store_folder, steps, self.jobs, label=label, progress=self.progress)
+        # With one process the batches are played here, else they are only read.
+        shown = progress_bar(steps, desc=label, enabled=self.progress and self.jobs == 1)
+        for (design, _), step in zip(order, shown, strict=True):
             value = self.store.perform(step).value
             self.records += [(design, record) for record in value["records"]]
             self.seconds[design] += value["seconds"]

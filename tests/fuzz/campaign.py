@@ -65,7 +65,7 @@ def readers() -> Iterator[Reader]:
         spec = importlib.util.spec_from_file_location(file.stem, file)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
-        yield from module.READERS
+        yield from getattr(module, "READERS", ())
 
 
 def code_digest() -> str:

@@ -1,5 +1,7 @@
 """Damaged datasets: HDF5 files with other trees, and with other bytes."""
 
+import atexit
+import shutil
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -12,6 +14,7 @@ from fuzzing import Link, Reader
 from hypothesis import strategies as st
 from mutations import changed_bytes
 
+from fastac.models import random_bundle
 from fastac.sensor import dataset
 
 COUNT, SIZE = 3, 8
@@ -79,7 +82,7 @@ def _replaced(file: h5py.File, key: str, new) -> None:
     """Put something else at `key`: an array, a link, or nothing."""
     known = file.get(key)
     small = isinstance(known, h5py.Dataset) and known.size < 10**6
-    old = known[()] if small else np.zeros(3, np.float32)
+    old = np.asarray(known[()]) if small else np.zeros(3, np.float32)
     if key in file:
         del file[key]
     kind, value = new
@@ -189,6 +192,19 @@ def read(folder: Path) -> None:
     dataset.read(folder / "data.h5")
 
 
+@cache
+def trained() -> Path:
+    """A bundle for `fastac predict`, which reads a dataset first of all."""
+    folder = Path(tempfile.mkdtemp(prefix="fastac-fuzz-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    random_bundle.random_bundle(folder / "bundle", random_bundle.scene(("normals",)))
+    return folder
+
+
+def command(folder: Path) -> list:
+    return ["predict", trained(), folder / "data.h5", "-o", folder / fuzzing.OUTPUT / "a.h5", "--no-progress"]
+
+
 READERS = [
     Reader(
         "dataset, its tree",
@@ -196,7 +212,7 @@ READERS = [
         read,
         quick=60,
     ),
-    Reader("dataset, its bytes", BYTES.map(lambda content: {"data.h5": content}), read, quick=100),
+    Reader("dataset, its bytes", BYTES.map(lambda content: {"data.h5": content}), read, command, quick=100),
 ]
 
 

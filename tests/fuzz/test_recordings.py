@@ -167,6 +167,11 @@ def import_forces(folder: Path) -> None:
     )
 
 
+def forces_command(folder: Path) -> list:
+    given = ["--forces", folder / "forces.csv", "--background-frames", 2, "--pitch-mm", 0.1, "--no-progress"]
+    return ["import", "force", folder / "press", *given, "-o", folder / fuzzing.OUTPUT / "a.h5"]
+
+
 @cache
 def protocol() -> bytes:
     surface = cad.of_scene(SCENE.sensor)
@@ -249,7 +254,7 @@ READERS = [
         count=10_000,
     ),
     Reader("folder of ball presses", ball_presses(), import_presses, presses_command, count=5_000),
-    Reader("photographs with a force gauge", force_recordings(), import_forces, count=5_000),
+    Reader("photographs with a force gauge", force_recordings(), import_forces, forces_command, count=5_000),
     Reader("recording of a machine", machine_recordings(), import_machine, count=5_000),
     Reader("CAD surface", STL.map(lambda c: {"a.stl": c}), lambda f: cad.of_file(SCENE.sensor, f / "a.stl")),
 ]

@@ -128,9 +128,13 @@ def read(folder: Path) -> None:
     front.write_scene(best, folder / "picked.toml", "a test")
 
 
+def command(folder: Path) -> list:
+    return ["trade", folder / "results.sqlite", "-o", folder / fuzzing.OUTPUT]
+
+
 READERS = [
-    Reader("sweep's results, rows", ROWS.map(lambda content: {"results.sqlite": content}), read),
-    Reader("sweep's results, bytes", BYTES.map(lambda content: {"results.sqlite": content}), read),
+    Reader("sweep's results, rows", ROWS.map(lambda content: {"results.sqlite": content}), read, command),
+    Reader("sweep's results, bytes", BYTES.map(lambda content: {"results.sqlite": content}), read, command),
 ]
 
 

@@ -264,3 +264,15 @@ def test_a_file_whose_name_is_no_name_says_so(tmp_path):
     path.write_text(MINIMAL.split("\n", 1)[1])
     with pytest.raises(SceneError, match="name = 'My Scene': String should match pattern"):
         load(path)
+
+
+@pytest.mark.parametrize("text", ["x = " + "[" * 3000, "x = " + "{a=" * 3000, "a." * 3000 + "b = 1"])
+def test_what_is_nested_too_deeply(text):
+    assert error(MINIMAL + text)
+
+
+@pytest.mark.parametrize("value", ["0x" + "f" * 5000, "9" * 4000, '"' + "X" * 5000 + '"'])
+def test_long_values_are_shortened(value):
+    found = error(f"name = {value}\n" + MINIMAL.partition("\n")[2])
+    assert found.startswith("name = ")
+    assert len(found) < 400

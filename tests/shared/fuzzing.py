@@ -51,7 +51,6 @@ class Reader:
     command : the command line that reads the same; its last line of error must be that of `read`
     count : cases of the whole campaign
     quick : cases of `make test`
-    output_is_whole : checks a file that `read` has left in OUTPUT; raises ValueError for half a file
     """
 
     name: str
@@ -60,8 +59,6 @@ class Reader:
     command: Callable[[Path], list] | None = None
     count: int = 20_000
     quick: int = 40
-    also_named: str = ""
-    """What errors may name instead of the case's folder."""
 
 
 class BadEndError(AssertionError):
@@ -187,9 +184,10 @@ class Bench:
         text = str(error)
         if "\n" in text or not text:
             raise BadEndError(f"not one line: {error!r}") from error
-        if str(self.folder) not in text and not (self.reader.also_named and self.reader.also_named in text):
+        if str(self.folder) not in text:
             raise BadEndError(f"names no file: {error!r}") from error
-        text.encode()  # a terminal must be able to show it
+        if any("\ud800" <= character <= "\udfff" for character in text):
+            raise BadEndError(f"no terminal can show it: {error!r}") from error
         left = self._left_over()
         if left:
             raise BadEndError(f"left {left[0]} behind")
@@ -198,11 +196,10 @@ class Bench:
             self._command()
 
     def _left_over(self) -> list[str]:
-        out = self.folder / OUTPUT
-        partial = [
-            p for p in self.folder.rglob(".*") if p.name.endswith((".part", ".part.h5")) or ".part." in p.name
-        ]
-        return [str(p.relative_to(self.folder)) for p in (*partial, *out.rglob("*")) if p.is_file()]
+        """Files that a refused case has left: outputs, and temporary ones of `fastac.store.files`."""
+        temporary = [path for path in self.folder.rglob(".*") if ".part" in path.name]
+        found = [*temporary, *(self.folder / OUTPUT).rglob("*")]
+        return [str(path.relative_to(self.folder)) for path in found if path.is_file()]
 
     def _command(self) -> None:
         """Give the case to the command line, which must end with one line and nothing left over."""

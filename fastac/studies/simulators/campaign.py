@@ -32,8 +32,9 @@ FORMS = {
     "cells": "netlist without block RAM and DSP cells",
     "blocks": "netlist with our models of block RAM and DSP cells",
 }
-NETLIST_PX = 32
-"""Side of the image in the scene whose netlists are simulated."""
+FORCE_SCENE = Path(scenes.__file__).with_name("force.toml")
+SMALL, NETLIST_PX = "force_32", 32
+"""The design whose netlists are simulated, the force scene with an image of this side."""
 
 
 @dataclass(frozen=True)
@@ -52,10 +53,10 @@ class Run:
 
 
 RUNS = (
-    Run("force_32", "verilog", "icarus", 1, 1),
-    Run("force_32", "verilog", "icarus", 1, 1, True),
-    Run("force_32", "cells", "icarus", 1, 1),
-    Run("force_32", "blocks", "icarus", 1, 1),
+    Run(SMALL, "verilog", "icarus", 1, 1),
+    Run(SMALL, "verilog", "icarus", 1, 1, True),
+    Run(SMALL, "cells", "icarus", 1, 1),
+    Run(SMALL, "blocks", "icarus", 1, 1),
     Run("force", "verilog", "cxxrtl", 20, 20),
     Run("fast", "verilog", "cxxrtl", 10, 10),
     Run("paper", "verilog", "cxxrtl", 5, 5),
@@ -140,13 +141,11 @@ class Campaign:
         return self.folder / EVIDENCE
 
     def built(self, design: str) -> Path | None:
-        """The build folder of a design; None if it is not built."""
-        if design.startswith("force_"):
-            build = self.workplace / design
-            scene = small(scenes.load(Path("scenes/force.toml")), design, NETLIST_PX)
-            Build(scene, build, progress=self.progress).run(lambda name, state: None, until="verilog")
-            return build
+        """The build folder of a design; None if it is not built. The small one is built here."""
         build = self.folder / design
+        if design == SMALL:
+            scene = small(scenes.load(FORCE_SCENE), design, NETLIST_PX)
+            Build(scene, build, progress=self.progress).run(lambda name, state: None, until="verilog")
         return build if (build / "verilog" / "hardware.json").exists() else None
 
     def frames(self, run: Run, build: Path) -> tuple[Path, int]:

@@ -1,5 +1,8 @@
 """Results of campaigns survive writing and reading, and a damaged file is refused in one line."""
 
+import json
+from dataclasses import asdict
+
 import pytest
 
 from fastac.store.evidence import Evidence, Table, gateware_digest, keep, load
@@ -8,6 +11,7 @@ from fastac.store.files import DamagedFileError
 FOUND = Evidence(
     "formal", "Proofs", "make formal", "All hold.", 90.0, [Table("Fork", ["a"], [["b|c"]])], ["X."]
 )
+FULL = json.dumps(asdict(FOUND))
 
 
 def test_kept_and_loaded(tmp_path):
@@ -18,7 +22,9 @@ def test_kept_and_loaded(tmp_path):
     assert again.gateware == gateware_digest()
 
 
-@pytest.mark.parametrize("text", ["{}", "[]", '{"tables": [{}]}', "{"])
+@pytest.mark.parametrize(
+    "text", ["{}", "[]", '{"tables": [{}]}', "{", FULL.replace("90.0", '"long"'), FULL.replace('["X."]', "3")]
+)
 def test_damaged(tmp_path, text):
     path = tmp_path / "formal.json"
     path.write_text(text)

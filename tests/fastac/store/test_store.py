@@ -1,3 +1,4 @@
+import json
 import os
 import shutil
 import signal
@@ -196,6 +197,49 @@ def test_a_damaged_output_is_redone(toy, harm):
     entry = toy.store().perform(slopes(toy))
     assert entry.path("slopes.txt").read_text() == "19"
     assert len(list((toy.kept / "slopes").iterdir())) == 1
+
+
+@pytest.mark.parametrize(
+    ("keys", "value"),
+    [
+        (("outputs",), {}),
+        (("outputs",), 3),
+        (("outputs", "slopes.txt", "files"), {"../../secret": [2, 3, "x"]}),
+        (("outputs", "slopes.txt", "files"), {".": []}),
+        (("tables",), None),
+        (("codes",), [1]),
+        (("reads", "scene"), "x"),
+        (("inner",), {"../../elsewhere": {}}),
+        (("seconds",), "long"),
+    ],
+)
+def test_a_damaged_trace_says_nothing(toy, keys, value):
+    trace = toy.store().perform(slopes(toy)).folder / "step.json"
+    content = json.loads(trace.read_text())
+    place = content
+    for key in keys[:-1]:
+        place = place[key]
+    place[keys[-1]] = value
+    trace.write_text(json.dumps(content))
+    entry = toy.store().perform(slopes(toy))
+    assert entry.path("slopes.txt").read_text() == "19"
+    assert entry.trace["seconds"] >= 0
+    assert toy.store().is_current(slopes(toy))
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, "null"])
+def test_a_trace_that_cannot_be_read(toy, text):
+    trace = toy.store().perform(slopes(toy)).folder / "step.json"
+    trace.write_text(text)
+    assert toy.store().perform(slopes(toy)).path("slopes.txt").read_text() == "19"
+
+
+def test_a_trace_elsewhere_is_not_followed(toy, tmp_path):
+    trace = toy.store().perform(slopes(toy)).folder / "step.json"
+    trace.rename(tmp_path / "step.json")
+    trace.symlink_to(tmp_path / "step.json")
+    assert not toy.store().is_current(slopes(toy))
+    assert toy.store().perform(slopes(toy)).path("slopes.txt").read_text() == "19"
 
 
 def test_verify_finds_what_sizes_and_times_hide(toy):

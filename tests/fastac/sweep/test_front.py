@@ -171,3 +171,25 @@ def test_results_without_a_point(tmp_path):
 def test_each_point_once(results, tmp_path):
     both = [front.read(results.path), front.read(results.path)]
     assert len(front.distinct(both)) == len(both[0].done)
+
+
+@pytest.mark.parametrize(
+    ("facts", "scene", "confirmed", "message"),
+    [
+        ({"scene": 3}, {}, {}, "facts: scene"),
+        ({"origins": []}, {}, {}, "facts: origins"),
+        ({}, {"name": 3}, {}, "point a: scene: name"),
+        ({}, {"sensor": {}}, {}, "point a: scene: sensor.geometry: missing"),
+        ({}, {}, {"is_exact": True}, "confirmation a: mismatches: missing"),
+    ],
+)
+def test_results_that_cannot_be_shown(tmp_path, tiny_scene, facts, scene, confirmed, message):
+    whole = tiny_scene.model_dump(mode="json")
+    found = Results(tmp_path / "r.sqlite")
+    found.set_facts({"scene": whole, "generation": ""} | facts)
+    found.add(row("a", scene=whole | scene, dsp=3))
+    if confirmed:
+        found.confirm("a", confirmed)
+    with pytest.raises(ResultsError) as caught:
+        front.read(found.path)
+    assert str(caught.value).startswith(f"{found.path}: {message}")

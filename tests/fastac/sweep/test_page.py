@@ -96,3 +96,7 @@ def test_fine_tuning_is_a_table(shown):
 def test_confirmed_and_failed_designs_are_tables(shown):
     assert table(shown, "Designs confirmed in RTL").rows[0][:3] == ["point20", "exact", "0 of 1,234"]
     assert table(shown, "Designs that are infeasible").rows == [["infeasible", "a 1", "cannot <be>"]]
+
+
+def test_values_that_are_lists_of_numbers_are_shown():
+    assert trade_page.named(Row("a", "done", {"protocol.loads_n": [0.5, 1.0]}, None)) == "loads_n 0.5+1.0"

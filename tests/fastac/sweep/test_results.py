@@ -72,3 +72,50 @@ def test_another_format(results):
     results.set_facts({"format_version": "2"})
     with pytest.raises(ResultsError, match=r"r\.sqlite: format_version = '2': expected '1'"):
         Results(results.path)
+
+
+@pytest.mark.parametrize(
+    ("column", "value", "message"),
+    [
+        ("axes", "[" * 100_000, "axes: damaged (maximum recursion"),
+        ("axes", "9" * 5000, "axes: damaged (Exceeds the limit"),
+        ("axes", "[]", "axes = '[]': expected dict"),
+        ("scene", "3", "scene = '3': expected dict"),
+        ("metrics", b"\xff", "metrics: damaged"),
+        ("metrics", '{"dsp": "x"}', "dsp = 'x': expected a number"),
+        ("metrics", '{"dsp": true}', "dsp = True: expected a number"),
+        ("seconds", "long", "seconds = 'long': expected float"),
+        ("generation", b"\xff", r"generation = b'\xff': expected str"),
+    ],
+)
+def test_a_damaged_point(results, column, value, message):
+    results.add(ROW)
+    with sqlite3.connect(results.path) as connection:
+        connection.execute(f"UPDATE points SET {column} = ?", (value,))
+    connection.close()
+    with pytest.raises(ResultsError) as caught:
+        results.rows()
+    assert str(caught.value).startswith(f"{results.path}: point 'a': ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("change", ["DROP TABLE trials", "ALTER TABLE trials RENAME COLUMN choice TO other"])
+def test_other_tables(results, change):
+    with sqlite3.connect(results.path) as connection:
+        connection.execute(change)
+    connection.close()
+    with pytest.raises(ResultsError, match=r"r\.sqlite: no results of a sweep: no such (table|column)"):
+        results.trials()
+
+
+def test_a_damaged_page(results):
+    for k in range(50):
+        results.add(replace(ROW, key=f"{k}"))
+    with sqlite3.connect(results.path) as connection:
+        connection.execute("PRAGMA journal_mode = DELETE")
+    connection.close()
+    whole = results.path.read_bytes()
+    results.path.write_bytes(whole[:4096] + b"\xff" * (len(whole) - 4096))
+    with pytest.raises(ResultsError, match=r"r\.sqlite: no results of a sweep: .*malformed"):
+        results.rows()

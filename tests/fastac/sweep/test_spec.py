@@ -113,3 +113,30 @@ def test_no_file_and_no_scene(write, tmp_path):
     (tmp_path / "tiny.toml").unlink()
     with pytest.raises(SceneError, match=r"tiny\.toml: No such file"):
         sweep_spec.load(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[axes]\nscene = [3]", "axes: 'scene': 3: expected the name of a scene's file"),
+        ('[axes]\nscene = ["a\\u0000b"]', "axes: 'scene': 'a\\x00b': expected the name of a scene's file"),
+        ('[axes]\n"scene, numbers.data_bits" = [[["x"], 3]]', "expected the name of a scene's file"),
+        ('[axes]\n"numbers.data_bits" = [1979-05-27]', "expected numbers, texts or lists of them"),
+        ("[axes]\n'numbers.data_bits' = [0x" + "f" * 5000 + "]", "expected numbers, texts or lists of them"),
+        ('data = "a\\nb"\n[axes]\nx = [1]', "data = 'a\\nb': String should match pattern"),
+        ("x = " + "[" * 3000, "nested too deeply"),
+    ],
+)
+def test_values_that_no_scene_has(write, text, message):
+    path = write(text)
+    with pytest.raises(SpecError) as caught:
+        sweep_spec.load(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_base_scene_and_a_value_at_a_time(write, tiny_toml, tmp_path):
+    (tmp_path / "other.toml").write_text(tiny_toml.replace("tiny", "other"))
+    found = points(write('[axes]\n"scene, numbers.data_bits" = [["tiny.toml", 18], ["other.toml", 22]]'))
+    assert [p.scene.numbers.data_bits for p in found] == [18, 22]

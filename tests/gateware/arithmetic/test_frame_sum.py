@@ -5,6 +5,7 @@ import pytest
 from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, dsp_slices, tree_levels
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
+from fastac.sim.runner import simulate
 
 
 @pytest.mark.parametrize(("beats", "axes", "words"), [(6, 2, 3), (5, 1, 1), (7, 3, 8)])
@@ -33,13 +34,18 @@ def test_sums_of_frames_reach_their_bounds(beats, axes, words, stall):
         assert np.diff(taken["o"]).tolist() == [dut.interval] * 5, "frames follow without a gap"
 
 
-def test_sums_under_verilator(tmp_path):
+def verilated():
+    """Bounds and constant of an accumulator, and the accumulator."""
     rng = np.random.default_rng(1)
-    bounds = rng.integers(0, 1 << 20, (9, 2, 5))
-    constant = np.array([-(1 << 22), 12345])
+    bounds, constant = rng.integers(0, 1 << 20, (9, 2, 5)), np.array([-(1 << 22), 12345])
+    return bounds, constant, FrameAccumulator(bounds, constant)
+
+
+def test_sums_under_verilator(tmp_path):
+    bounds, constant, dut = verilated()
+    rng = np.random.default_rng(2)
     x = rng.integers(-bounds, bounds + 1, (5, *bounds.shape))
     x[0], x[1] = bounds, -bounds
-    dut = FrameAccumulator(bounds, constant)
     check(
         dut,
         "frame_accumulator",
@@ -49,6 +55,11 @@ def test_sums_under_verilator(tmp_path):
         mask=(1 << 2 * dut.width) - 1,
         latencies=[(9 * f + 8, f, dut.latency) for f in range(5)],
     )
+
+
+def test_only_sums_that_wait_stall(tmp_path):
+    *_, dut = verilated()
+    simulate(dut, "frame_accumulator", "fastac.sim.benches.elastic", tmp_path)
 
 
 def test_adder_tree_levels():

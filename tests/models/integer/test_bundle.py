@@ -220,6 +220,22 @@ class TestRefusals:
         assert len(messages) > len(damaged) / 2
         assert not [message for message in messages if "\n" in message]
 
+    @pytest.mark.parametrize("name", ["bundle.json", "integers.npz", "floats.npz"])
+    def test_links_out_of_the_folder(self, folder, tmp_path, name):
+        (folder / name).rename(tmp_path / "elsewhere")
+        (folder / name).symlink_to("../elsewhere")
+        refused(folder, f"'{name}': not a file inside this folder")
+
+    @pytest.mark.parametrize("text", ["[" * 100_000, "9" * 5000, '{"format_version": ' + "8" * 4000 + "}"])
+    def test_json_that_cannot_be_read(self, folder, text):
+        (folder / "bundle.json").write_text(text)
+        refused(folder, r"bundle\.json: (not readable JSON|format_version = 8{200}…: expected)")
+
+    def test_a_hash_of_several_lines(self, folder):
+        content = json.loads((folder / "bundle.json").read_text())
+        (folder / "bundle.json").write_text(json.dumps(content | {"sha256": "a\nb"}))
+        refused(folder, r"sha256 = 'a\\nb': the content's is")
+
     def test_an_array_instead_of_an_archive(self, folder):
         with (folder / "floats.npz").open("wb") as file:
             np.save(file, np.zeros(3))

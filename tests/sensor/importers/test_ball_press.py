@@ -85,6 +85,12 @@ def test_the_skin_is_the_ball_inside_the_circle_and_unknown_outside(recording):
         ),
         (HEADER, "expected at least one row"),
         (HEADER + "a.png,20,30,15,train\nc.png,20,30,15,train\n", r"line 3: image = 'c\.png': not in"),
+        (
+            HEADER + "../background.png,20,30,15,train\n",
+            r"line 2: image = '\.\./background\.png': not inside",
+        ),
+        (HEADER + "/etc/hostname,20,30,15,train\n", "line 2: image = '/etc/hostname': not inside"),
+        (HEADER + "a\0.png,20,30,15,train\n", r"line 2: image = 'a\\x00\.png': not inside"),
         (HEADER + "a.png,20,3O,15,train\n", "line 2: center_y_px = '3O': expected a number"),
         (HEADER + "a.png,20,nan,15,train\n", "line 2: center_y_px = 'nan': expected a number"),
         (HEADER + "a.png,20,30\n", "line 2: radius_px: missing value"),

@@ -1,10 +1,13 @@
+import io
+import struct
 import sys
+import zlib
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from fastac.sensor.importers.footage import ImportFailure, Photographs, Video, footage
+from fastac.sensor.importers.footage import ImportFailure, Photographs, Video, footage, photograph
 
 
 def film(path, images, codec="ffv1"):
@@ -70,3 +73,68 @@ def test_refuses_what_is_no_footage(tmp_path, images):
         container.mux(stream.encode(frame))
     with pytest.raises(ImportFailure, match=r"sound\.wav: no video in this file"):
         list(footage(tmp_path / "sound.wav"))
+
+
+def declaring(size: int) -> bytes:
+    """A PNG of 4 × 4 pixels that says it has `size` × `size`."""
+    file = io.BytesIO()
+    Image.new("RGB", (4, 4)).save(file, "PNG")
+    content = bytearray(file.getvalue())
+    content[16:24] = struct.pack(">II", size, size)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    return bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("size", "message"),
+    [
+        (2000, r"size = 2000 x 2000 px: more than its \d+ bytes can hold"),
+        (12_000, "not a readable image: Image size"),
+        (2**31 - 1, "not a readable image: Image size"),
+    ],
+)
+def test_pictures_that_declare_more_pixels_than_they_have(tmp_path, size, message):
+    (tmp_path / "a.png").write_bytes(declaring(size))
+    with pytest.raises(ImportFailure, match=rf"a\.png: {message}"):
+        photograph(tmp_path / "a.png")
+
+
+def test_an_empty_picture_may_be_small(tmp_path):
+    Image.new("RGB", (1000, 1000)).save(tmp_path / "a.png")
+    Image.new("RGB", (1000, 1000)).save(tmp_path / "a.jpg")
+    assert photograph(tmp_path / "a.png").shape == photograph(tmp_path / "a.jpg").shape == (1000, 1000, 3)
+
+
+def test_formats_that_start_programs_are_not_opened(tmp_path):
+    """Pillow gives EPS files, by their content, to Ghostscript."""
+    Image.new("RGB", (4, 4)).save(tmp_path / "a.eps")
+    (tmp_path / "a.eps").rename(tmp_path / "a.png")
+    with pytest.raises(ImportFailure, match=r"a\.png: not a readable image: cannot identify"):
+        photograph(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize(
+    "listing", ["#EXTM3U\n#EXTINF:1,\nwhole.mkv\n", "ffconcat version 1.0\nfile whole.mkv\n"]
+)
+def test_playlists_are_no_videos(tmp_path, images, listing):
+    """FFmpeg would read the files, and the addresses, that they name."""
+    film(tmp_path / "whole.mkv", images)
+    (tmp_path / "list.mp4").write_text(listing + "#EXT-X-ENDLIST\n" * listing.startswith("#"))
+    with pytest.raises(ImportFailure, match=r"list\.mp4: not a readable video"):
+        list(footage(tmp_path / "list.mp4"))
+
+
+def test_a_video_whose_texts_are_not_unicode(tmp_path, images):
+    path = film(tmp_path / "v.mkv", images)
+    content = path.read_bytes()
+    assert b"Lavf" in content
+    path.write_bytes(content.replace(b"Lavf", b"La\xff\xfe"))
+    assert len(list(footage(path))) == len(images)
+
+
+def test_photographs_outside_the_folder(tmp_path, images):
+    (tmp_path / "folder").mkdir()
+    Image.fromarray(images[0]).save(tmp_path / "secret.png")
+    (tmp_path / "folder" / "a.png").symlink_to("../secret.png")
+    with pytest.raises(ImportFailure, match=r"folder: 'a\.png': not a file inside this folder"):
+        footage(tmp_path / "folder")

@@ -181,6 +181,10 @@ class TestBackgroundPerGroup:
         (rows({3: "3,1,a,b"}), r"f\.csv, line 5: 4 values: expected 3"),
         (rows({3: "-3,1,a"}), r"f\.csv, line 5: frame = '-3': expected an index from 0 or a file in"),
         (rows({3: "x.png,1,a"}), r"f\.csv, line 5: frame = 'x\.png': expected an index from 0 or a file in"),
+        (
+            rows({3: "9" * 5000 + ",1,a"}),
+            r"f\.csv, line 5: frame = '9+': expected an index from 0 or a file in",
+        ),
         (rows({3: "2,1,a"}), r"f\.csv, line 5: frame = 2: named twice"),
         (rows({3: None}), r"f\.csv: frame 3: no row, though frame 11 has one"),
         (rows({11: None}), r"f\.csv: frame 11: no row, but .*frames has this frame"),

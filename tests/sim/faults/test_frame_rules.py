@@ -6,7 +6,7 @@ from fastac.sim.faults.frame_rules import FrameRules
 
 
 def play(text: str, *, enabled: bool = True) -> tuple[FrameRules, list]:
-    """The rules after beats: S start of frame, . beat, L end of line, T start and end, and _ for a silence."""
+    """The rules after beats: S start of frame, L end of line, T both, . neither, and _ for a silence."""
     rules, frames = FrameRules(2, 3), []
     for k, sign in enumerate(text.replace(" ", "")):
         if sign == "_":
