@@ -156,7 +156,7 @@ def weighted(component: type, weight: np.ndarray, constant: int, bits: int) -> F
 
 def tile(component: type, loadable: bool) -> FormalBench:
     """Each neuron's sum is Σ weight · x + bias, for all x; if they are loadable, all weights and biases."""
-    weight, bias = [[3, -2], [-3, 3]], [5, -6]
+    weight, bias = [[3, -2], [-3, 3]], [-5, 7]
     layer = Layer(np.array(weight), np.array(bias), np.array([2, 1]), 3, loadable=loadable)
     dut = component(layer, input_width=2, input_signed=True)
     bench = FormalBench(dut)
@@ -218,11 +218,14 @@ PROOFS = (
     Proof(
         "weighted_sum_bound",
         WeightedSumStream,
-        f"frames of 4 × 4 values of 2 bits, two a beat, largest weights of either sign; {ONE_STALL}",
-        partial(weighted, weight=np.array([[1, -1], [0, 1]] * 4).reshape(4, 4), constant=-2, bits=2),
+        f"frames of 4 × 4 values of 3 bits, two a beat, weights of either sign; {ONE_STALL}",
+        partial(weighted, weight=np.array([[1, -1], [0, 1]] * 4).reshape(4, 4), constant=-2, bits=3),
         depth=16,
         breaks=(
-            ("width=self.weighted.width", "width=None"),
+            (
+                "signed_width(int(bounds[:, axis, k].max()))",
+                "signed_width(int(bounds[:, axis, k].max())) - 1",
+            ),
             ("bounds = np.abs(words) * self.weighted.input_limit", "bounds = np.abs(words)"),
         ),
         broken_depth=20,

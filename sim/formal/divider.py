@@ -1,19 +1,20 @@
 # amaranth: UnusedElaboratable=no
 """Proofs of the restoring division of the gradient ratios: stage by stage, and exhaustively at small widths.
 
-A stage brings one bit of the numerator down to its remainder R and finds one bit of the quotient Q. The bench
-keeps beside it the product P of Q and the divisor D, by its recursion: P is 0 before the first stage, and a
-stage whose bit is q makes 2·P + q·D of it, as 2·Q + q is the new quotient. So no product of two unknowns
-appears, and z3 proves at the full width that after every stage P + R = N and 0 <= R < D, where N are the bits
-of the numerator brought down so far. By that, Q after the last stage is floor(N/D), and (Q + 1) >> 1 is
-N/(2·D) rounded to the nearest, halves up: what `models/integer/network.py` defines.
+A stage brings one bit b of the numerator down to its remainder and finds one bit q of the quotient Q. With N
+the bits brought down so far and D the divisor, it makes N' = 2·N + b and Q' = 2·Q + q. The bench keeps the
+difference E = N - Q·D beside the stages, by its recursion E' = 2·E + b - q·D, so that no product of two
+unknowns appears; z3 proves at the full width that after every stage the remainder is E and 0 <= E < D. By
+that, Q after the last stage is floor(N/D), and (Q + 1) >> 1 is N/(2·D) rounded to the nearest, halves up:
+what `models/integer/network.py` defines.
 """
 
 from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from amaranth import Cat, Const, Module, Mux, Signal, Value, unsigned
+from amaranth import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
+from amaranth.hdl import ShapeLike
 from amaranth.lib.memory import Memory
 
 from fastac.gateware.network.gradient_ratio import GradientDivider
@@ -28,14 +29,14 @@ BITS, FORMS = 6, ((4, 0), (6, 5), (6, 2), (9, 3))
 
 
 def stages(component: type, ratio: GradientRatio) -> FormalBench:
-    """After every stage P + R = N and R < D; the slope is the rounded quotient, limited, with its sign."""
+    """After every stage R = E < D; the slope is the rounded quotient, limited, with its sign."""
     dut = component(ratio, lanes=1)
     bench = FormalBench(dut)
     advance = bench.probe("advance")
     bench.source(dut.i, "i")
     bench.sink(dut.o, "o")
 
-    def register(value: Value, name: str, bits: int = 1) -> Signal:
+    def register(value: Value, name: str, bits: ShapeLike = 1) -> Signal:
         """`value` a step of the pipeline later; no reset, as the pipeline's registers of data."""
         held = Signal(bits, name=name, reset_less=True)
         with bench.m.If(advance):
@@ -89,26 +90,25 @@ def _axis(
     bench.always(f"{axis}: magnitude of the input", ~live[0] | (own == size))
     own = bench.probe(f"lane0_{axis}_negate")
     bench.always(f"{axis}: sign of the input", ~live[0] | (size == 0) | (own == positive))
-    product, quotient = Const(0, 1), Const(0, 0)
+    exact, quotient = size >> whole, Const(0, 0)
     for k in range(ratio.width):
         trial_bits = (max(bits - whole + 1, bits - 1) if k == 0 else bits) + 1
         fits = ~bench.probe(f"lane0_{axis}_trial_{k}", trial_bits)[-1]
-        product = register(2 * product + Mux(fits, divisor[k], 0), f"{axis}_product_{k}", bits + k)
+        brought = 2 * exact + (size[whole - 1 - k] if k < whole else 0)
+        exact = register(brought - Mux(fits, divisor[k], 0), f"{axis}_exact_{k}", signed(bits + 2))
         quotient = register((quotient << 1) | fits, f"{axis}_quotient_{k}", k + 1)
         size = register(size, f"{axis}_size_{k}", bits)
         positive = register(positive, f"{axis}_positive_{k}")
         over = Mux(void[k + 1], size != 0, (size >> whole) >= divisor[k + 1])
 
         divides = live[k + 1] & ~over
-        brought = (size << (k + 1)) >> whole
         if k < ratio.width - 1:
             remainder = bench.probe(f"lane0_{axis}_remainder_{k}", bits - 1)
-            bench.always(f"{axis}, stage {k}: P + R = N", ~divides | (product + remainder == brought))
-        else:
-            remainder = brought - product
-        inside = (remainder >= 0) & (remainder < divisor[k + 1])
-        bench.always(f"{axis}, stage {k}: 0 <= R < D", ~divides | inside)
-        bench.always(f"{axis}, stage {k}: 0 / D = 0", ~divides | (size != 0) | (quotient == 0))
+            bench.always(f"{axis}, stage {k}: R = E", ~divides | (remainder == exact))
+        inside = (exact >= 0) & (exact < divisor[k + 1])
+        bench.always(f"{axis}, stage {k}: 0 <= E < D", ~divides | inside)
+        nothing = (quotient == 0) & (exact == 0)
+        bench.always(f"{axis}, stage {k}: 0 / D = 0", ~divides | (size != 0) | nothing)
 
         own = bench.probe(f"lane0_{axis}_quotient_{k}", k + 1)
         bench.always(f"{axis}, stage {k}: Q is the quotient", ~live[k + 1] | (own == quotient))
@@ -209,7 +209,7 @@ STAGES = tuple(
     )
     for normal_width, width, fraction, breaks in (
         (4, 3, 1, (*EARLY, *LATE)),
-        (21, 17, 14, EARLY),
+        (21, 17, 14, EARLY[1:2]),
     )
 )
 

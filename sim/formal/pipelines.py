@@ -349,9 +349,10 @@ PROOFS = (
             partial(source, divergence=divergence, height=height, width=width, lanes=lanes),
             depth=1,
             breaks=(
-                ("(x < self.beats + self.beats_ahead)", "(x <= self.beats + self.beats_ahead - 2)"),
                 ("advance.eq(self.o.ready | ~self.o.valid)", "advance.eq(1)"),
-                *((("late.eq(trailing)", "late.eq(0)"),) if lanes == 4 else ()),
+                ("late.eq(trailing)", "late.eq(0)")
+                if lanes == 4
+                else ("(x < self.beats + self.beats_ahead)", "(x <= self.beats + self.beats_ahead - 2)"),
             ),
             broken_depth=24,
         )
