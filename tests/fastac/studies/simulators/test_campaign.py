@@ -21,6 +21,7 @@ FOUND = {
     "registers": 7,
     "differences": 0,
     "unknown": 0,
+    "idle_unknown": 1234,
     "violations": 0,
     "latency_cycles": 4182,
     "formula_cycles": 4182,
@@ -38,7 +39,7 @@ def test_the_evidence_says_what_was_found():
     assert "0 differences in 12,074 values, markers and register reads, 0 unknown bits" in kept.summary
     first, second = kept.tables[0].rows
     assert first[:6] == ["force", "Verilog as emitted", "Icarus Verilog", 2, 1, "12,345"]
-    assert (first[10], second[10]) == (0, "no such state")
+    assert (first[10:12], second[10]) == ([0, "1,234"], "no such state")
     assert kept.not_covered[0] == "Not it."
 
 
