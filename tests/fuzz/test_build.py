@@ -60,6 +60,7 @@ def bundle() -> Bundle:
 @st.composite
 def builds(draw) -> Case:
     """A build folder of which one file is damaged or missing."""
+    bundle()  # made before a case is read
     files = {name: json.dumps(tree).encode() for name, tree in FILES.items()}
     name = draw(st.sampled_from(tuple(FILES)))
     if draw(st.integers(0, 9)):
