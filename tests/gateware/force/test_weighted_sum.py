@@ -16,7 +16,6 @@ from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
-from fastac.sim.runner import simulate
 
 
 def beats(x, lanes, bits, rng):
@@ -80,12 +79,6 @@ def test_force_of_every_frame(tmp_path, axes, rows, columns, terms, lanes, bits,
         latencies=[(b, f, dut.latency) for f, b in enumerate(last)]
         + [(0, f, dut.latency + b) for f, b in enumerate(last)],
     )
-
-
-def test_only_a_waiting_accumulator_stalls(tmp_path):
-    weighted = weighted_sum(3, 6, 8, 2, 17, True, 18, np.random.default_rng(1))
-    dut = WeightedSumStream(weighted, lanes=4)
-    simulate(dut, "weighted_sum", "fastac.sim.benches.elastic", tmp_path)
 
 
 @pytest.mark.parametrize("columns", [6, 7])
