@@ -90,7 +90,7 @@ COMPONENTS = (
     ),
     Component("fz_stream", ("test_fz_stream.py::test_force_of_every_frame",)),
     Component("mlp_mvm", ("test_mlp_mvm.py",), designs=2),
-    Component("network/background", ("network/test_background.py",), designs=2),
+    Component("network/background", ("network/test_background.py::test_capture",)),
     Component("network/gradient_ratio", ("network/test_gradient_ratio.py",)),
     Component("network/pixel_network", ("network/test_pixel_network.py",), designs=2),
     Component("network/requantise", ("network/test_requantise.py",), designs=2),
