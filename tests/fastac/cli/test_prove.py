@@ -28,8 +28,6 @@ class TestFaults:
         assert asked == [(9, "normals_4", "600-605")]
         assert result.output == "normals_4, seed 9: 6 faults, nothing wrong\n"
 
-from command_line import fail
-
 
 def test_a_design_that_there_is_not(tmp_path):
     known = "force_32, force, fast, paper"
