@@ -19,6 +19,9 @@
 Instead of `frames` there may be `raw10` (N, 4H, 4W) uint16, RAW10 images as the camera sends them; the
 background is then a RAW10 image too, (4H, 4W) uint16. fastac/flow/frames.py turns them into channels.
 
+All data are in the file itself, as they are or compressed by gzip or lzf; texts are not compressed. A file
+that declares more than its bytes can hold is refused before anything is read (sensor/hdf5_checks.py).
+
 `force_n` has the axes x, y, z, or those that the attribute force_axes lists ("z" for a one-axis force gauge).
 Where `valid` is true, ground truth is finite and normals are unit vectors with n_z > 0; elsewhere it is
 undefined (the importers write NaN there, so that code that ignores `valid` fails visibly).

@@ -87,7 +87,8 @@ class Results:
             finally:
                 connection.close()
         except (sqlite3.Error, UnicodeDecodeError) as error:
-            raise ResultsError(f"{self.path}: no results of a sweep: {error}") from None
+            reason = " ".join(str(error).split())  # SQLite quotes the tables' text, line by line
+            raise ResultsError(f"{self.path}: no results of a sweep: {reason}") from None
 
     def _content(self, text: object, place: str, kind: type[Content]) -> Content:
         """What a cell's JSON says. Raises ResultsError, which names `place`, for anything but a `kind`."""

@@ -210,6 +210,7 @@ READERS = [
         "dataset, its tree",
         TREES.map(lambda content: {"data.h5": content, "other.h5": samples()[0]}),
         read,
+        command,
         quick=60,
     ),
     Reader("dataset, its bytes", BYTES.map(lambda content: {"data.h5": content}), read, command, quick=100),

@@ -54,7 +54,7 @@ FRAGMENTS = (
 )
 
 VALUES = (
-    *NASTY,
+    *(value for value in NASTY if "hostname" not in repr(value)),  # a specification may name any scene
     date(1979, 5, 27),
     time(7, 32),
     16,

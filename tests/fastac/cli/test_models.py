@@ -239,7 +239,7 @@ class TestPredict:
         assert message == f"{tmp_path}/bundle.json: no such file; is {tmp_path} a bundle folder?"
         folder = shutil.copytree(tiny_folder, tmp_path / "tiny")
         (folder / "bundle" / "integers.npz").write_bytes(b"PK")
-        assert "integers.npz: not a readable archive" in fail(
+        assert "integers.npz: damaged or no .npz file" in fail(
             "predict", folder, tiny_file, "-o", tmp_path / "p.h5"
         )
 
