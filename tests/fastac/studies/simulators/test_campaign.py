@@ -103,7 +103,8 @@ def test_a_campaign_keeps_what_it_has_simulated(builds):
     assert (row["frames"], row["of these photographs"]) == (2, 1)
     assert (row["differences"], row["unknown bits"], row["AXI violations"]) == (0, 0, 0)
     assert row["first pixel → result, clocks"] == row["by formula"]
-    assert kept.not_covered[0] == "Scene paper was not built."
+    assert kept.not_covered[0] == "Not asked for, all or in part: force_32, force, fast, paper."
+    assert kept.not_covered[1] == "Scene paper was not built."
     log = builds / "build" / "simulators" / "tiny-verilog-icarus" / "icarus.log"
     log.unlink()
     assert next(evidence.measure(campaign, runs=runs, folder=builds / "evidence")) == lines[0]
