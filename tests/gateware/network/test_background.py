@@ -10,7 +10,9 @@ from fastac.sim.check_stream import check, pack
 from fastac.sim.runner import simulate
 
 
-@pytest.mark.parametrize(("height", "width", "channels", "lanes"), [(4, 6, 3, 1), (5, 12, 3, 4), (1, 2, 1, 2)])
+@pytest.mark.parametrize(
+    ("height", "width", "channels", "lanes"), [(4, 6, 3, 1), (5, 12, 3, 4), (1, 2, 1, 2)]
+)
 @pytest.mark.quick("5-12-3-4")
 def test_capture(tmp_path, height, width, channels, lanes):
     rng = np.random.default_rng(1)
