@@ -18,7 +18,6 @@ import pytest
 from amaranth.hdl import Signal, Value
 from amaranth.sim.pysim import PySimEngine
 
-import fastac
 from fastac.gateware.target.elaboration import to_rtlil
 from fastac.sim import runner
 from fastac.sim.mutate.forks import FAILED, PASSED, Branch, Trial, in_fork, limit_s
@@ -26,7 +25,7 @@ from fastac.sim.mutate.imported import Netlist
 from fastac.sim.mutate.netlist import SELECTOR, MutatedDesign, mutated
 from fastac.store.files import content_hash, write_json
 
-ROOT = Path(fastac.__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 JOB = "FASTAC_MUTATE"
 """Environment variable with the file of the job; see `Job`."""
 
