@@ -75,6 +75,11 @@ async def write_order_and_held_response(dut, data_first):
     # A second write may be accepted, but takes effect only after the first one's response was taken.
     await handshake(dut, "aw", awaddr=4)
     await handshake(dut, "w", wdata=0xFFFFFFFF, wstrb=1)
+    # A third one is offered meanwhile, and must not disturb the second.
+    third = [
+        cocotb.start_soon(handshake(dut, "aw", awaddr=8)),
+        cocotb.start_soon(handshake(dut, "w", wdata=0x55AA33CC, wstrb=0b1111)),
+    ]
     for _ in range(10):
         await RisingEdge(dut.clk)
         await ReadOnly()
@@ -93,3 +98,20 @@ async def write_order_and_held_response(dut, data_first):
         await RisingEdge(dut.clk)
         dut.axil__bready.value = dut.axil__rready.value = 0
         await handshake(dut, "ar", araddr=4)
+    await gather(*third)
+
+    # Reads likewise: word 1 waits to be taken, word 2 is accepted, and word 0 is offered.
+    await handshake(dut, "ar", araddr=8)
+    fourth = cocotb.start_soon(handshake(dut, "ar", araddr=0))
+    for value in (0x120056FF, 0x55AA33CC, 0):
+        for _ in range(5):
+            await RisingEdge(dut.clk)
+            await ReadOnly()
+            assert int(dut.axil__rvalid.value)
+            assert int(dut.axil__rdata.value) == value
+        await RisingEdge(dut.clk)
+        dut.axil__rready.value = 1
+        await RisingEdge(dut.clk)
+        dut.axil__rready.value = 0
+        await ClockCycles(dut.clk, 3)
+    await fourth

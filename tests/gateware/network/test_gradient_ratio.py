@@ -10,7 +10,8 @@ from fastac.sim.check_stream import check, pack
 
 
 def normals(ratio, rng, count):
-    """All combinations of extreme words, quotients near the limit and near halves, then random normals."""
+    """Extreme words in all combinations, quotients near the limit and near halves, divisors of one bit, and
+    random normals."""
     top = (1 << (ratio.normal_width - 1)) - 1
     corners = [-top - 1, -top, -1, 0, 1, 2, top - 1, top]
     extremes = np.array(list(itertools.product(corners, repeat=3)))
@@ -24,7 +25,9 @@ def normals(ratio, rng, count):
 
     anything = rng.integers(-top - 1, top + 1, (count, 3))
     anything[: count // 2, 2] >>= rng.integers(0, ratio.normal_width, count // 2)
-    return np.concatenate([extremes, around, anything])
+    bits = 1 << np.arange(ratio.normal_width - 1)
+    single = np.stack([*rng.integers(-top, top + 1, (2, len(bits))), bits], axis=1)
+    return np.concatenate([extremes, around, single, single // [2, 2, 1], anything])
 
 
 @pytest.mark.parametrize(
@@ -36,8 +39,9 @@ def test_bit_exact_to_golden_model(tmp_path, normal_width, width, fraction, lane
     rng = np.random.default_rng(1)
     ratio = GradientRatio(normal_width, width, fraction)
     dut = GradientDivider(ratio, lanes=lanes)
-    n = normals(ratio, rng, 400)
-    n = n.reshape(-1, lanes, 3)
+    # Every lane divides all of them, and different lanes different ones at a time.
+    n = np.concatenate([np.repeat(normals(ratio, rng, 400), lanes, axis=0), normals(ratio, rng, 400)])
+    n = n[: len(n) // lanes * lanes].reshape(-1, lanes, 3)
     slopes, saturated = ratio(n)
     assert saturated.any()
     assert not saturated.all(axis=(1, 2)).all()
