@@ -156,11 +156,8 @@ def weighted(component: type, weight: np.ndarray, constant: int, bits: int) -> F
 
 def tile(component: type, loadable: bool) -> FormalBench:
     """Each neuron's sum is Σ weight · x + bias, for all x; if they are loadable, all weights and biases."""
-    if loadable:  # the solver multiplies unknowns here
-        weight, bias, limits, bits = [[1, -1], [-1, 1]], [0, 0], [1, 1], 2
-    else:
-        weight, bias, limits, bits = [[3, -2], [-3, 3]], [-5, 7], [2, 1], 3
-    layer = Layer(np.array(weight), np.array(bias), np.array(limits), bits, loadable=loadable)
+    weight, bias = [[3, -2], [-3, 3]], [-5, 7]
+    layer = Layer(np.array(weight), np.array(bias), np.array([2, 1]), 3, loadable=loadable)
     dut = component(layer, input_width=2, input_signed=True)
     bench = FormalBench(dut)
     advance = bench.free("advance")
@@ -240,16 +237,15 @@ PROOFS = (
         Proof(
             f"tile_bound_{name}",
             MvmCore,
-            f"two neurons of two inputs, {name} weights of {bits} bits; {stalls}",
+            f"two neurons of two inputs, {name} weights of 3 bits; {stalls}",
             partial(tile, loadable=name == "loadable"),
             depth=depth,
             breaks=breaks,
         )
-        for name, bits, depth, stalls, breaks in (
-            ("baked", 3, 16, ONE_STALL, (("total.bound + bias.bound", "total.bound"),)),
+        for name, depth, stalls, breaks in (
+            ("baked", 16, ONE_STALL, (("total.bound + bias.bound", "total.bound"),)),
             (
                 "loadable",
-                2,
                 8,
                 "no stalls, so that the solver, which multiplies unknowns here, answers",
                 (
