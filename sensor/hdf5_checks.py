@@ -21,6 +21,7 @@ TYPES = (h5py.h5t.TypeIntegerID, h5py.h5t.TypeFloatID, h5py.h5t.TypeEnumID, h5py
 TEXT_BYTES = 16
 """A text of any length in a file: its length in 4 bytes, then where it is."""
 HEAP = b"GCOL\x01"
+HEAP_MINIMUM = 4096
 HEAP_HEADER, OBJECT_HEADER = 16, 16
 """Bytes before a global heap's first object, and before each object's content."""
 
@@ -46,8 +47,10 @@ def check_heaps(path: Path) -> None:
 def _check_heap(content: mmap.mmap, at: int) -> None:
     if at + HEAP_HEADER > len(content):
         return
-    (size,) = struct.unpack_from("<Q", content, at + 8)
+    *reserved, size = struct.unpack_from("<3BQ", content, at + len(HEAP))
     end, place = at + size, at + HEAP_HEADER
+    if size < HEAP_MINIMUM or (end > len(content) and any(reserved)):
+        return  # no heap for the library either, but data that happen to begin like one
     if end > len(content):
         raise UnsafeFileError(f"heap at byte {at} = {size} bytes: the file ends before")
     while place + OBJECT_HEADER <= end:

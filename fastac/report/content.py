@@ -1,10 +1,10 @@
 """The content of report.json, and the rows of its summary."""
 
-import json
 from pathlib import Path
 
 from fastac.gateware.target.device import DEVICE
 from fastac.models.integer.bundle import Bundle
+from fastac.report import build_files
 from fastac.report import paper as paper_figures
 from fastac.synth import energy, synthesis_figures
 
@@ -22,9 +22,9 @@ def estimated(value: float, formula: str) -> dict:
 def content(folder: Path, bundle: Bundle) -> dict:
     """The report of a build from the files of its steps; figures that were not obtained are absent."""
     scene = bundle.scene
-    errors = json.loads((folder / "accuracy.json").read_text())
-    simulated = json.loads((folder / "sim.json").read_text())
-    hardware = json.loads((folder / "verilog" / "hardware.json").read_text())
+    errors = build_files.read(folder, "accuracy.json")
+    simulated = build_files.read(folder, "sim.json")
+    hardware = build_files.read(folder, "verilog/hardware.json")
     latency = simulated["latency_cycles"]
     clock = scene.hardware.clock_mhz
     at = f"cycles / {clock:g} MHz, the scene's assumed clock"

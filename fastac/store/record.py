@@ -24,12 +24,8 @@ def read_record(folder: Path) -> dict[str, dict]:
         return {}
     if not isinstance(found, dict):
         return {}
-    return {name: step for name, step in found.items() if _is_whole(step)}
-
-
-def _is_whole(step: object) -> bool:
-    return (
-        isinstance(step, dict)
-        and all(isinstance(step.get(key), str) for key in ("entry", "performed"))
-        and isinstance(step.get("seconds"), float | int)
-    )
+    return {
+        name: step
+        for name, step in found.items()
+        if isinstance(step, dict) and isinstance(step.get("seconds"), float | int)
+    }

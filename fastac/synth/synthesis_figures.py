@@ -3,8 +3,27 @@
 import json
 from pathlib import Path
 
+from pydantic import TypeAdapter, ValidationError
+from typing_extensions import TypedDict
+
+from fastac.store.files import DamagedFileError
 from fastac.synth import place_ecp5, yosys
 from fastac.synth.synthesis import COUNT, FILE, PLACE, stated
+
+
+class _Total(TypedDict):
+    value: float
+    origin: str
+
+
+class _Content(TypedDict):
+    """What of synth.json is used without looking at it."""
+
+    totals: dict[str, _Total]
+    modules: dict[str, dict[str, object]]
+
+
+_CONTENT = TypeAdapter(_Content)
 
 
 def resources(folder: Path, hardware: dict) -> dict:
@@ -12,12 +31,26 @@ def resources(folder: Path, hardware: dict) -> dict:
 
     hardware : the build's verilog/hardware.json
     """
+    path = folder / FILE
     try:
-        content = json.loads((folder / FILE).read_text())
-    except (OSError, json.JSONDecodeError):
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
         return {}
-    if any(content.get(key) != hardware.get(key) for key in ("bundle_sha256", "rtlil_sha256")):
+    keys = ("bundle_sha256", "rtlil_sha256")
+    if not isinstance(content, dict) or any(content.get(key) != hardware.get(key) for key in keys):
         return {}
+    try:
+        _CONTENT.validate_python(content)
+        return _figures(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key = ".".join(map(str, first["loc"]))
+        raise DamagedFileError(f"{path}: {key}: {first['msg']}") from None
+    except (KeyError, TypeError, AttributeError) as error:
+        raise DamagedFileError(f"{path}: damaged: {error!r}") from None
+
+
+def _figures(content: dict) -> dict:
     totals, modules = content["totals"], content["modules"]
     found = {}
     if "dsp48e2" in totals:

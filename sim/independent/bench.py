@@ -12,8 +12,8 @@ _TEMPLATES = jinja2.Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-HOST_BITS = 43
-"""Bits of the outputs that every design has: interrupt, ready of the camera, and AXI4-Lite."""
+HANDSHAKES, BUS_BITS = 7, 36
+"""Outputs that every design has: the interrupt and what offers or accepts; payloads of AXI4-Lite."""
 
 
 def rendered(template: str, **values) -> str:
@@ -35,5 +35,6 @@ def text(template: str, stimulus: Stimulus, top: str) -> str:
         accesses=stimulus.accesses,
         limit=stimulus.limit,
         streams=stimulus.streams,
-        output_bits=HOST_BITS + sum(1 + s.payload_bits for s in stimulus.streams),
+        handshake_bits=HANDSHAKES + len(stimulus.streams),
+        payload_bits=BUS_BITS + sum(s.payload_bits for s in stimulus.streams),
     )

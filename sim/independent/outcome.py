@@ -17,7 +17,9 @@ class Outcome:
     values, markers : words of the output streams, and their tlast, tuser and tkeep, that were compared
     registers : reads of registers that were compared, forces included
     differences : of all of these, and surplus beats
-    unknown : unknown bits of outputs, summed over all clocks after reset; None: a simulator without unknowns
+    unknown : unknown bits in what outputs offer and in what offers and accepts, summed over all clocks after
+        reset; None: a simulator without unknowns
+    idle_unknown : the same of payloads while they are not offered, where AXI allows anything
     violations : clocks in which a stream or bus withdrew or changed what it had offered
     first : the first complaint
     starts, results : clocks of each frame's first beat and of the rises of the interrupt
@@ -31,6 +33,7 @@ class Outcome:
     registers: int
     differences: int
     unknown: int | None
+    idle_unknown: int | None
     violations: int
     first: str
     starts: Sequence[int]
@@ -67,7 +70,7 @@ def parsed(text: str, stimulus: Stimulus, *, four_states: bool) -> Outcome:
     columns = zip(*streams, [0, 0, 0, 0], strict=True)
     values, markers, differences, violations = (sum(column) for column in columns)
     registers, wrong, broken = (int(n) for n in of("HOST")[0])
-    clocks, unknown = (int(n) for n in of("DONE")[0])
+    clocks, unknown, idle_unknown = (int(n) for n in of("DONE")[0])
     ends: dict[str, list[int]] = {}
     for name, clock in of("END"):
         ends.setdefault(name, []).append(int(clock))
@@ -81,6 +84,7 @@ def parsed(text: str, stimulus: Stimulus, *, four_states: bool) -> Outcome:
         registers=registers,
         differences=differences + wrong,
         unknown=unknown if four_states else None,
+        idle_unknown=idle_unknown if four_states else None,
         violations=violations + broken,
         first=first,
         starts=[int(n) for (n,) in of("START")],

@@ -73,9 +73,8 @@ class Stimulus:
 
     octets, beats, per_frame : bytes of a beat of s_axis, number of beats, and of a frame
     clean : frames at the start without any pause; later ones have pauses at random on all streams
-    unknown_idle : between two offers all bits of the camera's payload are unknown in Icarus Verilog, and
-        unknowns are looked for in what the outputs offer; otherwise the payload stays, and unknowns are
-        looked for in all outputs. In CXXRTL it is random.
+    unknown_idle : between two offers all bits of the camera's payload are unknown in Icarus Verilog;
+        otherwise they stay. In CXXRTL they are random.
     values : words that the output streams have to bring
     limit : clocks after which the bench gives up
     """

@@ -11,7 +11,6 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-import fastac
 from fastac.gateware.target.tools import VERSIONS, ToolError
 from fastac.sim.mutate.components import COMPONENTS, Component
 from fastac.sim.mutate.equivalence import equivalent
@@ -25,7 +24,7 @@ SEED = 18
 MUTANTS = 100
 """Of each component, at least; fewer where there are no more."""
 NEEDED = 0.95
-ROOT = Path(fastac.__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S = 3600
 OWN = ("fastac.sim.mutate.plugin", "fastac.sim.benches.mutants", "fastac.sim.mutate.equivalence")
 NAME = re.compile(r"\bfastac(?:\.\w+)+")

@@ -42,6 +42,12 @@ class Component:
         return tuple(f"{TESTS}/{test}" for test in self.tests)
 
 
+ANOTHER_ORDER = "goes through other states in as many steps, and they are not visible"
+NO_FILLING = (
+    "under back-pressure the pipeline does not close its gaps: nothing is lost, and no rate is stated"
+)
+READ_AGAIN = "reads in clocks whose word nobody uses; what is used is read again"
+
 COMPONENTS = (
     Component(
         "arithmetic/frame_sum",
@@ -49,6 +55,7 @@ COMPONENTS = (
             "arithmetic/test_frame_sum.py::test_sums_under_verilator",
             "arithmetic/test_frame_sum.py::test_only_sums_that_wait_stall",
         ),
+        allowed=(Allowed("beat.eq(Mux(last, 0, beat + 1))", ANOTHER_ORDER),),
     ),
     Component("arithmetic/packed_products", ("arithmetic/test_packed_products.py",)),
     Component("arithmetic/product", ("arithmetic/test_product.py",), designs=2),
@@ -59,12 +66,31 @@ COMPONENTS = (
     Component("bus/calibration_loader", ("bus/test_calibration_loader.py",), datapath=False),
     Component("bus/frame_timer", ("bus/test_frame_timer.py",), datapath=False),
     Component("bus/registers", ("bus/test_registers.py",), datapath=False, designs=2),
-    Component("dst1_engine", ("test_dst1_engine.py::test_bit_exact_to_golden_model",)),
-    Component("force/patch_generator", ("force/test_patch_generator.py",)),
-    Component("force/weighted_sum", ("force/test_weighted_sum.py::test_force_of_every_frame",)),
+    Component(
+        "dst1_engine",
+        ("test_dst1_engine.py::test_bit_exact_to_golden_model",),
+        allowed=(Allowed("beat.eq(Mux(last_beat, 0, beat + 1))", ANOTHER_ORDER),),
+    ),
+    Component(
+        "force/patch_generator",
+        ("force/test_patch_generator.py",),
+        allowed=(
+            Allowed(
+                "write.en.eq(advance & stepped)", "the word that has been written is written again", ("Y[0]",)
+            ),
+            Allowed(
+                "outside = [beat == b", "a column of the window that only lanes beyond the row's end see"
+            ),
+        ),
+    ),
+    Component(
+        "force/weighted_sum",
+        ("force/test_weighted_sum.py::test_force_of_every_frame",),
+        allowed=(Allowed("advance.eq(products.ready | ~products.valid)", NO_FILLING),),
+    ),
     Component("fz_stream", ("test_fz_stream.py::test_force_of_every_frame",)),
     Component("mlp_mvm", ("test_mlp_mvm.py",), designs=2),
-    Component("network/background", ("network/test_background.py",), designs=2),
+    Component("network/background", ("network/test_background.py::test_capture",)),
     Component("network/gradient_ratio", ("network/test_gradient_ratio.py",)),
     Component("network/pixel_network", ("network/test_pixel_network.py",), designs=2),
     Component("network/requantise", ("network/test_requantise.py",), designs=2),

@@ -84,7 +84,8 @@ def run_here(batch: Batch, code: str) -> None:
     with tempfile.TemporaryDirectory(dir=place) as folder:
         run_batch(batch.reader, Path(folder), batch.seed, 2)  # imports and compiles what is needed
         taken = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
-        resource.setrlimit(resource.RLIMIT_AS, (taken + MEMORY_BYTES,) * 2)
+        _, most = resource.getrlimit(resource.RLIMIT_AS)
+        resource.setrlimit(resource.RLIMIT_AS, (taken + MEMORY_BYTES, most))
         bad = FOLDER / f"{batch.file.stem}.bad"
         found = run_batch(batch.reader, Path(folder), batch.seed, batch.count, kill=True, keep=bad)
     write_json(batch.file, {"code": code, **vars(found)})

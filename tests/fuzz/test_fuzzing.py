@@ -1,6 +1,11 @@
 """The bench itself finds every kind of bad end."""
 
+import importlib.util
+import signal
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import fuzzing
 import pytest
@@ -129,3 +134,59 @@ def test_failures_of_a_batch_are_collected_and_kept(tmp_path):
     found = fuzzing.run_batch(reader, tmp_path / "a", 5, 3, keep=tmp_path / "bad")
     assert found.failures[0].startswith("a reader: traceback: KeyError")
     assert (tmp_path / "bad" / "1" / "a.txt").read_bytes() == b"text"
+
+
+HANGS = """
+import re, sys
+from pathlib import Path
+sys.path.insert(0, {shared!r})
+import fuzzing
+from hypothesis import strategies as st
+
+fuzzing.LIMIT_S = 0.3
+reader = fuzzing.Reader("a reader", st.just({{"a": b""}}), lambda folder: re.match("(a*)*b", "a" * 64))
+fuzzing.run_batch(reader, Path({folder!r}), 1, 1, kill=True)
+"""
+
+
+def test_what_hangs_in_c_code_is_killed(tmp_path):
+    """A regular expression that Python cannot interrupt; signals would wait for its end."""
+    script = HANGS.format(shared=str(Path(fuzzing.__file__).parent), folder=str(tmp_path))
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=60)
+    assert done.returncode == -signal.SIGPROF, done.stderr
+
+
+@pytest.fixture
+def campaign(monkeypatch, tmp_path):
+    """The campaign's module, with its results in a folder of the test's own."""
+    path = Path(__file__).with_name("campaign.py")
+    spec = importlib.util.spec_from_file_location("fuzz_campaign", path)
+    module = importlib.util.module_from_spec(spec)
+    monkeypatch.setitem(sys.modules, spec.name, module)
+    spec.loader.exec_module(module)
+    monkeypatch.setattr(module, "FOLDER", tmp_path / "fuzz")
+    return module
+
+
+def test_a_batch_that_does_not_end_well_is_a_failure(campaign):
+    reader = Reader("no reader of this name", st.just(CASE), refuse)
+    found = campaign.run_apart(campaign.Batch(reader, 1, 5), "code")
+    assert found.failures[0].startswith("no reader of this name: seed 1: ended with 1")
+    assert campaign.table({reader.name: found}).rows[0][6] == 1
+
+
+def test_finished_batches_are_kept_while_the_code_is_the_same(campaign, tmp_path, monkeypatch):
+    reader = Reader("a reader", st.just(CASE), refuse)
+    batch = campaign.Batch(reader, 1, 5)
+    monkeypatch.setattr(campaign, "MEMORY_BYTES", 1 << 40)
+    campaign.run_here(batch, "code")
+    found = campaign.run_apart(batch, "code")
+    assert (found.inputs, found.refused["ValueError"], found.failures) == (1, 1, [])
+    assert campaign.run_apart(batch, "other code").failures
+
+
+def test_every_reader_has_a_name_of_its_own(campaign):
+    names = [reader.name for reader in campaign.readers()]
+    assert len(set(names)) == len(names) >= 20
+    small = ("scene", "bundle's description", "labels of photographs", "calibration image")
+    assert all(reader.count >= 20_000 for reader in campaign.readers() if reader.name in small)

@@ -133,8 +133,20 @@ def command(folder: Path) -> list:
 
 
 READERS = [
-    Reader("sweep's results, rows", ROWS.map(lambda content: {"results.sqlite": content}), read, command),
-    Reader("sweep's results, bytes", BYTES.map(lambda content: {"results.sqlite": content}), read, command),
+    Reader(
+        "sweep's results, rows",
+        ROWS.map(lambda content: {"results.sqlite": content}),
+        read,
+        command,
+        quick=20,
+    ),
+    Reader(
+        "sweep's results, bytes",
+        BYTES.map(lambda content: {"results.sqlite": content}),
+        read,
+        command,
+        quick=20,
+    ),
 ]
 
 

@@ -73,7 +73,7 @@ def read_build(folder: Path) -> None:
 
 RECORDS = changed_bytes([b'{"data": {"entry": "data/a-b", "seconds": 1.5}}'], FRAGMENTS)
 READERS = [
-    Reader("store of steps", stores(), perform, count=10_000),
+    Reader("store of steps", stores(), perform, count=10_000, quick=20),
     Reader("record of a build", RECORDS.map(lambda content: {RECORD: content}), read_build),
 ]
 

@@ -20,6 +20,16 @@ def sine_transform(
     return SineTransform(matrix, shift, input_width, signed_width(top), rounding)
 
 
+def rows_at_the_rounding_edges(transform: SineTransform, rng, count: int) -> np.ndarray:
+    """`count` random rows with a sum that one unit more, or less, would round to another output."""
+    limit = 1 << (transform.input_width - 1)
+    rows = rng.integers(-limit, limit, (1_000_000 // transform.size, transform.size))
+    below = (rows @ transform.matrix + transform.half_unit) % (1 << transform.shift)
+    distance = np.minimum(below, (1 << transform.shift) - 1 - below).min(axis=1)
+    chosen = np.argsort(distance, kind="stable")[:count]
+    return rows[chosen]
+
+
 def by_beats(rows, lanes: int, void) -> np.ndarray:
     """Rows (rows, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     short = -rows.shape[1] % lanes
@@ -46,9 +56,9 @@ def test_bit_exact_to_golden_model(tmp_path, size, lanes, input_width, rounding)
     extremes = [np.zeros(size), np.full(size, limit - 1), np.full(size, -limit)]
     for row in transform.matrix[:: size // 14]:
         extremes += [np.where(row > 0, -limit, limit - 1), np.where(row < 0, -limit, limit - 1)]
-    rows = np.vstack(
-        [extremes, np.random.default_rng(1).integers(-limit, limit, (840 // size, size))]
-    ).astype(np.int64)
+    rng = np.random.default_rng(1)
+    edges = rows_at_the_rounding_edges(transform, rng, 40)
+    rows = np.vstack([extremes, edges, rng.integers(-limit, limit, (840 // size, size))]).astype(np.int64)
     transformed = transform(rows)
     assert signed_width(int(np.abs(transformed).max())) == transform.output_width
 

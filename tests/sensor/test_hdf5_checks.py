@@ -62,6 +62,18 @@ class TestHeaps:
         overwrite(path, path.read_bytes().index(b"GCOL\x01") + 8, struct.pack("<Q", 2**40))
         refused(path, r"heap at byte \d+ = 1099511627776 bytes: the file ends before")
 
+    def test_data_that_happen_to_begin_like_a_heap(self, path):
+        """Pixels may have any values."""
+        with h5py.File(path, "r+") as file:
+            del file["background"]
+            pixels = np.zeros((SIZE, SIZE, 3), np.uint8)
+            pixels.flat[:8] = list(b"GCOL\x01abc")
+            pixels.flat[40:48] = list(b"GCOL\x01\0\0\0")
+            pixels.flat[8:16] = pixels.flat[100:108] = 255
+            file["background"] = pixels
+        assert path.read_bytes().count(b"GCOL\x01") == 3
+        np.testing.assert_array_equal(dataset.read(path).background, pixels)
+
     def test_an_empty_file(self, path):
         path.write_bytes(b"")
         refused(path, "not an HDF5 file")

@@ -20,6 +20,7 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import read
 from fastac.sim.independent import cxxrtl, icarus, primitives, stimulus
 from fastac.store.files import read_json, write_atomically
+from fastac.store.progress import watched
 from fastac.store.steps import Output, Step
 from fastac.store.store import Store, open_store
 from fastac.studies.simulators.frames import chosen, photographs
@@ -198,4 +199,8 @@ class Campaign:
             (),
             {"workplace": self.workplace / name, "progress": self.progress},
         )
+        for source in step.arguments["sources"]:
+            if isinstance(source, Output):
+                with watched(f"{run.design}: {source.step.name}", enabled=self.progress):
+                    self.store.perform(source.step)
         return self.store.perform(step).value | {"photographs": real}

@@ -21,6 +21,7 @@ COLUMNS = (
     "register reads",
     "differences",
     "unknown bits",
+    "unknown bits not offered",
     "AXI violations",
     "first pixel → result, clocks",
     "by formula",
@@ -29,11 +30,14 @@ COLUMNS = (
 )
 NOTE = (
     "Stream markers are tlast, tuser and tkeep of every beat; forces are among the register reads. Unknown"
-    " bits are those of all outputs, summed over all clocks after reset, valid or not; where the camera's"
-    " idle payload is unknown, those of what is offered. The first frame goes through without pauses, and"
-    " its clocks are counted; from the second on all streams pause at random. CXXRTL has two states only."
+    " bits are those in what outputs offer and in what offers and accepts, summed over all clocks after"
+    " reset; those not offered are of payloads while their valid is 0. The first frame goes through without"
+    " pauses, and its clocks are counted; from the second on all streams pause at random. CXXRTL has two"
+    " states only."
 )
 NOT_COVERED = (
+    "A payload may be unknown while it is not offered: the word read from a memory has no initial value, and"
+    " depth and force map show it before their first beat.",
     "Registers start at their initial values, as in the FPGA's bitstream; designs whose registers start"
     " unknown are not simulated.",
     "The netlists are those of Yosys, not of Vivado; no timing is simulated.",
@@ -58,6 +62,7 @@ def _row(run: Run, found: Mapping) -> list[object]:
         f"{found['registers']:,}",
         found["differences"],
         "no such state" if found["unknown"] is None else found["unknown"],
+        "no such state" if found["unknown"] is None else f"{found['idle_unknown']:,}",
         found["violations"],
         f"{found['latency_cycles']:,}",
         f"{found['formula_cycles']:,}",

@@ -12,7 +12,8 @@ from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle
 from fastac.report import content as report_content
 from fastac.report import page as report
-from fastac.synth import energy
+from fastac.store.files import DamagedFileError
+from fastac.synth import energy, synthesis_figures
 
 SIMULATED = {
     "frame_indices": [26, 33],
@@ -240,3 +241,44 @@ class TestPage:
         with pytest.raises(FileNotFoundError, match=r"sim\.json"):
             report.write(folder, tiny_bundle, tiny_data)
         assert not (folder / "report.json").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("sim.json", {"frame_indices": "x"}, "frame_indices: Input should be a valid list"),
+        (
+            "sim.json",
+            {"latency_cycles": {"initiation_interval": "long"}},
+            "latency_cycles.initiation_interval: ",
+        ),
+        ("accuracy.json", {"float": None}, "float: Input should be a valid dictionary"),
+        ("verilog/hardware.json", {"multipliers": [1]}, "multipliers: Input should be a valid dictionary"),
+    ],
+)
+def test_damaged_files_of_a_build(tiny_bundle, tmp_path, name, change, message):
+    path = fill(tmp_path) / name
+    path.write_text(json.dumps(json.loads(path.read_text()) | change))
+    with pytest.raises(DamagedFileError) as caught:
+        report_content.content(tmp_path, tiny_bundle)
+    assert str(caught.value).startswith(f"{path}: {message}")
+    path.write_text("[" * 100_000)
+    with pytest.raises(DamagedFileError, match="damaged or no JSON"):
+        report_content.content(tmp_path, tiny_bundle)
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "[]", "9" * 5000, "{", '{"bundle_sha256": "another"}'])
+def test_synthesis_of_something_else_is_left_out(tmp_path, text):
+    (tmp_path / "synth.json").write_text(text)
+    assert synthesis_figures.resources(tmp_path, {"bundle_sha256": "a", "rtlil_sha256": "b"}) == {}
+
+
+def test_damaged_figures_of_synthesis(tmp_path):
+    hashes = {"bundle_sha256": "a", "rtlil_sha256": "b"}
+    for content in (
+        {"totals": {"lut": 3}, "modules": {}},
+        {"totals": {"dsp48e2": {"value": 1, "origin": "x"}}},
+    ):
+        (tmp_path / "synth.json").write_text(json.dumps(hashes | {"modules": {"a": {}}} | content))
+        with pytest.raises(DamagedFileError, match=r"synth\.json: (totals\.lut: |damaged: KeyError)"):
+            synthesis_figures.resources(tmp_path, hashes)

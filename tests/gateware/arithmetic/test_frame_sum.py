@@ -34,6 +34,10 @@ def test_sums_of_frames_reach_their_bounds(beats, axes, words, stall):
         assert np.diff(taken["o"]).tolist() == [dut.interval] * 5, "frames follow without a gap"
 
 
+FRAMES = 16
+"""As many that the pipeline is seen to wait, with the next frame behind, at every stall."""
+
+
 def verilated():
     """Bounds and constant of an accumulator, and the accumulator."""
     rng = np.random.default_rng(1)
@@ -44,7 +48,7 @@ def verilated():
 def test_sums_under_verilator(tmp_path):
     bounds, constant, dut = verilated()
     rng = np.random.default_rng(2)
-    x = rng.integers(-bounds, bounds + 1, (5, *bounds.shape))
+    x = rng.integers(-bounds, bounds + 1, (FRAMES, *bounds.shape))
     x[0], x[1] = bounds, -bounds
     check(
         dut,
@@ -53,7 +57,7 @@ def test_sums_under_verilator(tmp_path):
         inputs=pack(x.reshape(-1, 10), dut.word_width),
         expected=pack(constant + x.sum(axis=(1, 3)), dut.width),
         mask=(1 << 2 * dut.width) - 1,
-        latencies=[(9 * f + 8, f, dut.latency) for f in range(5)],
+        latencies=[(9 * f + 8, f, dut.latency) for f in range(FRAMES)],
     )
 
 

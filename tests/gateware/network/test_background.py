@@ -10,8 +10,10 @@ from fastac.sim.check_stream import check, pack
 from fastac.sim.runner import simulate
 
 
-@pytest.mark.parametrize(("height", "width", "channels", "lanes"), [(4, 6, 3, 1), (5, 4, 3, 4), (1, 2, 1, 2)])
-@pytest.mark.quick("5-4-3-4")
+@pytest.mark.parametrize(
+    ("height", "width", "channels", "lanes"), [(4, 6, 3, 1), (5, 12, 3, 4), (1, 2, 1, 2)]
+)
+@pytest.mark.quick("5-12-3-4")
 def test_capture(tmp_path, height, width, channels, lanes):
     rng = np.random.default_rng(1)
     frames = rng.integers(0, 256, (32, height, width, channels))

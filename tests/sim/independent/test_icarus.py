@@ -42,13 +42,14 @@ def run(design, folder, text=None, **settings):
 @pytest.mark.parametrize("name", ["slopes_design", "depth_design"])
 def test_every_beat_and_register_is_as_the_integers_say(name, icarus_verilog, tmp_path, request):
     design = request.getfixturevalue(name)
-    # A table's word is unknown until it is first read, which the force map shows before its first beat.
-    found = run(design, tmp_path, unknown_idle=name == "depth_design")
+    found = run(design, tmp_path)
     assert found.clean, found.first
     assert found.first_pixel_to_result == design.latency
     assert found.frames == len(found.starts) == len(found.results) == 4
     assert found.registers == 4 * (3 + 2 * len(design.bundle.scene.force_axes)) + 2 + 9
     assert min(found.values, found.markers) > 0
+    # The word of a table is unknown until it is first read, and the force map shows it before its first beat.
+    assert bool(found.idle_unknown) == (name == "depth_design")
 
 
 def test_what_the_camera_does_not_offer_reaches_no_offered_output(slopes_design, icarus_verilog, tmp_path):
@@ -94,7 +95,7 @@ def test_a_wrong_expectation_is_found(depth_design, icarus_verilog, tmp_path):
 def test_a_hanging_design_ends_in_one_line(depth_design, icarus_verilog, tmp_path):
     text = changed(depth_design.verilog, "interrupt", "", NO_INTERRUPT)
     with pytest.raises(SimulatorError, match=r"came to no end: no end after \d+ clocks"):
-        run(depth_design, tmp_path, text, unknown_idle=True)
+        run(depth_design, tmp_path, text)
 
 
 def test_what_is_no_verilog_ends_in_one_line(depth_design, icarus_verilog, tmp_path):
