@@ -18,7 +18,7 @@ from fastac.gateware.mlp_mvm import MvmCore
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.network import Layer
 from fastac.sim.formal.bench import FormalBench
-from fastac.sim.formal.pipelines import weighted_flow
+from fastac.sim.formal.engines import weighted_flow
 from fastac.sim.formal.proof import Proof
 
 WIDE = signed(16)

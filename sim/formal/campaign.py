@@ -13,6 +13,7 @@ from fastac.sim.formal import (
     axi_lite,
     calibration_loader,
     divider,
+    engines,
     frame_guard,
     frame_validity,
     patches,
@@ -32,7 +33,7 @@ from fastac.store.files import content_hash, read_json, write_json
 MODULES = (
     *(streams, frame_guard, raster_port, frame_validity),
     *(axi_lite, registers, calibration_loader),
-    *(pipelines, reordering, patches),
+    *(pipelines, engines, reordering, patches),
     *(products, divider, accumulators),
 )
 CACHE = Path("build/cache/formal")
