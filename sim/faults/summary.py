@@ -16,6 +16,8 @@ NOT_COVERED = (
     " stand or not. All other flags are exact.",
     "The timeout's exact clock, which the frame guard's own test counts: here a pause is clearly shorter, or"
     " lasts until the flag stands.",
+    "A force that the host does not read before the next one comes: of the frames of a fault only the last"
+    " one's is always read. Images that leave on streams are compared of all frames, beat by beat.",
     "Another FRAME_TIMEOUT during a frame, and a host that clears single flags while others come.",
     "Images larger than 20 × 20 pixels, and bits that flip inside the hardware.",
     "FrameGuard's state is read from its register in the simulator; no port shows it.",
