@@ -1,4 +1,4 @@
-// Our model of DSP48E2, written from AMD's user guide UG579: no register in use, one signed product of 27 x 18 bits.
+// Our model of DSP48E2 by the rules of AMD's user guide UG579: no register in use, one signed product of 27 x 18 bits.
 //
 // Multiplier operands with INMODE = 0 and AMULTSEL, BMULTSEL = A, B: A[26:0] and B (chapter 2, "Two's complement
 // multiplier" and "INMODE"). OPMODE = 0_0000_0101: the multiplexers X and Y give the product, W and Z give 0 (tables of
