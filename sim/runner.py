@@ -117,7 +117,8 @@ def build(
         sources=[source],
         hdl_toplevel=name,
         build_dir=folder,
-        build_args=["-Wno-fatal", *build_args],
+        # Verilator takes a source that was changed within a second of its last run for the same one.
+        build_args=["-Wno-fatal", "--no-skip-identical", *build_args],
         waves=trace is not None,
         log_file=folder / "build.log" if quiet else None,
     )

@@ -81,8 +81,7 @@ def simulators(builds, photographs, only, evidence, progress):
     each. What has been simulated is kept. Ends with an error if anything differs.
 
     \b
-    Example: fastac prove simulators --photographs ../photographs
-             fastac prove simulators --only force_32
+    Example: fastac prove simulators --only force_32
     """
     from fastac.studies.simulators import evidence as result
     from fastac.studies.simulators.campaign import RUNS, Campaign

@@ -17,7 +17,7 @@ class _Accuracy(TypedDict):
 
 
 class _Simulated(TypedDict):
-    latency_cycles: dict[str, int]
+    latency_cycles: dict[str, int | dict[str, int]]
     frames: int
     values_compared: int
     mismatches: int

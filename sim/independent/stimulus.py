@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import DISPLACEMENT
 from fastac.models.result import Result
@@ -110,7 +111,7 @@ def _expected(stream: Stream, scene: Scene, result: Result) -> Iterable[str]:
         "normals": lambda: result.normal_words,
     }[stream.name]()
     frames, padding = len(images), stream.per_row * stream.lanes - stream.columns
-    reverse = scene.poisson.solver == "tridiagonal" and stream.tagged
+    reverse = stream.tagged and scene.wants_solver and SOLVERS[scene.poisson.solver].last_row_first
     rows = list(range(stream.rows))[:: -1 if reverse else 1]
     padded = np.pad(images[:, rows], ((0, 0), (0, 0), (0, padding), (0, 0)))
     beats = padded.astype("<i4").reshape(frames, stream.rows, stream.per_row, -1)

@@ -8,6 +8,7 @@ import os
 import shutil
 import signal
 import sys
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -97,7 +98,10 @@ class _Opened:
         sys.addaudithook(self._hook)
 
     def _hook(self, event: str, arguments: tuple) -> None:
-        if self.folder is None or event not in ("open", "os.listdir", "os.scandir"):
+        # Threads that an earlier test has left read files of their own.
+        if self.folder is None or threading.current_thread() is not threading.main_thread():
+            return
+        if event not in ("open", "os.listdir", "os.scandir"):
             return
         path = arguments[0]
         if not isinstance(path, str | bytes | os.PathLike):

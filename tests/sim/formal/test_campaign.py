@@ -96,6 +96,6 @@ def test_a_property_that_fails_is_named(asked, tmp_path):
 
 def test_evidence(asked, tmp_path):
     found = campaign.evidence(campaign.campaign(campaign.proofs(["fork"]), lambda line: None, 1, tmp_path))
-    assert "1 of 1 proofs hold, 1 of them for all time" in found.summary
+    assert "1 of 1 proofs hold, 1 of them without a bound" in found.summary
     assert found.tables[0].rows[0][0] == "fork"
     assert ("fork", "o_0: no beat twice") in found.tables[1].rows
