@@ -250,7 +250,7 @@ class TestPage:
         (
             "sim.json",
             {"latency_cycles": {"initiation_interval": "long"}},
-            "latency_cycles.initiation_interval: ",
+            "latency_cycles.initiation_interval.int: Input should be a valid integer",
         ),
         ("accuracy.json", {"float": None}, "float: Input should be a valid dictionary"),
         ("verilog/hardware.json", {"multipliers": [1]}, "multipliers: Input should be a valid dictionary"),
