@@ -106,7 +106,7 @@ BROKEN = {
 
 
 @pytest.mark.parametrize("name", BROKEN)
-@pytest.mark.quick("an offer is withdrawn by a soft reset")
+@pytest.mark.full
 def test_broken_hardware_is_found(tmp_path, monkeypatch, name):
     component, statement, goal, message = BROKEN[name]
     elaborate_whole = component.elaborate

@@ -78,6 +78,7 @@ def tried(folder: Path, bench: str, **changes):
     return found
 
 
+@pytest.mark.full
 def test_a_weak_bench_misses_what_a_full_one_catches(tmp_path):
     weak, full = (tried(tmp_path / name, bench) for name, bench in (("weak", WEAK), ("full", FULL)))
     assert [m["options"] for m in weak["mutants"]] == [m["options"] for m in full["mutants"]]
@@ -86,6 +87,7 @@ def test_a_weak_bench_misses_what_a_full_one_catches(tmp_path):
     assert full["tests"] == ["test_all_sums"]
 
 
+@pytest.mark.full
 def test_a_later_test_gets_what_the_first_has_missed(tmp_path):
     found = tried(tmp_path, WEAK + FULL)
     assert len(found["caught"]) == len(found["mutants"])

@@ -91,6 +91,7 @@ def builds(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.full
 def test_a_campaign_keeps_what_it_has_simulated(builds):
     if not icarus.installed():
         pytest.skip("iverilog is not installed: apt-get install iverilog")
