@@ -2,6 +2,7 @@
 import numpy as np
 import pytest
 from amaranth.sim import Simulator
+from rounding import at_the_edges
 
 from fastac.gateware.network.requantise import Requantise, RequantiseCore
 from fastac.gateware.target.elaboration import to_rtlil
@@ -17,17 +18,29 @@ TABLES = [
 ]
 
 
-def accumulators():
+def at_the_steps(scale: Requantisation, count: int) -> np.ndarray:
+    """Accumulators (count, neurons) next to which an activation changes by one."""
+    a, top = np.arange(1 << (WIDTH - 1)), (1 << scale.bits) - 1
+    columns = []
+    for multiplier in map(int, scale.multiplier):
+        inside = a[(a * multiplier >> scale.shift) <= top]
+        columns.append(
+            np.resize(at_the_edges(inside, multiplier, scale.shift, 0, min(count, len(inside))), count)
+        )
+    return np.stack(columns, axis=1)
+
+
+def accumulators(scale: Requantisation):
     limit = 1 << (WIDTH - 1)
     a = np.random.default_rng(1).integers(-limit, limit, (100, 4))
     # Of all magnitudes, so that every shift leaves non-zero results.
     a >>= np.arange(100)[:, None] % WIDTH
     a[0], a[1], a[2], a[3], a[4] = limit - 1, -limit, 0, -1, 1
-    return a
+    return np.vstack([a, at_the_steps(scale, 60)])
 
 
 def compare(dut, scale, folder):
-    a = accumulators()
+    a = accumulators(scale)
     check(
         dut,
         "requantise",

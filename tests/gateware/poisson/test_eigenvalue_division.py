@@ -1,10 +1,11 @@
 # amaranth: UnusedElaboratable=no
 import numpy as np
 import pytest
+from rounding import at_the_edges
 
 from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
 from fastac.models.integer.dst2d import EigenvalueDivision
-from fastac.models.integer.words import signed_width
+from fastac.models.integer.words import half_unit, signed_width
 from fastac.sim.check_stream import check, pack
 
 
@@ -15,6 +16,19 @@ def eigenvalue_division(size: int, *, input_width: int, rounding: str = "nearest
     mantissa = np.minimum(np.round(reciprocal * 2.0**shift), (1 << 17) - 1).astype(np.int64)
     bound = int(((mantissa << (input_width - 1)) >> shift).max()) + 1
     return EigenvalueDivision(mantissa, shift, input_width, signed_width(bound), rounding)
+
+
+def at_the_edges_of(division: EigenvalueDivision, frames: int) -> np.ndarray:
+    """Coefficients (frames, N, N) whose quotients one unit more, or less, would round to another value."""
+    size, width = division.size, division.input_width
+    limit = 1 << (width - 1)
+    x = np.arange(-limit, limit) if width <= 18 else np.random.default_rng(3).integers(-limit, limit, 1 << 18)
+    found = np.empty((frames, size, size), np.int64)
+    for place in np.ndindex(size, size):
+        mantissa, shift = int(division.mantissa[place]), int(division.shift[place])
+        half = int(half_unit(shift, division.rounding))
+        found[:, *place] = at_the_edges(x, -mantissa, shift, half, frames)
+    return found
 
 
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
@@ -31,6 +45,7 @@ def compare(folder, division, lanes: int):
     x[0], x[1], x[2] = 0, -limit, limit - 1
     # Small values, whose quotients are near the rounding thresholds.
     x[3] = np.random.default_rng(2).integers(-9, 10, (size, size))
+    x = np.vstack([x, at_the_edges_of(division, 6)])
     quotients = division(x).reshape(-1, size)
     check(
         dut,

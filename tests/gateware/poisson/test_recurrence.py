@@ -1,6 +1,7 @@
 # amaranth: UnusedElaboratable=no
 import numpy as np
 import pytest
+from rounding import to_the_edge
 
 from fastac.gateware.poisson.frame_reversal import FrameReversal
 from fastac.gateware.poisson.recurrence import RowRecurrence
@@ -26,6 +27,31 @@ def table(size: int) -> np.ndarray:
     return np.take_along_axis(c, np.minimum(np.arange(size)[:, None], last), axis=0)
 
 
+def at_the_edges(recurrence, frames: int) -> np.ndarray:
+    """Frames (frames, N, N) with whose rows a product one unit more, or less, would round to another value.
+
+    An input is chosen for the product that it is in: an elimination's own row's, a substitution's next row's.
+    """
+    c, shift, half = recurrence.coefficient, recurrence.shift, recurrence.half_unit
+    size, downwards = len(c), isinstance(recurrence, Elimination)
+    rng, x = np.random.default_rng(2), np.arange(-(2**13), 2**13)[:, None]
+    found = np.empty((frames, size, size), np.int64)
+    for frame in found:
+        past = np.zeros(size, np.int64)
+        for row in range(size) if downwards else range(size - 1, -1, -1):
+            if downwards:
+                totals = (past - x) * c[row] + half
+                distance = to_the_edge(totals, shift)
+            else:
+                totals = past * c[row] + (x << (shift - recurrence.drop)) + half
+                distance = to_the_edge((totals >> shift) * c[row - 1] + half, shift)
+            nearest = np.argpartition(distance, frames, axis=0)[:frames]
+            chosen = np.take_along_axis(nearest, rng.integers(0, frames, (1, size)), axis=0)
+            frame[row] = x[chosen[0], 0]
+            past = np.take_along_axis(totals, chosen, axis=0)[0] >> shift
+    return found
+
+
 @pytest.mark.parametrize(
     ("kind", "size", "lanes", "rounding"),
     [
@@ -43,12 +69,14 @@ def test_recurrence_bit_exact_to_golden_model(tmp_path, kind, size, lanes, round
     inputs[0], inputs[1] = -(2**13), 2**13 - 1
     if kind == "elimination":
         recurrence = Elimination(table(size), 17, 14, 20, rounding=rounding)
-        fed, expected = inputs, recurrence(inputs)
     else:
         recurrence = Substitution(table(size), 17, 14, 20, drop=size % 4, rounding=rounding)
-        fed, expected = inputs[:, ::-1], recurrence(inputs)[:, ::-1]
+    inputs = np.vstack([inputs, at_the_edges(recurrence, FRAMES)])
+    expected = recurrence(inputs)
+    step = 1 if kind == "elimination" else -1
+    fed, expected = inputs[:, ::step], expected[:, ::step]
     dut = RowRecurrence(recurrence, lanes=lanes)
-    beats = FRAMES * size * dut.beats
+    beats = len(inputs) * size * dut.beats
     check(
         dut,
         "recurrence",
