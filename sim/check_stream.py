@@ -38,6 +38,7 @@ def check(
     mask: int | Sequence[int] | None = None,
     latencies: Iterable[tuple[int, int, int]] = (),
     flags: Mapping[str, int] | None = None,
+    elastic: bool = False,
     stalls: Sequence[float] = (0, 0.3, 0.9),
     seed: int = 1,
     timeout_cycles: int = 1_000_000,
@@ -53,6 +54,7 @@ def check(
     latencies : (index of input beat, index of output beat, clocks between their transfers), checked in the
         run without pauses
     flags : {one-bit output port: number of transfers at `o` in which it must be high}
+    elastic : `i` must be ready in every clock in which `o` is empty or taken, and in no other
     stalls : shares of clocks in which the driver and `o.ready` pause, each on its own, for single clocks and
         in bursts; one run for each, from one build
     build_args, log_file : further arguments of Verilator; file for the output instead of the terminal
@@ -65,6 +67,7 @@ def check(
         "masks": [hex(x) for x in masks],
         "latencies": [list(map(int, entry)) for entry in latencies],
         "flags": dict(flags or {}),
+        "elastic": elastic,
         "stalls": list(stalls),
         "seed": seed,
         "timeout_cycles": timeout_cycles,

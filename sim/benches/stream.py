@@ -64,6 +64,11 @@ async def values_order_latency_flags(dut, stall):
         offer = int(dut.o__payload.value) if int(dut.o__valid.value) else None
         assert held in (None, offer), f"clock {cycle}: beat {len(received)} was withdrawn or changed at `o`"
         held = None if int(dut.o__ready.value) else offer
+        if SETTINGS["elastic"]:
+            ready = int(dut.i__ready.value)
+            assert ready == (held is None), (
+                f"clock {cycle}: `i` ready: {ready}, `o` waits: {held is not None}"
+            )
         if int(dut.o__valid.value) and int(dut.o__ready.value):
             received.append(int(dut.o__payload.value))
             output_at.append(cycle)

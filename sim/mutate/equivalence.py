@@ -1,10 +1,10 @@
 """Mutants that no input can tell from the unchanged design, by Yosys' SAT solver.
 
 Both designs are cut at their registers: with any values in them and at the inputs, all outputs and all next
-values of the registers must be equal. Since registers begin with the same values, the mutant is then
-equivalent for ever. Values that a counter never takes are left out (`sim.mutate.reachable`). What is not
-decided within the time counts as different, as does a mutant whose difference only occurs in other states
-that are never reached, or that takes the states in another order.
+values of the registers must be equal, but for registers' bits that reach no output. Since registers begin
+with the same values, the mutant is then equivalent for ever. Values that a counter never takes are left out
+(`sim.mutate.reachable`). What is not decided within the time counts as different, as does a mutant whose
+difference only occurs in other states that are never reached, or that takes the states in another order.
 """
 
 import re
@@ -16,6 +16,8 @@ from fastac.sim.mutate.netlist import SELECTOR, MutatedDesign
 from fastac.sim.mutate.reachable import upper_bounds
 from fastac.store.files import read_json, write_json
 
+BITWISE = ("$mux", "$not", "$and", "$or", "$xor", "$xnor")
+"""Cells of which a bit of the output depends on the same bits of the inputs, and on a `$mux`'s choice."""
 SAT_TIMEOUT_S = 20
 LIMIT_S = 1200
 SMT2 = """\
@@ -56,9 +58,36 @@ sat -timeout {timeout} -set-assumes -prove trigger 0 miter
 PROVEN = "SAT proof finished - no model found: SUCCESS!"
 
 
+def bits_that_reach_outputs(module: Mapping) -> set[object]:
+    """The bits of a netlist, in Yosys' JSON, on which an output depends, now or through registers later."""
+    sources: dict[object, list] = {}
+    for cell in module["cells"].values():
+        connections = cell["connections"]
+        if cell["type"] == "$dff":
+            sources |= {q: [d] for q, d in zip(connections["Q"], connections["D"], strict=True)}
+            continue
+        outputs = connections.get("Y", ())
+        words = [bits for port, bits in connections.items() if port not in ("Y", "S")]
+        inputs = [bit for word in words for bit in word]
+        if cell["type"] in BITWISE and all(len(word) == len(outputs) for word in words):
+            chosen = connections.get("S", [])
+            sources |= {y: [*chosen, *(word[k] for word in words)] for k, y in enumerate(outputs)}
+        else:
+            sources |= {y: [*inputs, *connections.get("S", [])] for y in outputs}
+    found: set[object] = set()
+    waiting = [b for port in module["ports"].values() if port["direction"] == "output" for b in port["bits"]]
+    while waiting:
+        bit = waiting.pop()
+        if bit not in found:
+            found.add(bit)
+            waiting += sources.get(bit, ())
+    return found
+
+
 def cut_at_registers(netlist: dict, name: str) -> dict[str, tuple[list, int]]:
     """Make the registers' outputs inputs of the netlist, in Yosys' JSON, and their inputs outputs.
 
+    Inputs of bits that reach no output become 0, for whatever they hold changes nothing.
     Returns {register: (its bits, initial value)}; its ports are NAME.q and NAME.d.
     """
     module = netlist["modules"][name]
@@ -66,13 +95,13 @@ def cut_at_registers(netlist: dict, name: str) -> dict[str, tuple[list, int]]:
     for net in module["netnames"].values():
         text = net.get("attributes", {}).pop("init", "")
         initial |= dict(zip(net["bits"], reversed(text), strict=False))
-    found = {}
+    found, live = {}, bits_that_reach_outputs(module)
     for k, cell in enumerate([key for key, cell in module["cells"].items() if cell["type"] == "$dff"]):
         connections = module["cells"].pop(cell)["connections"]
-        for end, direction in (("q", "input"), ("d", "output")):
-            bits = connections[end.upper()]
-            module["ports"][f"register_{k}.{end}"] = {"direction": direction, "bits": bits}
         q = connections["Q"]
+        d = [bit if own in live else "0" for own, bit in zip(q, connections["D"], strict=True)]
+        module["ports"][f"register_{k}.q"] = {"direction": "input", "bits": q}
+        module["ports"][f"register_{k}.d"] = {"direction": "output", "bits": d}
         known = all(initial.get(bit, "x") in "01" for bit in q)
         init = sum((initial[bit] == "1") << n for n, bit in enumerate(q)) if known else (1 << len(q)) - 1
         found[f"register_{k}"] = (q, init)

@@ -51,6 +51,7 @@ def test_features_bit_exact_to_golden_model(tmp_path):
         BackgroundSubtraction(6, 8, 4, u, v, background, lanes=2),
         "background",
         tmp_path,
+        elastic=True,
         inputs=pack(frames.reshape(3 * 24, -1), 8),
         expected=pack(features.astype(int).reshape(3 * 24, -1), 9),
         latencies=[(k, k, 3) for k in range(3 * 24)],

@@ -58,6 +58,7 @@ def compare(dut, layers, x, latency, bits, folder):
         dut,
         "normal_mlp",
         folder,
+        elastic=True,
         inputs=pack(x, WIDTH),
         expected=pack(reference(layers, x), layers[-1].accumulator_width),
         latencies=[(k, k, latency) for k in range(len(x))],

@@ -45,6 +45,7 @@ def compare(dut, scale, folder):
         dut,
         "requantise",
         folder,
+        elastic=True,
         inputs=pack(a, WIDTH),
         expected=pack(scale(a), scale.bits),
         latencies=[(k, k, 6) for k in range(len(a))],

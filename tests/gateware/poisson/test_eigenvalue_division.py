@@ -51,6 +51,7 @@ def compare(folder, division, lanes: int):
         dut,
         "eigenvalue_division",
         folder,
+        elastic=True,
         inputs=pack(by_beats(x.reshape(-1, size), lanes, -1), width),
         expected=pack(by_beats(quotients, lanes, 0), division.output_width),
         mask=pack(by_beats(np.full_like(quotients, -1), lanes, 0), division.output_width),

@@ -81,6 +81,7 @@ def test_recurrence_bit_exact_to_golden_model(tmp_path, kind, size, lanes, round
         dut,
         "recurrence",
         tmp_path,
+        elastic=True,
         inputs=pack(by_beats(fed, lanes, 0x155), 14),
         expected=pack(by_beats(expected, lanes, 0), 20),
         mask=pack(by_beats(np.full_like(expected, -1), lanes, 0), 20),

@@ -51,6 +51,7 @@ def test_bit_exact_to_golden_model(tmp_path, divergence, lanes, height, width):
         dut,
         "poisson_source",
         tmp_path,
+        elastic=True,
         inputs=pack(slopes.reshape(-1, lanes * 2), bits),
         expected=pack(by_beats(sources, lanes, 0), source.width),
         mask=pack(by_beats(np.full_like(sources, -1), lanes, 0), source.width),

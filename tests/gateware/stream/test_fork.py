@@ -57,7 +57,7 @@ def run(ways, stall, input_stall):
     return sent, taken, clocks
 
 
-@pytest.mark.parametrize("stall", [(0, 0), (0.3, 0), (0, 0.9), (0.3, 0.9, 0.5), (0.9,)])
+@pytest.mark.parametrize("stall", [(0, 0), (0.3, 0), (0.6, 0.9), (0.3, 0.9, 0.5), (0.9,)])
 @pytest.mark.parametrize("input_stall", [0, 0.5])
 @pytest.mark.quick("0-stall0", "0.5-stall3", "0-stall2", "0.5-stall4")
 def test_every_output_takes_every_beat_once(stall, input_stall):

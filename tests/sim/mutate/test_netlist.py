@@ -12,7 +12,7 @@ from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
 from fastac.gateware.target.elaboration import to_rtlil
-from fastac.sim.mutate.equivalence import equivalent
+from fastac.sim.mutate.equivalence import bits_that_reach_outputs, equivalent
 from fastac.sim.mutate.imported import Netlist
 from fastac.sim.mutate.netlist import SELECTOR, mutated
 
@@ -76,6 +76,19 @@ def test_the_selector_chooses_one_mutant_and_0_none(ring):
     assert len(proven) >= 4
     assert proven <= same
     assert len(same - proven) <= 1
+
+
+def test_bits_that_reach_outputs():
+    """Bit 2 passes a register to the output; bit 4 ends in a register whose other bit alone is read."""
+    module = {
+        "ports": {"i": {"direction": "input", "bits": [2, 4]}, "o": {"direction": "output", "bits": [9]}},
+        "cells": {
+            "held": {"type": "$dff", "connections": {"CLK": [1], "D": [7, 8], "Q": [3, 5]}},
+            "hold": {"type": "$mux", "connections": {"A": [3, 5], "B": [2, 4], "S": [10], "Y": [7, 8]}},
+            "any": {"type": "$reduce_or", "connections": {"A": [3], "Y": [9]}},
+        },
+    }
+    assert bits_that_reach_outputs(module) == {9, 3, 7, 2, 10}
 
 
 def test_no_mutant_needs_no_proof(ring):
