@@ -4,7 +4,6 @@ A `Reader` says how damaged files are drawn and how they are read as a user read
 one case, reads it, and says what came of it; `run_batch` draws many.
 """
 
-import gc
 import os
 import shutil
 import signal
@@ -109,7 +108,10 @@ class _Opened:
             return
         path = os.path.realpath(os.fsdecode(path))
         # Code and data of installed packages are opened by imports, whatever a case contains.
-        if not path.startswith((self.folder, sys.prefix, sys.base_prefix, *_CODE)):
+        if path.startswith((self.folder, sys.prefix, sys.base_prefix, *_CODE)):
+            return
+        # Folders of code that an earlier test has added are listed for the versions of libraries.
+        if path not in {os.path.realpath(place) for place in sys.path if place}:
             self.outside.append(path)
 
 
@@ -167,8 +169,6 @@ class Bench:
         self.write(case)
         watch, began, error = _watch(), time.process_time(), None
         watch.outside.clear()
-        # What earlier tests have left must not be cleaned up, and so opened, in the middle of a case.
-        gc.disable()
         watch.folder = str(self.folder.resolve())
         try:
             with _limited(self.kill):
@@ -179,7 +179,6 @@ class Bench:
             raise BadEndError(f"traceback: {type(found).__name__}: {found}") from found
         finally:
             watch.folder = None
-            gc.enable()
             seconds = time.process_time() - began
             self.tally.longest_s = max(self.tally.longest_s, seconds)
         if seconds > LIMIT_S:
