@@ -111,7 +111,7 @@ def cut_at_registers(netlist: dict, name: str) -> dict[str, tuple[list, int]]:
 def assume(netlist: dict, name: str, bounds: Mapping[str, int], registers: Mapping) -> None:
     """Add to the netlist the assumption that the registers stay within `bounds`."""
     cells = netlist["modules"][name]["cells"]
-    free = 1 + max(bit for q, _ in registers.values() for bit in q if isinstance(bit, int))
+    free = 1 + max((bit for q, _ in registers.values() for bit in q if isinstance(bit, int)), default=0)
     free += max(
         (
             bit

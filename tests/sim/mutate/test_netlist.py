@@ -78,6 +78,25 @@ def test_the_selector_chooses_one_mutant_and_0_none(ring):
     assert len(same - proven) <= 1
 
 
+class Both(wiring.Component):
+    """`o` is high where both inputs are, by a condition one half of which can never matter."""
+
+    a: In(1)
+    b: In(1)
+    o: Out(1)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.d.comb += self.o.eq(self.a & self.b & (self.a | self.b))
+        return m
+
+
+def test_a_design_without_registers(tmp_path):
+    design = mutated(to_rtlil(Both(), name="both", sources=True), "both", tmp_path, count=12, seed=1)
+    proven = equivalent(design, [mutant.number for mutant in design.mutants])
+    assert 0 < len(proven) < len(design.mutants)
+
+
 def test_bits_that_reach_outputs():
     """Bit 2 passes a register to the output; bit 4 ends in a register whose other bit alone is read."""
     module = {
