@@ -25,12 +25,14 @@ def upper_bounds(smt2: str, module: str, registers: Mapping[str, tuple[int, int]
         for end in ("q", "d"):
             links.append(f"(declare-fun |{name}.{end}| () (_ BitVec {bits}))")
             links.append(f"(assert (= |{name}.{end}| (|{module}_n {name}.{end}| state)))")
-    solver = z3.Solver()
+    context = z3.Context()  # z3's own one is not for several threads
+    solver = z3.Solver(ctx=context)
     solver.set("timeout", SOLVER_TIMEOUT_MS)
-    solver.add(z3.parse_smt2_string(smt2 + "\n".join(links)))
+    solver.add(z3.parse_smt2_string(smt2 + "\n".join(links), ctx=context))
     found = {}
     for name, (bits, init) in counters.items():
-        bound = _bound(solver, z3.BitVec(f"{name}.q", bits), z3.BitVec(f"{name}.d", bits), init)
+        now, then = (z3.BitVec(f"{name}.{end}", bits, context) for end in ("q", "d"))
+        bound = _bound(solver, now, then, init)
         if bound < (1 << bits) - 1:
             found[name] = bound
     return found
