@@ -5,7 +5,6 @@ import pytest
 from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, dsp_slices, tree_levels
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
-from fastac.sim.runner import simulate
 
 
 @pytest.mark.parametrize(("beats", "axes", "words"), [(6, 2, 3), (5, 1, 1), (7, 3, 8)])
@@ -38,15 +37,10 @@ FRAMES = 16
 """As many that the pipeline is seen to wait, with the next frame behind, at every stall."""
 
 
-def verilated():
-    """Bounds and constant of an accumulator, and the accumulator."""
+def test_sums_under_verilator(tmp_path):
     rng = np.random.default_rng(1)
     bounds, constant = rng.integers(0, 1 << 20, (9, 2, 5)), np.array([-(1 << 22), 12345])
-    return bounds, constant, FrameAccumulator(bounds, constant)
-
-
-def test_sums_under_verilator(tmp_path):
-    bounds, constant, dut = verilated()
+    dut = FrameAccumulator(bounds, constant)
     rng = np.random.default_rng(2)
     x = rng.integers(-bounds, bounds + 1, (FRAMES, *bounds.shape))
     x[0], x[1] = bounds, -bounds
@@ -54,16 +48,12 @@ def test_sums_under_verilator(tmp_path):
         dut,
         "frame_accumulator",
         tmp_path,
+        elastic=True,
         inputs=pack(x.reshape(-1, 10), dut.word_width),
         expected=pack(constant + x.sum(axis=(1, 3)), dut.width),
         mask=(1 << 2 * dut.width) - 1,
         latencies=[(9 * f + 8, f, dut.latency) for f in range(FRAMES)],
     )
-
-
-def test_only_sums_that_wait_stall(tmp_path):
-    *_, dut = verilated()
-    simulate(dut, "frame_accumulator", "fastac.sim.benches.elastic", tmp_path)
 
 
 def test_adder_tree_levels():
