@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
-from amaranth import Module, Signal, Value
+from amaranth import Const, Module, Signal, Value
 from amaranth.back import rtlil
 from amaranth.hdl import Assert, Assume, ResetSignal, ShapeLike
 from amaranth.lib import stream, wiring
@@ -12,6 +12,11 @@ from amaranth.lib.wiring import In
 
 _CHECK = re.compile(r'(?<=cell \$check )\S+(\n    parameter \\FORMAT "(.+)"\n)')
 """A cell of an assertion in RTLIL: its name, and the text of the assertion. Assumptions have no text."""
+
+
+def ones(bits: Value) -> Value:
+    """Number of ones."""
+    return sum(bits, Const(0, 1))
 
 
 @dataclass(frozen=True)
@@ -115,6 +120,19 @@ class FormalBench:
             self.held(name, port.valid, ready, port.payload)[1],
         )
         return self.wire(f"{name}_moves", port.valid & ready)
+
+    def waited(self, due: Value, longest: int) -> Signal:
+        """Clocks, up to `longest` and one more, that the ready output `o` has waited for a beat that is due.
+
+        Clocks in which `o` is not ready do not count, as a reader that is fair does not stay so.
+        """
+        o = self.dut.o
+        clocks = Signal(range(longest + 2), name="waited")
+        with self.m.If(o.valid | ~due):
+            self.m.d.sync += clocks.eq(0)
+        with self.m.Elif(o.ready):
+            self.m.d.sync += clocks.eq(clocks + 1)
+        return clocks
 
     def wire(self, name: str, value: Value) -> Signal:
         """A name for `value` in waveforms of counterexamples."""

@@ -15,9 +15,9 @@ from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.source import PoissonSource
-from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.bench import FormalBench, ones
 from fastac.sim.formal.frame_order import FrameCounter
-from fastac.sim.formal.pipelines import ones, waits
+from fastac.sim.formal.pipelines import waits
 from fastac.sim.formal.proof import Proof
 from fastac.sim.formal.streams import fifo_words
 

@@ -93,11 +93,7 @@ class FrameOrder:
             f"no deadlock: the input is ready with fewer than {capacity} beats inside",
             bench.dut.i.ready | (self.held >= capacity),
         )
-        waited = Signal(range(patience + 2))
-        with bench.m.If(o.valid | ~complete):
-            bench.m.d.sync += waited.eq(0)
-        with bench.m.Elif(o.ready):
-            bench.m.d.sync += waited.eq(waited + 1)
+        waited = bench.waited(complete, patience)
         bench.always(
             f"no deadlock: a beat is offered after {patience} clocks",
             o.valid | ~complete | (waited < patience),

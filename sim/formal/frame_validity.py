@@ -1,12 +1,12 @@
 """Proof of the frame's flags as a stream: one verdict for each frame, in order, kept until it is taken."""
 
-from amaranth import Cat, Const, Mux, Signal, Value
+from amaranth import Cat, Mux, Signal
 
 from fastac.gateware.arithmetic.frame_sum import tree_levels
 from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
 from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.models.integer import frame_validity as model
-from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.bench import FormalBench, ones
 from fastac.sim.formal.proof import Proof
 from fastac.sim.formal.streams import fifo_words
 
@@ -38,21 +38,17 @@ def frame_validity(component: type) -> FormalBench:
     steps, levels = dut.latency - 1, tree_levels(CHANNELS)
     under_way, moving = Signal(steps), Signal(1 + levels)
     m.d.sync += [under_way.eq(under_way << 1 | ends), moving.eq(moving << 1 | taken)]
-    bench.always("one verdict for each frame", due == level + _ones(under_way))
+    bench.always("one verdict for each frame", due == level + ones(under_way))
     inner = Cat(bench.probe("change_held"), bench.probe("change_count.valid", levels))
     bench.always("beats on their way to the sum", inner == moving)
-    counted = bench.wire("counted", (place + BEATS - _ones(moving)) % BEATS)
+    counted = bench.wire("counted", (place + BEATS - ones(moving)) % BEATS)
     bench.always("beats in the sum", bench.probe("change_count.beat", range(BEATS)) == counted)
     for k in range(1 + levels):
-        index = (place + 2 * BEATS - 1 - _ones(moving[:k])) % BEATS
+        index = (place + 2 * BEATS - 1 - ones(moving[:k])) % BEATS
         bench.always(f"step {k}: last beats of frames", under_way[k] == (moving[k] & (index == BEATS - 1)))
     bench.always("sums that are complete", under_way[steps - 2] == bench.probe("change_count.done"))
     bench.always("flags that are known", under_way[steps - 1] == bench.probe("change_done"))
     return bench
-
-
-def _ones(bits: Value) -> Value:
-    return sum(bits, start=Const(0, 1))
 
 
 PROOFS = (

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
-from amaranth import Const, Signal, Value
+from amaranth import Signal, Value
 
 from fastac.gateware.fz_stream import PixelResponse
 from fastac.gateware.mlp_mvm import MvmTile
@@ -27,16 +27,11 @@ from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
 from fastac.models.integer.tridiagonal import Elimination
-from fastac.sim.formal.bench import FormalBench
+from fastac.sim.formal.bench import FormalBench, ones
 from fastac.sim.formal.proof import Proof
 
 FLAGS = ("saturated", "over")
 """Outputs that belong to the beat that is offered."""
-
-
-def ones(bits: Value) -> Value:
-    """Number of ones."""
-    return sum(bits, Const(0, 1))
 
 
 def waits(bench: FormalBench, due: Value, stages: Value, needed: Value | int = 1) -> None:
@@ -45,11 +40,7 @@ def waits(bench: FormalBench, due: Value, stages: Value, needed: Value | int = 1
     needed : which beat it is, counted from the one that leaves first
     """
     o, latency = bench.dut.o, len(stages)
-    waited = Signal(range(latency + 2))
-    with bench.m.If(o.valid | ~due):
-        bench.m.d.sync += waited.eq(0)
-    with bench.m.Elif(o.ready):
-        bench.m.d.sync += waited.eq(waited + 1)
+    waited = bench.waited(due, latency)
     bench.always(
         f"no deadlock: a beat is offered after {latency} clocks", ~due | o.valid | (waited < latency)
     )

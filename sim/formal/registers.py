@@ -2,7 +2,7 @@
 
 from functools import partial
 
-from amaranth import Array, Cat, Const, Mux, Signal, signed
+from amaranth import Array, Cat, Const, Mux, Signal, Value, signed
 
 from fastac.gateware.bus.axi_lite import Response
 from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID, Identity
@@ -46,7 +46,7 @@ def registers(component: type, identity: Identity) -> FormalBench:
         return bench.wire(f"{name}_{word.name}", access & (word == offsets[name] >> 2))
 
     inputs = {
-        path[0]: bench.free(path[0], len(value.as_value() if hasattr(value, "as_value") else value))
+        path[0]: bench.free(path[0], len(Value.cast(value)))
         for path, member, value in dut.signature.flatten(dut)
         if len(path) == 1 and member.flow.name == "In"
     }
@@ -78,14 +78,11 @@ def registers(component: type, identity: Identity) -> FormalBench:
     )
 
     # w1c: a flag is set by its event, stays, and a written 1 clears it unless it is set in that clock.
-    access = Array(
-        {r.offset >> 2: r.access for r in identity.registers}.get(k, "") == "" for k in range(WORDS)
-    )
-    read_only = Array(
-        {r.offset >> 2: r.access for r in identity.registers}.get(k, "") == "ro" for k in range(WORDS)
-    )
-    unmapped_read = bench.wire("unmapped_read", read & access[read_word])
-    unmapped_write = bench.wire("unmapped_write", write & access[write_word])
+    kinds = {register.offset >> 2: register.access for register in identity.registers}
+    absent = Array(k not in kinds for k in range(WORDS))
+    read_only = Array(kinds.get(k) == "ro" for k in range(WORDS))
+    unmapped_read = bench.wire("unmapped_read", read & absent[read_word])
+    unmapped_write = bench.wire("unmapped_write", write & absent[write_word])
     refused_write = bench.wire("refused_write", write & read_only[write_word])
     events = {name: signal for name, signal in inputs.items() if name in ERRORS}
     events["result_overrun"] = result & pending & ~cleared
