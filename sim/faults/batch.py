@@ -48,7 +48,7 @@ def play(
     with suppress(SystemExit, RuntimeError):  # the runner's words for a test that failed; the files say more
         runner.test(
             hdl_toplevel=NAME,
-            test_module="fastac.sim.benches.faults",
+            test_module="fastac.sim.benches.faults.bench",
             build_dir=folder / "build",
             extra_env={"BENCH": str(folder.resolve())},
             log_file=log,

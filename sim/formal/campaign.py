@@ -8,7 +8,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fastac.gateware.target.tools import VERSIONS
-from fastac.sim.formal import (
+from fastac.sim.formal.exhaustive import Exhaustive
+from fastac.sim.formal.proof import Proof
+from fastac.sim.formal.proofs import (
     accumulators,
     axi_lite,
     calibration_loader,
@@ -24,8 +26,6 @@ from fastac.sim.formal import (
     reordering,
     streams,
 )
-from fastac.sim.formal.exhaustive import Exhaustive
-from fastac.sim.formal.proof import Proof
 from fastac.sim.formal.solve import TOOLS, Answer
 from fastac.store.evidence import Evidence, Table
 from fastac.store.files import content_hash, read_json, write_json

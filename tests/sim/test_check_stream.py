@@ -53,7 +53,7 @@ class Fickle(wiring.Component):
         m = Module()
         phase = Signal()
         m.d.sync += phase.eq(~phase)
-        offers = phase if self.fault == "withdraws" else 1
+        offers = {"withdraws": phase, "waits": self.o.ready}.get(self.fault, 1)
         m.d.comb += [
             self.o.valid.eq(self.i.valid & offers),
             self.i.ready.eq(self.o.ready & offers),
@@ -122,6 +122,20 @@ def test_rules_of_streams_are_checked(tmp_path, capfd, fault):
     with pytest.raises((RuntimeError, SystemExit)):
         check(Fickle(fault), "fickle", tmp_path, inputs=WORDS * 9, expected=WORDS * 9, stalls=(0.6,))
     assert "was withdrawn or changed at `o`" in capfd.readouterr().out
+
+
+def test_valid_must_not_wait_for_ready(tmp_path, capfd):
+    with pytest.raises((RuntimeError, SystemExit)):
+        check(
+            Fickle("waits"),
+            "fickle",
+            tmp_path,
+            inputs=WORDS,
+            expected=WORDS,
+            stalls=(0.6,),
+            timeout_cycles=1000,
+        )
+    assert "hang: 0 of 7" in capfd.readouterr().out
 
 
 def test_pack_and_unpack():

@@ -17,9 +17,9 @@ from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.source import PoissonSource
 from fastac.sim.formal.bench import FormalBench, ones
 from fastac.sim.formal.frame_order import FrameCounter
-from fastac.sim.formal.pipelines import waits
 from fastac.sim.formal.proof import Proof
-from fastac.sim.formal.streams import fifo_words
+from fastac.sim.formal.proofs.pipelines import waits
+from fastac.sim.formal.proofs.streams import fifo_words
 
 
 def transform(component: type, size: int, lanes: int) -> FormalBench:

@@ -1,6 +1,6 @@
 """What happens in a fault beside the camera's beats, and when: the events of the generator."""
 
-from fastac.sim.benches.fault_host import ENABLE, INTERRUPT, SOFT_RESET
+from fastac.sim.benches.faults.host import ENABLE, INTERRUPT, SOFT_RESET
 from fastac.sim.faults.kinds import STATES
 
 STATE_LIMIT = 40

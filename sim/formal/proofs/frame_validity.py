@@ -8,7 +8,7 @@ from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.models.integer import frame_validity as model
 from fastac.sim.formal.bench import FormalBench, ones
 from fastac.sim.formal.proof import Proof
-from fastac.sim.formal.streams import fifo_words
+from fastac.sim.formal.proofs.streams import fifo_words
 
 HEIGHT, WIDTH, CHANNELS = 2, 2, 3
 BEATS = HEIGHT * WIDTH

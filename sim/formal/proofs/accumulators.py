@@ -18,8 +18,8 @@ from fastac.gateware.mlp_mvm import MvmCore
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.network import Layer
 from fastac.sim.formal.bench import FormalBench
-from fastac.sim.formal.engines import weighted_flow
 from fastac.sim.formal.proof import Proof
+from fastac.sim.formal.proofs.engines import weighted_flow
 
 WIDE = signed(16)
 """Words of the bench's own sums."""

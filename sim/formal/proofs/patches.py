@@ -13,7 +13,7 @@ from fastac.gateware.force.patch_generator import PatchGenerator
 from fastac.sim.formal.bench import FormalBench
 from fastac.sim.formal.frame_order import FrameOrder
 from fastac.sim.formal.proof import Proof
-from fastac.sim.formal.reordering import opened
+from fastac.sim.formal.proofs.reordering import opened
 
 BITS = 1
 """Bits of a sample, which is only stored."""

@@ -4,9 +4,9 @@ import random
 
 from cocotb.triggers import ReadOnly, RisingEdge
 
-from fastac.sim.benches.fault_events import Events
-from fastac.sim.benches.fault_host import ENABLE, SOFT_RESET, Host
-from fastac.sim.benches.fault_ports import OutputStream, RegisterBus
+from fastac.sim.benches.faults.events import Events
+from fastac.sim.benches.faults.host import ENABLE, SOFT_RESET, Host
+from fastac.sim.benches.faults.ports import OutputStream, RegisterBus
 from fastac.sim.faults.frame_rules import FrameRules
 from fastac.sim.faults.kinds import STATES
 

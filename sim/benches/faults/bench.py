@@ -14,8 +14,8 @@ import numpy as np
 from cocotb.clock import Clock
 from cocotb.triggers import RisingEdge
 
-from fastac.sim.benches.fault_engine import Engine
-from fastac.sim.benches.fault_host import error_names
+from fastac.sim.benches.faults.engine import Engine
+from fastac.sim.benches.faults.host import error_names
 
 FOLDER = Path(os.environ["BENCH"])
 SETTINGS = json.loads((FOLDER / "settings.json").read_text())
