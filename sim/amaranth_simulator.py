@@ -4,13 +4,17 @@ import random
 
 from amaranth.sim import Simulator
 
+PATIENT = 0.5
+"""As in `sim.benches.stream`: with more pauses than this a reader waits for a beat before it is ready."""
+
 
 def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
     """Drive `dut.i` with payloads and record all output streams.
 
     inputs : payloads as integers
     expected : {output stream: number of beats}; each is watched for 64 more clocks
-    stall : probability per clock that a stream pauses, or {stream: probability}
+    stall : probability per clock that a stream pauses, or {stream: probability}; above a half an output is
+        ready only once a beat waits
     Returns {stream: payloads} of the outputs, and {stream: clocks of the transfers}, also of the input "i".
     Raises AssertionError if an output gives fewer beats within `clocks` clocks.
     """
@@ -36,9 +40,12 @@ def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
     def sink(name, beats):
         async def take(ctx):
             o, rng, idle = getattr(dut, name), random.Random(f"{seed}{name}"), 0
+            waits = False
             for clock in range(clocks):
-                ctx.set(o.ready, rng.random() >= stalls[name])
+                goes_on = rng.random() >= stalls[name]
+                ctx.set(o.ready, goes_on and (stalls[name] <= PATIENT or waits))
                 *_, ready, valid, payload = await ctx.tick().sample(o.ready, o.valid, o.payload.as_value())
+                waits = valid and not ready
                 if ready and valid:
                     payloads[name].append(payload)
                     taken[name].append(clock)

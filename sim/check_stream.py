@@ -53,10 +53,10 @@ def check(
     mask : bits of the output payloads to compare, one mask for all or one per beat (for unused lanes)
     latencies : (index of input beat, index of output beat, clocks between their transfers), checked in the
         run without pauses
-    flags : {one-bit output port: number of transfers at `o` in which it must be high}
+    flags : {output port: sum of its words over all transfers at `o`; of one bit: how often it is high}
     elastic : `i` must be ready in every clock in which `o` is empty or taken, and in no other
     stalls : shares of clocks in which the driver and `o.ready` pause, each on its own, for single clocks and
-        in bursts; one run for each, from one build
+        in bursts; one run for each, from one build. Above a half, `o.ready` waits for a beat.
     build_args, log_file : further arguments of Verilator; file for the output instead of the terminal
     """
     folder.mkdir(parents=True, exist_ok=True)

@@ -56,6 +56,8 @@ class FrameValidity:
     high: np.ndarray  # (measures,)
 
     def __post_init__(self):
+        if len(self.shape) != 3:
+            raise ValueError(f"shape {self.shape}: expected (H, W, C)")
         for name, values in (("low", self.low), ("high", self.high)):
             if np.shape(values) != (len(self.names),):
                 raise ValueError(f"{name} {np.shape(values)}: expected ({len(self.names)},)")

@@ -13,7 +13,7 @@ from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
 SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
-IMAGES, START, TABLES = SETTINGS["images"], SETTINGS["start"], SETTINGS["tables"]
+IMAGES, START, FIELDS = SETTINGS["images"], SETTINGS["start"], SETTINGS["fields"]
 IDENTIFIER, LENGTH = IMAGES[0]["words"][0], len(IMAGES[0]["words"])
 
 
@@ -24,14 +24,24 @@ class Model:
         self.words: list[int] = []
         self.loading = self.complete = False
         self.active = START
-        self.memory = {name: {} for name in TABLES}
+        self.due: dict[str, int] = {}  # tables that are written in this clock, at which address
+        self.memory = {name: {} for name in FIELDS}
 
     def accepts(self, word: int) -> bool:
         """Whether `word` may be the next word of an image."""
         return bool(self.words) or word == IDENTIFIER
 
-    def accept(self, word: int) -> None:
+    def accept(self, word: int, *, restart: int = 0) -> None:
         self.words.append(word)
+        place = len(self.words) - 2  # after the identifier
+        for name, fields in FIELDS.items():
+            address, field = divmod(place, fields)
+            if 0 <= address < len(START["tables"][name]) and field == fields - 1:
+                self.due[name] = address
+            place -= fields * len(START["tables"][name])
+        if restart:
+            self.words.clear()
+            return
         self.loading = True
         if len(self.words) == LENGTH:
             [self.active] = [image for image in IMAGES if image["words"] == self.words]
@@ -39,6 +49,7 @@ class Model:
 
     def tick(self) -> None:
         """End of a clock: one clock after its last word, a complete image becomes active."""
+        self.due.clear()
         if self.complete:
             self.loading = self.complete = False
 
@@ -73,21 +84,21 @@ class Testbench:
         taken = int(dut.host__taken.value)
         if self.model_valid:
             self.check_outputs()
-        self.model.tick()
         for name, memory in self.model.memory.items():
             if int(getattr(dut, f"{name}__en").value):
                 address = int(getattr(dut, f"{name}__addr").value)
                 memory[address] = int(getattr(dut, f"{name}__data").value)
+        self.model.tick()
         await RisingEdge(dut.clk)
         return taken
 
-    async def write(self, word: int, *, idle: int = 1, reset: int = 0) -> None:
+    async def write(self, word: int, *, idle: int = 1, reset: int = 0, restart: int = 0) -> None:
         """Write a word and check that it is accepted or refused as in the model."""
         expected = int(idle and self.model.accepts(word))
-        taken = await self.cycle(write=1, word=word, idle=idle, reset=reset)
+        taken = await self.cycle(write=1, word=word, idle=idle, reset=reset, restart=restart)
         assert taken == expected, f"word {word:#x}: taken {taken}, expected {expected}"
         if taken:
-            self.model.accept(word)
+            self.model.accept(word, restart=restart)
         else:
             self.refused += 1
 
@@ -96,6 +107,10 @@ class Testbench:
         dut, model = self.dut, self.model
         assert int(dut.host__loading.value) == model.loading
         assert int(dut.host__received.value) == len(model.words)
+        for name in FIELDS:
+            written = int(getattr(dut, f"{name}__en").value)
+            assert written == (name in model.due), name
+            assert not written or int(getattr(dut, f"{name}__addr").value) == model.due[name], name
         if model.loading:
             assert int(dut.host__bundle_hash.value) == 0
             return
@@ -201,6 +216,21 @@ async def restart_without_loading(dut):
         await bench.write(word)
     await bench.cycle(restart=1)
     await bench.check_all()
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def restart_in_the_clock_of_a_word(dut):
+    """The word is discarded too: not even a last word ends `loading` then."""
+    bench = await Testbench.start(dut)
+    for count in range(LENGTH):
+        for word in IMAGES[1]["words"][:count]:
+            await bench.write(word)
+        await bench.write(IMAGES[1]["words"][count], restart=1)
+        for _ in range(2):
+            await bench.cycle()
+        for word in IMAGES[2]["words"]:
+            await bench.write(word)
+        await bench.check_all()
 
 
 @cocotb.test(timeout_time=5, timeout_unit="ms")

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import cocotb
 from cocotb.clock import Clock
-from cocotb.triggers import ReadOnly, RisingEdge
+from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from fastac.gateware.stream.frame_guard import FRAME_FAULTS
+from fastac.gateware.stream.frame_guard import FRAME_FAULTS, TIMEOUT_BITS
 
 SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
 FLAGS = (*FRAME_FAULTS, "frame_started", "frame_done")
@@ -38,7 +38,8 @@ class SequenceRun:
 
     At a None between beats the driver waits until an unfinished frame has been abandoned.
 
-    stalls : probabilities per clock that the driver, `o` or `tag` pauses, and that `hold` is high
+    stalls : probabilities per clock that the driver, `o` or `tag` pauses, and that `hold` is high; with 1
+        `o` and `tag` pause until a beat waits
     """
 
     def __init__(self, dut, rng, stalls):
@@ -53,7 +54,7 @@ class SequenceRun:
         dut, rng = self.dut, self.rng
         slow_in, slow_out, slow_tag, holds = self.stalls
         offered = idle = cycle = quiet = 0
-        held = None
+        held, tag_waits = None, False
         pauses = {k - beats[:k].count(None) for k, beat in enumerate(beats) if beat is None}
         beats = [beat for beat in beats if beat]
         while idle < SETTINGS["linger"]:
@@ -71,8 +72,8 @@ class SequenceRun:
                 dut.enable.value = enable
                 offered += 1
             dut.axis__tvalid.value = int(offered > len(self.accepted_at))
-            dut.o__ready.value = int(rng.random() >= slow_out)
-            dut.tag__ready.value = int(rng.random() >= slow_tag)
+            dut.o__ready.value = int(rng.random() >= slow_out or (slow_out == 1 and held is not None))
+            dut.tag__ready.value = int(rng.random() >= slow_tag or (slow_tag == 1 and tag_waits))
             dut.hold.value = int(rng.random() < holds)
             await ReadOnly()
             waiting = (dut.axis__tvalid, dut.o__valid, dut.tag__valid)
@@ -90,7 +91,8 @@ class SequenceRun:
                 assert beats[len(self.accepted_at) - 1][2]
             if took:
                 self.accepted_at.append(cycle)
-            if int(dut.tag__valid.value) and int(dut.tag__ready.value):
+            tag_waits = int(dut.tag__valid.value) and not int(dut.tag__ready.value)
+            if int(dut.tag__valid.value) and not tag_waits:
                 # A frame's tag comes after its last beat and before the last beat of the next frame.
                 frame = len(self.tags) + 1
                 assert (
@@ -116,7 +118,7 @@ class SequenceRun:
 
 @cocotb.test()
 @cocotb.parametrize(
-    stalls=[(0, 0, 0, 0), (0.3, 0.3, 0.3, 0), (0, 0.8, 0.95, 0), (0.8, 0, 0.95, 0), (0, 0, 0, 0.9)]
+    stalls=[(0, 0, 0, 0), (0.3, 0.3, 0.3, 0), (0, 0.8, 0.95, 0), (0.8, 0, 0.95, 0), (0, 1, 1, 0.9)]
 )
 async def outputs_of_every_sequence(dut, stalls):
     rng = random.Random(1)
@@ -144,6 +146,38 @@ async def outputs_of_every_sequence(dut, stalls):
         await reset(dut)
 
 
+async def clocks_until_timeout(dut, most):
+    """Clocks from the call to the pulse; None if there is none within `most`."""
+    for clock in range(most):
+        await ReadOnly()
+        if int(dut.frame_timeout.value):
+            return clock
+        await RisingEdge(dut.clk)
+    return None
+
+
+@cocotb.test()
+@cocotb.parametrize(wait=[1, 10])
+async def longest_timeout(dut, wait):
+    """The clocks waited count to their largest value and stay there; the bench sets them close to it.
+
+    wait : clocks until the timeout, too, is set to that value
+    """
+    most = (1 << TIMEOUT_BITS) - 1
+    await start(dut)
+    dut.o__ready.value = dut.tag__ready.value = 1
+    dut.timeout.value = 0
+    dut.axis__tlast.value, dut.axis__tuser.value, dut.axis__tvalid.value = 0, 1, 1
+    await RisingEdge(dut.clk)
+    dut.axis__tvalid.value = 0
+    await ClockCycles(dut.clk, 5)
+    dut.waited.value = most - 3
+    await ClockCycles(dut.clk, wait)
+    dut.timeout.value = most
+    # The comparison has a clock of its own.
+    assert await clocks_until_timeout(dut, 10) == max(4 - wait, 1)
+
+
 @cocotb.test()
 async def clocks_to_the_timeout(dut):
     """An unfinished frame waits `timeout` clocks, for ever with 0, and the value of the moment counts."""
@@ -151,23 +185,14 @@ async def clocks_to_the_timeout(dut):
     word = int(SETTINGS["sequences"][0]["beats"][0][0], 16)
     dut.o__ready.value = dut.tag__ready.value = 1
 
-    async def clocks_until_timeout(most):
-        """Clocks from the call to the pulse; None if there is none within `most`."""
-        for clock in range(most):
-            await ReadOnly()
-            if int(dut.frame_timeout.value):
-                return clock
-            await RisingEdge(dut.clk)
-        return None
-
-    for timeout in (1, 2, 7):
+    for timeout in (1, 2, 7, 300):
         dut.timeout.value = timeout
         dut.axis__tdata.value, dut.axis__tlast.value, dut.axis__tuser.value = word, 0, 1
         dut.axis__tvalid.value = 1
         await RisingEdge(dut.clk)  # accepted in this clock
         dut.axis__tvalid.value = 0
         # In the next clock the beat is held; then come `timeout` clocks without one.
-        assert await clocks_until_timeout(100) == 1 + timeout
+        assert await clocks_until_timeout(dut, 1000) == 1 + timeout
         await RisingEdge(dut.clk)
         for _ in range(2 * SETTINGS["frame_beats"]):
             await RisingEdge(dut.clk)
@@ -175,6 +200,6 @@ async def clocks_to_the_timeout(dut):
     dut.axis__tvalid.value = 1
     await RisingEdge(dut.clk)
     dut.axis__tvalid.value = 0
-    assert await clocks_until_timeout(1000) is None
+    assert await clocks_until_timeout(dut, 1000) is None
     dut.timeout.value = 500
-    assert await clocks_until_timeout(10) == 1
+    assert await clocks_until_timeout(dut, 10) == 1

@@ -6,6 +6,7 @@ have the other tests.
 
 import json
 import os
+import random
 
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
@@ -64,6 +65,19 @@ async def level(dut, name):
     return value
 
 
+def pulses_of(dut, name):
+    """A list that grows by one entry in each clock in which an output is high, until the test ends."""
+    found = []
+
+    async def watch():
+        while True:
+            if await level(dut, name):
+                found.append(name)
+
+    cocotb.start_soon(watch())
+    return found
+
+
 def pack_forces(forces):
     """The accumulators of all axes as one payload, first axis lowest."""
     width = IDENTITY.force_width
@@ -96,6 +110,7 @@ async def every_address_after_reset(dut, stall):
         values["CAPABILITIES"] |= bits("CAPABILITIES", calibration=1)
     await expect(master, **values)
     registers = {register.offset: register for register in IDENTITY.registers}
+    resets = pulses_of(dut, "soft_reset")
     refused = bits("ERRORS", access_refused=1)
     for address in range(0, 256, 4):
         if address not in registers:
@@ -110,22 +125,14 @@ async def every_address_after_reset(dut, stall):
         await expect(master, ERRORS=refused)
         assert await write(master, AT["ERRORS"], refused) == OKAY
     await expect(master, **values)
+    assert not resets
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def control(dut):
     master = await start(dut)
     assert await level(dut, "enable")
-    resets = 0
-
-    async def count_resets():
-        nonlocal resets
-        while True:
-            await ReadOnly()
-            resets += int(dut.soft_reset.value)
-            await RisingEdge(dut.clk)
-
-    counting = cocotb.start_soon(count_resets())
+    resets = pulses_of(dut, "soft_reset")
     everything = bits("CONTROL", enable=1, capture_background=1, soft_reset=1, interrupt_enable=1)
     # Bytes without a strobe are not written, and bits that do not exist are ignored.
     assert await write(master, AT["CONTROL"] + 1, 0xFF, 1) == OKAY
@@ -133,7 +140,7 @@ async def control(dut):
     assert await write(master, AT["CONTROL"], everything | 0xFFFFFF00) == OKAY
     wanted = int(IDENTITY.background_capture)
     await expect(master, CONTROL=bits("CONTROL", enable=1, capture_background=wanted, interrupt_enable=1))
-    assert resets == 1
+    assert len(resets) == 1
     if wanted:
         assert await level(dut, "capture_background")
         assert await write(master, AT["CONTROL"], bits("CONTROL", enable=1, interrupt_enable=1)) == OKAY
@@ -144,8 +151,7 @@ async def control(dut):
     assert await write(master, AT["CONTROL"], 0, 1) == OKAY
     await expect(master, CONTROL=0)
     assert not await level(dut, "enable")
-    assert resets == 1
-    counting.cancel()
+    assert len(resets) == 1
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
@@ -170,6 +176,35 @@ async def errors_stick_until_cleared(dut):
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
+async def any_errors_are_cleared_and_others_kept(dut):
+    master = await start(dut)
+    rng, value = random.Random(1), 0
+    masks = {name: 1 << k for k, name in enumerate(ERRORS)}
+    inputs = [name for name in ERRORS if name not in ERRORS_DETECTED_HERE]
+    nowhere = next(address for address in range(0, 256, 4) if address not in AT.values())
+    if IDENTITY.calibration:
+        dut.calibration__taken.value = 0
+    await pulse(dut, **{RESULT: 1})  # nobody acknowledges it: every later one is an overrun
+    for _ in range(40):
+        seen = rng.sample(inputs, rng.randint(0, len(inputs)))
+        await pulse(dut, **dict.fromkeys(seen, 1))
+        result, suspect, unmapped, refused = (rng.getrandbits(1) for _ in range(4))
+        if result:
+            await pulse(dut, **{RESULT: 1}, validity=suspect)
+            seen += ["result_overrun", *["frame_suspect"] * suspect]
+        if unmapped:
+            await read(master, nowhere)
+            seen.append("access_refused")
+        if refused and IDENTITY.calibration:
+            await write(master, AT["CALIBRATION"], 0)
+            seen.append("calibration_refused")
+        cleared = rng.getrandbits(32)
+        assert await write(master, AT["ERRORS"], cleared) == OKAY
+        value = (value | sum(masks[name] for name in seen)) & ~cleared
+        await expect(master, ERRORS=value)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
 async def frame_timeout(dut):
     """The register's initial value is the identity's; bytes are written by their strobes."""
     master = await start(dut)
@@ -177,4 +212,12 @@ async def frame_timeout(dut):
     assert await write(master, AT["FRAME_TIMEOUT"], 0x12345678) == OKAY
     assert await write(master, AT["FRAME_TIMEOUT"] + 1, 0xFF, 1) == OKAY
     await expect(master, FRAME_TIMEOUT=0x1234FF78, ERRORS=0)
-    assert await level(dut, "timeout_clocks") == 0x1234FF78
+    rng, value = random.Random(1), 0x1234FF78
+    for _ in range(20):
+        first = rng.randrange(4)
+        size, data = rng.randint(1, 4 - first), rng.getrandbits(32)
+        assert await level(dut, "timeout_clocks") == value
+        data &= (1 << 8 * size) - 1
+        assert await write(master, AT["FRAME_TIMEOUT"] + first, data, size) == OKAY
+        value = value & ~(((1 << 8 * size) - 1) << 8 * first) | data << 8 * first
+        await expect(master, FRAME_TIMEOUT=value)

@@ -3,6 +3,7 @@
 import cocotb
 from cocotb.triggers import ClockCycles, RisingEdge, gather
 
+from fastac.models.integer.frame_validity import REASONS
 from fastac.sim.benches.host import OKAY, read, start, write
 from fastac.sim.benches.registers import (
     AT,
@@ -16,6 +17,9 @@ from fastac.sim.benches.registers import (
     pack_forces,
     pulse,
 )
+
+LAST_PULSES = {f"{name}_done": 1 for name in ("depth", "normals") if getattr(IDENTITY, name)} | {RESULT: 1}
+"""Inputs that pulse once for each frame whose results all leave in one clock."""
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
@@ -92,6 +96,42 @@ async def frames_and_results(dut):
         await expect(master, INTERRUPT_STATUS=0, ERRORS=0)
     await write(master, AT["CONTROL"], bits("CONTROL", soft_reset=1))
     await expect(master, STATUS=0)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def each_flag_of_a_frame(dut):
+    """Each alone; it stays until the next result, however many clocks later it is read."""
+    master = await start(dut)
+    flags = [1 << k for k in range(len(REASONS))]
+    for value in (*flags, *(sum(flags) - flag for flag in flags), 0):
+        await frame(dut, clocks=3)
+        await pulse(dut, **LAST_PULSES, validity=value)
+        await write(master, AT["INTERRUPT_STATUS"], 1)
+        status = bits("STATUS", result_valid=1, last_frame_suspect=int(value > 0))
+        await expect(master, STATUS=status, FRAME_VALIDITY=value)
+        await RisingEdge(dut.clk)
+        await expect(master, FRAME_VALIDITY=value, ERRORS=bits("ERRORS", frame_suspect=int(value > 0)))
+        await write(master, AT["ERRORS"], 0xFFFFFFFF)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms")
+async def frames_in_flight_and_bad_frames_are_counted(dut):
+    """The count of bad frames is set to what it would hold shortly before it wraps."""
+    master = await start(dut)
+    errors = 0xFFFFFFF8
+    dut.frame_errors.value = errors
+    in_flight = [1 << k for k in range(8)]
+    for count in range(1, in_flight[-1] + 1):
+        bad = count % 3 > 0
+        errors = (errors + bad) & 0xFFFFFFFF
+        await pulse(dut, frame_started=1)
+        await pulse(dut, frame_done=1, frame_bad=int(bad))
+        if count < 16 or count in in_flight:
+            status = bits("STATUS", busy=1, frames_in_flight=count)
+            await expect(master, FRAME_ERRORS=errors, STATUS=status)
+    for _ in range(in_flight[-1]):
+        await pulse(dut, **LAST_PULSES)
+    await expect(master, STATUS=bits("STATUS", result_valid=1, last_frame_bad=int(bad)))
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

@@ -47,6 +47,7 @@ NO_FILLING = (
     "under back-pressure the pipeline does not close its gaps: nothing is lost, and no rate is stated"
 )
 READ_AGAIN = "reads in clocks whose word nobody uses; what is used is read again"
+WRITTEN_AGAIN = "writes the word that has been written again, to the same place"
 
 COMPONENTS = (
     Component(
@@ -61,22 +62,60 @@ COMPONENTS = (
     ),
     Component("bus/axi_lite", ("bus/test_axi_lite.py",), datapath=False),
     Component("bus/calibration_loader", ("bus/test_calibration_loader.py",), datapath=False),
-    Component("bus/frame_timer", ("bus/test_frame_timer.py",), datapath=False),
+    Component(
+        "bus/frame_timer",
+        ("bus/test_frame_timer.py",),
+        datapath=False,
+        allowed=(
+            Allowed(
+                "write.en.eq(self.frame_done & ~self.flush)",
+                "stamps of a frame that is discarded: written, and never read",
+                ("A[0] = 0",),
+            ),
+            Allowed(
+                "given.eq(given + 1)",
+                "of the maps' counters only the address, their lowest bits, is used",
+                ("A[4]",),
+            ),
+        ),
+    ),
     Component("bus/registers", ("bus/test_registers.py",), datapath=False, designs=2),
     Component(
         "dst1_engine",
         ("test_dst1_engine.py::test_bit_exact_to_golden_model",),
-        allowed=(Allowed("beat.eq(Mux(last_beat, 0, beat + 1))", ANOTHER_ORDER),),
+        allowed=(
+            Allowed(
+                "beat.eq(Mux(last_beat, 0, beat + 1))",
+                "after four beats the counter of two bits is 0 by itself",
+                ("S[0] = 0",),
+            ),
+            Allowed("beat.eq(Mux(last_beat, 0, beat + 1))", ANOTHER_ORDER),
+            Allowed(
+                "words = table.read_port()",
+                "the bit is 1 in all of that lane's coefficients; the void lane's one is 0",
+                ("DATA[229] = 1",),
+            ),
+        ),
     ),
     Component(
         "force/patch_generator",
         ("force/test_patch_generator.py",),
         allowed=(
+            Allowed("write.en.eq(advance & stepped)", WRITTEN_AGAIN, ("Y[0] = 1", "A[0] = 1", "B[0] = 1")),
             Allowed(
-                "write.en.eq(advance & stepped)", "the word that has been written is written again", ("Y[0]",)
+                "rows = Signal(self.kernel_size",
+                "the window's middle row is always inside the frame",
+                ("D[1] inverted where D[2] = 0",),
             ),
             Allowed(
-                "outside = [beat == b", "a column of the window that only lanes beyond the row's end see"
+                "with m.If(advance & step):",
+                "what is held while no step is taken is overwritten before it is stored or shifted on",
+                ("B[0] = 1",),
+            ),
+            Allowed(
+                "blanked[r][c].eq(Mux(rows_inside[r] & columns_inside[c]",
+                "a row and a column of the window that are always inside the frame",
+                ("Y[0] = 1",),
             ),
         ),
     ),
@@ -96,24 +135,121 @@ COMPONENTS = (
             ),
         ),
     ),
-    Component("network/gradient_ratio", ("network/test_gradient_ratio.py",)),
-    Component("network/pixel_network", ("network/test_pixel_network.py",), designs=2),
-    Component("network/requantise", ("network/test_requantise.py",), designs=2),
-    Component("poisson/depth", ("poisson/test_depth.py",), designs=3),
-    Component("poisson/dst2d", ("poisson/test_dst2d.py::test_bit_exact_to_golden_model",)),
+    Component(
+        "network/gradient_ratio",
+        ("network/test_gradient_ratio.py",),
+        allowed=(
+            Allowed(
+                "beyond = over | Cat(quotient).all()",
+                "at these widths a quotient of ones has a numerator as large as its divisor, which is `over`",
+                ("A[4] = 0",),
+            ),
+            Allowed(
+                "divisor = register(Mux(n_z <= 0,",
+                "what replaces a divisor that is not positive: 0 divided by it is 0, all else saturates",
+                ("B[1] inverted",),
+            ),
+        ),
+    ),
+    Component(
+        "network/requantise",
+        ("network/test_requantise.py",),
+        designs=2,
+        allowed=(
+            Allowed(
+                "positive = register(Term(Mux(a < 0, 0, a), largest)",
+                "a small value in place of 0, whose product is below one step",
+                ("B[7] inverted",),
+            ),
+            Allowed(
+                "clipped = Term(Mux(",
+                "the top bit of the product, which no accumulator reaches",
+                ("A[5] = 0",),
+            ),
+        ),
+    ),
+    Component(
+        "poisson/depth",
+        ("poisson/test_depth.py",),
+        designs=3,
+        allowed=(Allowed("beat.eq(Mux(beat == beats - 1, 0, beat + 1))", ANOTHER_ORDER),),
+    ),
     Component("poisson/eigenvalue_division", ("poisson/test_eigenvalue_division.py",)),
-    Component("poisson/frame_reversal", ("poisson/test_recurrence.py::test_reversal",)),
-    Component("poisson/recurrence", ("poisson/test_recurrence.py",), designs=2),
+    Component(
+        "poisson/frame_reversal",
+        ("poisson/test_recurrence.py::test_reversal",),
+        allowed=(
+            Allowed(
+                "self.i.ready.eq(~whole | (written.address != taken.address))",
+                "the writer waits one beat farther behind the reader; nothing is lost, and no rate is stated",
+                ("B[0] = 0",),
+            ),
+            Allowed("advance.eq(self.o.ready | ~self.o.valid)", NO_FILLING),
+            Allowed(
+                "address.eq(address - (self.beats - 1))",
+                "no frame begins at an address with this bit",
+                ("Y[1] = 0",),
+            ),
+        ),
+    ),
+    Component(
+        "poisson/recurrence",
+        ("poisson/test_recurrence.py",),
+        designs=2,
+        allowed=(
+            Allowed("write.en.eq(advance & self.o.valid)", WRITTEN_AGAIN, ("A[0] = 1",)),
+            Allowed(
+                "product = register(operand * coefficient",
+                "bits below the half unit and the word that is added: nothing carries from them",
+                tuple(f"Y[{bit}]" for bit in range(15)),
+            ),
+        ),
+    ),
     Component("poisson/source", ("poisson/test_source.py",), designs=3),
     Component("poisson/transposer", ("poisson/test_transposer.py",)),
     Component("poisson/tridiagonal", ("poisson/test_tridiagonal.py::test_bit_exact_to_golden_model",)),
     Component("stream/fork", ("stream/test_fork.py",), designs=2),
-    Component("stream/frame_guard", ("stream/test_frame_guard.py",)),
-    Component("stream/frame_validity", ("stream/test_frame_validity.py",)),
+    Component(
+        "stream/frame_guard",
+        ("stream/test_frame_guard.py",),
+        allowed=(
+            Allowed(
+                "self.frame_bad.eq(bad | self.line_short",
+                "is read at a frame's last beat, which ends no line too early",
+                ("B[0] = 0",),
+            ),
+        ),
+    ),
+    Component(
+        "stream/frame_validity",
+        ("stream/test_frame_validity.py::test_every_measure_to_the_last_bit",),
+        allowed=(
+            Allowed(
+                "queue.r_data | beyond",
+                "the flag that is added here is not set in the queue",
+                ("A[8] = 0", "A[0] inverted where A[8] = 1"),
+            ),
+            Allowed(
+                "measure < low[name]",
+                "the sign of a limit that is never negative",
+                ("B[8] inverted where B[18]",),
+            ),
+        ),
+    ),
     Component("stream/handshake", ("stream/test_handshake.py",), designs=2),
-    Component("stream/queues", ("stream/test_queues.py",), designs=2),
+    Component(
+        "stream/queues",
+        ("stream/test_queues.py",),
+        designs=2,
+        allowed=(
+            Allowed("under_way", "shows only with more credits than the queue has places", ("A[2]", "Y[2]")),
+        ),
+    ),
     Component("stream/raster_port", ("stream/test_raster_port.py",), designs=2),
     Component(
-        "stream/tables", ("poisson/test_depth.py::test_loaded_rest", "poisson/test_source.py"), designs=2
+        "stream/tables",
+        ("poisson/test_depth.py::test_loaded_rest", "poisson/test_source.py"),
+        designs=2,
+        allowed=(Allowed("read.en.eq(self.advance & self.take)", READ_AGAIN, ("B[0] = 1",)),),
     ),
 )

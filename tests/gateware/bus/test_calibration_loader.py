@@ -54,7 +54,7 @@ def test_loader(tmp_path, layout):
     bench = {
         "images": [settings(layout, *content) for content in contents[:3]],
         "start": settings(layout, *contents[3]),
-        "tables": list(layout.tables),
+        "fields": {name: table.fields for name, table in layout.tables.items()},
     }
     path = tmp_path / "bench.json"
     path.write_text(json.dumps(bench))

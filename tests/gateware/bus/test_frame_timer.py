@@ -1,12 +1,19 @@
 # amaranth: UnusedElaboratable=no
 import pytest
+from amaranth import Signal
 
 from fastac.gateware.bus.frame_timer import FrameTimer
 from fastac.sim.runner import simulate
 
+FRAME_COUNT = (1 << 32) - 10
+
 
 def test_times_and_numbers(tmp_path):
-    simulate(FrameTimer(force=True, depth=True), "frame_timer", "fastac.sim.benches.frame_timer", tmp_path)
+    """Ten frames before their counter wraps: none of its bits stays the same."""
+    timer = FrameTimer(force=True, depth=True)
+    timer.frame_count = Signal(32, init=FRAME_COUNT)
+    bench = "fastac.sim.benches.frame_timer"
+    simulate(timer, "frame_timer", bench, tmp_path, FRAME_COUNT=str(FRAME_COUNT))
 
 
 @pytest.mark.parametrize(("force", "depth"), [(True, False), (False, True)])

@@ -9,7 +9,11 @@ from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.stream import frame_guard
 from fastac.sim.runner import simulate
 
-BENCHES = ("registers", "registers_results", "registers_calibration")
+BENCHES = (
+    "fastac.sim.benches.registers",
+    "fastac.sim.benches.registers_results",
+    "fastac.sim.benches.registers_calibration",
+)
 SHAPE = {
     "bundle_hash": 0xFEDCBA9876543210,
     "version": 3,
@@ -47,7 +51,7 @@ def test_registers(tmp_path, outputs):
     simulate(
         RegisterBlock(identity),
         "registers",
-        ",".join(f"fastac.sim.benches.{name}" for name in BENCHES),
+        ",".join(BENCHES),
         tmp_path,
         IDENTITY=json.dumps(asdict(identity)),
     )

@@ -30,13 +30,20 @@ def at_the_steps(scale: Requantisation, count: int) -> np.ndarray:
     return np.stack(columns, axis=1)
 
 
+def at_the_bits(scale: Requantisation) -> np.ndarray:
+    """Accumulators with one bit, or whose product just reaches one: it alone may be why they are clipped."""
+    largest, bits = (1 << (WIDTH - 1)) - 1, 1 << np.arange(WIDTH + 16)
+    products = [-(-bits // multiplier) for multiplier in map(int, scale.multiplier)]
+    return np.minimum(np.vstack([np.stack(products, axis=1), np.tile(bits[:, None], len(products))]), largest)
+
+
 def accumulators(scale: Requantisation):
     limit = 1 << (WIDTH - 1)
     a = np.random.default_rng(1).integers(-limit, limit, (100, 4))
     # Of all magnitudes, so that every shift leaves non-zero results.
     a >>= np.arange(100)[:, None] % WIDTH
     a[0], a[1], a[2], a[3], a[4] = limit - 1, -limit, 0, -1, 1
-    return np.vstack([a, at_the_steps(scale, 60)])
+    return np.vstack([a, at_the_steps(scale, 60), at_the_bits(scale)])
 
 
 def compare(dut, scale, folder):

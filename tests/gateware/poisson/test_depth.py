@@ -52,12 +52,15 @@ def test_displacement_bit_exact_to_golden_model(tmp_path, mode, n, lanes, width,
     dut = Displacement(depth, quantiser, lanes=lanes)
     assert dut.o.payload.shape().elem_shape == Shape(bits, signed=not clamp)
     z = solutions(n, width, rng)
-    # One frame near the rounding and clipping thresholds, as far as the mode can reach them.
+    # Frames at and near the rounding and clipping thresholds, as far as the mode can reach them: each bit of
+    # a solution moves one of these values across.
     edges = np.array([0, 1, quantiser.top, quantiser.top + 1]) << shift
     if not clamp:
         edges = np.concatenate([-edges, edges])
-    near = rng.choice(edges, (n, n)) - (1 << shift >> 1) + rng.integers(-1, 2, (n, n))
-    z = np.concatenate([z, [np.clip((rest if dut.has_rom else 0) - near, z.min(), z.max())]])
+    steps = 1 << np.arange(shift + 1)
+    steps = np.concatenate([[0], steps, -steps])
+    near = rng.choice(edges, (3, n, n)) - (1 << shift >> 1) + rng.choice(steps, (3, n, n))
+    z = np.concatenate([z, np.clip((rest if dut.has_rom else 0) - near, z.min(), z.max())])
     q, saturated = quantiser(depth(z)[1])
     assert saturated.any()
     assert not saturated.all()

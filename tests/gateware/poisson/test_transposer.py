@@ -12,10 +12,10 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
 
-@pytest.mark.parametrize(("size", "lanes"), [(14, 1), (15, 2), (14, 4)])
-@pytest.mark.quick("15-2")
+@pytest.mark.parametrize(("size", "lanes"), [(14, 1), (7, 2), (14, 4)])
+@pytest.mark.quick("7-2")
 def test_columns_leave_in_order(tmp_path, size, lanes):
-    width, frames = 9, 5
+    width, frames = 9, 12  # as many that the writer is seen to wait for a page
     dut = Transposer(size, width, lanes=lanes)
     values = np.random.default_rng(1).integers(-256, 256, (frames, size, size))
     values[0] = np.arange(size)[:, None] - np.arange(size)

@@ -1,7 +1,10 @@
 # amaranth: UnusedElaboratable=no
 import numpy as np
 import pytest
+from amaranth import Module
 from amaranth.hdl import ResetInserter, Signal
+from amaranth.lib import data, stream, wiring
+from amaranth.lib.wiring import Out
 from amaranth.sim import Simulator
 
 from fastac.gateware.poisson.tridiagonal import TridiagonalPoissonSolver
@@ -49,6 +52,29 @@ def component(source: PoissonSource, chosen: TridiagonalSolver, lanes: int) -> T
     )
 
 
+class WithRows(wiring.Component):
+    """A solver whose output beats hold `row` too, above the solutions."""
+
+    def __init__(self, solver: TridiagonalPoissonSolver):
+        self.solver = solver
+        beat = {"solutions": solver.o.payload.shape(), "row": solver.row.shape()}
+        super().__init__(
+            {"i": solver.signature.members["i"], "o": Out(stream.Signature(data.StructLayout(beat)))}
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.solver = solver = self.solver
+        wiring.connect(m, wiring.flipped(self.i), solver.i)
+        m.d.comb += [
+            self.o.valid.eq(solver.o.valid),
+            self.o.payload.solutions.eq(solver.o.payload),
+            self.o.payload.row.eq(solver.row),
+            solver.o.ready.eq(self.o.ready),
+        ]
+        return m
+
+
 def by_beats(rows, lanes: int, void: int) -> np.ndarray:
     """Rows (rows, N) to beats (beats, lanes); `void` fills the unused lanes of each row's last beat."""
     short = -rows.shape[1] % lanes
@@ -72,15 +98,20 @@ def test_bit_exact_to_golden_model(tmp_path, size, lanes, divergence, numbers):
     slopes = np.random.default_rng(1).integers(-LIMIT, LIMIT + 1, (frames, size + 2, size + 2, 2))
     slopes[0], slopes[1], slopes[2] = 0, LIMIT, LIMIT * np.sign(np.arange(size + 2) - size / 2)[:, None, None]
     solution = chosen(source(slopes))[:, ::-1].reshape(-1, size)
+    row = np.tile(np.repeat(np.arange(size)[::-1], dut.beats), frames).tolist()
     width = chosen.depth_format.width
     frame_in, frame_out = (size + 2) ** 2 // lanes, size * dut.beats
+    rows_at = lanes * width
     check(
-        dut,
+        WithRows(dut),
         "tridiagonal_solver",
         tmp_path,
         inputs=pack(slopes.reshape(-1, lanes * 2), GRADIENT_WIDTH),
-        expected=pack(by_beats(solution, lanes, 0), width),
-        mask=pack(by_beats(np.full_like(solution, -1), lanes, 0), width),
+        expected=[
+            word | at << rows_at
+            for word, at in zip(pack(by_beats(solution, lanes, 0), width), row, strict=True)
+        ],
+        mask=[mask | -1 << rows_at for mask in pack(by_beats(np.full_like(solution, -1), lanes, 0), width)],
         latencies=[
             (0, 0, dut.latency),
             (0, frame_out - 1, dut.frame_latency),

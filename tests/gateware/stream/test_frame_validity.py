@@ -32,10 +32,11 @@ def stimulus(rng, channels: int, slopes: bool, displacements: bool):
     return frames, background, {name: value for name, value in over.items() if value is not None}
 
 
-def words(frames, background, over, lanes: int) -> dict[str, list[int]]:
+def words(frames, backgrounds, over, lanes: int) -> dict[str, list[int]]:
     """The input words of every stage, lane 0 in the LSBs; unused lanes at a row's end are 0."""
-    channels = background.shape[-1]
-    features = integer_features(frames, background).astype(int)
+    channels = frames.shape[-1]
+    pairs = zip(frames, backgrounds, strict=True)
+    features = np.array([integer_features(frame, background) for frame, background in pairs]).astype(int)
     found = {
         "pixels": pack(frames.reshape(-1, lanes * channels).astype(int), 8),
         "features": pack(features.reshape(-1, lanes * (channels + 2)), 9),
@@ -72,9 +73,59 @@ def test_flags(tmp_path, lanes, channels, slopes, displacements):
     assert len(set(flags.tolist())) > 2
     component = FrameValidity(limited, lanes=lanes)
     settings = {
-        "streams": words(frames, background, over, lanes),
+        "streams": words(frames, [background] * FRAMES, over, lanes),
         "flags": flags.tolist(),
         "latency": component.latency,
+        "beats": SIZE * SIZE // lanes,
+    }
+    (tmp_path / "settings.json").write_text(json.dumps(settings))
+    simulate(
+        component, "validity", "fastac.sim.benches.validity", tmp_path, BENCH=str(tmp_path / "settings.json")
+    )
+
+
+def test_every_measure_to_the_last_bit(tmp_path):
+    """Limits equal to a frame's measures let it pass; any other bit of one limit sets that measure's flag."""
+    lanes, channels = 2, 4
+    rng = np.random.default_rng(1)
+    frames, background, over = stimulus(rng, channels, slopes=True, displacements=True)
+    backgrounds = np.array([background] * FRAMES)
+    # The largest measures of either sign, and the largest and smallest steps between neighbours.
+    frames[0], backgrounds[0] = 255, 0
+    frames[1], backgrounds[1] = 0, 255
+    frames[2, :, ::2], frames[2, :, 1::2] = 255, 0
+    one_bit = 1 << np.arange(8)
+    frames[3] = rng.choice([*one_bit, *(255 - one_bit)], frames[3].shape)  # one bit from being clipped
+    frames[5].reshape(-1, channels)[:88] = 255  # a count whose bits are neither all 0 nor all 1
+    for saturated in over.values():
+        saturated[0], saturated[1] = True, False
+    known = model.FrameValidity.unlimited(background.shape, slopes=True, displacements=True)
+    component = FrameValidity(known, lanes=lanes, loadable=True)
+    two_sided = np.array([name in model.TWO_SIDED for name in known.names])
+    least, most = known.bounds
+    cases = []
+
+    def add_case(frame: int, measures, limit):
+        limit = np.clip(limit, least, most)
+        limited = replace(known, low=np.where(two_sided, limit, least), high=limit)
+        cases.append([frame, hex(component.limits_image(limited)), int(limited.flags(measures))])
+
+    for k, (frame, own) in enumerate(zip(frames, backgrounds, strict=True)):
+        counts = [saturated[k].sum() for saturated in over.values()]
+        measures = np.array([*known.of_pixels(frame, own), *counts])
+        assert not known.flags(measures)
+        for step in (0, -1, 1):
+            add_case(k, measures, measures + step)
+        for column, width in enumerate(known.widths):
+            for bit in range(width - 1 if k >= FRAMES - 2 else 0):
+                other = measures.copy()
+                other[column] ^= 1 << bit
+                add_case(k, measures, other)
+    settings = {
+        "streams": words(frames, backgrounds, over, lanes),
+        "cases": cases,
+        "frames": FRAMES,
+        "flags": [],
         "beats": SIZE * SIZE // lanes,
     }
     (tmp_path / "settings.json").write_text(json.dumps(settings))

@@ -120,3 +120,9 @@ def test_limits_hold_for_the_frames_that_made_them(tmp_path):
 def test_refuses(low, high, message):
     with pytest.raises(ValueError, match=message):
         FrameValidity(SHAPE, False, False, low, high)
+
+
+@pytest.mark.parametrize("shape", [(), (4, 4), (4, 4, 3, 1)])
+def test_refuses_a_shape_that_is_no_image(shape):
+    with pytest.raises(ValueError, match=r"shape \(.*\): expected \(H, W, C\)"):
+        FrameValidity(shape, False, False, np.zeros(6, int), np.zeros(6, int))
