@@ -2,8 +2,9 @@
 
 import json
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from fastac.store.files import DamagedFileError
@@ -12,7 +13,7 @@ from fastac.synth.synthesis import COUNT, FILE, PLACE, stated
 
 
 class _Total(TypedDict):
-    value: float
+    value: Annotated[float, Field(ge=0, le=1e12)]
     origin: str
 
 

@@ -108,6 +108,7 @@ def test_a_campaign_keeps_what_it_has_simulated(builds):
     assert kept.not_covered[1] == "Scene paper was not built."
     log = builds / "build" / "simulators" / "tiny-verilog-icarus" / "icarus.log"
     log.unlink()
+    assert not any(line.startswith("written") for line in evidence.measure(campaign, runs=runs, folder=None))
     assert next(evidence.measure(campaign, runs=runs, folder=builds / "evidence")) == lines[0]
     assert not log.exists()
 
