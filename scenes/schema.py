@@ -3,6 +3,7 @@
 Every other part derives from the scene what it must do, and does nothing else.
 """
 
+import math
 import tomllib
 from difflib import get_close_matches
 from pathlib import Path
@@ -95,7 +96,7 @@ class Scene(Strict):
             a, b, _ = self.sensor.ellipsoid.semi_axes_mm
             half_u = self.sensor.width_px * self.sensor.pitch_mm / 2
             half_v = self.sensor.height_px * self.sensor.pitch_mm / 2
-            if (half_u / a) ** 2 + (half_v / b) ** 2 >= 0.95:
+            if math.hypot(half_u / a, half_v / b) >= math.sqrt(0.95):
                 raise ValueError(
                     f"sensor.ellipsoid.semi_axes_mm: {a} x {b} do not span the image"
                     f" ({2 * half_u:g} x {2 * half_v:g} mm)"

@@ -56,9 +56,13 @@ def sweep(spec, output, store, workers, scheduler, progress):
     if data is None and base.sensor.source == "recorded":
         raise click.UsageError(f"{spec}: data: missing: scene {base.name} is of a recorded sensor")
     setting = Setting(str(store.resolve()), data, content.split, content.frames)
+    # A point that cannot be made ends the sweep before it writes anything.
+    points = list(sweep_spec.grid(content, base, spec.parent)) if content.method == "grid" else None
     results = Results(output or Path("build/sweep") / f"{spec.stem}.sqlite")
     with pools.dask_pool(scheduler) if scheduler else pools.local_pool(workers) as pool:
-        counts = sweeps.run(content, base, spec.parent, results, setting, pool, progress=progress)
+        counts = sweeps.run(
+            content, base, spec.parent, results, setting, pool, points=points, progress=progress
+        )
     click.echo(f"{results.path}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
 
 

@@ -1,11 +1,15 @@
 """The files of a build that its report is made of, checked as they are read."""
 
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from fastac.store.files import DamagedFileError, read_json
+
+Count = Annotated[int, Field(ge=0, le=10**12)]
+"""No build has more of anything, and a larger number need not fit a float."""
 
 
 class _Accuracy(TypedDict):
@@ -16,8 +20,16 @@ class _Accuracy(TypedDict):
     saturated_values: dict[str, int]
 
 
+class _Latency(TypedDict, total=False):
+    first_pixel_to_force: Count
+    last_pixel_to_force: Count
+    first_pixel_to_depth: Count
+    first_pixel_to_normals: Count
+    initiation_interval: Count
+
+
 class _Simulated(TypedDict):
-    latency_cycles: dict[str, int | dict[str, int]]
+    latency_cycles: _Latency
     frames: int
     values_compared: int
     mismatches: int
@@ -28,7 +40,7 @@ class _Simulated(TypedDict):
 
 
 class _Hardware(TypedDict):
-    multipliers: dict[str, int]
+    multipliers: dict[str, Count]
     latency_cycles_by_formula: dict[str, object]
 
 
@@ -52,4 +64,7 @@ def read(folder: Path, name: str) -> dict:
         first = error.errors(include_url=False)[0]
         key = ".".join(map(str, first["loc"]))
         raise DamagedFileError(f"{path}: {key}: {first['msg']}") from None
+    if name == "accuracy.json" and content["float"].keys() != content["integer"].keys():
+        unlike = ", ".join(sorted(content["float"].keys() ^ content["integer"].keys()))
+        raise DamagedFileError(f"{path}: float and integer: {unlike}: expected in both")
     return content

@@ -5,7 +5,7 @@ import os
 import secrets
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from functools import cache
 from pathlib import Path
@@ -137,7 +137,10 @@ class Store:
             return entry, "current"
         for candidate in self._candidates(step.name, f"{inputs.bucket}-*"):
             with unrecorded():
-                return None, _one_line(traces.differences(candidate, inputs, self.code, self.folder))
+                reasons = list(traces.differences(candidate, inputs, self.code, self.folder))
+            if not reasons:  # performed elsewhere since the line above
+                return candidate, "current"
+            return None, _one_line(reasons)
         for candidate in self._candidates(step.name, "*"):
             return None, next(traces.arguments_changed(candidate.trace, inputs))
         return None, "never performed"
@@ -268,7 +271,7 @@ def _arguments(inputs: Inputs, record: Recording) -> dict[str, object]:
     return {name: assembled(value, name, given) for name, value in inputs.step.arguments.items()}
 
 
-def _one_line(reasons: Iterator[str]) -> str:
+def _one_line(reasons: Sequence[str]) -> str:
     """The first reason, and how many follow."""
     first, *others = reasons
     others = [reason for reason in others if reason != "code changed"]

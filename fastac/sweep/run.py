@@ -1,6 +1,7 @@
 """`fastac sweep`: every point's models trained once, every point measured, on all cores or a Dask cluster."""
 
 import traceback
+from collections.abc import Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, replace
@@ -56,7 +57,7 @@ def _line(error: BaseException) -> str:
 class Grid:
     """Points that are all known from the start."""
 
-    def __init__(self, points: list[Point]):
+    def __init__(self, points: Sequence[Point]):
         self.points, self.total = iter(points), len(points)
 
     def ask(self, under_way: int) -> Point | None:
@@ -106,7 +107,9 @@ class Sweep:
                 for future in done:
                     self._collect(future)
         except BaseException:
-            self.executor.shutdown(wait=False, cancel_futures=True)
+            for future in self.running:  # not every executor's `shutdown` cancels them
+                future.cancel()
+            self.executor.shutdown(wait=False)
             raise
         finally:
             self.bar.close()
@@ -258,14 +261,18 @@ def run(
     setting: Setting,
     pool: Pool,
     *,
+    points: Sequence[Point] | None = None,
     progress: bool = True,
 ) -> dict[str, int]:
-    """Measure all points of a specification in `folder` into `results`; see `Sweep.run`."""
+    """Measure all points of a specification in `folder` into `results`; see `Sweep.run`.
+
+    points : of the grid, if they have been made already
+    """
     known = {"spec": spec.model_dump(mode="json"), "scene": base.model_dump(mode="json")}
     known |= {"setting": asdict(setting), "generation": generation(setting)}
     results.set_facts(known | {"origins": origins()})
     if spec.method == "grid":
-        source = Grid(list(grid(spec, base, folder)))
+        source = Grid(list(grid(spec, base, folder)) if points is None else points)
     else:
         from fastac.sweep.optimiser import Optimiser
 

@@ -195,8 +195,11 @@ READERS = [
     Reader(
         "results of a campaign",
         st.deferred(evidence_files).map(lambda text: {"fuzz.json": text}),
-        verification.of_folder,
-        lambda f: ["prove", "page", "--evidence", f, "-o", f / fuzzing.OUTPUT / "page.md"],
+        lambda f: verification.of_folders(f, f / fuzzing.OUTPUT),
+        lambda f: [
+            *("prove", "page", "--evidence", f, "--kept", f / fuzzing.OUTPUT),
+            *("-o", f / fuzzing.OUTPUT / "page.md"),
+        ],
     ),
 ]
 

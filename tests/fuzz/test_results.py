@@ -112,13 +112,11 @@ BYTES = st.deferred(lambda: changed_bytes([sample()]))
 
 
 def read(folder: Path) -> None:
-    """As `fastac trade` and a resumed `fastac sweep` do."""
+    """As `fastac trade` does."""
     path = folder / "results.sqlite"
     found = front.read(path)
     rows = [row for _, row in front.distinct([found])]
     front.faster(rows, "depth_mae_mm")
-    found.results.trials()
-    found.results.confirmations()
     shown = page.Trade([found], rows, {})
     try:
         page.tables(shown)
@@ -126,6 +124,13 @@ def read(folder: Path) -> None:
     except front.TradeError:  # the answer to a question: no such design is left
         return
     front.write_scene(best, folder / "picked.toml", "a test")
+
+
+def resume(folder: Path) -> None:
+    """As a `fastac sweep` does that goes on."""
+    found = front.read(folder / "results.sqlite")
+    found.results.trials()
+    found.results.confirmations()
 
 
 def command(folder: Path) -> list:
@@ -146,6 +151,9 @@ READERS = [
         read,
         command,
         quick=20,
+    ),
+    Reader(
+        "sweep's results, resumed", ROWS.map(lambda content: {"results.sqlite": content}), resume, quick=20
     ),
 ]
 

@@ -143,6 +143,10 @@ SENSOR = "[sensor]\ngeometry = "
             "sensor.ellipsoid.semi_axes_mm: 8.0 x 14.0 do not span the image (16 x 16 mm)",
         ),
         (
+            MINIMAL.replace("flat", "fingertip") + "pitch_mm = 1e300",
+            "sensor.ellipsoid.semi_axes_mm: ",
+        ),
+        (
             MINIMAL.replace('["depth"]', '["force_xyz", "force_z"]'),
             "outputs: force_xyz has all three axes; name none beside it",
         ),

@@ -47,6 +47,14 @@ def test_a_result_is_kept(toy):
     assert store.why(slopes(toy)) == "current"
 
 
+def test_a_step_that_another_process_performs_meanwhile(toy, monkeypatch):
+    """It is found where the store looks for why it is not current."""
+    store = toy.store()
+    store.perform(slopes(toy))
+    monkeypatch.setattr(store, "_current", lambda inputs: None)
+    assert store.is_current(slopes(toy))
+
+
 def test_a_rule_stales_those_that_read_it(toy):
     for step in (slopes(toy), weights(toy)):
         toy.store().perform(step)

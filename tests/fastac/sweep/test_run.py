@@ -96,6 +96,32 @@ def test_every_point_is_measured_and_kept(bench):
     assert again.tasks == []
 
 
+def test_an_error_cancels_what_is_under_way(bench, monkeypatch):
+    class Slow(Inline):
+        """Tasks stay under way; `shutdown` takes what that of any executor does."""
+
+        def __init__(self):
+            self.futures = []
+
+        def submit(self, function, task):
+            self.futures.append(Future())
+            return self.futures[-1]
+
+        def shutdown(self, wait=True):
+            self.waited = wait
+
+    def interrupted(*arguments, **settings):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sweeps, "wait", interrupted)
+    executor = Slow()
+    with pytest.raises(KeyboardInterrupt):
+        bench(executor)
+    assert executor.futures
+    assert all(future.cancelled() for future in executor.futures)
+    assert executor.waited is False
+
+
 def test_what_failed_is_tried_again_and_stops_nothing(bench):
     def refuse(task):
         if task["scene"]["numbers"]["data_bits"] == 20 and task["step"] is None:
