@@ -62,7 +62,11 @@ def formal(names, quick, jobs):
     type=INPUT,
     help="Folder whose press/*.png are sent as frames too. [default: simulated frames only]",
 )
-@click.option("--only", multiple=True, help="Of the designs, only this one; can be given several times.")
+@click.option(
+    "--only",
+    multiple=True,
+    help="Of the designs, only this one; can be given several times. The campaign's result is left as it is.",
+)
 @click.option(
     "--evidence",
     type=OUTPUT_FOLDER,
@@ -90,7 +94,8 @@ def simulators(builds, photographs, only, evidence, progress):
     if not runs:
         known = ", ".join(dict.fromkeys(run.design for run in RUNS))
         raise click.ClickException(f"--only {' '.join(only)}: no such design; there is {known}")
-    for line in result.measure(Campaign(builds, photographs, progress), runs=runs, folder=evidence):
+    folder = None if only else evidence
+    for line in result.measure(Campaign(builds, photographs, progress), runs=runs, folder=folder):
         click.echo(line)
 
 
@@ -194,10 +199,17 @@ def mutation(components, mutants, seed, jobs):
     type=INPUT,
     default=FOLDER,
     show_default=True,
-    help="Folder with the campaigns' results.",
+    help="Folder with the campaigns' new results.",
+)
+@click.option(
+    "--kept",
+    type=OUTPUT_FOLDER,
+    default=Path("docs/evidence"),
+    show_default=True,
+    help="Folder with earlier results, for campaigns that have no new one; the new ones are copied to it.",
 )
 @output_option("File to write.", OUTPUT_FILE, "docs/verification.md")
-def page(evidence, output):
+def page(evidence, kept, output):
     """Write the page of what has been verified, from the results of the campaigns.
 
     \b
@@ -207,5 +219,5 @@ def page(evidence, output):
     from fastac.store.files import write_text
 
     output = output or Path("docs/verification.md")
-    write_text(output, verification.of_folder(evidence))
+    write_text(output, verification.of_folders(evidence, kept))
     click.echo(f"written: {output}")

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from fastac.store.evidence import Evidence, Table, gateware_digest, load
+from fastac.store.evidence import Evidence, Table, gateware_digest, keep, load
 
 CAMPAIGNS = ("formal", "mutation", "simulators", "faults", "fuzz")
 """In the order of the page."""
@@ -11,8 +11,9 @@ HEAD = """\
 # Verification
 
 What has been shown of the hardware and of the readers, by which means, and what has not. `fastac prove page`
-writes this page from the results in `build/evidence/`, which the commands below leave there. Times are wall
-times of the machine that ran them, with two cores. Nothing here was run on a board.
+writes this page from the results that the commands below leave in `build/evidence/`, and keeps them in
+`docs/evidence/`; a campaign that has not been run again keeps its last result. Times are wall times on two
+cores, mostly beside other work. Nothing here was run on a board.
 """
 
 
@@ -60,10 +61,19 @@ def page(found: Sequence[Evidence], gateware: str) -> str:
     return "\n\n".join(parts) + "\n"
 
 
-def of_folder(folder: Path) -> str:
-    """The page of the results in `folder`; raises FileNotFoundError if it holds none."""
-    paths = [folder / f"{name}.json" for name in CAMPAIGNS]
-    found = [load(path) for path in paths if path.exists()]
+def of_folders(new: Path, kept: Path) -> str:
+    """The page of the results in `new`, and for campaigns without one there, in `kept`.
+
+    The new results are copied to `kept`. Raises FileNotFoundError if neither holds any.
+    """
+    found = []
+    for name in CAMPAIGNS:
+        paths = [folder / f"{name}.json" for folder in (new, kept)]
+        path = next((path for path in paths if path.exists()), None)
+        if path is not None:
+            found.append(load(path))
+    for evidence in found:
+        keep(evidence, kept)
     if not found:
-        raise FileNotFoundError(f"{folder}: no results of a campaign; run make formal, for example")
+        raise FileNotFoundError(f"{new}: no results of a campaign; run make formal, for example")
     return page(found, gateware_digest())

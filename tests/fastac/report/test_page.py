@@ -250,10 +250,21 @@ class TestPage:
         (
             "sim.json",
             {"latency_cycles": {"initiation_interval": "long"}},
-            "latency_cycles.initiation_interval.int: Input should be a valid integer",
+            "latency_cycles.initiation_interval: Input should be a valid integer",
+        ),
+        (
+            "sim.json",
+            {"latency_cycles": {"initiation_interval": {"1": 2}}},
+            "latency_cycles.initiation_interval: Input should be a valid integer",
         ),
         ("accuracy.json", {"float": None}, "float: Input should be a valid dictionary"),
+        ("accuracy.json", {"integer": {}}, "float and integer: "),
         ("verilog/hardware.json", {"multipliers": [1]}, "multipliers: Input should be a valid dictionary"),
+        (
+            "verilog/hardware.json",
+            {"multipliers": {"fc1": 10**400}},
+            "multipliers.fc1: Input should be less than or equal to",
+        ),
     ],
 )
 def test_damaged_files_of_a_build(tiny_bundle, tmp_path, name, change, message):
@@ -265,6 +276,14 @@ def test_damaged_files_of_a_build(tiny_bundle, tmp_path, name, change, message):
     path.write_text("[" * 100_000)
     with pytest.raises(DamagedFileError, match="damaged or no JSON"):
         report_content.content(tmp_path, tiny_bundle)
+
+
+def test_counts_that_no_synthesis_gives(tmp_path):
+    hashes = {"bundle_sha256": "a", "rtlil_sha256": "b"}
+    totals = {"lut": {"value": 10**400, "origin": "counted"}}
+    (tmp_path / "synth.json").write_text(json.dumps({**hashes, "totals": totals, "modules": {}}))
+    with pytest.raises(DamagedFileError, match=r"synth\.json: totals\.lut\.value: Input should be"):
+        synthesis_figures.resources(tmp_path, hashes)
 
 
 @pytest.mark.parametrize("text", ["[" * 100_000, "[]", "9" * 5000, "{", '{"bundle_sha256": "another"}'])

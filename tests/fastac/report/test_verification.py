@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from fastac.report.verification import of_folder, page
+from fastac.report.verification import of_folders, page
 from fastac.store.evidence import Evidence, Table, keep
 
 FOUND = Evidence(
@@ -33,8 +33,14 @@ def test_results_of_other_sources_say_so():
     assert "These results are of an earlier state of `gateware/`." in page([FOUND], "2")
 
 
-def test_folder(tmp_path):
+def test_new_results_replace_kept_ones(tmp_path):
+    new, kept = tmp_path / "new", tmp_path / "kept"
     with pytest.raises(FileNotFoundError, match="no results of a campaign"):
-        of_folder(tmp_path)
-    keep(replace(FOUND, name="fuzz"), tmp_path)
-    assert "## Proofs" in of_folder(tmp_path)
+        of_folders(new, kept)
+    keep(replace(FOUND, name="fuzz"), kept)
+    keep(FOUND, kept)
+    keep(replace(FOUND, summary="All hold again."), new)
+    text = of_folders(new, kept)
+    assert text.count("All hold again.") == text.count("All hold.") == 1
+    (new / "formal.json").unlink()
+    assert of_folders(new, kept) == text
