@@ -61,11 +61,14 @@ def keep(evidence: Evidence, folder: Path = FOLDER) -> Path:
 
 
 def load(path: Path) -> Evidence:
-    """Raises DamagedFileError for a file that holds no evidence."""
+    """Raises DamagedFileError for a file that holds no evidence, or that of a campaign of another name."""
     content = read_json(path)
     try:
-        return TypeAdapter(Evidence).validate_python(content)
+        evidence = TypeAdapter(Evidence).validate_python(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         key = ".".join(map(str, first["loc"]))
         raise DamagedFileError(f"{path}: no results of a campaign ({key}: {first['msg']})") from None
+    if evidence.name != path.stem:
+        raise DamagedFileError(f"{path}: name = {evidence.name!r}: expected {path.stem!r}, as the file's")
+    return evidence

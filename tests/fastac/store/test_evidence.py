@@ -23,7 +23,12 @@ def test_kept_and_loaded(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["{}", "[]", '{"tables": [{}]}', "{", FULL.replace("90.0", '"long"'), FULL.replace('["X."]', "3")]
+    "text",
+    [
+        *("{}", "[]", '{"tables": [{}]}', "{"),
+        *(FULL.replace("90.0", '"long"'), FULL.replace('["X."]', "3")),
+        *(FULL.replace('"formal"', name) for name in ('"faults"', '"../formal"', '"\\u0000"')),
+    ],
 )
 def test_damaged(tmp_path, text):
     path = tmp_path / "formal.json"
