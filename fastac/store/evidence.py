@@ -1,5 +1,6 @@
 """Results of verification campaigns: one file each, from which the page docs/verification.md is made."""
 
+import ast
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -11,6 +12,7 @@ from fastac.store.files import DamagedFileError, content_hash, read_json, write_
 
 FOLDER = Path("build/evidence")
 GATEWARE = Path(__file__).resolve().parents[1] / "gateware"
+PACKAGE = "fastac.gateware"
 
 
 @dataclass(frozen=True)
@@ -45,12 +47,23 @@ class Evidence:
     gateware: str = field(default_factory=lambda: gateware_digest())
 
 
-def gateware_digest() -> str:
-    """Digest of all Python sources in `gateware/`."""
-    sources = sorted(GATEWARE.resolve().rglob("*.py"))
-    return content_hash([[p.relative_to(GATEWARE.resolve()).as_posix(), path_digest(p)] for p in sources])[
-        :16
-    ]
+def gateware_digest(folder: Path = GATEWARE) -> str:
+    """Digest of the hardware's sources: `top_zynq.py` in the folder `gateware/`, and what it imports there.
+
+    What only describes the hardware, such as the formulas of cycles or the table of devices, does not count.
+    """
+    found, waiting = {}, ["top_zynq"]
+    while waiting:
+        name = waiting.pop()
+        path = folder / f"{name.replace('.', '/')}.py"
+        if name in found or not path.is_file():
+            continue
+        found[name] = path_digest(path)
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE):
+                below = node.module.removeprefix(PACKAGE).removeprefix(".")
+                waiting += [below, *(f"{below}.{alias.name}".strip(".") for alias in node.names)]
+    return content_hash(sorted(found.items()))[:16]
 
 
 def keep(evidence: Evidence, folder: Path = FOLDER) -> Path:

@@ -35,3 +35,21 @@ def test_damaged(tmp_path, text):
     path.write_text(text)
     with pytest.raises(DamagedFileError, match=r"formal\.json: "):
         load(path)
+
+
+def test_the_digest_is_of_what_the_top_imports(tmp_path):
+    sources = {
+        "top_zynq.py": "from fastac.gateware.stream import fork\nfrom fastac.gateware.divider import A\n",
+        "stream/fork.py": "A = 1\n",
+        "divider.py": "import numpy\n",
+        "cycle_model.py": "A = 1\n",
+    }
+    for name, text in sources.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    first, changed = gateware_digest(tmp_path), {}
+    for name, text in sources.items():
+        (tmp_path / name).write_text(text + "B = 2\n")
+        changed[name] = gateware_digest(tmp_path) != first
+        (tmp_path / name).write_text(text)
+    assert changed == {name: name != "cycle_model.py" for name in sources}
