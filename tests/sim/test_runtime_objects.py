@@ -1,6 +1,9 @@
 """The cache of Verilator's runtime: compiled once for all simulators with the same flags, and complete."""
 
+import os
+import shutil
 import subprocess
+from pathlib import Path
 
 import pytest
 
@@ -61,6 +64,19 @@ def test_sources_are_compiled_behind_precompiled_headers(build):
     made = subprocess.run([*flags, *use, "-o", "/dev/null"], cwd=folder, capture_output=True, text=True)
     assert made.returncode == 0, made.stderr
     assert "! ./runtime.h.gch" in made.stderr
+
+
+def test_no_command_python_is_needed(build, tmp_path, monkeypatch):
+    """Debian's python3 alone brings no `python`."""
+    commands = tmp_path / "commands"
+    commands.mkdir()
+    for folder in os.environ["PATH"].split(os.pathsep):
+        for command in Path(folder).glob("*"):
+            if not command.name.startswith("python") and not (commands / command.name).exists():
+                (commands / command.name).symlink_to(command)
+    monkeypatch.setenv("PATH", str(commands))
+    assert shutil.which("python") is None
+    build("first")
 
 
 @pytest.mark.full
