@@ -1,0 +1,96 @@
+# amaranth: UnusedElaboratable=no
+"""The follower finds the dots of its integers: moved, lost, doubled, near the edge, with stalls."""
+
+from dataclasses import replace
+
+import dots
+import numpy as np
+import pytest
+
+from fastac.gateware.dots.follower import DotFollowerStream, dot_layout
+from fastac.gateware.dots.window_stream import DotWindowStream
+from fastac.sim.amaranth_simulator import run_streams
+from fastac.sim.check_stream import check
+
+HEIGHT, WIDTH = 36, 44
+
+
+def frames_of(height=HEIGHT, width=WIDTH):
+    """Frames with dots at rest, moved alike and apart, none, one missing, one added, smeared, all dark."""
+    rng, rest = np.random.default_rng(1), dots.places(height, width)
+
+    def moved(shift):
+        return dots.frame(height, width, rest + shift)
+
+    middle = np.array([width / 2, height / 2])
+    push = np.exp(-((rest - middle) ** 2).sum(axis=-1, keepdims=True) / 200) * [5, -3]
+    covered = moved(push)
+    covered[5:15, 3:13] = dots.SKIN
+    smeared = moved(-push)
+    smeared[20:32, 15:40] //= 2
+    noise = rng.integers(0, 256, covered.shape).astype(np.uint8)
+    added = dots.frame(height, width, np.concatenate([rest, rest[3:4] + 4]))
+    given = [rest * 0, 2.4, [-6, 1], [3, 6], push, -push, rng.normal(0, 1.5, rest.shape)]
+    return np.stack([*map(moved, given), covered, smeared, added, noise, 0 * noise, 0 * noise + 255])
+
+
+def stream(follower, lanes):
+    per_beat = DotWindowStream(follower.windows, lanes=lanes).per_beat
+    return DotFollowerStream(follower, per_beat=per_beat, row_clocks=2 * follower.windows.image[1] // lanes)
+
+
+def found_payloads(follower, shift, seen):
+    layout, packed = dot_layout(follower), []
+    for (u, v), known in zip(shift.reshape(-1, 2), seen.ravel(), strict=True):
+        mask = (1 << follower.width) - 1
+        packed.append(
+            (int(u) & mask) << layout["u"].offset
+            | (int(v) & mask) << layout["v"].offset
+            | int(known) << layout["seen"].offset
+        )
+    return packed
+
+
+@pytest.mark.parametrize(("lanes", "half", "reach"), [(1, 1, 3), (2, 1, 2), (4, 1, 3), (4, 2, 2)])
+@pytest.mark.quick("4-1-3", "1-1-3")
+def test_every_dot_of_every_frame(lanes, half, reach):
+    follower = dots.follower(HEIGHT, WIDTH, half=half, reach=reach)
+    windows = follower.windows(frames_of())
+    shift, seen = follower(windows)
+    assert seen[0].all()
+    assert not shift[0].any()
+    assert not seen[-1].any()
+    assert 0 < seen[7:10].mean() < 1, "some dots are lost or doubled"
+    for stall in (0, 0.5):
+        dut = stream(follower, lanes)
+        inputs = dots.payloads(follower.windows, windows, dut.per_beat)
+        found, _ = run_streams(dut, inputs, {"o": seen.size}, stall=stall)
+        assert found["o"] == found_payloads(follower, shift, seen)
+
+
+@pytest.mark.long
+def test_stream_rules_in_verilator(tmp_path):
+    follower = dots.follower(HEIGHT, WIDTH)
+    windows = follower.windows(frames_of())
+    dut = stream(follower, 4)
+    check(
+        dut,
+        "dot_follower",
+        tmp_path,
+        inputs=dots.payloads(follower.windows, windows, dut.per_beat),
+        expected=found_payloads(follower, *follower(windows)),
+    )
+
+
+def test_too_many_dots_for_the_rate_are_refused():
+    follower = dots.follower(HEIGHT, WIDTH)
+    with pytest.raises(ValueError, match=r"dot at \d+, \d+ px: found \d+ clocks too late"):
+        DotFollowerStream(follower, per_beat=2, row_clocks=8)
+
+
+def test_the_order_of_dots_is_checked():
+    follower = dots.follower(HEIGHT, WIDTH)
+    with pytest.raises(ValueError, match="order of their rows"):
+        replace(follower, rest=follower.rest[::-1])
+    with pytest.raises(ValueError, match="guides: expected indices of earlier dots"):
+        replace(follower, guides=follower.guides * 0 + 1)
