@@ -20,6 +20,27 @@ def study():
     """Studies of a build: identities of the arithmetic, robustness to extremes, long runs, force ablation."""
 
 
+@study.command()
+@click.argument("scene", type=INPUT)
+@click.argument("data", type=INPUT)
+@store_option("processed frames")
+@progress_option
+def dots(scene, data, store, progress):
+    """Compare the dots that the hardware's integers find, and those of the detector, with the true ones.
+
+    DATA has the true places of the dots of the presses of SCENE's sensor, as those of a virtual sensor do.
+    One line for each load and drag.
+
+    \b
+    Example: fastac study dots scenes/fingertip.toml build/fingertip/data.h5
+    """
+    from fastac.scenes import schema
+    from fastac.studies.dots import accuracy
+
+    for line in accuracy.measure(schema.load(scene), data, store=store, progress=progress):
+        click.echo(line)
+
+
 @study.command("force-ablation")
 @click.argument("origin", metavar="SCENE|BUILD", type=INPUT)
 @click.option("--data", type=INPUT, required=True, help="Dataset with forces along x, y and z.")

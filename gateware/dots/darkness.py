@@ -59,7 +59,8 @@ class DarknessStream(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         advance = pipeline_handshake(m, self.i, self.o, self.latency)
-        x, y = Signal(range(self.row_beats)), Signal(range(self.rows))
+        x = Signal(range(self.row_beats))
+        y = Signal(range(self.rows))
         with m.If(advance & self.i.valid):
             m.d.sync += x.eq(x + 1)
             with m.If(x == self.row_beats - 1):

@@ -96,11 +96,15 @@ class DotFollowerStream(wiring.Component):
         names = [f"{what}_{axis}" for what in ("low", "high") for axis in "uv"]
         layout = data.StructLayout(
             {
-                "rest_u": position, "rest_v": position,
+                "rest_u": position,
+                "rest_v": position,
                 **dict.fromkeys(names, row),
-                "first_row": row, "last_row": row,
-                "guide_0": index, "guide_1": index,
-                "least": mass, "most": mass,
+                "first_row": row,
+                "last_row": row,
+                "guide_0": index,
+                "guide_1": index,
+                "least": mass,
+                "most": mass,
             }
         )
         columns = [*follower.rest.T, *follower.first_windows[0].T, *follower.first_windows[1].T]
@@ -117,7 +121,8 @@ class DotFollowerStream(wiring.Component):
 
         # Rows of windows come in; `ahead` counts the complete ones from the frame's first that is followed.
         layout = window_layout(follower.windows)
-        column, slot = Signal(range(self.row_beats)), Signal(range(self.kept_rows))
+        column = Signal(range(self.row_beats))
+        slot = Signal(range(self.kept_rows))
         stride = 1 << len(column)
         m.submodules.windows = windows = memory.Memory(
             shape=data.ArrayLayout(layout, self.per_beat),
@@ -127,7 +132,8 @@ class DotFollowerStream(wiring.Component):
         )
         write, read = windows.write_port(), windows.read_port()
         ahead = Signal(signed((2 * self.rows + self.kept_rows).bit_length() + 1))
-        row_done, frame_done = Signal(), Signal()
+        row_done = Signal()
+        frame_done = Signal()
         m.d.comb += [
             write.addr.eq(Cat(column, slot)),
             write.data.eq(self.i.payload),
@@ -146,7 +152,8 @@ class DotFollowerStream(wiring.Component):
             shape=record_layout, depth=self.count, init=records, attrs={"ram_style": "distributed"}
         )
         fetch = table.read_port()
-        dot, base = Signal(range(self.count)), Signal(range(self.kept_rows))
+        dot = Signal(range(self.count))
+        base = Signal(range(self.kept_rows))
         record = fetch.data
         m.d.comb += [fetch.addr.eq(dot), self.i.ready.eq(ahead - record.first_row < self.kept_rows)]
 

@@ -1,5 +1,7 @@
 """Sums and moments of the dots' darkness in windows all over the image, while its pixels pass."""
 
+from itertools import pairwise
+
 import numpy as np
 from amaranth import Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, memory, stream, wiring
@@ -65,8 +67,8 @@ class DotWindowStream(wiring.Component):
         half, per_beat, darkest = self.windows.half, self.per_beat, self.windows.darkest
         self._advance = advance = Signal()
         m.d.comb += [advance.eq(self.o.ready | ~self.o.valid), self.i.ready.eq(advance)]
-        tags = self._tags(m)
-        m.d.comb += self.o.valid.eq(tags[-1].emits)
+        stage = 3 + tree_levels(self.count)  # whose registers shift along the row
+        tags = self._tags(m, stage)
 
         # Stage 1: pairs of pixels side by side in one line of a cell: their sum, and right less left.
         dark = list(self.i.payload)
@@ -119,7 +121,6 @@ class DotWindowStream(wiring.Component):
             columns.append((mass, u, v))
 
         # Along the row, about the middle column: the columns before are kept.
-        stage = 3 + tree_levels(self.count)
         moves = advance & tags[stage].lower & tags[stage].pair
         kept = []
         for part, name in enumerate(("mass", "u", "v")):
@@ -139,30 +140,33 @@ class DotWindowStream(wiring.Component):
             m.d.comb += [window.mass.eq(total), window.u.eq(along), window.v.eq(down)]
         return m
 
-    def _tags(self, m: Module) -> list:
-        """What travels with each beat, by stage: whether it is one, completes a pair, is the lower line of
-        its cells, completes windows, and its place in the line buffer."""
+    def _tags(self, m: Module, last: int) -> list:
+        """What travels with each beat, by stage up to `last`: whether it is one, completes a pair, is of the
+        lower line of its cells, and its place in the line buffer. Beats that complete windows make `o` valid
+        when they have passed all stages."""
         half, advance = self.windows.half, self._advance
-        x, y = Signal(range(self.line_beats)), Signal(range(self.height))
+        x = Signal(range(self.line_beats))
+        y = Signal(range(self.height))
         with m.If(advance & self.i.valid):
             m.d.sync += x.eq(x + 1)
             with m.If(x == self.line_beats - 1):
                 m.d.sync += [x.eq(0), y.eq(Mux(y == self.height - 1, 0, y + 1))]
         cell, ends_pair = (x[1:], x[0]) if self.lanes == 1 else (x, 1)
-        tag = data.StructLayout({"present": 1, "pair": 1, "lower": 1, "emits": 1, "cell": len(cell)})
-        tags = [Signal(tag, name="tag_0")]
-        inside = (y >= 2 * CELL * half) & (cell * self.per_beat >= 2 * half)
+        tag = data.StructLayout({"present": 1, "pair": 1, "lower": 1, "cell": len(cell)})
+        tags = [Signal(tag, name=f"tag_{stage}", reset_less=True) for stage in range(last + 1)]
         m.d.comb += [
             tags[0].present.eq(self.i.valid),
             tags[0].pair.eq(self.i.valid & ends_pair),
             tags[0].lower.eq(y[0]),
-            tags[0].emits.eq(self.i.valid & ends_pair & y[0] & inside),
             tags[0].cell.eq(cell),
         ]
-        for stage in range(1, self.latency + 1):
-            tags.append(Signal(tag, name=f"tag_{stage}"))
-            with m.If(advance):
-                m.d.sync += tags[-1].eq(tags[-2])
+        valid = Signal(self.latency)
+        inside = (y >= 2 * CELL * half) & (cell * self.per_beat >= 2 * half)
+        completes = tags[0].pair & tags[0].lower & inside
+        m.d.comb += self.o.valid.eq(valid[-1])
+        with m.If(advance):
+            m.d.sync += valid.eq(Cat(completes, valid))
+            m.d.sync += [after.eq(before) for before, after in pairwise(tags)]
         return tags
 
     def _register(self, m: Module, value, name: str, enable=1) -> Signal:

@@ -65,12 +65,8 @@ class Detector:
         """How much darker than the skin each pixel is, (H, W) float32 ≥ 0, and the mask of dots, uint8 0 or
         1.
 
-        The skin's brightness is estimated by a morphological closing with a disc wider than a dot, which
-        removes the dots, and a box filter.
         """
-        size = int(np.ceil(self.diameter_px * 1.5)) | 1
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        skin = cv2.blur(cv2.morphologyEx(grey, cv2.MORPH_CLOSE, disc), (size, size))
+        skin = skin_brightness(grey, self.diameter_px)
         smooth = cv2.GaussianBlur(grey, (0, 0), max(self.diameter_px / 12, 0.3))
         dark = (smooth < (1 - self.contrast) * skin).astype(np.uint8)
         return np.maximum(skin - smooth, 0), dark
@@ -84,6 +80,16 @@ class Detector:
         good &= np.maximum(width, height) <= self.elongation * np.minimum(width, height)
         good[0] = False
         return np.flatnonzero(good)
+
+
+def skin_brightness(grey: np.ndarray, diameter_px: float) -> np.ndarray:
+    """The brightness of the skin without its dots, (H, W) float32, of an image (H, W) float32.
+
+    A morphological closing with a disc wider than a dot removes the dots; a box filter smooths the rest.
+    """
+    size = int(np.ceil(diameter_px * 1.5)) | 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return cv2.blur(cv2.morphologyEx(grey, cv2.MORPH_CLOSE, disc), (size, size))
 
 
 def associate(expected_px: np.ndarray, found_px: np.ndarray, max_step_px: float) -> np.ndarray:

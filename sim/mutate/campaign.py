@@ -238,8 +238,8 @@ def evidence(scores: Sequence[Score], components: Sequence[Component], seconds: 
             "Clocks, outputs of registers (their inputs are mutated) and initial contents of memories are not"
             " mutated.",
             "The connections of the whole (datapath.py, top_zynq.py) are not mutated: tests take minutes.",
-            "gateware/poisson/dst2d.py and gateware/network/pixel_network.py only connect components that are"
-            " mutated on their own.",
+            "dst2d, pixel_network and dot_stream only connect components, and are not mutated; the components"
+            " are.",
             "calibration.py, raster_outputs.py and the cycle formulas hold no logic of the hardware.",
             "A test that takes more than four times the processor time of the unchanged design, and at least"
             " 2 s, counts as one that fails: the benches' own limits, in clocks, would come later.",

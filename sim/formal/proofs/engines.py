@@ -9,9 +9,11 @@ from functools import partial
 import numpy as np
 from amaranth import Array, Cat, Const, Mux, Signal, Value
 
+from fastac.gateware.dots.window_stream import DotWindowStream
 from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.poisson.source import PoissonSourceStream
+from fastac.models.integer.dot_windows import BLOCK, CELL, DotWindows
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.source import PoissonSource
@@ -91,6 +93,38 @@ def source(component: type, divergence: str, height: int, width: int, lanes: int
     return bench
 
 
+def windows(component: type, height: int, width: int, lanes: int) -> FormalBench:
+    """A beat leaves for each row of cells below the first two and each beat with windows in it."""
+    dut = component(DotWindows(np.ones((height // BLOCK, width // BLOCK), int), 1, 1), lanes=lanes)
+    bench = FormalBench(dut)
+    enters, _ = bench.source(dut.i, "i")
+    leaves = bench.sink(dut.o, "o")
+    line_beats, total = dut.line_beats, dut.windows.shape[0] * dut.row_beats
+    entered = FrameCounter(bench, "in", enters, height * line_beats)
+    left = FrameCounter(bench, "out", leaves, total)
+
+    x, y = bench.probe("x", range(line_beats)), bench.probe("y", range(height))
+    valid = bench.probe("valid", dut.latency)
+    bench.always("line and beat of the input", (y * line_beats + x == entered.place) & (x < line_beats))
+    due = [0]  # outputs of the frame that the beats before each place complete
+    for place in range(height * line_beats - 1):
+        line, beat = divmod(place, line_beats)
+        last_px = (beat + 1) * lanes - 1
+        completes = line % CELL and line >= 2 * CELL and last_px % CELL and last_px >= 3 * CELL - 1
+        due.append(due[-1] + bool(completes))
+    allowed = Array(Const(outputs, range(total + 1)) for outputs in due)[entered.place]
+    under_way = bench.wire("under_way", ones(valid))
+    place, frame = left.after(under_way)
+    whole = allowed == total
+    bench.always("each output once", place == Mux(whole, 0, allowed))
+    bench.always("each output in its frame", frame == (entered.frame + whole)[:2])
+    bench.always(
+        "no deadlock: takes a beat when its last stage moves on", dut.i.ready == (dut.o.ready | ~dut.o.valid)
+    )
+    waits(bench, under_way != 0, valid)
+    return bench
+
+
 def weighted_sum(component: type) -> FormalBench:
     """A sum leaves for each frame that enters."""
     weight = np.arange(16).reshape(1, 4, 4, 1) % 4
@@ -164,6 +198,21 @@ PROOFS = (
             ("backward", 4, 4, 2),
             ("central", 4, 8, 4),
         )
+    ),
+    *(
+        Proof(
+            f"dot_windows_{lanes}",
+            DotWindowStream,
+            f"windows of 3 × 3 cells in 8 × 8 values of 1 bit, {lanes} a beat",
+            partial(windows, height=8, width=8, lanes=lanes),
+            depth=1,
+            breaks=(
+                ("advance.eq(self.o.ready | ~self.o.valid)", "advance.eq(1)"),
+                ("(y >= 2 * CELL * half)", "(y >= 2 * CELL * half - 2)"),
+            ),
+            broken_depth=64 // lanes + 32,
+        )
+        for lanes in (2, 4)
     ),
     Proof(
         "weighted_sum",

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from amaranth import Signal, Value
 
+from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.fz_stream import PixelResponse
 from fastac.gateware.mlp_mvm import MvmTile
 from fastac.gateware.network.background import BackgroundSubtraction
@@ -23,6 +24,7 @@ from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
 from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
+from fastac.models.integer.dot_windows import DotWindows
 from fastac.models.integer.dst2d import EigenvalueDivision
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
@@ -127,6 +129,13 @@ PIPELINES = (
         _background,
         "2 × 2 pixels of one channel",
         (_unheld("            for lane"),),
+    ),
+    (
+        "darkness",
+        DarknessStream,
+        lambda component: component(DotWindows(np.ones((2, 2), int), 1, 1), lanes=1),
+        "8 × 8 pixels of one channel",
+        (_unheld("                m.d.sync += self.o.payload[lane]"),),
     ),
     ("tile", MvmTile, _tile, "two neurons of two inputs, loadable", CORE),
     (

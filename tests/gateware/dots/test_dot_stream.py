@@ -1,0 +1,66 @@
+# amaranth: UnusedElaboratable=no
+"""From pixels to shifts: equal to the integers, at the camera's rate, after the clocks that are stated."""
+
+import dots
+import numpy as np
+import pytest
+
+from fastac.gateware.dots.dot_stream import DotStream
+from fastac.gateware.dots.follower import dot_layout
+from fastac.sim.amaranth_simulator import run_streams
+from fastac.sim.check_stream import check, pack
+
+SIDE = 48
+
+
+def frames_of(side):
+    rest = dots.places(side, side)
+    rng = np.random.default_rng(1)
+    near = np.exp(-((rest - side / 2) ** 2).sum(axis=-1, keepdims=True) / 300)
+    moved = [dots.frame(side, side, rest + near * push) for push in ((0, 0), (5, 3), (-4, -5), (0, 7))]
+    noise = rng.integers(0, 256, moved[0].shape).astype(np.uint8)
+    return np.stack([*moved, noise, moved[1]])
+
+
+def payloads(follower, frames):
+    shift, seen = follower(follower.windows(frames))
+    layout, mask, found = dot_layout(follower), (1 << follower.width) - 1, []
+    for (u, v), known in zip(shift.reshape(-1, 2).tolist(), seen.ravel().tolist(), strict=True):
+        fields = {"u": u & mask, "v": v & mask, "seen": known}
+        found.append(sum(value << layout[name].offset for name, value in fields.items()))
+    return found
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.quick("4", "1")
+def test_at_full_rate(lanes):
+    """The input never waits, and each frame's last dot comes `latency` clocks after its last pixels."""
+    follower = dots.follower(SIDE, SIDE)
+    frames = frames_of(SIDE)
+    dut = DotStream(follower, lanes=lanes)
+    expected = payloads(follower, frames)
+    inputs = pack(frames.reshape(-1, lanes * 4), 8)
+    found, taken = run_streams(dut, inputs, {"o": len(expected)}, clocks=200_000)
+    assert found["o"] == expected
+    assert np.diff(taken["i"]).max() == 1, "no pause"
+    last = taken["i"][dut.interval - 1 :: dut.interval]
+    ends = taken["o"][len(follower.rest) - 1 :: len(follower.rest)]
+    assert [end - start for start, end in zip(last, ends, strict=True)] == [dut.latency] * len(frames)
+
+
+@pytest.mark.long
+def test_with_stalls_in_verilator(tmp_path):
+    follower = dots.follower(SIDE, SIDE)
+    frames = frames_of(SIDE)
+    dut = DotStream(follower, lanes=4)
+    inputs = pack(frames.reshape(-1, 16), 8)
+    check(dut, "dot_stream", tmp_path, inputs=inputs, expected=payloads(follower, frames))
+
+
+def test_a_hundred_dots_at_full_size_are_known_256_clocks_after_the_last_pixel():
+    follower = dots.follower(128, 128, half=2, reach=4)
+    assert len(follower.rest) == 144
+    dut = DotStream(follower, lanes=4)
+    assert dut.latency <= 256
+    assert dut.interval == 4096
+    assert dut.multipliers == 0
