@@ -2,13 +2,13 @@
 """Following marker dots from window to window, one dot after another, while the frame still comes in."""
 
 import numpy as np
-from amaranth import Cat, Const, Module, Mux, Signal, signed, unsigned
+from amaranth import Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.dots.axis import DotAxis, quotient_bits
 from fastac.gateware.dots.window_stream import window_layout
-from fastac.models.integer.dot_follower import FRACTION, DotFollower
-from fastac.models.integer.dot_windows import CELL
+from fastac.models.integer.dot_follower import DotFollower
 
 
 def dot_layout(follower: DotFollower) -> data.StructLayout:
@@ -48,14 +48,8 @@ class DotFollowerStream(wiring.Component):
         super().__init__({"i": In(stream.Signature(beat)), "o": Out(stream.Signature(dot_layout(follower)))})
 
     @property
-    def quotient_bits(self) -> int:
-        """Even, and enough for the largest distance from a window's centre."""
-        largest = (CELL * (2 * self.follower.windows.half + 1) - 1) << FRACTION
-        return largest.bit_length() + largest.bit_length() % 2
-
-    @property
     def clocks_per_dot(self) -> int:
-        return 10 + self.quotient_bits // 2
+        return 10 + quotient_bits(self.follower) // 2
 
     @property
     def latency(self) -> int:
@@ -65,7 +59,7 @@ class DotFollowerStream(wiring.Component):
         """When each dot is offered, in clocks from the start of a frame's first row of windows."""
         clock, found = 0, []
         for row in self.follower.rows[1]:
-            # A row counts as complete in the second clock after its last beat: one step's first two clocks.
+            # A dot that waits for a row goes on two clocks after its last beat, and has two steps behind it.
             clock = max(clock, (int(row) + 1) * self.row_clocks) + self.clocks_per_dot
             found.append(clock)
         return np.array(found)
@@ -88,10 +82,7 @@ class DotFollowerStream(wiring.Component):
         """What is known of each dot, and its layout."""
         follower = self.follower
         position = unsigned(int(follower.rest.max()).bit_length())
-        index, row = (
-            unsigned(self.count.bit_length()),
-            unsigned(max(self.rows, self.follower.windows.shape[1]).bit_length()),
-        )
+        index, row = (unsigned(n.bit_length()) for n in (self.count, max(follower.windows.shape)))
         mass = unsigned(max(1, int(follower.high.max()).bit_length()))
         names = [f"{what}_{axis}" for what in ("low", "high") for axis in "uv"]
         layout = data.StructLayout(
@@ -117,7 +108,7 @@ class DotFollowerStream(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        follower, half = self.follower, self.follower.windows.half
+        follower = self.follower
 
         # Rows of windows come in; `ahead` counts the complete ones from the frame's first that is followed.
         layout = window_layout(follower.windows)
@@ -146,155 +137,75 @@ class DotFollowerStream(wiring.Component):
         with m.If(row_done):
             m.d.sync += slot.eq(slot + 1)
 
-        # The dot's record is read while the one before is divided.
         record_layout, records = self.records()
         m.submodules.records = table = memory.Memory(
             shape=record_layout, depth=self.count, init=records, attrs={"ram_style": "distributed"}
         )
         fetch = table.read_port()
         dot = Signal(range(self.count))
-        base = Signal(range(self.kept_rows))
+        base = Signal(range(self.kept_rows))  # slot of the frame's first row
         record = fetch.data
         m.d.comb += [fetch.addr.eq(dot), self.i.ready.eq(ahead - record.first_row < self.kept_rows)]
 
-        # Shifts in whole pixels of the dots so far; no guide is a dot that stays.
-        travel_bits = signed(follower.width - FRACTION + 1)
-        travel = data.StructLayout({"u": travel_bits, "v": travel_bits})
+        # Travels in whole pixels of the dots so far; the last entry, that of no guide, stays 0.
+        axes = [DotAxis(follower, axis, len(record.first_row)) for axis in "uv"]
+        travel = data.StructLayout({a.axis: a.expected.shape() for a in axes})
         m.submodules.travels = travels = memory.Memory(shape=travel, depth=self.count + 1, init=[])
         remember = travels.write_port()
         guides = [travels.read_port(domain="comb") for _ in range(2)]
         m.d.comb += [port.addr.eq(record[f"guide_{k}"]) for k, port in enumerate(guides)]
 
-        place = {axis: Signal(len(record.low_u), name=f"window_{axis}") for axis in "uv"}
+        u, v = (a.place for a in axes)
+        m.d.comb += [read.addr.eq(Cat((u // self.per_beat)[: len(column)], (base + v)[: len(slot)]))]
+        chosen = read.data[u[0]] if self.per_beat > 1 else read.data[0]
         word = Signal(layout, reset_less=True)
         seen = Signal()
+        steps = quotient_bits(follower) // 2
+        step = Signal(range(steps))
         m.d.comb += [
-            read.addr.eq(Cat((place["u"] // self.per_beat)[: len(column)], (base + place["v"])[: len(slot)])),
-            read.en.eq(1),
+            seen.eq((word.mass >= record.least) & (word.mass <= record.most)),
+            remember.addr.eq(dot),
+            *(remember.data[a.axis].eq(a.travel(seen)) for a in axes),
         ]
-        chosen = read.data[place["u"][0]] if self.per_beat > 1 else read.data[0]
-        axes = {axis: _Axis(self, axis) for axis in "uv"}
-        steps = Signal(range(self.quotient_bits // 2))
-        m.d.comb += seen.eq((word.mass >= record.least) & (word.mass <= record.most))
-        with m.FSM(init="FETCH"):
+        with m.If(self.o.ready):
+            m.d.sync += self.o.valid.eq(0)
+        with m.FSM():
+            with m.State("FETCH"):
+                m.next = "EXPECT"
             with m.State("EXPECT"):
-                for axis, a in axes.items():
-                    m.d.sync += a.expected.eq((guides[0].data[axis] + guides[1].data[axis] + 1) >> 1)
+                m.d.sync += [a.expect([port.data for port in guides]) for a in axes]
                 with m.If(ahead > record.last_row):
-                    m.next = "FIRST"
-            with m.State("FIRST"):
-                for axis, a in axes.items():
-                    near = ((a.rest_px(record) + a.expected) // CELL) - half
-                    m.d.sync += place[axis].eq(_clipped(near, record[f"low_{axis}"], record[f"high_{axis}"]))
+                    m.next = "LOOK"
+            with m.State("LOOK"):
+                m.d.sync += [a.look(record) for a in axes]
                 m.next = "READ FIRST"
             with m.State("READ FIRST"):
                 m.next = "HOLD FIRST"
             with m.State("HOLD FIRST"):
                 m.d.sync += word.eq(chosen)
-                m.next = "SECOND"
-            with m.State("SECOND"):
-                for axis, a in axes.items():
-                    last = follower.windows.shape["vu".index(axis)] - 1
-                    m.d.sync += place[axis].eq(_clipped(place[axis] + a.step(word), 0, last))
+                m.next = "STEP"
+            with m.State("STEP"):
+                m.d.sync += [a.step(word) for a in axes]
                 m.next = "READ SECOND"
             with m.State("READ SECOND"):
                 m.next = "HOLD SECOND"
             with m.State("HOLD SECOND"):
-                m.d.sync += [word.eq(chosen), steps.eq(0)]
-                for a in axes.values():
-                    m.d.sync += a.start(chosen)
+                m.d.sync += [word.eq(chosen), step.eq(0), *(a.start(chosen) for a in axes)]
                 m.next = "DIVIDE"
             with m.State("DIVIDE"):
-                for a in axes.values():
-                    m.d.sync += a.divide(word.mass)
-                m.d.sync += steps.eq(steps + 1)
-                with m.If(steps == self.quotient_bits // 2 - 1):
+                m.d.sync += [step.eq(step + 1), *(a.divide(word.mass) for a in axes)]
+                with m.If(step == steps - 1):
                     m.next = "MOVE"
             with m.State("MOVE"):
-                for axis, a in axes.items():
-                    m.d.sync += a.moved.eq(a.centre(place[axis]) + a.offset(word) - record[f"rest_{axis}"])
+                m.d.sync += [a.move(word, record) for a in axes]
                 m.next = "GIVE"
             with m.State("GIVE"), m.If(~self.o.valid | self.o.ready):
                 m.d.comb += [remember.en.eq(1), frame_done.eq(dot == self.count - 1)]
                 m.d.sync += [
-                    self.o.valid.eq(1),
-                    self.o.payload.seen.eq(seen),
+                    *(self.o.valid.eq(1), self.o.payload.seen.eq(seen)),
+                    *(self.o.payload[a.axis].eq(Mux(seen, a.moved, 0)) for a in axes),
                     dot.eq(Mux(frame_done, 0, dot + 1)),
+                    base.eq(base + Mux(frame_done, self.rows, 0)),
                 ]
-                m.d.sync += [self.o.payload[axis].eq(Mux(seen, a.moved, 0)) for axis, a in axes.items()]
-                with m.If(frame_done):
-                    m.d.sync += base.eq(base + self.rows)
                 m.next = "FETCH"
-            with m.State("FETCH"):
-                m.next = "EXPECT"
-        with m.If(self.o.ready & ~remember.en):
-            m.d.sync += self.o.valid.eq(0)
-        m.d.comb += remember.addr.eq(dot)
-        for axis, a in axes.items():
-            m.d.comb += remember.data[axis].eq(
-                Mux(seen, (a.moved + (1 << (FRACTION - 1))) >> FRACTION, a.expected)
-            )
         return m
-
-
-def _clipped(value, low, high):
-    return Mux(value < low, low, Mux(value > high, high, value))
-
-
-class _Axis:
-    """The registers of one axis, u or v, and what is computed with them."""
-
-    def __init__(self, stream: DotFollowerStream, axis: str):
-        follower = stream.follower
-        self.follower, self.axis, self.bits = follower, axis, stream.quotient_bits
-        self.expected = Signal(signed(follower.width - FRACTION + 1), name=f"expected_{axis}")
-        self.moved = Signal(signed(follower.width), name=f"moved_{axis}", reset_less=True)
-        windows = follower.windows
-        self.remainder = Signal(windows.mass_width, name=f"remainder_{axis}", reset_less=True)
-        self.numerator = Signal(self.bits, name=f"numerator_{axis}", reset_less=True)
-        self.quotient = Signal(self.bits, name=f"quotient_{axis}", reset_less=True)
-
-    def rest_px(self, record):
-        """The pixel nearest to the dot at rest."""
-        return (record[f"rest_{self.axis}"] + (1 << (FRACTION - 1))) >> FRACTION
-
-    def step(self, word):
-        """By how many windows the centre of darkness is away; see `DotFollower.step`."""
-        mass, moment = word.mass, word[self.axis]
-        edges = [2 * CELL * k + CELL for k in range(self.follower.windows.half)]
-        beyond = sum((moment >= mass * edge for edge in edges), Const(0, 1))
-        before = sum((moment < -(mass * edge) for edge in edges), Const(0, 1))
-        return Mux(mass == 0, 0, beyond - before)
-
-    def start(self, word) -> list:
-        """Begin |moment| · 2**FRACTION / mass: what is above the quotient's bits is below the mass."""
-        moment = word[self.axis]
-        scaled = Cat(Const(0, FRACTION), Mux(moment < 0, -moment, moment)[: len(moment)])
-        return [
-            self.numerator.eq(scaled[: self.bits]),
-            self.remainder.eq(scaled[self.bits :]),
-            self.quotient.eq(0),
-        ]
-
-    def divide(self, mass) -> list:
-        """Two steps of restoring division."""
-        remainder, bits = self.remainder, []
-        for bit in (self.numerator[-1], self.numerator[-2]):
-            brought = Cat(bit, remainder)
-            fits = brought >= mass
-            remainder = Mux(fits, brought - mass, brought)[: len(self.remainder)]
-            bits.append(fits & (mass != 0))
-        return [
-            self.remainder.eq(remainder),
-            self.numerator.eq(self.numerator << 2),
-            self.quotient.eq(Cat(bits[1], bits[0], self.quotient)),
-        ]
-
-    def offset(self, word):
-        """The rounded quotient with the moment's sign."""
-        rounded = (self.quotient + 1) >> 1
-        return Mux(word[self.axis] < 0, -rounded, rounded)
-
-    def centre(self, place):
-        """The window's centre in px · 2**FRACTION; see `DotFollower.centre`."""
-        return (2 * CELL * (place + self.follower.windows.half) + CELL - 1) << (FRACTION - 1)

@@ -79,37 +79,25 @@ class DotWindowStream(wiring.Component):
             for k, (left, right) in enumerate(zip(dark[::2], dark[1::2], strict=True))
         ]
 
-        # Stage 2: two lines make a cell. The line buffer has the upper line, and earlier rows of cells.
+        # Stage 2: two lines make a cell. One memory has the upper line, one the earlier rows of cells.
         moment = signed(signed_width(2 * darkest))
         cell = data.StructLayout({"mass": (4 * darkest).bit_length(), "u": moment, "v": moment})
-        upper = {"pair": pairs[0][0].shape(), "side": pairs[0][1].shape()}
-        column = data.StructLayout({**upper, "past": data.ArrayLayout(cell, 2 * half)})
-        m.submodules.line_buffer = buffer = memory.Memory(
-            shape=data.ArrayLayout(column, per_beat),
-            depth=-(-self.line_beats // (CELL // self.lanes or 1)),
-            init=[],
-        )
-        read, write = buffer.read_port(), buffer.write_port()
-        m.d.comb += [
-            *(read.addr.eq(tags[0].cell), read.en.eq(advance)),
-            *(write.addr.eq(tags[1].cell), write.en.eq(advance & tags[1].pair)),
-        ]
+        upper = data.StructLayout({"pair": pairs[0][0].shape(), "side": pairs[0][1].shape()})
+        above, keep = self._line_buffer(m, "upper_line", upper, tags, ~tags[1].lower)
+        past, push = self._line_buffer(m, "past_rows", data.ArrayLayout(cell, 2 * half), tags, tags[1].lower)
         rows = []
         for k, (pair, side) in enumerate(pairs):
-            before, after, now = read.data[k], write.data[k], Signal(cell, name=f"cell_{k}")
-            past = before.past.as_value()
+            now = Signal(cell, name=f"cell_{k}")
             m.d.comb += [
-                *(
-                    now.mass.eq(before.pair + pair),
-                    now.u.eq(before.side + side),
-                    now.v.eq(pair - before.pair),
-                ),
-                *(after.pair.eq(pair), after.side.eq(side)),
-                after.past.eq(Mux(tags[1].lower, Cat(past, now)[cell.size :], past)),
+                now.mass.eq(above[k].pair + pair),
+                now.u.eq(above[k].side + side),
+                now.v.eq(pair - above[k].pair),
+                *(keep[k].pair.eq(pair), keep[k].side.eq(side)),
+                push[k].eq(Cat(past[k], now)[cell.size :]),
             ]
             held = Signal(data.ArrayLayout(cell, self.count), reset_less=True, name=f"rows_{k}")
             with m.If(advance):
-                m.d.sync += held.eq(Cat(past, now))
+                m.d.sync += held.eq(Cat(past[k], now))
             rows.append(held)
 
         # Down the columns, about the middle row of cells.
@@ -121,7 +109,7 @@ class DotWindowStream(wiring.Component):
             columns.append((mass, u, v))
 
         # Along the row, about the middle column: the columns before are kept.
-        moves = advance & tags[stage].lower & tags[stage].pair
+        moves = advance & tags[stage].pair
         kept = []
         for part, name in enumerate(("mass", "u", "v")):
             shape = columns[0][part].shape()
@@ -168,6 +156,19 @@ class DotWindowStream(wiring.Component):
             m.d.sync += valid.eq(Cat(completes, valid))
             m.d.sync += [after.eq(before) for before, after in pairwise(tags)]
         return tags
+
+    def _line_buffer(self, m: Module, name: str, shape, tags: list, keeps) -> tuple:
+        """A memory of a value of `shape` for each column of cells: those of the beat that is in stage 1, and
+        what replaces them where `keeps`."""
+        m.submodules[name] = buffer = memory.Memory(
+            shape=data.ArrayLayout(shape, self.per_beat), depth=self.width // CELL // self.per_beat, init=[]
+        )
+        read, write = buffer.read_port(), buffer.write_port()
+        m.d.comb += [
+            *(read.addr.eq(tags[0].cell), read.en.eq(self._advance)),
+            *(write.addr.eq(tags[1].cell), write.en.eq(self._advance & tags[1].pair & keeps)),
+        ]
+        return read.data, write.data
 
     def _register(self, m: Module, value, name: str, enable=1) -> Signal:
         held = Signal(value.shape(), reset_less=True, name=name)

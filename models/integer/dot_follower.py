@@ -41,6 +41,8 @@ class DotFollower:
             raise ValueError("rest: no dots to follow")
         if (np.diff(self.rest_windows[:, 1]) < 0).any():
             raise ValueError("rest: expected dots in the order of their rows of windows")
+        if self.low.min() < 1:
+            raise ValueError(f"low {self.low.min()}: expected at least 1, for nothing is no dot")
         earlier = (self.guides >= 0) & (self.guides < np.arange(count)[:, None])
         if not (earlier | (self.guides == count)).all():
             raise ValueError(f"guides: expected indices of earlier dots, or {count} for none")
@@ -95,9 +97,8 @@ class DotFollower:
         """By how many windows the centre of darkness is away from that of windows (…, 3), (…, 2)."""
         mass, moment = window[..., :1], window[..., 1:]
         edges = 2 * CELL * np.arange(self.windows.half) + CELL
-        beyond = (moment[..., None] >= mass[..., None] * edges).sum(axis=-1)
-        before = (moment[..., None] < -mass[..., None] * edges).sum(axis=-1)
-        return np.where(mass > 0, beyond - before, 0)
+        beyond = (moment[..., None] > mass[..., None] * edges).sum(axis=-1)
+        return beyond - (moment[..., None] < -mass[..., None] * edges).sum(axis=-1)
 
     @staticmethod
     def offset(window: np.ndarray) -> np.ndarray:
@@ -170,8 +171,7 @@ def at_rest(
         windows,
         nearest << FRACTION,
         np.full((len(nearest), 2), len(nearest)),
-        np.zeros(len(nearest), np.int64),
-        np.zeros(len(nearest), np.int64),
+        *np.ones((2, len(nearest)), np.int64),
         reach,
     )
     window = np.clip(window + draft.step(seen[window[:, 1], window[:, 0]]), 0, last)
@@ -185,4 +185,4 @@ def at_rest(
     order = np.lexsort((row[:, 0], row[:, 1]))
     rest, mass = rest[order], mass[order]
     guides = guides_of(rest / (1 << FRACTION), spacing_px)
-    return DotFollower(windows, rest, guides, mass // 2, mass * 3 // 2, reach)
+    return DotFollower(windows, rest, guides, np.maximum(mass // 2, 1), mass * 3 // 2, reach)

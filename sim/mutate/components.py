@@ -80,6 +80,7 @@ COMPONENTS = (
         ),
     ),
     Component("bus/registers", ("bus/test_registers.py",), datapath=False, designs=2),
+    Component("dots/axis", ("dots/test_follower.py",)),
     Component("dots/darkness", ("dots/test_darkness.py",)),
     Component("dots/follower", ("dots/test_follower.py",)),
     Component("dots/window_stream", ("dots/test_window_stream.py",)),

@@ -34,6 +34,23 @@ def frames_of(height=HEIGHT, width=WIDTH):
     return np.stack([*map(moved, given), covered, smeared, added, noise, 0 * noise, 0 * noise + 255])
 
 
+def random_windows(follower, count):
+    """Windows that no image has: each of any mass, near the limits of what is seen too, and any centre."""
+    rng, windows = np.random.default_rng(2), follower.windows
+    shape = (count, *windows.shape)
+    near = np.concatenate([follower.low, follower.high])[:, None] + (-1, 0, 1)
+    mass = rng.choice([0, 1, windows.mass_bound, *near.ravel()], shape)
+    mass = np.where(rng.random(shape) < 0.3, rng.integers(0, windows.mass_bound + 1, shape), mass)
+    distance = rng.uniform(-1, 1, (*shape, 2)) * (4 * windows.half + 1)
+    edges = rng.choice([-6, -2, 0, 2, 6, 4 * windows.half + 1], (*shape, 2))
+    moment = np.where(
+        rng.random((*shape, 2)) < 0.3, mass[..., None] * edges, np.rint(mass[..., None] * distance)
+    )
+    reach = np.minimum(mass * (4 * windows.half + 1), windows.moment_bound)[..., None]
+    moment = np.clip(moment + rng.integers(-1, 2, moment.shape), -reach, reach)
+    return np.concatenate([mass[..., None], moment.astype(np.int64)], axis=-1)
+
+
 def stream(follower, lanes):
     per_beat = DotWindowStream(follower.windows, lanes=lanes).per_beat
     return DotFollowerStream(follower, per_beat=per_beat, row_clocks=2 * follower.windows.image[1] // lanes)
@@ -68,10 +85,22 @@ def test_every_dot_of_every_frame(lanes, half, reach):
         assert found["o"] == found_payloads(follower, shift, seen)
 
 
+def test_any_windows():
+    follower = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
+    windows = random_windows(follower, 40)
+    shift, seen = follower(windows)
+    assert 0.2 < seen.mean() < 0.9
+    assert np.abs(shift).max() > 0.7 * follower.bound
+    dut = stream(follower, 4)
+    inputs = dots.payloads(follower.windows, windows, dut.per_beat)
+    found, _ = run_streams(dut, inputs, {"o": seen.size})
+    assert found["o"] == found_payloads(follower, shift, seen)
+
+
 @pytest.mark.long
 def test_stream_rules_in_verilator(tmp_path):
-    follower = dots.follower(HEIGHT, WIDTH)
-    windows = follower.windows(frames_of())
+    follower = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
+    windows = np.concatenate([follower.windows(frames_of()), random_windows(follower, 80)])
     dut = stream(follower, 4)
     check(
         dut,
@@ -94,3 +123,5 @@ def test_the_order_of_dots_is_checked():
         replace(follower, rest=follower.rest[::-1])
     with pytest.raises(ValueError, match="guides: expected indices of earlier dots"):
         replace(follower, guides=follower.guides * 0 + 1)
+    with pytest.raises(ValueError, match="low 0: expected at least 1"):
+        replace(follower, low=follower.low * 0)

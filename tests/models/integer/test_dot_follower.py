@@ -61,7 +61,7 @@ def test_no_shift_exceeds_the_bound(follower):
         follower.windows,
         follower.rest,
         follower.guides,
-        0 * follower.low,
+        0 * follower.low + 1,
         0 * follower.high + (1 << 30),
         follower.reach,
     )
