@@ -1,14 +1,19 @@
 """From a scene's background to its follower, and on photographs of a dotted gel beside the detector."""
 
+from pathlib import Path
+
+import cv2
 import dots
 import numpy as np
 import pytest
 
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.vision.dots import follower_of
-from fastac.models.vision.markers import MarkerError
+from fastac.models.vision.markers import Detector, MarkerError, associate
+from fastac.scenes.sensor_schema import Sensor
 
 SIDE = 96
+PHOTOGRAPHS = Path(__file__).parents[4] / "shared/data/fots/markers"
 
 
 @pytest.fixture
@@ -44,3 +49,23 @@ def test_refused(sensor, tiny_scene):
         follower_of(np.full_like(frame, 200), sensor)
     with pytest.raises(MarkerError, match="94 × 96 px: expected multiples of 4"):
         follower_of(frame[:94], sensor)
+
+
+@pytest.mark.skipif(not PHOTOGRAPHS.is_dir(), reason=f"the dotted gel's photographs are not in {PHOTOGRAPHS}")
+def test_photographs_of_a_gel_beside_the_detector():
+    """Dots of 11 px, 27 px apart, three channels, on a grid that is neither straight nor level."""
+    first, second = (cv2.imread(str(PHOTOGRAPHS / f"{k}.png")) for k in (0, 1))
+    markers = {"spacing_mm": 2.7, "radius_mm": 0.55}
+    size = {"height_px": first.shape[0], "width_px": 256, "pitch_mm": 0.1}
+    sensor = Sensor(geometry="flat", channels="bgr", source="recorded", markers=markers, **size)
+    follower = follower_of(first, sensor)
+    shift, seen = follower(follower.windows(second))
+    places = (follower.rest + shift) / (1 << FRACTION)
+    assert len(places) == 90
+    assert seen.all()
+    assert np.abs(shift).max() > 11 << FRACTION, "the gel was moved by 11 px and more"
+    known = Detector(11.0).detect(second)
+    matched = associate(places, known, 10)
+    away = np.linalg.norm(places - known[matched], axis=-1)[matched >= 0]
+    assert len(away) > 80, "the detector leaves out dots at the image's edge"
+    assert away.max() < 0.3
