@@ -80,10 +80,10 @@ COMPONENTS = (
         ),
     ),
     Component("bus/registers", ("bus/test_registers.py",), datapath=False, designs=2),
-    Component("dots/axis", ("dots/test_follower.py",)),
+    Component("dots/axis", ("dots/test_follower.py::test_stream_rules_in_verilator",)),
     Component("dots/darkness", ("dots/test_darkness.py",)),
-    Component("dots/follower", ("dots/test_follower.py",)),
-    Component("dots/window_stream", ("dots/test_window_stream.py",)),
+    Component("dots/follower", ("dots/test_follower.py::test_stream_rules_in_verilator",)),
+    Component("dots/window_stream", ("dots/test_window_stream.py::test_stream_rules_in_verilator",)),
     Component(
         "dst1_engine",
         ("test_dst1_engine.py::test_bit_exact_to_golden_model",),
