@@ -10,9 +10,10 @@ SPACING_PX, RADIUS_PX, SKIN = 10, 1.8, 150
 
 
 def places(height: int, width: int) -> np.ndarray:
-    """u and v of dots on a grid, (M, 2)."""
-    u, v = (np.arange(7, side - 6, SPACING_PX) + 0.3 for side in (width, height))
-    return np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    """u and v of dots near the points of a grid, each with other fractions of a pixel, (M, 2)."""
+    u, v = (np.arange(7, side - 6, SPACING_PX) for side in (width, height))
+    grid = np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2)
+    return grid + np.outer(np.arange(1, len(grid) + 1), (0.618, 0.414)) % 1 * 0.9 - 0.4
 
 
 def frame(height: int, width: int, centres: np.ndarray, channels: int = 4) -> np.ndarray:

@@ -41,13 +41,14 @@ def random_windows(follower, count):
     near = np.concatenate([follower.low, follower.high])[:, None] + (-1, 0, 1)
     mass = rng.choice([0, 1, windows.mass_bound, *near.ravel()], shape)
     mass = np.where(rng.random(shape) < 0.3, rng.integers(0, windows.mass_bound + 1, shape), mass)
-    distance = rng.uniform(-1, 1, (*shape, 2)) * (4 * windows.half + 1)
-    edges = rng.choice([-6, -2, 0, 2, 6, 4 * windows.half + 1], (*shape, 2))
-    moment = np.where(
-        rng.random((*shape, 2)) < 0.3, mass[..., None] * edges, np.rint(mass[..., None] * distance)
-    )
-    reach = np.minimum(mass * (4 * windows.half + 1), windows.moment_bound)[..., None]
-    moment = np.clip(moment + rng.integers(-1, 2, moment.shape), -reach, reach)
+    # Centres anywhere; at the edges where another window is nearer; at which a quotient's last bit changes.
+    span = 4 * windows.half + 1
+    steps = rng.integers(-64 * span, 64 * span + 1, (*shape, 2)) / 64
+    edges = rng.choice([-6, -2, 0, 2, 6, span], (*shape, 2))
+    factor = np.where(rng.random((*shape, 2)) < 0.4, edges, steps)
+    moment = np.rint(mass[..., None] * factor) + rng.integers(-1, 2, (*shape, 2))
+    reach = np.minimum(mass * span, windows.moment_bound)[..., None]
+    moment = np.clip(moment, -reach, reach)
     return np.concatenate([mass[..., None], moment.astype(np.int64)], axis=-1)
 
 
@@ -100,7 +101,7 @@ def test_any_windows():
 @pytest.mark.long
 def test_stream_rules_in_verilator(tmp_path):
     follower = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
-    windows = np.concatenate([follower.windows(frames_of()), random_windows(follower, 80)])
+    windows = np.concatenate([follower.windows(frames_of()), random_windows(follower, 150)])
     dut = stream(follower, 4)
     check(
         dut,
