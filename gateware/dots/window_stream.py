@@ -79,11 +79,11 @@ class DotWindowStream(wiring.Component):
             for k, (left, right) in enumerate(zip(dark[::2], dark[1::2], strict=True))
         ]
 
-        # Stage 2: two lines make a cell. One memory has the upper line, one the earlier rows of cells.
+        # Stage 2: two lines make a cell. One memory has the line above, one the earlier rows of cells.
         moment = signed(signed_width(2 * darkest))
         cell = data.StructLayout({"mass": (4 * darkest).bit_length(), "u": moment, "v": moment})
-        upper = data.StructLayout({"pair": pairs[0][0].shape(), "side": pairs[0][1].shape()})
-        above, keep = self._line_buffer(m, "upper_line", upper, tags, ~tags[1].lower)
+        line = data.StructLayout({"pair": pairs[0][0].shape(), "side": pairs[0][1].shape()})
+        above, keep = self._line_buffer(m, "line_above", line, tags)
         past, push = self._line_buffer(m, "past_rows", data.ArrayLayout(cell, 2 * half), tags, tags[1].lower)
         rows = []
         for k, (pair, side) in enumerate(pairs):
@@ -157,7 +157,7 @@ class DotWindowStream(wiring.Component):
             m.d.sync += [after.eq(before) for before, after in pairwise(tags)]
         return tags
 
-    def _line_buffer(self, m: Module, name: str, shape, tags: list, keeps) -> tuple:
+    def _line_buffer(self, m: Module, name: str, shape, tags: list, keeps=1) -> tuple:
         """A memory of a value of `shape` for each column of cells: those of the beat that is in stage 1, and
         what replaces them where `keeps`."""
         m.submodules[name] = buffer = memory.Memory(

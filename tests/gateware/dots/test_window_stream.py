@@ -50,7 +50,7 @@ def test_every_window(lanes, half, height, width):
 
 @pytest.mark.long
 def test_stream_rules_in_verilator(tmp_path):
-    windows = windows_of(16, 16, 2, 765)
+    windows = windows_of(20, 16, 2, 765)
     dark = frames_of(windows, np.random.default_rng(1))
     dut = DotWindowStream(windows, lanes=4)
     expected = windows.of_darkness(dark)
