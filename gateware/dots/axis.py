@@ -3,6 +3,7 @@
 from amaranth import Cat, Const, Mux, Signal, signed
 from amaranth.lib import data
 
+from fastac.gateware.dots.multiple import multiple
 from fastac.models.integer.dot_follower import FRACTION, DotFollower
 from fastac.models.integer.dot_windows import CELL
 
@@ -51,12 +52,13 @@ class DotAxis:
         """The window around the centre of darkness in this one; see `DotFollower.step`."""
         mass, moment = word.mass, word[self.axis]
         edges = [2 * CELL * k + CELL for k in range(self.half)]
-        beyond = sum((moment > mass * edge for edge in edges), Const(0, 1))
-        before = sum((moment < -(mass * edge) for edge in edges), Const(0, 1))
+        beyond = sum((moment > multiple(mass, edge) for edge in edges), Const(0, 1))
+        before = sum((moment < multiple(mass, -edge) for edge in edges), Const(0, 1))
         return [self.place.eq(clipped(self.place + beyond - before, 0, self.last))]
 
     def start(self, word: data.View) -> list:
-        """Begin |moment| · 2**FRACTION / mass: what is above the quotient's bits is below the mass.
+        """Begin |moment| · 2**FRACTION / mass. The upper bits are less than the mass, for |moment| is at most
+        (4 · half + 1) · mass, so they are the first remainder.
 
         Without mass the quotient is undefined; such a dot is not seen.
         """
@@ -85,7 +87,7 @@ class DotAxis:
         """The dot's shift: its window's centre and the rounded quotient, less its place at rest."""
         rounded = (self.quotient + 1) >> 1
         offset = Mux(word[self.axis] < 0, -rounded, rounded)
-        centre = (2 * CELL * (self.place + self.half) + CELL - 1) << (FRACTION - 1)
+        centre = (multiple(self.place + self.half, 2 * CELL) + CELL - 1) << (FRACTION - 1)
         return [self.moved.eq(centre + offset - record[f"rest_{self.axis}"])]
 
     def travel(self, seen):

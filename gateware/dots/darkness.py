@@ -6,6 +6,7 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.frame_sum import adder_tree, tree_levels
+from fastac.gateware.dots.multiple import multiple
 from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
 from fastac.gateware.stream.tables import TableFormat
 from fastac.models.integer.dot_windows import BLOCK, DotWindows
@@ -20,7 +21,8 @@ class DarknessStream(wiring.Component):
     i : stream of `lanes` pixels of `windows.channels` × unsigned(8), frames of H × W pixels in raster order
     o : stream of `lanes` values, unsigned(windows.darkness_width)
     threshold : write port of the thresholds' memory, one word for each block of pixels in raster order, see
-        `TableFormat`; must not be used while a frame is in flight. Only if `windows.loadable`.
+        `TableFormat`, of 0 to `windows.brightest`; must not be used while a frame is in flight. Only if
+        `windows.loadable`.
 
     `latency` = 1 + ceil(log2(channels)) clocks, at least 2, without back-pressure: adder tree, difference.
     Initiation interval: 1 clock per beat.
@@ -78,7 +80,8 @@ class DarknessStream(wiring.Component):
             ]
         read = table.read_port()
         blocks = self.windows.threshold.shape[1]
-        m.d.comb += [read.addr.eq((y // BLOCK) * blocks + (x * self.lanes) // BLOCK), read.en.eq(advance)]
+        row, column = multiple(y // BLOCK, blocks), multiple(x, self.lanes) // BLOCK
+        m.d.comb += [read.addr.eq(row + column), read.en.eq(advance)]
 
         def register(value, name: str) -> Signal:
             held = Signal.like(value, reset_less=True, name=name)

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""Marker dots from pixels: their shifts, a few clocks after the last row that each of them can be in."""
+"""Marker dots from pixels: their shifts, one after another once the last row is in that a dot can be in."""
 
 from amaranth import Module, unsigned
 from amaranth.lib import data, stream, wiring
@@ -19,10 +19,11 @@ class DotStream(wiring.Component):
     -------
     i : stream of `lanes` pixels of C × unsigned(8), frames of H × W pixels in raster order
     o : stream of one dot per beat, see `dot_layout`; M of them a frame, in the order of `follower.rest`
-    threshold : see `DarknessStream`; only if `follower.windows.loadable`
+    threshold : see `DarknessStream`; only if `follower.windows.loadable`. Places and limits stay as built.
 
-    `latency` clocks from a frame's last pixels to its last dot, without back-pressure; `interval` = H·W/lanes
-    clocks per frame. Raises ValueError where dots are too many for the rate, see `DotFollowerStream`.
+    `latency` clocks from a frame's last pixels to its last dot, without back-pressure; it is negative where
+    the last dot is known before the frame ends. `interval` = H·W/lanes clocks per frame. Raises ValueError
+    where dots are too many for the rate, see `DotFollowerStream`.
     """
 
     multipliers = 0

@@ -31,7 +31,7 @@ class DotFollowerStream(wiring.Component):
     `clocks_per_dot` = 10 + q/2 without back-pressure, where q is the number of bits of a quotient, which the
     divisions find by twos. `latency` counts from a frame's last beat of windows to its last dot. `row_clocks`
     is how many clocks a row of windows takes at full rate. Raises ValueError where dots are so many, or so
-    close, that `i` would have to wait at that rate.
+    close, that `i` could have to wait at that rate.
     """
 
     multipliers = 0
@@ -59,7 +59,7 @@ class DotFollowerStream(wiring.Component):
         """When each dot is offered, in clocks from the start of a frame's first row of windows."""
         clock, found = 0, []
         for row in self.follower.rows[1]:
-            # A dot that waits for a row goes on two clocks after its last beat, and has two steps behind it.
+            # FETCH and EXPECT are done while a dot waits for its row.
             clock = max(clock, (int(row) + 1) * self.row_clocks) + self.clocks_per_dot
             found.append(clock)
         return np.array(found)
@@ -110,7 +110,8 @@ class DotFollowerStream(wiring.Component):
         m = Module()
         follower = self.follower
 
-        # Rows of windows come in; `ahead` counts the complete ones from the frame's first that is followed.
+        # Rows of windows come in. `ahead` counts the complete ones from the first row of the frame whose dots
+        # are followed; it is negative while the rest of the frame before comes in.
         layout = window_layout(follower.windows)
         column = Signal(range(self.row_beats))
         slot = Signal(range(self.kept_rows))
@@ -157,7 +158,8 @@ class DotFollowerStream(wiring.Component):
 
         u, v = (a.place for a in axes)
         m.d.comb += [read.addr.eq(Cat((u // self.per_beat)[: len(column)], (base + v)[: len(slot)]))]
-        chosen = read.data[u[0]] if self.per_beat > 1 else read.data[0]
+        words = [read.data[k].as_value() for k in range(self.per_beat)]
+        chosen = data.View(layout, Mux(u[0], words[-1], words[0]) if self.per_beat > 1 else words[0])
         word = Signal(layout, reset_less=True)
         seen = Signal()
         steps = quotient_bits(follower) // 2

@@ -8,6 +8,7 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.frame_sum import adder_tree, tree_levels
+from fastac.gateware.dots.multiple import multiple
 from fastac.gateware.stream.handshake import check_lanes
 from fastac.models.integer.dot_windows import CELL, DotWindows
 from fastac.models.integer.words import signed_width
@@ -149,7 +150,7 @@ class DotWindowStream(wiring.Component):
             tags[0].cell.eq(cell),
         ]
         valid = Signal(self.latency)
-        inside = (y >= 2 * CELL * half) & (cell * self.per_beat >= 2 * half)
+        inside = (y >= 2 * CELL * half) & (multiple(cell, self.per_beat) >= 2 * half)
         completes = tags[0].pair & tags[0].lower & inside
         m.d.comb += self.o.valid.eq(valid[-1])
         with m.If(advance):
@@ -185,7 +186,7 @@ class DotWindowStream(wiring.Component):
         """Of (mass, moment) at places CELL px apart: the masses' sum and their moment about the middle."""
         distances = [2 * CELL * (k - self.windows.half) for k in range(self.count)]
         terms = [
-            (moment + distance * mass, moment_bound + abs(distance) * mass_bound)
+            (moment + multiple(mass, distance), moment_bound + abs(distance) * mass_bound)
             for distance, (mass, moment) in zip(distances, cells, strict=True)
         ]
         total = self._sum(m, [(mass, mass_bound) for mass, _ in cells], f"{name}_mass")

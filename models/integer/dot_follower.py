@@ -43,6 +43,10 @@ class DotFollower:
             raise ValueError("rest: expected dots in the order of their rows of windows")
         if self.low.min() < 1:
             raise ValueError(f"low {self.low.min()}: expected at least 1, for nothing is no dot")
+        if (self.low > self.high).any():
+            raise ValueError("low, high: expected low to be at most high")
+        if self.rest.min() < 0 or (self.rest_px >= self.windows.image[::-1]).any():
+            raise ValueError("rest: expected places inside the image")
         earlier = (self.guides >= 0) & (self.guides < np.arange(count)[:, None])
         if not (earlier | (self.guides == count)).all():
             raise ValueError(f"guides: expected indices of earlier dots, or {count} for none")

@@ -63,8 +63,7 @@ class Detector:
 
     def _threshold(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """How much darker than the skin each pixel is, (H, W) float32 ≥ 0, and the mask of dots, uint8 0 or
-        1.
-
+        1; see `skin_brightness`.
         """
         skin = skin_brightness(grey, self.diameter_px)
         smooth = cv2.GaussianBlur(grey, (0, 0), max(self.diameter_px / 12, 0.3))

@@ -11,7 +11,7 @@ from fastac.models.loops.frames import CHUNK
 from fastac.models.vision.dots import follower_of
 from fastac.models.vision.markers import Detector, MarkerError, associate
 from fastac.report.tables import text_table
-from fastac.scenes.schema import Scene
+from fastac.scenes.schema import AXES, Scene
 from fastac.sensor.dataset import DatasetError
 from fastac.sensor.optics.skin_paint import marker_pixels
 from fastac.sensor.samples import SPLITS
@@ -82,12 +82,13 @@ def measure(scene: Scene, path: Path, *, store: Path, progress: bool) -> Iterato
     and have no error. Raises DatasetError where the dataset does not know the dots' true places.
     """
     data, sensor = frames.read(path, scene, store=store, progress=progress), scene.sensor
-    truth_at_rest = marker_pixels(sensor)
-    if data.markers_px is None or data.force_n is None or data.markers_px.shape[1:] != truth_at_rest.shape:
-        raise DatasetError(
-            f"{path}: expected force_n, and markers_px of {len(truth_at_rest)} dots: forces and true places"
-        )
     follower = follower_of(data.background, sensor)
+    truth_at_rest = marker_pixels(sensor)
+    known = data.markers_px is not None and data.markers_px.shape[1:] == truth_at_rest.shape
+    if not known or data.force_n is None or data.force_n.shape[1] != len(AXES):
+        raise DatasetError(
+            f"{path}: expected force_n of three axes, and markers_px of {len(truth_at_rest)} dots"
+        )
     spacing_px = sensor.markers.spacing_mm / sensor.pitch_mm
     detector = Detector(2 * sensor.markers.radius_mm / sensor.pitch_mm)
     at_rest_px = detector.detect(data.background)

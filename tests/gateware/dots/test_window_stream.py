@@ -64,6 +64,6 @@ def test_stream_rules_in_verilator(tmp_path):
     )
 
 
-def test_no_multipliers_and_the_latency_at_full_size():
+def test_the_latency_at_full_size():
     dut = DotWindowStream(windows_of(128, 128, 2, 765), lanes=4)
-    assert (dut.latency, dut.multipliers, dut.per_beat, dut.row_beats) == (11, 0, 2, 30)
+    assert (dut.latency, dut.per_beat, dut.row_beats) == (11, 2, 30)

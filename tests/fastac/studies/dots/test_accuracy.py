@@ -73,4 +73,4 @@ def test_errors_of_both_ways(tmp_path, scene_file):
 def test_what_a_dataset_lacks(tmp_path, scene_file):
     data = write(tmp_path / "d.h5", scene_file, markers_px=None)
     failure = fail("study", "dots", scene_file, data)
-    assert "d.h5: expected force_n, and markers_px of 9 dots" in failure
+    assert "d.h5: expected force_n of three axes, and markers_px of 9 dots" in failure
