@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """From pixels to shifts: equal to the integers, at the camera's rate, after the clocks that are stated."""
 
+from dataclasses import replace
+
 import dots
 import numpy as np
 import pytest
@@ -47,6 +49,22 @@ def test_at_full_rate(lanes):
     last = taken["i"][dut.interval - 1 :: dut.interval]
     ends = taken["o"][len(follower.rest) - 1 :: len(follower.rest)]
     assert [end - start for start, end in zip(last, ends, strict=True)] == [dut.latency] * len(frames)
+
+
+def test_dots_of_the_upper_half_are_known_before_the_frame_ends():
+    every = dots.follower(SIDE, SIDE)
+    kept = every.rest_px[:, 1] < SIDE // 3
+    count = int(kept.sum())
+    guides = np.where(every.guides[kept] == len(kept), count, every.guides[kept])
+    parts = {name: getattr(every, name)[kept] for name in ("rest", "low", "high")}
+    follower = replace(every, **parts, guides=guides)
+    frames, dut = frames_of(SIDE), DotStream(follower, lanes=4)
+    expected = payloads(follower, frames)
+    found, taken = run_streams(dut, pack(frames.reshape(-1, 16), 8), {"o": len(expected)})
+    assert found["o"] == expected
+    last, ends = taken["i"][dut.interval - 1 :: dut.interval], taken["o"][count - 1 :: count]
+    assert [end - start for start, end in zip(last, ends, strict=True)] == [dut.latency] * len(frames)
+    assert dut.latency < 0
 
 
 @pytest.mark.long

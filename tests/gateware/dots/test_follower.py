@@ -98,10 +98,30 @@ def test_any_windows():
     assert found["o"] == found_payloads(follower, shift, seen)
 
 
+def test_shifts_up_to_the_bound():
+    """Every dot is seen, and darkness steers it to its farthest window and to that window's edge."""
+    usual = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
+    windows, none = usual.windows, 0 * usual.low
+    follower = replace(usual, low=none + 1, high=none + windows.mass_bound)
+    mass, span = 64, 4 * windows.half + 1
+    ways = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)])
+    moments = np.broadcast_to(ways[:, None, None] * mass * span, (len(ways), *windows.shape, 2))
+    given = np.concatenate([np.full((*moments.shape[:-1], 1), mass), moments], axis=-1)
+    shift, seen = follower(given)
+    assert seen.all()
+    assert np.abs(shift).max() == follower.bound
+    dut = stream(follower, 4)
+    found, _ = run_streams(dut, dots.payloads(windows, given, dut.per_beat), {"o": seen.size})
+    assert found["o"] == found_payloads(follower, shift, seen)
+
+
 @pytest.mark.long
 def test_stream_rules_in_verilator(tmp_path):
-    follower = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
-    windows = np.concatenate([follower.windows(frames_of()), random_windows(follower, 150)])
+    usual = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
+    windows = np.concatenate([usual.windows(frames_of()), random_windows(usual, 150)])
+    always = np.arange(len(usual.rest)) % 2 == 1  # every other dot counts as seen, whatever its darkness
+    high = np.where(always, usual.windows.mass_bound, usual.high)
+    follower = replace(usual, low=np.where(always, 1, usual.low), high=high)
     dut = stream(follower, 4)
     check(
         dut,
