@@ -75,7 +75,7 @@ class DotWindows:
     def _largest(self) -> np.ndarray:
         """The largest darkness of each pixel, (H, W)."""
         threshold = np.full_like(self.threshold, self.darkest) if self.loadable else self.threshold
-        return np.kron(threshold, np.ones((BLOCK, BLOCK), np.int64))
+        return _of_pixels(threshold)
 
     @cached_property
     def mass_bound(self) -> int:
@@ -107,8 +107,7 @@ class DotWindows:
 
     def darkness(self, frames: np.ndarray) -> np.ndarray:
         """Frames (..., H, W, C) uint8 to the darkness of each pixel, (..., H, W) int64."""
-        threshold = np.kron(self.threshold.astype(np.int64), np.ones((BLOCK, BLOCK), np.int64))
-        return np.maximum(threshold - frames.sum(axis=-1, dtype=np.int64), 0)
+        return np.maximum(_of_pixels(self.threshold) - frames.sum(axis=-1, dtype=np.int64), 0)
 
     @staticmethod
     def _cells(values: np.ndarray) -> np.ndarray:
@@ -137,6 +136,11 @@ class DotWindows:
         u = _box(moved[0], self.half) - columns[inner[1]] * total
         v = _box(moved[1], self.half) - rows[inner[0], None] * total
         return np.stack([total, u, v], axis=-1)
+
+
+def _of_pixels(blocks: np.ndarray) -> np.ndarray:
+    """Values of blocks as those of their pixels, (H / BLOCK, W / BLOCK) to (H, W) int64."""
+    return np.kron(blocks.astype(np.int64), np.ones((BLOCK, BLOCK), np.int64))
 
 
 def _box(values: np.ndarray, half: int) -> np.ndarray:

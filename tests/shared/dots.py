@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fastac.gateware.dots.follower import dot_layout
 from fastac.gateware.dots.window_stream import window_layout
 from fastac.models.integer.dot_follower import DotFollower, at_rest
 from fastac.models.integer.dot_windows import DotWindows
@@ -34,14 +35,26 @@ def follower(height: int, width: int, *, half: int = 1, reach: int = 3, channels
     return at_rest(windows, background, rest, spacing_px=SPACING_PX, reach=reach)
 
 
+def packed(layout, values) -> int:
+    """One payload of `layout` with these values of its fields, in their order."""
+    fields = (layout[name] for name in layout.members)
+    return sum(
+        (int(value) & ((1 << field.width) - 1)) << field.offset
+        for field, value in zip(fields, values, strict=True)
+    )
+
+
 def payloads(windows: DotWindows, found: np.ndarray, per_beat: int) -> list[int]:
     """Windows (frames, rows, columns, 3) as payloads of beats."""
-    layout, packed = window_layout(windows), []
-    for beat in found.reshape(-1, per_beat, 3):
-        word = 0
-        for k, values in enumerate(beat):
-            for name, value in zip(("mass", "u", "v"), values, strict=True):
-                field = layout[name]
-                word |= (int(value) & ((1 << field.width) - 1)) << (k * layout.size + field.offset)
-        packed.append(word)
-    return packed
+    layout = window_layout(windows)
+    return [
+        sum(packed(layout, values) << (k * layout.size) for k, values in enumerate(beat))
+        for beat in found.reshape(-1, per_beat, 3)
+    ]
+
+
+def shift_payloads(follower: DotFollower, shift: np.ndarray, seen: np.ndarray) -> list[int]:
+    """Shifts (frames, M, 2) and whether each dot is seen (frames, M) as payloads."""
+    layout = dot_layout(follower)
+    rows = zip(shift.reshape(-1, 2).tolist(), seen.ravel().tolist(), strict=True)
+    return [packed(layout, (*moved, known)) for moved, known in rows]

@@ -56,6 +56,29 @@ def transform(component: type, size: int, lanes: int) -> FormalBench:
     return bench
 
 
+def follows(
+    bench: FormalBench,
+    entered: FrameCounter,
+    left: FrameCounter,
+    due: list[int],
+    total: int,
+    under_way: Signal,
+) -> None:
+    """Assert that outputs leave once each, in their frame, and that the pipeline moves as a whole.
+
+    due : for each place in a frame of inputs, how many of its `total` outputs the beats before allow
+    """
+    dut = bench.dut
+    allowed = Array(Const(outputs, range(total + 1)) for outputs in due)[entered.place]
+    place, frame = left.after(under_way)
+    whole = allowed == total
+    bench.always("each output once", place == Mux(whole, 0, allowed))
+    bench.always("each output in its frame", frame == (entered.frame + whole)[:2])
+    bench.always(
+        "no deadlock: takes a beat when its last stage moves on", dut.i.ready == (dut.o.ready | ~dut.o.valid)
+    )
+
+
 def source(component: type, divergence: str, height: int, width: int, lanes: int) -> FormalBench:
     """A beat leaves for each place of the inner frame, when the slopes that it needs have entered."""
     offset = np.zeros((height - 2, width - 2), int)
@@ -80,15 +103,8 @@ def source(component: type, divergence: str, height: int, width: int, lanes: int
         row -= dut.rows_ahead
         reaches = beat + 1 - dut.beats_ahead if beat < row_beats - 1 else beats
         due.append(min(max(row * beats + max(reaches, 0), due[-1]), total))
-    allowed = Array(Const(outputs, range(total + 1)) for outputs in due)[entered.place]
     under_way = bench.wire("under_way", ones(valid) + sum(flags))
-    place, frame = left.after(under_way)
-    whole = allowed == total
-    bench.always("each output once", place == Mux(whole, 0, allowed))
-    bench.always("each output in its frame", frame == (entered.frame + whole)[:2])
-    bench.always(
-        "no deadlock: takes a beat when its last stage moves on", dut.i.ready == (dut.o.ready | ~dut.o.valid)
-    )
+    follows(bench, entered, left, due, total, under_way)
     waits(bench, under_way != 0, Cat(trailing, complete | late, valid))
     return bench
 
@@ -112,15 +128,8 @@ def windows(component: type, height: int, width: int, lanes: int) -> FormalBench
         last_px = (beat + 1) * lanes - 1
         completes = line % CELL and line >= 2 * CELL and last_px % CELL and last_px >= 3 * CELL - 1
         due.append(due[-1] + bool(completes))
-    allowed = Array(Const(outputs, range(total + 1)) for outputs in due)[entered.place]
     under_way = bench.wire("under_way", ones(valid))
-    place, frame = left.after(under_way)
-    whole = allowed == total
-    bench.always("each output once", place == Mux(whole, 0, allowed))
-    bench.always("each output in its frame", frame == (entered.frame + whole)[:2])
-    bench.always(
-        "no deadlock: takes a beat when its last stage moves on", dut.i.ready == (dut.o.ready | ~dut.o.valid)
-    )
+    follows(bench, entered, left, due, total, under_way)
     waits(bench, under_way != 0, valid)
     return bench
 

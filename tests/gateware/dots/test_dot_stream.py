@@ -9,7 +9,6 @@ import pytest
 from amaranth.back import rtlil
 
 from fastac.gateware.dots.dot_stream import DotStream
-from fastac.gateware.dots.follower import dot_layout
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 
@@ -26,12 +25,7 @@ def frames_of(side):
 
 
 def payloads(follower, frames):
-    shift, seen = follower(follower.windows(frames))
-    layout, mask, found = dot_layout(follower), (1 << follower.width) - 1, []
-    for (u, v), known in zip(shift.reshape(-1, 2).tolist(), seen.ravel().tolist(), strict=True):
-        fields = {"u": u & mask, "v": v & mask, "seen": known}
-        found.append(sum(value << layout[name].offset for name, value in fields.items()))
-    return found
+    return dots.shift_payloads(follower, *follower(follower.windows(frames)))
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 4])

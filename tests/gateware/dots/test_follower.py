@@ -7,7 +7,7 @@ import dots
 import numpy as np
 import pytest
 
-from fastac.gateware.dots.follower import DotFollowerStream, dot_layout
+from fastac.gateware.dots.follower import DotFollowerStream
 from fastac.gateware.dots.window_stream import DotWindowStream
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check
@@ -57,18 +57,6 @@ def stream(follower, lanes):
     return DotFollowerStream(follower, per_beat=per_beat, row_clocks=2 * follower.windows.image[1] // lanes)
 
 
-def found_payloads(follower, shift, seen):
-    layout, packed = dot_layout(follower), []
-    for (u, v), known in zip(shift.reshape(-1, 2), seen.ravel(), strict=True):
-        mask = (1 << follower.width) - 1
-        packed.append(
-            (int(u) & mask) << layout["u"].offset
-            | (int(v) & mask) << layout["v"].offset
-            | int(known) << layout["seen"].offset
-        )
-    return packed
-
-
 @pytest.mark.parametrize(("lanes", "half", "reach"), [(1, 1, 3), (2, 1, 2), (4, 1, 3), (4, 2, 2)])
 @pytest.mark.quick("4-1-3", "1-1-3")
 def test_every_dot_of_every_frame(lanes, half, reach):
@@ -83,7 +71,7 @@ def test_every_dot_of_every_frame(lanes, half, reach):
         dut = stream(follower, lanes)
         inputs = dots.payloads(follower.windows, windows, dut.per_beat)
         found, _ = run_streams(dut, inputs, {"o": seen.size}, stall=stall)
-        assert found["o"] == found_payloads(follower, shift, seen)
+        assert found["o"] == dots.shift_payloads(follower, shift, seen)
 
 
 def test_any_windows():
@@ -95,7 +83,7 @@ def test_any_windows():
     dut = stream(follower, 4)
     inputs = dots.payloads(follower.windows, windows, dut.per_beat)
     found, _ = run_streams(dut, inputs, {"o": seen.size})
-    assert found["o"] == found_payloads(follower, shift, seen)
+    assert found["o"] == dots.shift_payloads(follower, shift, seen)
 
 
 def test_shifts_up_to_the_bound():
@@ -112,7 +100,7 @@ def test_shifts_up_to_the_bound():
     assert np.abs(shift).max() == follower.bound
     dut = stream(follower, 4)
     found, _ = run_streams(dut, dots.payloads(windows, given, dut.per_beat), {"o": seen.size})
-    assert found["o"] == found_payloads(follower, shift, seen)
+    assert found["o"] == dots.shift_payloads(follower, shift, seen)
 
 
 @pytest.mark.long
@@ -128,7 +116,7 @@ def test_stream_rules_in_verilator(tmp_path):
         "dot_follower",
         tmp_path,
         inputs=dots.payloads(follower.windows, windows, dut.per_beat),
-        expected=found_payloads(follower, *follower(windows)),
+        expected=dots.shift_payloads(follower, *follower(windows)),
     )
 
 
