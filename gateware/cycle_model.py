@@ -6,6 +6,8 @@ from itertools import pairwise
 
 from fastac.gateware.arithmetic.frame_sum import beats_per_frame
 from fastac.gateware.arithmetic.packed_products import best_packing
+from fastac.gateware.dots.dot_stream import DotStream
+from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
@@ -17,12 +19,15 @@ from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.poisson.stages import frame_interval
 from fastac.gateware.stream.frame_guard import FrameGuard
+from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.features import WIDTH, limits
 from fastac.models.integer.words import signed_width
+from fastac.models.vision.dots import expected_follower
 from fastac.scenes.schema import Scene
 
-NORMAL, SLOPES, DISPLACEMENT = 3, 2, 1
-"""Values per pixel: of a normal, and of the inputs of a weighted sum (two slopes or one displacement)."""
+NORMAL, SLOPES, DISPLACEMENT, SHIFT = 3, 2, 1, 2
+"""Values per pixel: of a normal, and of the inputs of a weighted sum (two slopes or one displacement); and
+per dot."""
 
 
 @dataclass(frozen=True)
@@ -42,10 +47,20 @@ class CycleModel(FrameCycles):
     flat : the depth at rest is zero, so that no ROM adds it in mode "difference"; None: from the scene's
         geometry
 
+    follower : of the scene's dots; None: where the virtual fingertip has them, so that the figures may differ
+        from those of a real skin by the clocks between some rows of windows
+
     Nothing else depends on training: the figures are the same for all weights, biases and kernels.
     """
 
-    def __init__(self, scene: Scene, *, hidden: Sequence[int] | None = None, flat: bool | None = None):
+    def __init__(
+        self,
+        scene: Scene,
+        *,
+        hidden: Sequence[int] | None = None,
+        flat: bool | None = None,
+        follower: DotFollower | None = None,
+    ):
         self.scene, self.lanes = scene, scene.hardware.pixels_per_clock
         if flat is None:
             flat = scene.sensor.geometry == "flat"
@@ -63,6 +78,10 @@ class CycleModel(FrameCycles):
             self.displacement = Figures(Displacement.latency_of(has_rom=not difference))
         if scene.wants_force:
             self.force_stream = self._weighted_sum() if self._sums_words else self._patch_force()
+        if scene.wants_dots:
+            follower = follower or expected_follower(scene.sensor)
+            self.dots, self.force_sum = DotStream(follower, lanes=self.lanes), ForceSum
+            self.dot_force_stream = self._weighted_dots(follower)
 
     def _network_multipliers(self, sizes: Sequence[int]) -> int:
         """Multipliers of all lanes: those of the tiles, and one per hidden neuron for requantisation."""
@@ -102,6 +121,8 @@ class CycleModel(FrameCycles):
         rows, columns = scene.inner_px, scene.inner_px
         terms, input_bits = DISPLACEMENT, self._displacement_bits
         weight_bits = signed_width(scene.force.kernel_size**2 << (scene.numbers.kernel_bits - 1))
+        if scene.force_of_weights:
+            weight_bits = scene.numbers.kernel_bits
         if scene.force_from_slopes:
             rows, columns = scene.sensor.height_px, scene.sensor.width_px
             terms, input_bits = SLOPES, scene.numbers.slope_bits
@@ -112,6 +133,17 @@ class CycleModel(FrameCycles):
         return Figures(
             kind.latency_of(terms, self.lanes), beats_per_frame(rows, columns, self.lanes), multipliers
         )
+
+    def _weighted_dots(self, follower: DotFollower) -> Figures:
+        kind, scene = WeightedSumStream, self.scene
+        multipliers = kind.multipliers_of(
+            len(scene.force_axes),
+            SHIFT,
+            1,
+            input_bits=follower.width,
+            weight_bits=scene.numbers.dot_weight_bits,
+        )
+        return Figures(kind.latency_of(SHIFT, 1), len(follower.rest), multipliers)
 
     def _patch_force(self) -> Figures:
         scene, size, kind = self.scene, self.scene.inner_px, PatchForceStream
@@ -129,13 +161,19 @@ class CycleModel(FrameCycles):
         )
 
 
-def cycles(scene: Scene, *, hidden: Sequence[int] | None = None, flat: bool | None = None) -> dict:
+def cycles(
+    scene: Scene,
+    *,
+    hidden: Sequence[int] | None = None,
+    flat: bool | None = None,
+    follower: DotFollower | None = None,
+) -> dict:
     """Clock cycles of the scene's hardware without back-pressure, as the report's `latency_cycles`.
 
     `stage`: shares of normals, depth and force; `part`: those of each stage; `first_pixel_to_…` for each
     output of the scene; `last_pixel_to_force`; `initiation_interval`. Parameters as for `CycleModel`.
     """
-    model = CycleModel(scene, hidden=hidden, flat=flat)
+    model = CycleModel(scene, hidden=hidden, flat=flat, follower=follower)
     found = {"stage": model.modules, "part": model.stages, "initiation_interval": model.interval}
     if scene.wants_force:
         found["first_pixel_to_force"] = model.first_pixel_to_force

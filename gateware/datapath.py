@@ -8,6 +8,8 @@ from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
+from fastac.gateware.dots.dot_stream import DotStream
+from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
@@ -18,7 +20,7 @@ from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, TIMEOUT_BITS, FrameGuard
-from fastac.gateware.stream.frame_validity import FrameValidity
+from fastac.gateware.stream.frame_validity import DOTS_LATENCY, FrameValidity
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.gateware.stream.tables import TableFormat
 from fastac.models.integer.features import WIDTH, coordinate_codes
@@ -42,7 +44,8 @@ class Datapath(FrameCycles, wiring.Component):
     """A bundle's integer pipeline as hardware, bit-exact to `IntegerPipeline.run`.
 
     Only what `pipeline.scene` needs is built: no slopes without depth and force, no solver for the adjoint,
-    no transposer for the tridiagonal solver, no patches for the collapsed kernel.
+    no transposer for the tridiagonal solver, no patches for the collapsed kernel, no dots unless the
+    force is of them too.
 
     Members
     -------
@@ -53,7 +56,7 @@ class Datapath(FrameCycles, wiring.Component):
         layer) each. Only if the scene has this output.
     depth : stream of `lanes` depths, signed(pipeline.depth.width); N rows of ceil(N/lanes) beats, the last
         row first if `rows_reversed`. Only if the scene has this output.
-    force : stream of one beat per frame: an accumulator per axis, signed(pipeline.force.width). Only if the
+    force : stream of one beat per frame: an accumulator per axis, signed(pipeline.force_width). Only if the
         scene has a force.
     force_map : stream of axes × `lanes` responses, signed(pipeline.force.pixel_width), in the depth's order.
         Only if the scene has this output.
@@ -66,6 +69,7 @@ class Datapath(FrameCycles, wiring.Component):
     rest : write port of the depth at rest. Only in mode "absolute" with a force.
     constant : the adjoint's constant, one accumulator per axis. Only for the adjoint.
     limits : limits of the flags, see FrameValidity
+    threshold : write port of the thresholds of the dots' darkness. Only with dots.
 
     The loadable members must not change while a frame is in flight. FrameCycles has latencies and intervals.
     """
@@ -137,9 +141,21 @@ class Datapath(FrameCycles, wiring.Component):
                 )
             else:
                 self.force_stream = WeightedSumStream(
-                    in_order(pipeline.force), lanes=lanes, loadable=self.loadable and scene.force_from_slopes
+                    in_order(pipeline.force),
+                    lanes=lanes,
+                    loadable=self.loadable and scene.force_from_slopes,
+                    by_sign=scene.force.bulge,
                 )
             members["force"] = Out(self.force_stream.o.signature)
+        if scene.wants_dots:
+            self.dots = DotStream(pipeline.follower, lanes=lanes)
+            self.dot_force_stream = WeightedSumStream(pipeline.dot_force.weighted, lanes=1)
+            self.force_sum = ForceSum(
+                pipeline.dot_force, skin_width=pipeline.force.width, width=pipeline.force_width
+            )
+            members["force"] = Out(self.force_sum.o.signature)
+            if self.dot_force_stream.latency + self.force_sum.latency < DOTS_LATENCY:
+                raise ValueError(f"flags of dots take {DOTS_LATENCY} clocks: later than the frame's result")
         if self.validity.latency > (self.force_stream if self.wants_force else self.mlp).latency:
             raise ValueError(
                 f"validity flags take {self.validity.latency} clocks: later than the frame's result"
@@ -174,6 +190,8 @@ class Datapath(FrameCycles, wiring.Component):
         tables, scene = {}, self.pipeline.scene
         if self.loadable and scene.wants_solver and scene.poisson.mode == "difference":
             tables["offset"] = self.solver.source.table, self.solver.source.table_values
+        if self.loadable and scene.wants_dots:
+            tables["threshold"] = self.dots.darkness.table, self.dots.darkness.table_values
         if self.wants_displacement and self.displacement.loadable:
             tables["rest"] = self.displacement.table, self.displacement.table_values
         return tables
@@ -186,7 +204,6 @@ class Datapath(FrameCycles, wiring.Component):
         m.submodules.normals_buffer = normals = SkidBuffer(self.normal_layout)
         connect(m, wiring.flipped(self.axis), guard.axis)
         connect(m, guard.tag, wiring.flipped(self.tag))
-        connect(m, guard.o, background.i)
         connect(m, background.o, mlp.i)
         connect(m, mlp.o, normals.i)
         m.d.comb += [
@@ -227,8 +244,9 @@ class Datapath(FrameCycles, wiring.Component):
             for output, sink in zip(fork.o, sinks, strict=True):
                 connect(m, output, sink)
 
-        sinks = [wiring.flipped(self.normals)] if self.wants_normals else []
         scene = self.pipeline.scene
+        fan_out(guard.o, [background.i, *([self.dots.i] if scene.wants_dots else [])], "pixels_fork")
+        sinks = [wiring.flipped(self.normals)] if self.wants_normals else []
         if scene.wants_slopes:
             m.submodules.divider = divider = self.divider
             m.d.comb += [
@@ -240,7 +258,10 @@ class Datapath(FrameCycles, wiring.Component):
         fan_out(normals.o, sinks, "normals_fork")
         if self.wants_force:
             m.submodules.force_stream = force = self.force_stream
-            connect(m, force.o, wiring.flipped(self.force))
+            if scene.wants_dots:
+                self._add_dots(m, force.o)
+            else:
+                connect(m, force.o, wiring.flipped(self.force))
         if scene.force_from_slopes:
             connect(m, divider.o, force.i)
             if self.loadable:
@@ -274,3 +295,23 @@ class Datapath(FrameCycles, wiring.Component):
             connect(m, force.map, wiring.flipped(self.force_map))
         fan_out(solution.o, sinks, "solution_fork")
         return m
+
+    def _add_dots(self, m: Module, skin) -> None:
+        """Follow the dots, and add their share to the force of the skin."""
+        m.submodules.dots = dots = self.dots
+        m.submodules.dot_force_stream = of_dots = self.dot_force_stream
+        m.submodules.force_sum = force_sum = self.force_sum
+        (shift,) = of_dots.i.payload
+        m.d.comb += [
+            shift[0].eq(dots.o.payload.u),
+            shift[1].eq(dots.o.payload.v),
+            of_dots.i.valid.eq(dots.o.valid),
+            dots.o.ready.eq(of_dots.i.ready),
+            self.validity.dot_lost.eq(~dots.o.payload.seen),
+            self.validity.dot_taken.eq(dots.o.valid & dots.o.ready),
+        ]
+        connect(m, skin, force_sum.skin)
+        connect(m, of_dots.o, force_sum.dots)
+        connect(m, force_sum.o, wiring.flipped(self.force))
+        if self.loadable:
+            connect(m, wiring.flipped(self.threshold), dots.threshold)

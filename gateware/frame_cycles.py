@@ -3,13 +3,17 @@
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.schema import Scene
 
+OF_FORCE = ("force", "dots")
+"""Stages that only the force passes."""
+
 
 class FrameCycles:
     """Mixin that adds up its stages' latencies, intervals and multipliers, for Datapath and CycleModel.
 
     The inheriting class has `scene`, `lanes` and, as far as the scene needs them, `guard`, `background`,
-    `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`, `displacement` and
-    `force_stream`, each with `latency`, `interval` and `multipliers`.
+    `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`, `displacement`,
+    `force_stream`, `dots`, `dot_force_stream` and `force_sum`, each with `latency`, `interval` and
+    `multipliers`. The latency of `dots` counts from a frame's last pixels.
 
     All times are in clocks, without back-pressure and with no other frame in the way. `stages` has each
     stage's share of the time from a frame's first pixel to its last result.
@@ -25,6 +29,15 @@ class FrameCycles:
 
     @property
     def stages(self) -> dict[str, int]:
+        stages = self._stages_without_dots
+        if self.scene.wants_dots:
+            first = self.guard.latency + self.beats - 1 + self.dots.latency + self.dot_force_stream.latency
+            # The dots are found beside the rest: what counts is how much later than the skin's they are.
+            stages["dots"] = max(first - sum(stages.values()), 0) + self.force_sum.latency
+        return stages
+
+    @property
+    def _stages_without_dots(self) -> dict[str, int]:
         scene = self.scene
         if not scene.wants_solver:
             stages = {"normals": self.first_pixel_to_normals}
@@ -45,11 +58,12 @@ class FrameCycles:
         stages, scene = self.stages, self.scene
         share = {"normals": stages["normals"]}
         if scene.wants_solver:
-            share["depth"] = sum(v for k, v in stages.items() if k not in ("normals", "force"))
+            share["depth"] = sum(v for k, v in stages.items() if k not in ("normals", *OF_FORCE))
             if not scene.wants_force:
                 share["depth"] += self.depth_output.latency
         if scene.wants_force:
-            share["force"] = stages["force"] + (stages["gradients"] if "depth" not in share else 0)
+            share["force"] = sum(stages.get(k, 0) for k in OF_FORCE)
+            share["force"] += stages["gradients"] if "depth" not in share else 0
         return share
 
     @property
@@ -61,7 +75,7 @@ class FrameCycles:
     @property
     def first_pixel_to_depth(self) -> int:
         """Clocks from a frame's first accepted pixel to its last beat of depth."""
-        before = sum(v for k, v in self.stages.items() if k != "force")
+        before = sum(v for k, v in self.stages.items() if k not in OF_FORCE)
         return before + self.depth_output.latency
 
     @property
@@ -82,6 +96,8 @@ class FrameCycles:
             intervals.append(self.solver.interval)
         if self.scene.wants_force:
             intervals.append(self.force_stream.interval)
+        if self.scene.wants_dots:
+            intervals += [self.dots.interval, self.dot_force_stream.interval]
         return max(intervals)
 
     @property
@@ -92,4 +108,6 @@ class FrameCycles:
             count["depth"] = self.solver.multipliers
         if self.scene.wants_force:
             count["force"] = self.force_stream.multipliers
+        if self.scene.wants_dots:
+            count["dots"] = self.dot_force_stream.multipliers
         return count

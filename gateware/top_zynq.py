@@ -15,7 +15,7 @@ from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FRAMES_IN_F
 from fastac.gateware.stream.raster_port import RasterPort, raster_members
 from fastac.models.integer.bundle import Bundle
 
-VERSION = 4
+VERSION = 5
 """Version of the hardware and of its register map, in the register VERSION."""
 FRAME_TIMEOUT_S = 0.1
 """Initial value of FRAME_TIMEOUT: three frames of a camera with 30 frames a second."""
@@ -73,7 +73,7 @@ class TopZynq(wiring.Component):
             channels=len(scene.sensor.channel_names),
             lanes=self.lanes,
             axes="".join(AXES[axis] for axis in scene.force_axes),
-            force_width=pipeline.force.width if path.wants_force else 64,
+            force_width=pipeline.force_width if path.wants_force else 64,
             background_capture=True,
             **{"depth": False} | {output.name: True for output in self.outputs},
             rows_reversed=path.rows_reversed,

@@ -9,12 +9,16 @@ from fastac.models.emulator.pipeline import with_limits
 from fastac.models.integer import bundle
 from fastac.models.integer.assemble import assemble, with_force, with_force_of
 from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.dot_follower import DotFollower, at_rest
+from fastac.models.integer.dot_windows import BLOCK, DotWindows
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
 from fastac.scenes.schema import Scene
 from fastac.scenes.solvers import SOLVERS
 
+DOT_SPACING_PX = 8
+"""Of painted dots."""
 GOOD_FRAME_SPANS = (5, 10, 20, 30, 40)
 """Largest differences from the background, in digital numbers, of the frames from which a bundle's validity
 limits are set; hardware flags frames with larger differences."""
@@ -46,10 +50,12 @@ def scene(
     numbers: dict | None = None,
     rounding: str = "nearest",
     bus_errors: str = "flag",
+    dots: bool = False,
+    bulge: bool = False,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
-        clamp = SOLVERS[solver].can_clamp
+        clamp = SOLVERS[solver].can_clamp and not bulge
     return Scene.model_validate(
         {
             "name": "random_bundle",
@@ -59,7 +65,8 @@ def scene(
                 "height_px": size,
                 "width_px": size,
                 "channels": channels,
-            },
+            }
+            | ({"markers": {"spacing_mm": DOT_SPACING_PX * 0.125, "radius_mm": 0.2}} if dots else {}),
             "numbers": (NUMBERS if numbers is None else numbers) | {"rounding": rounding},
             "poisson": {"mode": mode, "divergence": divergence, "solver": solver},
             "force": {
@@ -67,7 +74,9 @@ def scene(
                 "kernel_size": kernel_size,
                 "clamp": clamp,
                 "max_displacement_mm": 0.01,
-            },
+                "dots": dots,
+            }
+            | ({"bulge": True, "fit": "weights"} if bulge else {}),
             "hardware": {"pixels_per_clock": lanes, "weights": weights, "bus_errors": bus_errors},
         }
     )
@@ -109,6 +118,19 @@ def layers(
     )
 
 
+def painted_dots(background: np.ndarray) -> DotFollower:
+    """Darken dots in a background (H, W, C) uint8, in place; returns what follows them."""
+    height, width, channels = background.shape
+    line = slice(DOT_SPACING_PX // 2, None, DOT_SPACING_PX)
+    rows, columns = np.arange(height)[line], np.arange(width)[line]
+    places = np.array([(u, v) for v in rows for u in columns])
+    for u, v in places:
+        background[v - 1 : v + 2, u - 1 : u + 2] //= 8
+    threshold = np.full((height // BLOCK, width // BLOCK), 60 * channels)
+    windows = DotWindows(threshold, channels, half=1)
+    return at_rest(windows, background, places, spacing_px=DOT_SPACING_PX, reach=1)
+
+
 def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
     """Save and return a bundle in `folder`, with random tables for every stage that `scene` wants.
 
@@ -118,18 +140,25 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     sensor, axes = scene.sensor, len(scene.force_axes)
     size = sensor.width_px
     background = rng.integers(80, 170, (size, size, len(sensor.channel_names))).astype(np.uint8)
+    follower = painted_dots(background) if scene.wants_dots else None
     x = np.linspace(-1, 1, size)
     pipeline = assemble(
         scene,
         layers=layers(scene, background, rng, hidden),
         background=background,
         rest_depth_mm=size / 40 * (2 - x**2 - x[:, None] ** 2),
+        follower=follower,
     )
     if scene.wants_force:
         inner = scene.inner_px
         kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
         shape = (axes, size, size, 2) if scene.force_from_slopes else kernels
-        pipeline = with_force(pipeline, rng.normal(size=shape))
+        if scene.force_of_weights:
+            shape = (axes, inner, inner, 1 + scene.force.bulge)
+        weights = [rng.normal(size=shape)]
+        if follower is not None:
+            weights.append(rng.normal(scale=10, size=(axes, len(follower.rest), 2)))
+        pipeline = with_force(pipeline, *weights)
     return bundle.save(folder, with_limits(pipeline, frames(background, GOOD_FRAME_SPANS)), {})
 
 
@@ -146,6 +175,7 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
         layers=layers(old.scene, old.background, np.random.default_rng(seed), hidden),
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
+        follower=old.follower,
     )
     pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD_FRAME_SPANS[:2]))
     return bundle.save(folder, pipeline, {})

@@ -16,9 +16,12 @@ class Result:
     depth_mm : (frames, H, W), on the boundary the undeformed skin's depth
     displacement_mm : (frames, N, N) along −z, towards the camera: positive in contact
     force_n : (frames, axes), and force_map_n : (frames, axes, N, N), for the scene's force axes
+    dot_shifts_px : (frames, M, 2) along u and v, of the marker dots from their places at rest; 0: lost
+    dots_seen : (frames, M) bool
 
     Integer pipelines add the raw words: normal_words (frames, H, W, 3), depth_words and displacement_words
-    (frames, N, N), force_raw (frames, axes) and force_map_raw (frames, axes, N, N); how many values saturated
+    (frames, N, N), dot_shift_words (frames, M, 2), force_raw (frames, axes) and force_map_raw
+    (frames, axes, N, N); how many values saturated
     in each frame, gradient_saturated and displacement_saturated (frames,); and whether a frame can be
     trusted, validity_measures (frames, measures) and the flags validity (frames,), see
     `frame_validity.FrameValidity`.
@@ -30,9 +33,12 @@ class Result:
     displacement_mm: np.ndarray | None = None
     force_n: np.ndarray | None = None
     force_map_n: np.ndarray | None = None
+    dot_shifts_px: np.ndarray | None = None
+    dots_seen: np.ndarray | None = None
     normal_words: np.ndarray | None = None
     depth_words: np.ndarray | None = None
     displacement_words: np.ndarray | None = None
+    dot_shift_words: np.ndarray | None = None
     force_raw: np.ndarray | None = None
     force_map_raw: np.ndarray | None = None
     gradient_saturated: np.ndarray | None = None

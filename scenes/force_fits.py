@@ -14,11 +14,14 @@ class FitFacts:
 
     of_slopes : whether weights of the slopes are fitted, which needs a solver without depth, and with which
         forces alone can train the pixel network
+    of_weights : whether one weight a pixel of the displacement is fitted, which collapsed kernels alone take
     """
 
     of_slopes: bool = False
+    of_weights: bool = False
 
 
 DISPLACEMENT = FitFacts()
 SLOPES = FitFacts(of_slopes=True)
-FITS = Kinds("force.fit", {"displacement": DISPLACEMENT, "slopes": SLOPES})
+WEIGHTS = FitFacts(of_weights=True)
+FITS = Kinds("force.fit", {"displacement": DISPLACEMENT, "weights": WEIGHTS, "slopes": SLOPES})

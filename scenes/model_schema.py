@@ -42,6 +42,8 @@ class Numbers(Strict):
     kernel_bits: Annotated[int, Field(ge=3, le=18)] = 8
     slope_weight_bits: Annotated[int, Field(ge=6, le=18)] = 16
     """Of the adjoint's weights of the slopes."""
+    dot_weight_bits: Annotated[int, Field(ge=6, le=18)] = 16
+    """Of the weights of the marker dots' shifts."""
 
     @property
     def slope_bits(self) -> int:
@@ -68,8 +70,16 @@ class Force(Strict):
     clamp: bool = True
     """Whether displacement away from the camera counts as zero, as in the paper."""
     fit: str = "displacement"
-    """What the model is trained on, an entry of scenes/force_fits.py: the displacement, from which the
-    adjoint's weights of the slopes follow, or, with the adjoint only, the slopes themselves."""
+    """How the model is found, an entry of scenes/force_fits.py. displacement: HyperForce, trained on the
+    displacement; the adjoint's weights of the slopes follow from its kernels. weights: one weight a pixel of
+    the displacement, smooth over the image, by ridge regression. slopes: the same of the slopes, with the
+    adjoint only."""
+    bulge: bool = False
+    """Whether displacement away from the camera, as around a contact, has weights of its own: the force is
+    then not linear in the displacement. With fit 'weights' and clamp = false."""
+    dots: bool = False
+    """Whether the shifts of the marker dots are a part of the force, beside displacement or slopes: without
+    them little shows how the skin is dragged."""
     hidden: Annotated[int, Field(ge=1, le=256)] = 32
     max_displacement_mm: Positive = 2.0
 

@@ -22,6 +22,8 @@ AXES = "xyz"
 SHOWN = 200
 TANGENTIAL_SHARES = (0.3, 0.6)
 """The paper's (supplement, section I)."""
+DOT_BLOCK_PX = 4
+"""Side of the squares in which dots are told from the skin by one threshold."""
 
 
 class SceneError(ValueError):
@@ -83,6 +85,7 @@ class Scene(Strict):
             require_known(f"outputs.{place}", name, OUTPUTS)
         require_known("poisson.solver", self.poisson.solver, SOLVERS)
         require_known("force.fit", self.force.fit, FITS)
+        self._check_dots()
         self._check_outputs()
         self._check_solver()
         if self.training.labels == "force":
@@ -141,6 +144,7 @@ class Scene(Strict):
         if _fit_facts(self).of_slopes and facts.finds_depth:
             without = listed(name for name in SOLVERS if not SOLVERS[name].finds_depth)
             raise ValueError(f"force.fit: {self.force.fit!r} needs poisson.solver {without}")
+        self._check_weights()
         lanes = self.hardware.pixels_per_clock
         row_beats = -(-self.inner_px // lanes)
         if self.wants_solver and row_beats < facts.least_row_beats:
@@ -148,6 +152,32 @@ class Scene(Strict):
                 f"poisson.solver: {solver!r} needs rows of {facts.least_row_beats} beats or more;"
                 f" {self.inner_px} values at {lanes} pixels_per_clock are {row_beats}"
             )
+
+    def _check_weights(self) -> None:
+        """Raise ValueError unless the force can be a sum of one weight a pixel where it is to be one."""
+        force, of_weights = self.force, _fit_facts(self).of_weights
+        if of_weights and not (force.kernel == "collapsed" and _solver_facts(self).finds_depth):
+            raise ValueError(
+                f"force.fit: {force.fit!r} needs force.kernel 'collapsed' and a poisson.solver with depth"
+            )
+        if force.bulge and (not of_weights or force.clamp):
+            raise ValueError("force.bulge: True needs force.fit 'weights' and force.clamp = false")
+
+    def _check_dots(self) -> None:
+        """Raise ValueError unless dots can be followed where they are to be."""
+        if not self.force.dots:
+            return
+        sensor = self.sensor
+        if not self.wants_force:
+            raise ValueError("force.dots: True needs a force among outputs")
+        if sensor.markers is None:
+            raise ValueError("force.dots: True needs dots on the skin, a table sensor.markers")
+        if self.wants_force_map:
+            raise ValueError("force.dots: True: dots' shifts belong to no pixel; leave out output force_map")
+        for key in ("height_px", "width_px"):
+            side = getattr(sensor, key)
+            if side % DOT_BLOCK_PX:
+                raise ValueError(f"sensor.{key}: {side}: force.dots needs a multiple of {DOT_BLOCK_PX}")
 
     def _check_force_alone(self) -> None:
         """Raise ValueError unless forces alone can train what is wanted."""
@@ -174,6 +204,11 @@ class Scene(Strict):
         return self.wants_force and not _solver_facts(self).finds_depth
 
     @property
+    def force_of_weights(self) -> bool:
+        """Whether the force is a sum of one weight a pixel of the displacement, fitted as such."""
+        return self.wants_force and _fit_facts(self).of_weights
+
+    @property
     def wants_slopes(self) -> bool:
         return self.wants_solver or self.force_from_slopes
 
@@ -185,6 +220,11 @@ class Scene(Strict):
     @property
     def wants_force(self) -> bool:
         return bool(self.force_axes)
+
+    @property
+    def wants_dots(self) -> bool:
+        """Whether the marker dots' shifts are a part of the force, so that hardware follows them."""
+        return self.wants_force and self.force.dots
 
     @property
     def tangential_shares(self) -> tuple[float, ...]:

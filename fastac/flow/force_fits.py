@@ -4,10 +4,11 @@ Each entry has
 
     force_input(pipeline, frames, background)   what the model takes, by frames
     start(scene, rest_depth_mm, found, truth)   a trained model, or None, and its learning curve
-    fit(scene, start, found, truth)             from that model to the weights that integer/assemble.py takes,
-                                                and how they were chosen
+    fit(scene, start, found, truth, shifts_px)  from that model to the weights that integer/assemble.py takes,
+                                                those of the dots, and how they were chosen
 
-`found` and `truth` are the inputs and the forces in N (frames, axes), by split.
+`found`, `truth` and `shifts_px` are the inputs, the forces in N (frames, axes) and the dots' shifts
+(frames, M, 2), by split. Where no dots are followed, `shifts_px` and the dots' weights are None.
 """
 
 import numpy as np
@@ -17,7 +18,8 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.adjoint import displacement_mm, slope_weights
 from fastac.models.floating.hyperforce import HyperForce, collapse
 from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.training import hyperforce, slope_force
+from fastac.models.integer.force import terms
+from fastac.models.training import hyperforce, smooth_weights
 from fastac.scenes.schema import Scene
 from fastac.store.kinds import Kinds
 
@@ -33,6 +35,25 @@ def slope_changes(
     return slopes - pipeline.run(background[None], wanted=["slopes"]).slopes
 
 
+def found_displacement_mm(
+    pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
+) -> np.ndarray:
+    """The displacement (frames, N, N) in mm; without a solver that of the slopes."""
+    scene = pipeline.scene
+    if not scene.force_from_slopes:
+        return pipeline.run(frames, wanted=["displacement_mm"], progress=progress).displacement_mm
+    change = slope_changes(pipeline, frames, background, progress=progress)
+    return displacement_mm(change.astype(np.float64), scene.poisson.divergence, scene.sensor.pitch_mm)
+
+
+def displacement_terms(
+    pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
+) -> np.ndarray:
+    """What one weight a pixel each is multiplied with, (frames, N, N, terms) in mm."""
+    found = found_displacement_mm(pipeline, frames, background, progress=progress)
+    return terms(found, bulge=pipeline.scene.force.bulge)
+
+
 def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
     """A model's kernels (axes, N, N, K, K) or, for the adjoint, its weights of the slopes (axes, H, W, 2)."""
     with torch.inference_mode():
@@ -45,15 +66,7 @@ def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
 class DisplacementFit:
     """HyperForce on the displacement (N, N) in mm; the adjoint's weights of the slopes follow from it."""
 
-    @staticmethod
-    def force_input(
-        pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
-    ) -> np.ndarray:
-        scene = pipeline.scene
-        if not scene.force_from_slopes:
-            return pipeline.run(frames, wanted=["displacement_mm"], progress=progress).displacement_mm
-        change = slope_changes(pipeline, frames, background, progress=progress)
-        return displacement_mm(change.astype(np.float64), scene.poisson.divergence, scene.sensor.pitch_mm)
+    force_input = staticmethod(found_displacement_mm)
 
     @staticmethod
     def start(
@@ -63,16 +76,22 @@ class DisplacementFit:
 
     @staticmethod
     def fit(
-        scene: Scene, start: HyperForce, found: Samples, truth: Samples, *, progress: bool
-    ) -> tuple[np.ndarray, Curve]:
-        model, history = hyperforce.refit_last_layer(scene, start, found, truth)
-        return force_weights(model, scene), history
+        scene: Scene,
+        start: HyperForce,
+        found: Samples,
+        truth: Samples,
+        shifts_px: Samples | None,
+        *,
+        progress: bool,
+    ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
+        model, of_dots, history = hyperforce.refit_last_layer(scene, start, found, truth, shifts_px)
+        return force_weights(model, scene), of_dots, history
 
 
-class SlopeFit:
-    """Weights of the slopes (axes, H, W, 2) fitted directly, without a model to start from."""
+class WeightFit:
+    """One weight a pixel and term of the displacement, (axes, N, N, terms), without a model to start from."""
 
-    force_input = staticmethod(slope_changes)
+    force_input = staticmethod(displacement_terms)
 
     @staticmethod
     def start(
@@ -82,9 +101,21 @@ class SlopeFit:
 
     @staticmethod
     def fit(
-        scene: Scene, start: None, found: Samples, truth: Samples, *, progress: bool
-    ) -> tuple[np.ndarray, Curve]:
-        return slope_force.fit(found, truth, progress=progress)
+        scene: Scene,
+        start: None,
+        found: Samples,
+        truth: Samples,
+        shifts_px: Samples | None,
+        *,
+        progress: bool,
+    ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
+        return smooth_weights.fit(found, truth, shifts_px, progress=progress)
 
 
-FITS = Kinds("force.fit", {"displacement": DisplacementFit, "slopes": SlopeFit})
+class SlopeFit(WeightFit):
+    """Weights of the slopes (axes, H, W, 2), without a model to start from."""
+
+    force_input = staticmethod(slope_changes)
+
+
+FITS = Kinds("force.fit", {"displacement": DisplacementFit, "weights": WeightFit, "slopes": SlopeFit})

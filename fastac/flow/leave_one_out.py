@@ -8,7 +8,7 @@ import numpy as np
 from fastac.flow import frames, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training import slope_force
+from fastac.models.training import smooth_weights
 from fastac.models.training.from_forces import background_differences
 from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
@@ -42,7 +42,7 @@ def check(data: Dataset, scene: Scene, path: Path) -> list[str]:
 def linear_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
     """Forces (test frames, axes) of a ridge on the pixels' differences, its weights smooth over the image."""
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
-    weights, _ = slope_force.fit(
+    weights, *_ = smooth_weights.fit(
         {split: background_differences(data, index) for split, index in splits.items()},
         {split: data.forces_n(index, axes) for split, index in splits.items()},
     )

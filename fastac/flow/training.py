@@ -17,6 +17,7 @@ from fastac.models.integer.features import scales
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
+from fastac.models.vision.dots import detected_as, follower_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import load_arrays, save_arrays
@@ -82,7 +83,15 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
 
 
 def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
+    if scene.wants_dots:
+        arrays = dots_at_rest(data, scene) | arrays
     return FloatPipeline.from_arrays(arrays, scene, data.background, rest_depth_mm(data))
+
+
+def dots_at_rest(data: Dataset, scene: Scene) -> dict[str, np.ndarray]:
+    """Where the detector sees the dots in the background, in the order in which the hardware follows them."""
+    follower = follower_of(data.background, scene.sensor)
+    return {"dots.rest_px": detected_as(follower, data.background, scene.sensor).rest_px}
 
 
 def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:
@@ -125,10 +134,12 @@ def start_force(
 
     No model where the weights of the slopes are fitted directly.
     """
-    found, truth = force_samples(float_pipeline(weights, data, scene), data, progress=progress)
+    samples = force_samples(float_pipeline(weights, data, scene), data, progress=progress)
+    found, truth, _ = samples
     way = FITS[scene.force.fit]
     start, history = way.start(scene, rest_depth_mm(data), found, truth, progress=progress)
-    return start, curve(history, "force") | _fit_force("float", scene, start, found, truth, progress=progress)
+    arrays = curve(history, "force") | _fit_force("float", scene, start, *samples, progress=progress)
+    return start, arrays | (dots_at_rest(data, scene) if scene.wants_dots else {})
 
 
 def fit_force(
@@ -139,39 +150,72 @@ def fit_force(
     *,
     progress: bool,
 ) -> dict[str, np.ndarray]:
-    """The force's weights for what a pipeline finds: `force.{name}_weights` and how they were chosen."""
-    found, truth = force_samples(pipeline, data, progress=progress)
-    return _fit_force(name, pipeline.scene, start, found, truth, progress=progress)
+    """The force's weights for what a pipeline finds: `force.{name}_weights`, with dots
+    `force.{name}_dot_weights`, and how they were chosen."""
+    samples = force_samples(pipeline, data, progress=progress)
+    return _fit_force(name, pipeline.scene, start, *samples, progress=progress)
 
 
 def force_samples(
     pipeline: FloatPipeline | Emulator, data: Dataset, *, progress: bool
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """What the pipeline finds for the force model, and the true forces, by split."""
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray] | None]:
+    """What the pipeline finds for the force model, the true forces, and the dots' shifts in px, by split."""
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
     way = FITS[pipeline.scene.force.fit]
     found = {
         split: way.force_input(pipeline, data.frames[index], data.background, progress=progress)
         for split, index in splits.items()
     }
-    return found, {s: data.forces_n(index, pipeline.scene.force_axes) for s, index in splits.items()}
+    truth = {s: data.forces_n(index, pipeline.scene.force_axes) for s, index in splits.items()}
+    if not pipeline.scene.wants_dots:
+        return found, truth, None
+    wanted = ["dot_shifts_px"]
+    return (
+        found,
+        truth,
+        {
+            split: pipeline.run(data.frames[index], wanted=wanted, progress=progress).dot_shifts_px
+            for split, index in splits.items()
+        },
+    )
 
 
 def _fit_force(
-    name: str, scene: Scene, start: HyperForce | None, found: dict, truth: dict, *, progress: bool
+    name: str,
+    scene: Scene,
+    start: HyperForce | None,
+    found: dict,
+    truth: dict,
+    shifts_px: dict | None,
+    *,
+    progress: bool,
 ) -> dict[str, np.ndarray]:
-    fitted, history = FITS[scene.force.fit].fit(scene, start, found, truth, progress=progress)
-    return {f"force.{name}_weights": fitted.astype(np.float32)} | curve(history, f"force_{name}")
+    fitted, of_dots, history = FITS[scene.force.fit].fit(
+        scene, start, found, truth, shifts_px, progress=progress
+    )
+    weights = {f"force.{name}_weights": fitted.astype(np.float32)}
+    if of_dots is not None:
+        weights[f"force.{name}_dot_weights"] = of_dots.astype(np.float32)
+    return weights | curve(history, f"force_{name}")
 
 
 def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> IntegerPipeline:
-    """The integers up to the displacement."""
+    """The integers up to the displacement and the dots' shifts."""
     return integer_assemble.assemble(
         scene,
+        follower=follower_of(data.background, scene.sensor) if scene.wants_dots else None,
         layers=quantise.layers_from_arrays(arrays),
         background=data.background,
         rest_depth_mm=rest_depth_mm(data),
     )
+
+
+def with_fitted_force(pipeline: IntegerPipeline, fitted: dict[str, np.ndarray]) -> IntegerPipeline:
+    """The integers with the weights that `fit_force` found for them."""
+    weights = [fitted["force.integer_weights"]]
+    if pipeline.scene.wants_dots:
+        weights.append(fitted["force.integer_dot_weights"])
+    return integer_assemble.with_force(pipeline, *(values.astype(np.float64) for values in weights))
 
 
 def assemble(
@@ -189,7 +233,7 @@ def assemble(
     pipeline = integer_pipeline(integer, data, scene)
     floats = floats | {k: v for k, v in integer.items() if k.startswith("history.")}
     if scene.wants_force:
-        pipeline = integer_assemble.with_force(pipeline, kernels["force.integer_weights"].astype(np.float64))
+        pipeline = with_fitted_force(pipeline, kernels)
         floats |= kernels
     known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))
     pipeline = emulator_pipeline.with_limits(pipeline, data.frames[known])

@@ -98,7 +98,7 @@ def bounds(bundle: Bundle) -> dict:
             "width_bits": pipeline.quantiser.bits,
         }
     if pipeline.force is not None:
-        found["force.accumulator"] = {"bound": pipeline.force.bound, "width_bits": pipeline.force.width}
+        found["force.accumulator"] = {"bound": pipeline.force_bound, "width_bits": pipeline.force_width}
     return found
 
 

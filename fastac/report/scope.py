@@ -68,6 +68,7 @@ class Scope:
         content["outputs"] = ["normals", "depth", "force_xyz", "force_map"]
         content["poisson"]["solver"] = "dst2d"
         content["force"] |= {"kernel": "patch", "clamp": True, "fit": "displacement"}
+        content["force"] |= {"dots": False, "bulge": False}
         content["training"]["labels"] = "geometry"
         return Scene.model_validate(content)
 
@@ -91,7 +92,12 @@ class Scope:
         force = ABSENT
         if scene.wants_force:
             k = scene.force.kernel_size
-            force = f"kernels {k}×{k}" if not FITS[scene.force.fit].of_slopes else "weights of the slopes"
+            facts = FITS[scene.force.fit]
+            force = "weights of the slopes" if facts.of_slopes else f"kernels {k}×{k}"
+            if facts.of_weights:
+                force = "weights of the displacement"
+            if scene.wants_dots:
+                force += " and of the dots' shifts"
         return {
             "pixel network": f"{width}, from {'normals' if training.labels == 'geometry' else 'forces'}",
             "teachers": str(training.teachers or ABSENT),

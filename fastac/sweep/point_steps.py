@@ -12,7 +12,6 @@ from fastac.gateware.target.device import check_block_rams, check_multipliers
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
-from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.training import hyperforce
 from fastac.scenes.schema import Scene
@@ -102,7 +101,7 @@ def integer_model(data: Dataset, scene: Scene, integers: Path, force: Path | Non
         return pipeline
     start = _start(load_arrays(force), data, scene)
     fitted = training.fit_force("integer", Emulator(pipeline), data, start, progress=False)
-    return assemble.with_force(pipeline, fitted["force.integer_weights"].astype(np.float64))
+    return training.with_fitted_force(pipeline, fitted)
 
 
 def _start(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> HyperForce | None:

@@ -181,7 +181,8 @@ REGISTERS = (
         " the frame is plausible. clipped: number of pixels at 0 or 255. brightness_…: sum of a channel's"
         " differences from the background. change: sum of the magnitudes of all differences. detail: sum of"
         " the magnitudes of the steps between neighbouring pixels of a row. gradient, displacement: number of"
-        " saturated values. Capturing a background does not change the limits; a calibration has its own",
+        " saturated values. dots: number of lost marker dots."
+        " Capturing a background does not change the limits; a calibration has its own",
         tuple(Field(name, k) for k, name in enumerate(REASONS)),
     ),
     Register(

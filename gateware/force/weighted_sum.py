@@ -1,7 +1,7 @@
 """Force as a weighted sum over the frame: one weight per displacement or slope and axis, accumulated."""
 
 import numpy as np
-from amaranth import Cat, Module, Shape, Signal, signed
+from amaranth import Cat, Module, Mux, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -28,24 +28,32 @@ class WeightedSumStream(wiring.Component):
     i : stream of `lanes` pixels, each a value, or an array of `terms` values if there are several, of
         Shape(weighted.input_width, weighted.input_signed). A frame is `rows` rows of ceil(columns/lanes)
         beats; the lanes beyond `columns` are ignored. A signed value must not be the most negative word.
+        With `by_sign` a pixel has one value, and the two terms are its positive and its negative part: its
+        sign chooses the weight, so that one product does for both.
     o : stream of one beat per frame: one accumulator per axis, signed(weighted.width)
     constant : replaces `weighted.constant`; constant while a frame is in flight. Only with `loadable`.
 
-    `latency` = 6 + ceil(log2(lanes·terms)) clocks from a frame's last beat to its force, without
-    back-pressure: 2 for the ROM of the weights, 3 for the products, an adder tree over lanes and terms, 1 for
-    the accumulator. Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per frame, without
-    gaps. A force that is not taken stalls the whole pipeline before it.
+    `latency` = 6 + ceil(log2(lanes·values)) clocks from a frame's last beat to its force, without
+    back-pressure: 2 for the ROM of the weights, 3 for the products, an adder tree over lanes and a pixel's
+    values, 1 for the accumulator. Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per
+    frame, without gaps. A force that is not taken stalls the whole pipeline before it.
     """
 
-    def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False):
+    def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False, by_sign: bool = False):
         check_lanes(lanes)
         self.weighted, self.lanes, self.loadable = weighted, lanes, loadable
+        self.by_sign = by_sign
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
+        if by_sign and (self.terms != 2 or not weighted.input_signed):
+            raise ValueError(
+                f"{self.terms} terms, signed {weighted.input_signed}: expected 2 of signed values"
+            )
+        self.values = 1 if by_sign else self.terms
         if self.interval < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 beats")
         pixel = Shape(weighted.input_width, weighted.input_signed)
-        if self.terms > 1:
-            pixel = data.ArrayLayout(pixel, self.terms)
+        if self.values > 1:
+            pixel = data.ArrayLayout(pixel, self.values)
         sums = data.ArrayLayout(signed(weighted.width), self.axes)
         members = {
             "i": In(stream.Signature(data.ArrayLayout(pixel, lanes))),
@@ -56,17 +64,17 @@ class WeightedSumStream(wiring.Component):
         super().__init__(members)
 
     @staticmethod
-    def latency_of(terms: int, lanes: int) -> int:
-        return RasterRom.latency + PRODUCT_LATENCY + tree_levels(lanes * terms) + 1
+    def latency_of(values: int, lanes: int) -> int:
+        return RasterRom.latency + PRODUCT_LATENCY + tree_levels(lanes * values) + 1
 
     @staticmethod
-    def multipliers_of(axes: int, terms: int, lanes: int, *, input_bits: int, weight_bits: int) -> int:
-        """DSP48E2 slices: axes · lanes · terms products of `dsp_slices(…)` slices each."""
-        return axes * lanes * terms * dsp_slices(input_bits, weight_bits)
+    def multipliers_of(axes: int, values: int, lanes: int, *, input_bits: int, weight_bits: int) -> int:
+        """DSP48E2 slices: axes · lanes · values products of `dsp_slices(…)` slices each."""
+        return axes * lanes * values * dsp_slices(input_bits, weight_bits)
 
     @property
     def latency(self) -> int:
-        return self.latency_of(self.terms, self.lanes)
+        return self.latency_of(self.values, self.lanes)
 
     @property
     def interval(self) -> int:
@@ -77,7 +85,7 @@ class WeightedSumStream(wiring.Component):
         weighted = self.weighted
         return self.multipliers_of(
             self.axes,
-            self.terms,
+            self.values,
             self.lanes,
             input_bits=weighted.input_width + (not weighted.input_signed),
             weight_bits=weighted.weight_width,
@@ -87,6 +95,8 @@ class WeightedSumStream(wiring.Component):
         m = Module()
         words = weight_words(self.weighted, self.lanes)
         bounds = np.abs(words) * self.weighted.input_limit
+        if self.by_sign:
+            bounds = bounds.reshape(*bounds.shape[:2], self.lanes, self.terms).max(axis=-1)
         m.submodules.weights = weights = RasterRom(words, self.weighted.weight_width)
         m.submodules.accumulator = accumulator = FrameAccumulator(
             bounds, self.weighted.constant, loadable=self.loadable, width=self.weighted.width
@@ -116,10 +126,11 @@ class WeightedSumStream(wiring.Component):
             with m.If(advance):
                 m.d.sync += delayed.eq(inputs)
             inputs = delayed
-        pixels = [[lane] if self.terms == 1 else list(lane) for lane in inputs]
+        pixels = [[lane] if self.values == 1 else list(lane) for lane in inputs]
         for axis, weight in enumerate(weights.word):
             for k, x in enumerate(x for pixel in pixels for x in pixel):
-                whole = product(m, platform, advance, x, weight[k], name=f"product_{axis}_{k}")
+                factor = Mux(x < 0, weight[2 * k + 1], weight[2 * k]) if self.by_sign else weight[k]
+                whole = product(m, platform, advance, x, factor, name=f"product_{axis}_{k}")
                 width = signed_width(int(bounds[:, axis, k].max()))
                 m.d.comb += products.payload[axis][k].eq(whole[:width].as_signed())
         return m

@@ -11,6 +11,9 @@ from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
 from fastac.models.integer import frame_validity as model
 from fastac.models.integer.features import WIDTH
 
+DOTS_LATENCY = 4
+"""Clocks from a frame's last dot to what its verdict waits for: input register, sum, comparison and FIFO."""
+
 
 class FrameValidity(wiring.Component):
     """Compare measures of each frame with limits; flags bit-exact to `models.integer.frame_validity`.
@@ -24,16 +27,18 @@ class FrameValidity(wiring.Component):
         `validity.slopes`.
     displacements_over, displacements_taken : one bit for each of `lanes` displacements: it saturates; rows of
         ceil(N/lanes) beats. Only with `validity.displacements`.
+    dot_lost, dot_taken : one bit for one dot: it is lost; `validity.dots` of them a frame. Only with dots.
     suspect_valid, suspect : `suspect_valid` pulses once per frame, after its last slopes (without slopes: its
-        last features); `suspect` then tells whether any flag is set, except that for displacements, which is
-        not known yet
+        last features); `suspect` then tells whether any flag is set, except those for displacements and dots,
+        which are not known yet
     verdict : stream of one word of flags per frame, in order, bit k for REASONS[k]; a bit set means a measure
         is outside its limits
     limits : the word of `limits_image`, constant while a frame is in flight. Only with `loadable`.
 
     All inputs are only observed. `latency` = 4 + ceil(log2(values per beat)) clocks from a frame's last beat
     at the last observed stage (displacements, else slopes, else features) to its `verdict`: input register,
-    adder tree, sum, comparison and FIFO. Without displacements, `suspect_valid` comes a clock earlier.
+    adder tree, sum, comparison and FIFO. Without displacements, `suspect_valid` comes a clock earlier. With
+    dots `verdict` also waits until DOTS_LATENCY clocks after the frame's last dot.
     """
 
     def __init__(self, validity: model.FrameValidity, *, lanes: int, loadable: bool = False):
@@ -56,6 +61,8 @@ class FrameValidity(wiring.Component):
             self.observed.append("displacements")
             members["displacements_over"] = In(lanes)
         members |= {f"{name}_taken": In(1) for name in self.observed}
+        if validity.dots:
+            members |= {"dot_lost": In(1), "dot_taken": In(1)}
         if loadable:
             members["limits"] = In(self.limits_bits)
         super().__init__(members)
@@ -149,13 +156,17 @@ class FrameValidity(wiring.Component):
             over = self.displacements_over
             done, known = join("displacement", self.displacements_taken, over, inner)
         m.submodules.verdicts = verdicts = fifo.SyncFIFO(width=len(model.REASONS), depth=FRAMES_IN_FLIGHT)
-        m.d.comb += [
-            verdicts.w_data.eq(known),
-            verdicts.w_en.eq(done),
-            self.verdict.valid.eq(verdicts.r_rdy),
-            self.verdict.payload.eq(verdicts.r_data),
-            verdicts.r_en.eq(self.verdict.ready),
-        ]
+        m.d.comb += [verdicts.w_data.eq(known), verdicts.w_en.eq(done)]
+        found, ready = verdicts.r_data, verdicts.r_rdy
+        taken = self.verdict.valid & self.verdict.ready
+        m.d.comb += verdicts.r_en.eq(taken)
+        if self.validity.dots:
+            # Dots are known before or after all else, so they have a queue of their own.
+            m.submodules.dot_flags = of_dots = fifo.SyncFIFO(width=1, depth=FRAMES_IN_FLIGHT)
+            dots_done, beyond = count("dots", self.dot_taken, [self.dot_lost], 1, self.validity.dots)
+            m.d.comb += [of_dots.w_data.eq(beyond), of_dots.w_en.eq(dots_done), of_dots.r_en.eq(taken)]
+            found, ready = found | of_dots.r_data << model.REASONS.index("dots"), ready & of_dots.r_rdy
+        m.d.comb += [self.verdict.valid.eq(ready), self.verdict.payload.eq(found)]
         return m
 
     def _of_pixels(self, m: Module):

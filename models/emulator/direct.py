@@ -5,8 +5,9 @@ The emulator must equal it on every value, and gives way to it where float64 wou
 
 import numpy as np
 
+from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.features import integer_features
-from fastac.models.integer.force import PatchForce
+from fastac.models.integer.force import PatchForce, terms
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.solver_base import IntegerSolver
@@ -56,7 +57,11 @@ def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
         words, over = pipeline.quantiser(displacement)
         found |= {"displacement_words": words, "displacement_saturated": over.sum()}
         measures.append(over.sum())
-        force_input = words[..., None]
+        force_input = terms(words, bulge=pipeline.scene.force.bulge)
+    if pipeline.follower is not None:
+        shifts, seen = pipeline.follower(pipeline.follower.windows(frame))
+        found |= {"dot_shift_words": shifts, "dot_shifts_px": shifts * 2.0**-FRACTION, "dots_seen": seen}
+        measures.append((~seen).sum())
     measures = np.array(measures)
     found |= {"validity_measures": measures, "validity": pipeline.validity.flags(measures)}
     if pipeline.force is not None:
@@ -64,6 +69,9 @@ def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
             raw = pipeline.force(words)
         else:
             raw = (pipeline.force.weight * force_input).sum(axis=(1, 2, 3)) + pipeline.force.constant
+        if pipeline.dot_force is not None:
+            dots = pipeline.dot_force
+            raw = raw + ((dots.weighted.weight[:, :, 0] * shifts).sum(axis=(1, 2)) << dots.exponent)
         found |= {"force_raw": raw, "force_n": raw * pipeline.force_n_per_unit}
         if pipeline.scene.wants_force_map:
             raw = pipeline.force.force_map(words)
@@ -91,6 +99,13 @@ def outputs(pipeline: IntegerPipeline) -> Outputs:
         }
     if pipeline.quantiser is not None:
         found |= {"displacement_words": (inner, np.int64), "displacement_saturated": ((), np.int64)}
+    if pipeline.follower is not None:
+        count = len(pipeline.follower.rest)
+        found |= {
+            "dot_shift_words": ((count, 2), np.int64),
+            "dot_shifts_px": ((count, 2), np.float32),
+            "dots_seen": ((count,), np.bool_),
+        }
     if pipeline.force is not None:
         axes = len(pipeline.force_n_per_unit)
         found |= {"force_raw": ((axes,), np.int64), "force_n": ((axes,), np.float64)}

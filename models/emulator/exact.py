@@ -12,11 +12,13 @@ import numpy as np
 
 from fastac.models.emulator.exactness import EXACT_FLOAT32, require_exact
 from fastac.models.emulator.solvers import SOLVERS
+from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.features import limits
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.loops.dots import FollowedDots
 from fastac.models.loops.frames import CHUNK
 from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.pixels import (
@@ -69,7 +71,8 @@ class ExactTables:
 
     def _plan_force(self, force: PatchForce | WeightedSum) -> None:
         resultant = force.collapsed() if isinstance(force, PatchForce) else force
-        require_exact("force", resultant.bound)
+        dots = self.pipeline.dot_force
+        require_exact("force", resultant.bound + (dots.bound if dots is not None else 0))
         # The emulator keeps p and q in two planes: terms before pixels.
         planes = np.moveaxis(resultant.weight, -1, 1)
         self.weight = planes.reshape(len(planes), -1).astype(np.float64)
@@ -102,6 +105,11 @@ class _Worker:
 
         self.wants_force = wants("force_raw", "force_n")
         self.wants_validity, validity = wants("validity", "validity_measures"), self.pipeline.validity
+        self.dots = None
+        if self.pipeline.follower is not None and (
+            self.wants_force or self.wants_validity or wants("dot_shift_words", "dot_shifts_px", "dots_seen")
+        ):
+            self.dots = FollowedDots(self.pipeline.follower)
         self.wants_words = (
             (self.wants_force and self.pipeline.quantiser is not None)
             or (self.wants_validity and validity.displacements)
@@ -121,7 +129,10 @@ class _Worker:
             shape.insert(solver.frame_axis, len(frames))
             memory = self.memory[: len(frames) * rows * columns].reshape(shape)
             planes = np.moveaxis(memory, solver.frame_axis, 0)
-        measures = np.empty((len(frames), len(self.pipeline.validity.names)), np.int64)
+        names = self.pipeline.validity.names
+        measures = np.empty((len(frames), len(names)), np.int64)
+        axes = 0 if self.pipeline.force is None else len(self.pipeline.force_n_per_unit)
+        of_dots = np.zeros((len(frames), axes))
         for k, frame in enumerate(frames):
             places = {name: array[k : k + 1] for name, array in out.items()}
             normal = self.network(frame)
@@ -133,16 +144,21 @@ class _Worker:
                 measures[k, : len(pixels)] = pixels
                 if self.pipeline.validity.slopes:
                     measures[k, len(pixels)] = saturated
+            if self.dots is not None:
+                lost, of_dots[k] = self._dots(frame, places)
+                if self.wants_validity:
+                    measures[k, names.index("dots")] = lost
             if self.wants_solver:
                 source(self.slopes, self.emulator.ahead, 1.0, self.emulator.offset, planes[k])
             elif self.wants_force:
-                self._force(self.slopes, places)
+                self._force(self.slopes, of_dots[k], places)
         if self.wants_solver:
             solver.solve(memory)
             for k, z in enumerate(planes):
-                saturated = self._solution(z, {name: array[k : k + 1] for name, array in out.items()})
+                places = {name: array[k : k + 1] for name, array in out.items()}
+                saturated = self._solution(z, of_dots[k], places)
                 if self.pipeline.validity.displacements:
-                    measures[k, -1] = saturated
+                    measures[k, names.index("displacement")] = saturated
         if "validity_measures" in out:
             out["validity_measures"][...] = measures
         if "validity" in out:
@@ -165,7 +181,19 @@ class _Worker:
             interleave_slopes(slopes, unit, out["slopes"].reshape(-1))
         return saturated
 
-    def _solution(self, z: np.ndarray, out: dict[str, np.ndarray]) -> int:
+    def _dots(self, frame: np.ndarray, out: dict[str, np.ndarray]) -> tuple[int, np.ndarray]:
+        """How many dots of a frame are lost, and what the others add to the raw force, (axes,)."""
+        shift, seen = self.dots(frame)
+        if "dot_shift_words" in out:
+            out["dot_shift_words"][0] = shift
+        if "dot_shifts_px" in out:
+            out["dot_shifts_px"][0] = shift * 2.0**-FRACTION
+        if "dots_seen" in out:
+            out["dots_seen"][0] = seen
+        force = self.pipeline.dot_force
+        return len(seen) - int(seen.sum()), force(shift) if force is not None else 0
+
+    def _solution(self, z: np.ndarray, of_dots: np.ndarray, out: dict[str, np.ndarray]) -> int:
         """Solutions (N, N) to depth, displacement and what follows from it; how many words saturated."""
         pipeline = self.pipeline
         words, displacement_mm = (
@@ -185,14 +213,18 @@ class _Worker:
         saturated = displacement_words(z, quantiser.clamp, 2.0**-quantiser.shift, float(quantiser.top), words)
         if "displacement_saturated" in out:
             out["displacement_saturated"][0] = saturated
-        self._force(z, out)
+        if self.pipeline.scene.force.bulge:
+            self._force(np.array([np.maximum(z, 0), np.minimum(z, 0)]), of_dots, out)
+        else:
+            self._force(z, of_dots, out)
         self._force_map(z, out)
         return saturated
 
-    def _force(self, x: np.ndarray, out: dict[str, np.ndarray]) -> None:
-        """`integer.WeightedSum` of displacement words (N, N) or slopes (2, H, W)."""
+    def _force(self, x: np.ndarray, of_dots: np.ndarray, out: dict[str, np.ndarray]) -> None:
+        """`integer.WeightedSum` of displacement words (N, N), their two sides (2, N, N) or slopes (2, H, W),
+        with the dots' share (axes,) added."""
         if self.wants_force:
-            raw = self.emulator.weight @ x.reshape(-1) + self.emulator.constant
+            raw = self.emulator.weight @ x.reshape(-1) + self.emulator.constant + of_dots
             if "force_raw" in out:
                 out["force_raw"][0] = raw
             if "force_n" in out:

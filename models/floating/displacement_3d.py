@@ -12,7 +12,7 @@ import numpy as np
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.tangential_field import TangentialField
 from fastac.models.loops.frames import over_frames, require_frames
-from fastac.models.vision.markers import Detector, MarkerError, associate
+from fastac.models.vision.markers import DetectedDots, MarkerError
 
 MAX_LOST = 0.05
 """Largest share of lost markers in a frame whose field is still computed, from the remaining markers."""
@@ -34,9 +34,8 @@ class Displacements:
 class MarkerField:
     """The markers of one gel in its background frame, and the tangential field of other frames."""
 
-    detector: Detector
+    dots: DetectedDots
     field: TangentialField
-    max_step_px: float
 
     @classmethod
     def of_background(cls, pipeline: FloatPipeline) -> "MarkerField":
@@ -44,15 +43,12 @@ class MarkerField:
 
         Raises MarkerError where the scene has no markers or too few are found.
         """
-        sensor = pipeline.scene.sensor
-        if sensor.markers is None:
-            raise MarkerError(
-                f"scene {pipeline.scene.name}: sensor.markers: missing, so nothing shows d_x, d_y"
-            )
-        detector = Detector(2 * sensor.markers.radius_mm / sensor.pitch_mm)
+        scene = pipeline.scene
+        if scene.sensor.markers is None:
+            raise MarkerError(f"scene {scene.name}: sensor.markers: missing, so nothing shows d_x, d_y")
+        dots = DetectedDots.of_background(pipeline.background, scene.sensor)
         height, width, _ = pipeline.background.shape
-        field = TangentialField(detector.detect(pipeline.background), height, width)
-        return cls(detector, field, sensor.markers.spacing_mm / sensor.pitch_mm)
+        return cls(dots, TangentialField(dots.rest_px, height, width))
 
     def tangential_px(self, frame: np.ndarray) -> tuple[np.ndarray | None, int]:
         """The tangential field (H, W, 2), in px, of one frame (H, W, C) uint8, and the number of lost
@@ -61,14 +57,11 @@ class MarkerField:
         Frames are independent presses, so markers are searched from their background positions. The field is
         None where more than MAX_LOST of the markers are lost.
         """
-        rest = self.field.centre_px
-        found = self.detector.detect(frame)
-        matched = associate(rest, found, self.max_step_px)
-        seen = np.flatnonzero(matched >= 0)
-        lost = len(rest) - len(seen)
-        if lost > MAX_LOST * len(rest):
+        shift, seen = self.dots.shifts_px(frame)
+        lost = len(seen) - int(seen.sum())
+        if lost > MAX_LOST * len(seen):
             return None, lost
-        return self.field.for_markers(seen).dense_px(found[matched[seen]] - rest[seen]), lost
+        return self.field.for_markers(np.flatnonzero(seen)).dense_px(shift[seen]), lost
 
 
 def displacement_fields(

@@ -13,13 +13,18 @@ from fastac.models.floating.poisson import solve, source_of
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.features import scales
+from fastac.models.integer.force import terms
 from fastac.models.integer.laplacian import STENCILS, boundary_term, eigenvalues, sine_matrix
 from fastac.models.loops.frames import Outputs, choose_outputs, over_frames, require_frames
 from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.pixels import interleave_slopes, limited_slopes, source, unit_normals
 from fastac.models.loops.sines import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
 from fastac.models.result import Result
+from fastac.models.vision.markers import DetectedDots
 from fastac.scenes.schema import Scene
+
+KERNELS_NDIM = 5
+"""Dimensions of kernels (axes, N, N, K, K); other weights are one a pixel and term."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +33,10 @@ class FloatPipeline:
 
     network : the pixel network; background : (H, W, C) uint8, the no-contact reference frame
     rest_depth_mm : (H, W) depth of the undeformed skin, the boundary prior of the solver
-    force_weights : kernels (axes, N, N, K, K) in N per mm or, for the adjoint solver, weights of the slopes
-        (axes, H, W, 2) in N; None without force
+    force_weights : kernels (axes, N, N, K, K) or weights (axes, N, N, terms) in N per mm or, for the adjoint
+        solver, weights of the slopes (axes, H, W, 2) in N; None without force
+    dots : the marker dots, where the scene wants their shifts
+    dot_weights : (axes, M, 2) in N per px, what the shifts add to the force; None without
     """
 
     scene: Scene
@@ -37,13 +44,15 @@ class FloatPipeline:
     background: np.ndarray
     rest_depth_mm: np.ndarray
     force_weights: np.ndarray | None = None
+    dots: DetectedDots | None = None
+    dot_weights: np.ndarray | None = None
 
     @classmethod
     def from_arrays(
         cls, arrays: dict[str, np.ndarray], scene: Scene, background: np.ndarray, rest_depth_mm: np.ndarray
     ) -> "FloatPipeline":
         """From a bundle's float arrays: `network.k.weight`, `network.k.bias`, and optionally
-        `force.float_weights`."""
+        `force.float_weights`, `force.float_dot_weights` and `dots.rest_px`."""
         count = sum(k.startswith("network.") and k.endswith(".weight") for k in arrays)
         weights = [torch.from_numpy(arrays[f"network.{k}.weight"]) for k in range(count)]
         network = pixel_normals.PixelNetwork(
@@ -53,7 +62,12 @@ class FloatPipeline:
             for k, (layer, weight) in enumerate(zip(network.linear_layers, weights, strict=True)):
                 layer.weight.copy_(weight)
                 layer.bias.copy_(torch.from_numpy(arrays[f"network.{k}.bias"]))
-        return cls(scene, network, background, rest_depth_mm, arrays.get("force.float_weights"))
+        dots = None
+        if scene.wants_dots:
+            dots = DetectedDots.at(arrays["dots.rest_px"], scene.sensor)
+        weights = (arrays.get(f"force.float_{name}") for name in ("weights", "dot_weights"))
+        force, of_dots = weights
+        return cls(scene, network, background, rest_depth_mm, force, dots, of_dots)
 
     @classmethod
     def from_bundle(cls, bundle: Bundle) -> "FloatPipeline":
@@ -111,6 +125,9 @@ class FloatPipeline:
             found["force_n"] = ((axes,), np.float64)
             if self.scene.wants_force_map:
                 found["force_map_n"] = ((axes, height - 2, width - 2), np.float32)
+        if self.dots is not None:
+            count = len(self.dots.rest_px)
+            found |= {"dot_shifts_px": ((count, 2), np.float32), "dots_seen": ((count,), np.bool_)}
         return found
 
     def stages(self) -> dict[str, Callable[[np.ndarray], np.ndarray]]:
@@ -142,11 +159,12 @@ class FloatPipeline:
         """
         outputs = choose_outputs(self.outputs, wanted)
         require_frames(frames, self.background)
-        after = None if outputs.keys() <= {"normals", "slopes"} else self._after
+        before = {"normals", "slopes", "dot_shifts_px", "dots_seen"}
+        after = None if outputs.keys() <= before else self._after
+        wants_dots = not outputs.keys().isdisjoint({"dot_shifts_px", "dots_seen", "force_n"})
+        worker = partial(_Worker, self, after, wants_dots=wants_dots)
         with single_thread():
-            found = over_frames(
-                partial(_Worker, self, after), frames, outputs, progress=progress, label="float pipeline"
-            )
+            found = over_frames(worker, frames, outputs, progress=progress, label="float pipeline")
         return Result(**found)
 
 
@@ -171,7 +189,8 @@ class _AfterSlopes:
             order = self.sine.order
             self.reciprocal = (-pitch_mm / eigenvalues(size)[order][:, order]).astype(np.float32)
         if self.weights is not None:
-            weight = collapse(self.weights) if self.has_solver else self.weights
+            of_kernels = self.weights.ndim == KERNELS_NDIM
+            weight = collapse(self.weights) if of_kernels else self.weights
             self.weight = weight.reshape(len(weight), -1).astype(np.float64)
 
     @cached_property
@@ -204,16 +223,19 @@ class _AfterSlopes:
         return x
 
     def force_n(self, x: np.ndarray) -> np.ndarray:
-        """The force (axes,) in N, from the displacement (N, N) or, for the adjoint, the slopes' change."""
+        """The skin's force (axes,) in N, from the displacement (N, N) or, for the adjoint, the slopes' change
+        (H, W, 2)."""
+        if self.force.bulge:
+            x = terms(x, bulge=True)
         return self.weight @ x.reshape(-1).astype(np.float64)
 
     def clamped(self, displacement_mm: np.ndarray) -> np.ndarray:
         """The displacement with negative values set to zero, in place, if the scene clamps."""
         return np.maximum(displacement_mm, 0, out=displacement_mm) if self.force.clamp else displacement_mm
 
-    def __call__(self, slopes: np.ndarray, out: dict[str, np.ndarray]) -> None:
-        """Compute the outputs of one frame from its slopes (H, W, 2), and write them into the arrays of
-        `out`."""
+    def __call__(self, slopes: np.ndarray, shift_px: np.ndarray | None, out: dict[str, np.ndarray]) -> None:
+        """Compute the outputs of one frame from its slopes (H, W, 2) and its dots' shifts (M, 2), if any, and
+        write them into the arrays of `out`."""
         if self.has_solver:
             x = self.solved(slopes)
             if "displacement_mm" in out:
@@ -226,6 +248,8 @@ class _AfterSlopes:
             x = slopes - self.rest_slopes
         if "force_n" in out:
             out["force_n"][...] = self.force_n(x)
+            if self.pipeline.dot_weights is not None:
+                out["force_n"] += np.einsum("amk,mk->a", self.pipeline.dot_weights, shift_px)
         if "force_map_n" in out:
             out["force_map_n"][...] = force_map(x, self.weights)
 
@@ -238,9 +262,12 @@ def _by_planes(slopes: np.ndarray) -> np.ndarray:
 class _Worker:
     """The pipeline in one thread, with its scratch memory; see `over_frames`."""
 
-    def __init__(self, pipeline: FloatPipeline, after: _AfterSlopes | None = None):
+    def __init__(
+        self, pipeline: FloatPipeline, after: _AfterSlopes | None = None, *, wants_dots: bool = False
+    ):
         self.network = FrameNetwork(pipeline._tables, pipeline.background)
         self.limit, self.after = pipeline.scene.numbers.slope_limit, after
+        self.dots = pipeline.dots if wants_dots else None
         self.planes = np.empty((2, *pipeline.background.shape[:2]), np.float32)
         self.slopes = np.moveaxis(self.planes, 0, -1)
 
@@ -253,5 +280,11 @@ class _Worker:
                 limited_slopes(normal, np.float32(self.limit), self.planes.reshape(2, -1))
             if "slopes" in out:
                 interleave_slopes(self.planes.reshape(2, -1), np.float32(1), out["slopes"][k].reshape(-1))
+            shift_px = None
+            if self.dots is not None:
+                shift_px, seen = self.dots.shifts_px(frame)
+                for name, value in (("dot_shifts_px", shift_px), ("dots_seen", seen)):
+                    if name in out:
+                        out[name][k] = value
             if self.after is not None:
-                self.after(self.slopes, {name: array[k] for name, array in out.items()})
+                self.after(self.slopes, shift_px, {name: array[k] for name, array in out.items()})

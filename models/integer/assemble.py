@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
+from fastac.models.integer.dot_follower import DotFollower
+from fastac.models.integer.dot_force import DotForce
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.laplacian import STENCILS, boundary_term, divergence_of
@@ -30,9 +32,12 @@ def assemble(
     layers: tuple[Layer, ...],
     background: np.ndarray,
     rest_depth_mm: np.ndarray,
+    follower: DotFollower | None = None,
 ) -> IntegerPipeline:
     """The integer pipeline up to the depth and the displacement; `with_force` adds the force's weights,
     `with_limits` what makes a frame suspect.
+
+    follower : of the background's dots, where the scene wants them
 
     Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
     (models/integer/bounds.py), of any weights where the scene's are loadable. Raises ValueError where a bound
@@ -41,6 +46,8 @@ def assemble(
     numbers, pitch = scene.numbers, scene.sensor.pitch_mm
     loadable = scene.hardware.weights == "loadable"
     layers = tuple(replace(layer, loadable=loadable) for layer in layers)
+    if follower is not None:
+        follower = replace(follower, windows=replace(follower.windows, loadable=loadable))
     ratio = GradientRatio(
         normal_width=layers[-1].accumulator_width,
         width=numbers.slope_bits,
@@ -56,7 +63,9 @@ def assemble(
             background.shape,
             slopes=scene.wants_slopes,
             displacements=scene.wants_force and scene.wants_solver,
+            dots=len(follower.rest) if follower is not None else 0,
         ),
+        follower=follower,
     )
     if not scene.wants_solver:
         return pipeline
@@ -96,12 +105,27 @@ def assemble(
     return pipeline.replace(source=source, solver=chosen, depth=depth, quantiser=quantiser)
 
 
-def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipeline:
+def with_force(
+    pipeline: IntegerPipeline, weights: np.ndarray, dot_weights: np.ndarray | None = None
+) -> IntegerPipeline:
     """The pipeline with the force model's weights.
 
-    weights : HyperForce's kernels (axes, N, N, K, K), in N per mm of displacement; for the adjoint the
-        weights of the slopes (axes, H, W, 2), in N. Every axis has a scale of its own.
+    weights : HyperForce's kernels (axes, N, N, K, K) or one weight a pixel and term (axes, N, N, terms), in
+        N per mm of displacement; for the adjoint the weights of the slopes (axes, H, W, 2), in N. Every axis
+        has a scale of its own.
+    dot_weights : (axes, M, 2) in N per px of the dots' shifts, where the scene wants them
     """
+    found = _with_skin_force(pipeline, weights)
+    if pipeline.follower is None:
+        return found
+    bits = pipeline.scene.numbers.dot_weight_bits
+    return found.replace(
+        dot_force=DotForce.of_weights(dot_weights, found.force_n_per_unit, pipeline.follower, bits)
+    )
+
+
+def _with_skin_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipeline:
+    """The pipeline with weights of the displacement or the slopes, as `with_force`."""
     scene, numbers = pipeline.scene, pipeline.scene.numbers
     if scene.force_from_slopes:
         words, scale = quantise_weights(weights, numbers.slope_weight_bits)
@@ -114,6 +138,10 @@ def with_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerPipelin
         )
         return pipeline.replace(force=force, force_n_per_unit=2.0**-pipeline.ratio.fraction / scale)
     words, scale = quantise_weights(weights, numbers.kernel_bits)
+    if scene.force_of_weights:
+        constant, signed = np.zeros(len(words), np.int64), not scene.force.clamp
+        force = WeightedSum(words, constant, numbers.displacement_bits, signed)
+        return pipeline.replace(force=force, force_n_per_unit=pipeline.displacement_mm_per_unit / scale)
     force = PatchForce(words, numbers.kernel_bits, numbers.displacement_bits, not scene.force.clamp)
     if scene.force.kernel == "collapsed":
         force = force.collapsed()
@@ -125,7 +153,12 @@ def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerP
     force = known.force
     if pipeline.scene.force_from_slopes:
         force = replace(force, constant=_constant(pipeline, force.weight))
-    return pipeline.replace(force=force, force_n_per_unit=known.force_n_per_unit)
+    return pipeline.replace(
+        force=force,
+        force_n_per_unit=known.force_n_per_unit,
+        follower=known.follower,
+        dot_force=known.dot_force,
+    )
 
 
 def _constant(pipeline: IntegerPipeline, weight: np.ndarray) -> np.ndarray:

@@ -19,6 +19,9 @@ from pydantic import ValidationError
 from fastac.models.integer import (
     bounds,
     depth,
+    dot_follower,
+    dot_force,
+    dot_windows,
     force,
     frame_validity,
     network,
@@ -31,7 +34,9 @@ from fastac.models.integer.solvers import SOLVERS
 from fastac.scenes.schema import Scene, describe, shown
 from fastac.store.files import DamagedFileError, inside, load_arrays, write_folder_atomically
 
-FORMAT_VERSION = 3
+FORMAT_VERSION = 4
+READABLE_VERSIONS = (3, FORMAT_VERSION)
+"""3 knows no dots; all else is the same."""
 JSON_FILE = "bundle.json"
 CLASSES = {
     cls.__name__: cls
@@ -45,6 +50,9 @@ CLASSES = {
         depth.DisplacementQuantiser,
         force.PatchForce,
         force.WeightedSum,
+        dot_windows.DotWindows,
+        dot_follower.DotFollower,
+        dot_force.DotForce,
         bounds.Stage,
         words.Fixed,
         frame_validity.FrameValidity,
@@ -204,9 +212,9 @@ def _content(path: Path) -> dict:
         raise BundleError(f"{file}: no such file; is {path} a bundle folder?") from None
     except (OSError, ValueError, RecursionError) as error:
         raise BundleError(f"{file}: not readable JSON: {error}") from None
-    if not isinstance(content, dict) or content.get("format_version") != FORMAT_VERSION:
+    if not isinstance(content, dict) or content.get("format_version") not in READABLE_VERSIONS:
         version = content.get("format_version") if isinstance(content, dict) else None
-        raise BundleError(f"{file}: format_version = {shown(version)}: expected {FORMAT_VERSION}")
+        raise BundleError(f"{file}: format_version = {shown(version)}: expected {READABLE_VERSIONS}")
     return content
 
 

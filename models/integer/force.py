@@ -8,6 +8,14 @@ import numpy as np
 from fastac.models.integer.words import _fits, exact_matmul, signed_width
 
 
+def terms(displacement: np.ndarray, *, bulge: bool) -> np.ndarray:
+    """What has weights of its own in a displacement (...): itself, or what of it is towards the camera and
+    what away, (..., terms)."""
+    if not bulge:
+        return displacement[..., None]
+    return np.stack([np.maximum(displacement, 0), np.minimum(displacement, 0)], axis=-1)
+
+
 @dataclass(frozen=True, eq=False)
 class PatchForce:
     """Position-dependent K×K kernels on the displacement, summed over the frame: A = Σ_p Σ_m k_{p,m} v_{p,m}.
@@ -83,7 +91,8 @@ class WeightedSum:
     """One sum over the whole frame for each axis: A = constant + Σ_p Σ_t weight_{p,t} · x_{p,t}.
 
     With the displacement (one term a pixel) it is the collapsed kernels' force, with the slopes p and q (two
-    terms) the adjoint's.
+    terms) the adjoint's. Where the bulge has weights of its own, two terms are the two sides of the
+    displacement, see `terms`.
     """
 
     weight: np.ndarray  # (axes, rows, columns, terms)

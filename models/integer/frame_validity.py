@@ -1,7 +1,7 @@
 """Whether a frame can be trusted: what is counted in it, beside the stream, and within which limits.
 
 A sensor that drifts, loses a light, gathers dust or is pressed beyond what its models were trained on gives
-depths and forces that look like any other. Six counts tell such frames. Their limits follow from the frames
+depths and forces that look like any other. Counts tell such frames. Their limits follow from the frames
 that the models were trained on. Differences are from the background in force, so that one taken anew takes
 a drift of the light out of them again.
 """
@@ -23,9 +23,12 @@ REASONS = (
     "detail",
     "gradient",
     "displacement",
+    "dots",
 )
 """Why a frame is suspect, in the order of the bits in the flags and in the hardware's register."""
-DISPLACEMENT = 1 << REASONS.index("displacement")
+DISPLACEMENT, DOTS = (1 << REASONS.index(name) for name in ("displacement", "dots"))
+OF_FORCE = DISPLACEMENT | DOTS
+"""Bits of the reasons that concern the force alone."""
 TWO_SIDED = ("brightness_b", "brightness_g", "brightness_r", "brightness_nir", "detail")
 """Measures that may also be too small."""
 RANGE_DIVISOR = 2
@@ -45,6 +48,7 @@ class FrameValidity:
     detail : Σ |I[v, u] − I[v, u − 1]| over all channels: the skin's texture, lost out of focus
     gradient : slopes that saturated. Only with `slopes`.
     displacement : displacements that saturated. Only with `displacements`.
+    dots : marker dots that are lost: covered, smeared or doubled. Only where `dots`, their number, is not 0.
 
     A measure below its `low` or above its `high` sets the bit of its name in REASONS.
     """
@@ -54,6 +58,7 @@ class FrameValidity:
     displacements: bool
     low: np.ndarray  # (measures,)
     high: np.ndarray  # (measures,)
+    dots: int = 0
 
     def __post_init__(self):
         if len(self.shape) != 3:
@@ -66,18 +71,20 @@ class FrameValidity:
                     raise ValueError(f"{name} of {measure} {value}: expected {least} to {most}")
 
     @classmethod
-    def unlimited(cls, shape: tuple[int, int, int], *, slopes: bool, displacements: bool) -> "FrameValidity":
+    def unlimited(
+        cls, shape: tuple[int, int, int], *, slopes: bool, displacements: bool, dots: int = 0
+    ) -> "FrameValidity":
         """The measures of frames (H, W, C) with limits that no frame exceeds."""
-        return cls(shape, slopes, displacements, *_bounds(shape, slopes, displacements))
+        return cls(shape, slopes, displacements, *_bounds(shape, slopes, displacements, dots), dots)
 
     @property
     def names(self) -> tuple[str, ...]:
-        return _names(self.shape[2], self.slopes, self.displacements)
+        return _names(self.shape[2], self.slopes, self.displacements, self.dots)
 
     @property
     def bounds(self) -> tuple[np.ndarray, np.ndarray]:
         """The least and the largest value of each measure, of any frame."""
-        return _bounds(self.shape, self.slopes, self.displacements)
+        return _bounds(self.shape, self.slopes, self.displacements, self.dots)
 
     @property
     def widths(self) -> tuple[int, ...]:
@@ -130,17 +137,19 @@ class FrameValidity:
 
 
 def suspects(flags: np.ndarray) -> np.ndarray:
-    """Whether flags (...) are of a frame whose depth is not to be trusted: displacements come after it."""
-    return (flags & ~DISPLACEMENT) != 0
+    """Whether flags (...) are of a frame whose depth is not to be trusted."""
+    return (flags & ~OF_FORCE) != 0
 
 
-def _names(channels: int, slopes: bool, displacements: bool) -> tuple[str, ...]:
+def _names(channels: int, slopes: bool, displacements: bool, dots: int) -> tuple[str, ...]:
     brightness = REASONS[1 : 1 + channels]
-    absent = {"gradient": not slopes, "displacement": not displacements}
+    absent = {"gradient": not slopes, "displacement": not displacements, "dots": not dots}
     return ("clipped", *brightness, *(name for name in REASONS[5:] if not absent.get(name)))
 
 
-def _bounds(shape: tuple[int, int, int], slopes: bool, displacements: bool) -> tuple[np.ndarray, np.ndarray]:
+def _bounds(
+    shape: tuple[int, int, int], slopes: bool, displacements: bool, dots: int
+) -> tuple[np.ndarray, np.ndarray]:
     height, width, channels = shape
     largest = {
         "clipped": height * width,
@@ -148,7 +157,8 @@ def _bounds(shape: tuple[int, int, int], slopes: bool, displacements: bool) -> t
         "detail": 255 * height * (width - 1) * channels,
         "gradient": 2 * height * width,
         "displacement": (height - 2) * (width - 2),
+        "dots": dots,
     }
-    names = _names(channels, slopes, displacements)
+    names = _names(channels, slopes, displacements, dots)
     high = np.array([largest.get(name, 255 * height * width) for name in names])
     return np.where([name.startswith("brightness") for name in names], -high, 0), high

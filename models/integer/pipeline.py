@@ -5,12 +5,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
+from fastac.models.integer.dot_follower import DotFollower
+from fastac.models.integer.dot_force import DotForce
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import GradientRatio, Layer
 from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.source import PoissonSource
+from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
 
 
@@ -33,6 +36,8 @@ class IntegerPipeline:
     quantiser: DisplacementQuantiser | None = None
     force: PatchForce | WeightedSum | None = None  # on the displacement or, for the adjoint, on the slopes
     force_n_per_unit: np.ndarray | None = None  # s_F, (axes,)
+    follower: DotFollower | None = None
+    dot_force: DotForce | None = None  # added to `force`
     provenance: dict = field(default_factory=dict)
 
     def replace(self, **changes) -> "IntegerPipeline":
@@ -47,6 +52,16 @@ class IntegerPipeline:
     def displacement_mm_per_unit(self) -> float:
         """mm of one unit of the quantised displacement, 1/s_d."""
         return self.depth_mm_per_unit * 2.0**self.quantiser.shift
+
+    @property
+    def force_bound(self) -> int:
+        """The largest magnitude of a raw force accumulator, with the dots' share."""
+        return self.force.bound + (self.dot_force.bound if self.dot_force is not None else 0)
+
+    @property
+    def force_width(self) -> int:
+        """Bits of a raw force accumulator."""
+        return signed_width(self.force_bound)
 
     def normals(self, frames: np.ndarray) -> np.ndarray:
         """Frames (..., H, W, C) uint8 to the network's three outputs, (..., H, W, 3) int64."""

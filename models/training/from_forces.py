@@ -6,7 +6,7 @@ best linear model, a ridge regression on the pixels' differences from the backgr
 for each channel, are reduced to the two linear combinations of channels that explain most of it, and the
 network is initialised to compute these. Then network and fields a, b (sums of cosines) are trained on the L1
 error of the force, on frames averaged over blocks, which is faster and loses little since contacts are
-smooth. Afterwards models/training/slope_force.py fits the fields again, to the slopes of each arithmetic.
+smooth. Afterwards models/training/smooth_weights.py fits the fields again, to the slopes of each arithmetic.
 """
 
 import copy
@@ -23,7 +23,7 @@ from fastac.models.integer.features import (
     integer_features,
     scales,
 )
-from fastac.models.training import slope_force
+from fastac.models.training import smooth_weights
 from fastac.models.training.normals import ScaledNetwork
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -51,7 +51,7 @@ def linear_fields(
 
     pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); both by split name
     """
-    fields, history = slope_force.fit(pixels, force_n, progress=progress)
+    fields, _, history = smooth_weights.fit(pixels, force_n, progress=progress)
     return fields, min(history, key=lambda entry: entry["validation_mae_n"])["cosines"]
 
 
@@ -127,7 +127,7 @@ class ForceFromPixels(torch.nn.Module):
         buffers = {"codes": block_averages(codes, block), "scales": scales(channels)}
         for name, size in (("rows", height), ("columns", width)):
             buffers[name] = (
-                slope_force.cosine_basis(size, fields.shape[1]).reshape(-1, block, fields.shape[1]).mean(1)
+                smooth_weights.cosine_basis(size, fields.shape[1]).reshape(-1, block, fields.shape[1]).mean(1)
             )
         for name, values in buffers.items():
             self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
@@ -155,7 +155,7 @@ def initial_model(data: Dataset, scene: Scene, *, progress: bool = False) -> For
     mixtures = channel_mixtures(fields, change["train"])
     mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
     fields, cosines = linear_fields(mixed, force, progress=progress)
-    lowest = slope_force.lowest_cosines(fields, cosines)
+    lowest = smooth_weights.lowest_cosines(fields, cosines)
     network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32), scene.network.hidden)
     return ForceFromPixels(network, lowest, data.background.shape, scene.numbers.slope_limit)
 

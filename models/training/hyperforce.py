@@ -82,9 +82,17 @@ def train(
 
 
 def refit_last_layer(
-    scene: Scene, model: HyperForce, displacement_mm: dict[str, np.ndarray], force_n: dict[str, np.ndarray]
-) -> tuple[HyperForce, list[dict]]:
-    """Refit the hypernetwork's last layer by ridge regression; returns a new model and the validation errors.
+    scene: Scene,
+    model: HyperForce,
+    displacement_mm: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    shifts_px: dict[str, np.ndarray] | None = None,
+) -> tuple[HyperForce, np.ndarray | None, list[dict]]:
+    """Refit the hypernetwork's last layer by ridge regression, together with weights of the dots' shifts.
+
+    shifts_px : (frames, M, 2) by split name
+    Returns a new model, the dots' weights (axes, M, 2) in N per px (None without shifts), and the validation
+    errors.
 
     With the other layers fixed the force is linear in the last layer's weights, so they have a closed-form
     solution. It is computed for the displacements of the arithmetic that will be used: the clamp rectifies
@@ -100,9 +108,15 @@ def refit_last_layer(
         return (hidden.T @ patches.reshape(len(hidden), k * k)).ravel()
 
     pressed = _pressed(scene, displacement_mm)
-    x = {split: np.array([features(frame) for frame in frames]) for split, frames in pressed.items()}
+    x = {
+        split: ridge.joined(np.array([features(frame) for frame in frames]), shifts_px and shifts_px[split])
+        for split, frames in pressed.items()
+    }
     history = ridge.validation_errors(x, force_n)
-    found = ridge.fit(x["train"], force_n["train"], ridge.best(history)) / model.unit.item()
+    found, of_dots = ridge.parted(
+        ridge.fit(x["train"], force_n["train"], ridge.best(history)), hidden.shape[1] * k * k
+    )
+    found = found / model.unit.item()
     weights = (
         found.reshape(hidden.shape[1], k * k, model.axes).transpose(2, 1, 0).reshape(-1, hidden.shape[1])
     )
@@ -110,7 +124,7 @@ def refit_last_layer(
     with torch.no_grad():
         fitted.layers[-1].weight.copy_(torch.from_numpy(weights[:, :-1]).to(last.weight.dtype))
         fitted.layers[-1].bias.copy_(torch.from_numpy(weights[:, -1]).to(last.bias.dtype))
-    return fitted, history
+    return fitted, of_dots, history
 
 
 def _pressed(scene: Scene, displacement_mm: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

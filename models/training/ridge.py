@@ -82,3 +82,15 @@ def fit(x: np.ndarray, force_n: np.ndarray, attempt: dict) -> np.ndarray:
     """Weights (features, axes) from all frames of x (frames, features), with the regularisation of
     `attempt`."""
     return solve(x, force_n, np.array([attempt["regularisation"]]))[0]
+
+
+def joined(x: np.ndarray, shifts_px: np.ndarray | None) -> np.ndarray:
+    """Features x (frames, features) and the dots' shifts (frames, M, 2), if any, side by side."""
+    return x if shifts_px is None else np.concatenate([x, shifts_px.reshape(len(x), -1)], axis=1)
+
+
+def parted(weights: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray | None]:
+    """Weights (features, axes) of `joined` features as those of the first `count`, (count, axes), and those
+    of the shifts, (axes, M, 2), None without."""
+    of_dots = weights[count:].T.reshape(weights.shape[1], -1, 2)
+    return weights[:count], of_dots if of_dots.size else None

@@ -1,11 +1,14 @@
 """From a background frame to the integers that follow its dots: where they are, and how dark they are."""
 
+from dataclasses import replace
+
 import numpy as np
 
-from fastac.models.integer.dot_follower import DotFollower, at_rest
+from fastac.models.integer.dot_follower import FRACTION, DotFollower, at_rest
 from fastac.models.integer.dot_windows import BLOCK, CELL, DotWindows
-from fastac.models.vision.markers import Detector, MarkerError, skin_brightness
+from fastac.models.vision.markers import DetectedDots, MarkerError, associate, skin_brightness
 from fastac.scenes.sensor_schema import Sensor
+from fastac.sensor.optics.skin_paint import marker_pixels
 
 DARK_SHARE = 0.75
 """Threshold of darkness, as a share of the skin's brightness at rest. Pressing darkens a pixel of the virtual
@@ -24,24 +27,57 @@ def follower_of(background: np.ndarray, sensor: Sensor) -> DotFollower:
     Windows are the smallest that hold a whole dot. Raises MarkerError where the sensor has no dots, the
     background shows none, or the image is not made of whole blocks.
     """
-    if sensor.markers is None:
-        raise MarkerError("sensor.markers: missing, so there are no dots to follow")
+    dots = DetectedDots.of_background(background, sensor)
     height, width, channels = background.shape
     if height % BLOCK or width % BLOCK:
         raise MarkerError(f"image of {height} × {width} px: expected multiples of {BLOCK} to follow dots")
     radius_px, spacing_px = (
         length / sensor.pitch_mm for length in (sensor.markers.radius_mm, sensor.markers.spacing_mm)
     )
-    places = Detector(2 * radius_px).detect(background)
-    if not len(places):
-        raise MarkerError("background: no dot found")
     bright = skin_brightness(background.sum(axis=-1, dtype=np.float32), 2 * radius_px)
     blocks = bright.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK).mean(axis=(1, 3))
     threshold = np.rint(DARK_SHARE * blocks).astype(np.int64)
-    half = max(1, int(np.ceil((radius_px + BLUR_PX + CENTRING_PX - CELL / 2) / CELL)))
     try:
-        windows = DotWindows(threshold, channels, half)
-        reach = max(1, int(REACH_SPACINGS * spacing_px / CELL))
-        return at_rest(windows, background, places, spacing_px=spacing_px, reach=reach)
+        windows = DotWindows(threshold, channels, _half(radius_px))
+        return at_rest(windows, background, dots.rest_px, spacing_px=spacing_px, reach=_reach(spacing_px))
     except ValueError as error:
         raise MarkerError(str(error)) from None
+
+
+def _half(radius_px: float) -> int:
+    """Cells of a window on each side of its middle one."""
+    return max(1, int(np.ceil((radius_px + BLUR_PX + CENTRING_PX - CELL / 2) / CELL)))
+
+
+def _reach(spacing_px: float) -> int:
+    return max(1, int(REACH_SPACINGS * spacing_px / CELL))
+
+
+def expected_follower(sensor: Sensor) -> DotFollower:
+    """What would follow the dots where the scene's virtual fingertip has them, whatever their darkness.
+
+    From it follow latencies and widths of the hardware before there is a background frame.
+    """
+    dots, pitch_mm = sensor.markers, sensor.pitch_mm
+    radius_px, spacing_px = dots.radius_mm / pitch_mm, dots.spacing_mm / pitch_mm
+    places = marker_pixels(sensor)
+    channels = len(sensor.channel_names)
+    blocks = (sensor.height_px // BLOCK, sensor.width_px // BLOCK)
+    windows = DotWindows(np.full(blocks, 255 * channels), channels, _half(radius_px))
+    none = np.full((len(places), 2), len(places))
+    least, most = np.ones(len(places), np.int64), np.full(len(places), windows.mass_bound)
+    rest = np.rint(places * 2**FRACTION).astype(np.int64)
+    return DotFollower(windows, rest, none, least, most, _reach(spacing_px))
+
+
+def detected_as(follower: DotFollower, background: np.ndarray, sensor: Sensor) -> DetectedDots:
+    """The detector's dots in a background frame (H, W, C) uint8, in the follower's order.
+
+    Raises MarkerError where one of the follower's dots is none of the detector's.
+    """
+    found = DetectedDots.of_background(background, sensor)
+    order = associate(follower.rest * 2.0**-FRACTION, found.rest_px, found.max_step_px / 2)
+    if (order < 0).any():
+        u, v = follower.rest_px[np.flatnonzero(order < 0)[0]]
+        raise MarkerError(f"dot at {u}, {v} px: not detected in the background")
+    return replace(found, rest_px=found.rest_px[order])

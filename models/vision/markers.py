@@ -121,6 +121,42 @@ def associate(expected_px: np.ndarray, found_px: np.ndarray, max_step_px: float)
     return matched
 
 
+@dataclass(frozen=True, eq=False)
+class DetectedDots:
+    """The dots of one gel, each frame by itself: a detector, and where the dots are at rest."""
+
+    detector: Detector
+    rest_px: np.ndarray
+    """(M, 2)"""
+    max_step_px: float
+    """Largest distance of a dot from where its neighbours' motion predicts it."""
+
+    @classmethod
+    def of_background(cls, background: np.ndarray, sensor: Sensor) -> "DetectedDots":
+        """Those of a background frame (H, W, C) uint8; raises MarkerError where there are none."""
+        if sensor.markers is None:
+            raise MarkerError("sensor.markers: missing, so there are no dots to follow")
+        rest_px = Detector(2 * sensor.markers.radius_mm / sensor.pitch_mm).detect(background)
+        if not len(rest_px):
+            raise MarkerError("background: no dot found")
+        return cls.at(rest_px, sensor)
+
+    @classmethod
+    def at(cls, rest_px: np.ndarray, sensor: Sensor) -> "DetectedDots":
+        """Those at known places (M, 2)."""
+        dots, pitch_mm = sensor.markers, sensor.pitch_mm
+        return cls(Detector(2 * dots.radius_mm / pitch_mm), rest_px, dots.spacing_mm / pitch_mm)
+
+    def shifts_px(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A frame (H, W, C) uint8 to shifts (M, 2) from rest, 0 for lost dots, and which were seen, (M,)."""
+        found = self.detector.detect(frame)
+        matched = associate(self.rest_px, found, self.max_step_px)
+        seen = matched >= 0
+        shift = np.zeros_like(self.rest_px)
+        shift[seen] = found[matched[seen]] - self.rest_px[seen]
+        return shift, seen
+
+
 @dataclass(frozen=True)
 class TrackedMarkers:
     """The markers of a reference frame in another frame."""

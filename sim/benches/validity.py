@@ -14,7 +14,7 @@ import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from fastac.models.integer.frame_validity import DISPLACEMENT
+from fastac.models.integer.frame_validity import OF_FORCE
 
 SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
 STREAMS, FLAGS, BEATS = SETTINGS["streams"], SETTINGS["flags"], SETTINGS["beats"]
@@ -75,7 +75,7 @@ async def flags_of_every_frame(dut, pause, late):
         await RisingEdge(dut.clk)
         clock += 1
     assert found == FLAGS, f"flags {found}, expected {FLAGS}"
-    assert suspect[: len(FLAGS)] == [int(flags & ~DISPLACEMENT > 0) for flags in FLAGS]
+    assert suspect[: len(FLAGS)] == [int(flags & ~OF_FORCE > 0) for flags in FLAGS]
     if not late:
         found = [b - a for a, b in zip(ends, offered, strict=False)]
         assert found == [SETTINGS["latency"]] * len(FLAGS), f"clocks {found}, expected {SETTINGS['latency']}"
@@ -108,4 +108,4 @@ async def flags_for_each_limit(dut):
             if found:
                 break
         assert found == [expected], f"frame {frame}, limits {limits}: flags {found}, expected {expected}"
-        assert suspect == [int(expected & ~DISPLACEMENT > 0)]
+        assert suspect == [int(expected & ~OF_FORCE > 0)]

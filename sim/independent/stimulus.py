@@ -16,7 +16,7 @@ import numpy as np
 
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.models.integer.bundle import Bundle
-from fastac.models.integer.frame_validity import DISPLACEMENT
+from fastac.models.integer.frame_validity import OF_FORCE
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
 
@@ -116,7 +116,7 @@ def _expected(stream: Stream, scene: Scene, result: Result) -> Iterable[str]:
     padded = np.pad(images[:, rows], ((0, 0), (0, 0), (0, padding), (0, 0)))
     beats = padded.astype("<i4").reshape(frames, stream.rows, stream.per_row, -1)
     octets = beats.view(np.uint8)[..., ::-1]  # the highest byte is written first
-    suspect = (result.validity & ~DISPLACEMENT) != 0
+    suspect = (result.validity & ~OF_FORCE) != 0
     digits = stream.octets // 4
     for frame in range(frames):
         for place, row in enumerate(rows):

@@ -9,7 +9,7 @@ from fastac.flow import frames
 from fastac.models.integer.dot_follower import FRACTION, DotFollower
 from fastac.models.loops.frames import CHUNK
 from fastac.models.vision.dots import follower_of
-from fastac.models.vision.markers import Detector, MarkerError, associate
+from fastac.models.vision.markers import DetectedDots, MarkerError
 from fastac.report.tables import text_table
 from fastac.scenes.schema import AXES, Scene
 from fastac.sensor.dataset import DatasetError
@@ -30,17 +30,10 @@ def by_integers(follower: DotFollower, images: np.ndarray) -> tuple[np.ndarray, 
     return shift * 2.0**-FRACTION, seen
 
 
-def by_detector(
-    detector: Detector, rest_px: np.ndarray, images: np.ndarray, max_step_px: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """The same by the detector and the assignment of its dots to those at rest, (M, 2) in px."""
-    shift, seen = np.zeros((len(images), *rest_px.shape)), np.zeros((len(images), len(rest_px)), bool)
-    for k, image in enumerate(images):
-        found = detector.detect(image)
-        matched = associate(rest_px, found, max_step_px)
-        seen[k] = matched >= 0
-        shift[k, seen[k]] = found[matched[seen[k]]] - rest_px[seen[k]]
-    return shift, seen
+def by_detector(dots: DetectedDots, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same of the detector's dots."""
+    shift, seen = zip(*map(dots.shifts_px, images), strict=True)
+    return np.array(shift), np.array(seen)
 
 
 def nearest(places: np.ndarray, known: np.ndarray, limit_px: float) -> np.ndarray:
@@ -90,9 +83,8 @@ def measure(scene: Scene, path: Path, *, store: Path, progress: bool) -> Iterato
             f"{path}: expected force_n of three axes, and markers_px of {len(truth_at_rest)} dots"
         )
     spacing_px = sensor.markers.spacing_mm / sensor.pitch_mm
-    detector = Detector(2 * sensor.markers.radius_mm / sensor.pitch_mm)
-    at_rest_px = detector.detect(data.background)
-    errors, ways = {}, {"integers": follower.rest * 2.0**-FRACTION, "detector": at_rest_px}
+    detected = DetectedDots.of_background(data.background, sensor)
+    errors, ways = {}, {"integers": follower.rest * 2.0**-FRACTION, "detector": detected.rest_px}
     order = {name: nearest(rest, truth_at_rest, spacing_px / 2) for name, rest in ways.items()}
     travel = np.linalg.norm(data.markers_px - truth_at_rest, axis=-1)
     with progress_bar(total=len(data), desc="dots", unit="frame", enabled=progress) as bar:
@@ -101,7 +93,7 @@ def measure(scene: Scene, path: Path, *, store: Path, progress: bool) -> Iterato
             images = data.frames[part]
             found = {
                 "integers": by_integers(follower, images),
-                "detector": by_detector(detector, at_rest_px, images, spacing_px),
+                "detector": by_detector(detected, images),
             }
             for name, (shift, seen) in found.items():
                 true = (data.markers_px[part] - truth_at_rest)[:, order[name]]

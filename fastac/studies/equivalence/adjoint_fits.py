@@ -13,7 +13,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.adjoint import displacement_mm, slope_weights
 from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training import hyperforce, slope_force
+from fastac.models.training import hyperforce, smooth_weights
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.geometry import rest_slopes
@@ -58,14 +58,16 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
         found["true"] = true
     weights, models, start = {}, {}, None
     for name, change in found.items():
-        weights["slopes", name], _ = slope_force.fit(change, truth, progress=progress)
+        weights["slopes", name], *_ = smooth_weights.fit(change, truth, progress=progress)
         pressed = {s: displacement_mm(x.astype(np.float64), divergence, pitch_mm) for s, x in change.items()}
-        smooth, _ = slope_force.fit({s: x[..., None] for s, x in pressed.items()}, truth, progress=progress)
+        smooth, *_ = smooth_weights.fit(
+            {s: x[..., None] for s, x in pressed.items()}, truth, progress=progress
+        )
         weights["smooth", name] = slope_weights(smooth[..., 0], divergence, pitch_mm)
         if start is None:
             rest = training.rest_depth_mm(data)
             start, _ = hyperforce.train(scene, rest, pressed, truth, progress=progress)
-        models[name], _ = hyperforce.refit_last_layer(scene, start, pressed, truth)
+        models[name], *_ = hyperforce.refit_last_layer(scene, start, pressed, truth)
         weights["displacement", name] = force_weights(models[name], scene)
     with torch.inference_mode():
         kernels = models["integer"].kernels().double().numpy()

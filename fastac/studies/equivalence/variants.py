@@ -19,7 +19,8 @@ from fastac.store.progress import progress_bar
 def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> Scene:
     """The scene with another solver, at one pixel per clock.
 
-    The outputs are depth and the scene's forces, or the forces alone for the adjoint, which has no clamp.
+    The outputs are depth and the scene's forces, or the forces alone for the adjoint, which has no clamp. No
+    dots are followed.
     mode : of the Poisson solver, None: the scene's; force : other keys of the scene's `force` table
     Raises SceneError where the variant is impossible.
     """
@@ -28,6 +29,7 @@ def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> S
     finds_depth = SOLVERS[solver].finds_depth
     content["outputs"] = ["depth", *forces] if finds_depth else forces
     content["poisson"] |= {"solver": solver, "mode": mode or scene.poisson.mode}
+    content["force"] |= {"dots": False, "bulge": False}
     content["force"] |= ({"fit": "displacement"} if finds_depth else {"clamp": False}) | force
     content["hardware"]["pixels_per_clock"] = 1
     try:

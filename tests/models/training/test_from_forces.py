@@ -8,7 +8,7 @@ import torch
 
 from fastac.models.floating.network import predict, slopes_of
 from fastac.models.integer.features import integer_features
-from fastac.models.training import from_forces, slope_force
+from fastac.models.training import from_forces, smooth_weights
 from fastac.models.training.from_forces import (
     ForceFromPixels,
     channel_mixtures,
@@ -90,7 +90,7 @@ class TestForceFromPixels:
         coarse = np.random.default_rng(2).integers(80, 120, (3, 32, 32, 3), dtype=np.uint8)
         frames = coarse.repeat(2, axis=1).repeat(2, axis=2)
         slopes = slopes_of(predict(model.network, integer_features(frames, background)), 1e3)
-        waves = slope_force.cosine_basis(64, 4)
+        waves = smooth_weights.cosine_basis(64, 4)
         fields = model.fields.detach().numpy() * model.unit / 4
         weights = np.einsum("ik,jl,aklt->aijt", waves, waves, fields)
         change = from_forces.block_averages(frames.astype(np.float32) - background, 2)
@@ -114,7 +114,7 @@ def test_forces_of_unseen_presses_are_found(forces_only, scene):
 
     splits = ("train", "validation", "test")
     force = {split: forces_only.forces_n(forces_only.indices(split), (2,)) for split in splits}
-    weights, _ = slope_force.fit({s: change(s) for s in splits[:2]}, {s: force[s] for s in splits[:2]})
+    weights, *_ = smooth_weights.fit({s: change(s) for s in splits[:2]}, {s: force[s] for s in splits[:2]})
     error = np.abs(np.einsum("nijt,aijt->na", change("test"), weights) - force["test"]).mean()
     assert error < 0.4 * np.abs(force["test"] - force["train"].mean()).mean()
 

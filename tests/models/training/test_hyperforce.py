@@ -125,7 +125,7 @@ class TestRefit:
         plain, noisy, force = self.parts()
         first, _ = train(scene, np.ones((N + 2, N + 2)), plain, force)
         weights = first.collapsed().detach().clone()
-        second, history = refit_last_layer(scene, first, noisy, force)
+        second, _, history = refit_last_layer(scene, first, noisy, force)
         before = error(first, noisy["validation"], force["validation"])
         after = error(second, noisy["validation"], force["validation"])
         assert after < 0.7 * before
@@ -137,7 +137,7 @@ class TestRefit:
         scene = make_scene(training={"force_epochs": 20})
         plain, _, force = self.parts()
         first, _ = train(scene, np.ones((N + 2, N + 2)), plain, force)
-        second, _ = refit_last_layer(scene, first, plain, force)
+        second, *_ = refit_last_layer(scene, first, plain, force)
         before = error(first, plain["validation"], force["validation"])
         assert error(second, plain["validation"], force["validation"]) <= before
 
@@ -145,7 +145,7 @@ class TestRefit:
         scene = make_scene(training={"force_epochs": 20})
         plain, noisy, force = self.parts()
         first, _ = train(scene, np.ones((N + 2, N + 2)), plain, force)
-        second, _ = refit_last_layer(scene, first, {"train": noisy["train"]}, {"train": force["train"]})
+        second, *_ = refit_last_layer(scene, first, {"train": noisy["train"]}, {"train": force["train"]})
         before = error(first, noisy["validation"], force["validation"])
         assert error(second, noisy["validation"], force["validation"]) < before
 
@@ -154,6 +154,6 @@ class TestRefit:
         plain, _, force = self.parts()
         both = {split: np.concatenate([-2 * value, value], axis=1) for split, value in force.items()}
         first, _ = train(scene, np.ones((N + 2, N + 2)), plain, both)
-        second, _ = refit_last_layer(scene, first, plain, both)
+        second, *_ = refit_last_layer(scene, first, plain, both)
         x, z = second.collapsed().detach()
         np.testing.assert_allclose(x, -2 * z, atol=1e-4 * float(z.abs().max()))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fastac.models.training import ridge, slope_force
+from fastac.models.training import ridge, smooth_weights
 
 H, W = 12, 14
 
@@ -9,7 +9,7 @@ H, W = 12, 14
 def fields(size: int, *, axes: int = 3, terms: int = 2, seed: int = 1) -> np.ndarray:
     """Random weight fields (axes, H, W, terms) made of the lowest size × size cosines."""
     spectrum = np.random.default_rng(seed).normal(size=(axes, size, size, terms))
-    v, u = (slope_force.cosine_basis(length, size) for length in (H, W))
+    v, u = (smooth_weights.cosine_basis(length, size) for length in (H, W))
     return np.einsum("im,jn,amnt->aijt", v, u, spectrum)
 
 
@@ -33,7 +33,7 @@ def problem(weights: np.ndarray, *, noise: float = 0.0, validation: bool = True)
 
 @pytest.mark.parametrize(("length", "size"), [(12, 12), (16, 4), (5, 1)])
 def test_waves_are_orthonormal_cosines(length, size):
-    found = slope_force.cosine_basis(length, size)
+    found = smooth_weights.cosine_basis(length, size)
     np.testing.assert_allclose(found.T @ found, np.eye(size), atol=1e-12)
     middles = (np.arange(length) + 0.5) / length
     cosines = np.cos(np.pi * np.outer(middles, np.arange(size)))
@@ -42,16 +42,16 @@ def test_waves_are_orthonormal_cosines(length, size):
 
 def test_spectra_are_the_products_with_the_waves():
     change = frames(3)
-    v, u = slope_force.cosine_basis(H, 4), slope_force.cosine_basis(W, 4)
+    v, u = smooth_weights.cosine_basis(H, 4), smooth_weights.cosine_basis(W, 4)
     expected = np.einsum("im,jn,fijt->fmnt", v, u, change)
-    np.testing.assert_allclose(slope_force.lowest_cosines(change, 4), expected, atol=1e-12)
+    np.testing.assert_allclose(smooth_weights.lowest_cosines(change, 4), expected, atol=1e-12)
 
 
 @pytest.mark.parametrize("validation", [True, False])
 @pytest.mark.parametrize(("size", "terms"), [(2, 2), (4, 2), (4, 3)])
 def test_smooth_fields_come_back(size, terms, validation):
     weights = fields(size, terms=terms)
-    found, history = slope_force.fit(*problem(weights, validation=validation))
+    found, _, history = smooth_weights.fit(*problem(weights, validation=validation))
     assert ridge.best(history)["cosines"] == size
     assert found.shape == weights.shape
     np.testing.assert_allclose(found, weights, atol=1e-5 * np.abs(weights).max())
@@ -60,7 +60,7 @@ def test_smooth_fields_come_back(size, terms, validation):
 def test_the_choice_s_error_is_what_its_weights_give():
     weights = fields(4)
     change, truth = problem(weights, noise=0.5)
-    found, history = slope_force.fit(change, truth)
+    found, _, history = smooth_weights.fit(change, truth)
     error = np.abs(force(change["validation"], found) - truth["validation"]).sum(axis=1).mean()
     assert ridge.best(history)["validation_mae_n"] == pytest.approx(error, rel=1e-9)
     assert error > 0.1
@@ -73,9 +73,9 @@ def test_the_choice_s_error_is_what_its_weights_give():
 def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
     weights = fields(2)
     change, truth = problem(weights, noise=0.5, validation=False)
-    found, history = slope_force.fit(change, truth)
+    found, _, history = smooth_weights.fit(change, truth)
     chosen = ridge.best(history)
     size = chosen["cosines"]
-    x = slope_force.lowest_cosines(change["train"], size).reshape(80, -1)
+    x = smooth_weights.lowest_cosines(change["train"], size).reshape(80, -1)
     spectrum = ridge.fit(x, truth["train"], chosen)
     np.testing.assert_allclose(force(change["train"], found), x @ spectrum, atol=1e-9)

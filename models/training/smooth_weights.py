@@ -1,0 +1,62 @@
+"""Ridge regression of the force on images, with weights that are smooth over the image.
+
+F = Σ_pixels Σ_t w_t · x_t for images x_t, such as the slopes less those of the background frame (a·Δp + b·Δq)
+or the displacement. The fields w_t, sums of the lowest m × m cosines (DCT-II), are fitted by ridge regression
+(models/training/ridge.py), together with two weights for each marker dot where there are any; m and the
+regularisation are those of the smallest error on held-out frames. Fitted to what a pipeline finds, the
+weights take its noise and errors into account, which those that models/floating/adjoint.py derives do not.
+"""
+
+import numpy as np
+from scipy.fft import dctn, idct, idctn
+
+from fastac.models.training import ridge
+from fastac.store.progress import progress_bar
+
+SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
+"""Numbers m of cosines along each axis that are tried."""
+
+
+def cosine_basis(length: int, size: int) -> np.ndarray:
+    """The `size` lowest cosines of the orthonormal DCT-II over `length` pixels, (length, size)."""
+    return idct(np.eye(length)[:, :size], axis=0, norm="ortho")
+
+
+def lowest_cosines(images: np.ndarray, size: int) -> np.ndarray:
+    """DCT-II coefficients of the lowest size × size cosines, (frames, H, W, terms) to (frames, size, size,
+    terms)."""
+    return np.stack([dctn(frame, axes=(0, 1), norm="ortho")[:size, :size] for frame in images])
+
+
+def fit(
+    images: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    shifts_px: dict[str, np.ndarray] | None = None,
+    *,
+    progress: bool = False,
+) -> tuple[np.ndarray, np.ndarray | None, list[dict]]:
+    """Fit the weights of the images, (axes, H, W, terms) in N, and of the dots' shifts, (axes, M, 2) in N per
+    px; returns them, None without shifts, and the errors of all m tried.
+
+    images : (frames, H, W, terms) by split name, such as slopes less those of the background, with two terms
+    force_n : (frames, axes), shifts_px : (frames, M, 2), by split name
+    """
+    height, width, terms = images["train"].shape[1:]
+    sizes = [size for size in SIZES if size <= min(height, width)]
+    x = {split: lowest_cosines(values, sizes[-1]) for split, values in images.items()}
+
+    def features(split: str, size: int) -> np.ndarray:
+        lowest = x[split][:, :size, :size].reshape(len(x[split]), -1)
+        return ridge.joined(lowest, shifts_px and shifts_px[split])
+
+    history = []
+    for size in progress_bar(sizes, desc="force, weights", unit="basis", enabled=progress):
+        part = {split: features(split, size) for split in x}
+        history += [{"cosines": size, **entry} for entry in ridge.validation_errors(part, force_n)]
+    chosen = ridge.best(history)
+    size = chosen["cosines"]
+    found = ridge.fit(features("train", size), force_n["train"], chosen)
+    of_images, of_dots = ridge.parted(found, size * size * terms)
+    padded = np.zeros((found.shape[1], height, width, terms))
+    padded[:, :size, :size] = of_images.T.reshape(-1, size, size, terms)
+    return idctn(padded, axes=(1, 2), norm="ortho"), of_dots, history
