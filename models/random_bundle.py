@@ -14,11 +14,14 @@ from fastac.models.integer.dot_windows import BLOCK, DotWindows
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
+from fastac.models.integer.slope_bridge import SlopeBridge
+from fastac.models.vision.dots import bridge_reach
 from fastac.scenes.schema import Scene
 from fastac.scenes.solvers import SOLVERS
 
 DOT_SPACING_PX = 8
-"""Of painted dots."""
+DOTS = {"spacing_mm": DOT_SPACING_PX * 0.125, "radius_mm": 0.1}
+"""Painted dots, at the default pitch of 0.125 mm: squares of 3 × 3 px."""
 GOOD_FRAME_SPANS = (5, 10, 20, 30, 40)
 """Largest differences from the background, in digital numbers, of the frames from which a bundle's validity
 limits are set; hardware flags frames with larger differences."""
@@ -52,6 +55,7 @@ def scene(
     bus_errors: str = "flag",
     dots: bool = False,
     bulge: bool = False,
+    bridge_dots: bool = False,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -66,7 +70,8 @@ def scene(
                 "width_px": size,
                 "channels": channels,
             }
-            | ({"markers": {"spacing_mm": DOT_SPACING_PX * 0.125, "radius_mm": 0.2}} if dots else {}),
+            | ({"markers": DOTS} if dots or bridge_dots else {}),
+            "network": {"bridge_dots": bridge_dots},
             "numbers": (NUMBERS if numbers is None else numbers) | {"rounding": rounding},
             "poisson": {"mode": mode, "divergence": divergence, "solver": solver},
             "force": {
@@ -140,14 +145,18 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     sensor, axes = scene.sensor, len(scene.force_axes)
     size = sensor.width_px
     background = rng.integers(80, 170, (size, size, len(sensor.channel_names))).astype(np.uint8)
-    follower = painted_dots(background) if scene.wants_dots else None
+    bridge = follower = None
+    if sensor.markers is not None:
+        follower = painted_dots(background)
+        bridge = SlopeBridge(follower.windows, bridge_reach(sensor))
     x = np.linspace(-1, 1, size)
     pipeline = assemble(
         scene,
         layers=layers(scene, background, rng, hidden),
         background=background,
         rest_depth_mm=size / 40 * (2 - x**2 - x[:, None] ** 2),
-        follower=follower,
+        bridge=bridge if scene.wants_bridge else None,
+        follower=follower if scene.wants_dots else None,
     )
     if scene.wants_force:
         inner = scene.inner_px
@@ -156,7 +165,7 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
         if scene.force_of_weights:
             shape = (axes, inner, inner, 1 + scene.force.bulge)
         weights = [rng.normal(size=shape)]
-        if follower is not None:
+        if scene.wants_dots:
             weights.append(rng.normal(scale=10, size=(axes, len(follower.rest), 2)))
         pipeline = with_force(pipeline, *weights)
     return bundle.save(folder, with_limits(pipeline, frames(background, GOOD_FRAME_SPANS)), {})
@@ -175,6 +184,7 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
         layers=layers(old.scene, old.background, np.random.default_rng(seed), hidden),
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
+        bridge=old.bridge,
         follower=old.follower,
     )
     pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD_FRAME_SPANS[:2]))

@@ -12,6 +12,9 @@ class Network(Strict):
 
     width: Annotated[int, Field(ge=4, le=64)] = 16
     """Neurons of each hidden layer; 16 are the paper's."""
+    bridge_dots: bool = False
+    """Whether pixels under the marker dots take the slopes of the skin beside them. The network is then
+    trained on skin alone."""
 
     @property
     def hidden(self) -> tuple[int, ...]:

@@ -164,20 +164,24 @@ class Scene(Strict):
             raise ValueError("force.bulge: True needs force.fit 'weights' and force.clamp = false")
 
     def _check_dots(self) -> None:
-        """Raise ValueError unless dots can be followed where they are to be."""
-        if not self.force.dots:
+        """Raise ValueError unless dots can be seen where they are to be."""
+        wanted = {"force.dots": self.force.dots, "network.bridge_dots": self.network.bridge_dots}
+        keys = [key for key, value in wanted.items() if value]
+        if not keys:
             return
         sensor = self.sensor
-        if not self.wants_force:
-            raise ValueError("force.dots: True needs a force among outputs")
         if sensor.markers is None:
-            raise ValueError("force.dots: True needs dots on the skin, a table sensor.markers")
-        if self.wants_force_map:
-            raise ValueError("force.dots: True: dots' shifts belong to no pixel; leave out output force_map")
+            raise ValueError(f"{keys[0]}: True needs dots on the skin, a table sensor.markers")
         for key in ("height_px", "width_px"):
             side = getattr(sensor, key)
             if side % DOT_BLOCK_PX:
-                raise ValueError(f"sensor.{key}: {side}: force.dots needs a multiple of {DOT_BLOCK_PX}")
+                raise ValueError(f"sensor.{key}: {side}: {keys[0]} needs a multiple of {DOT_BLOCK_PX}")
+        if self.network.bridge_dots and not self.wants_slopes:
+            raise ValueError("network.bridge_dots: True needs an output that follows from slopes")
+        if self.force.dots and not self.wants_force:
+            raise ValueError("force.dots: True needs a force among outputs")
+        if self.force.dots and self.wants_force_map:
+            raise ValueError("force.dots: True: dots' shifts belong to no pixel; leave out output force_map")
 
     def _check_force_alone(self) -> None:
         """Raise ValueError unless forces alone can train what is wanted."""
@@ -220,6 +224,11 @@ class Scene(Strict):
     @property
     def wants_force(self) -> bool:
         return bool(self.force_axes)
+
+    @property
+    def wants_bridge(self) -> bool:
+        """Whether pixels under the marker dots take the slopes of the skin beside them."""
+        return self.wants_slopes and self.network.bridge_dots
 
     @property
     def wants_dots(self) -> bool:

@@ -15,9 +15,10 @@ from fastac.models.integer import assemble as integer_assemble
 from fastac.models.integer import bundle, quantise
 from fastac.models.integer.features import scales
 from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
-from fastac.models.vision.dots import detected_as, follower_of
+from fastac.models.vision.dots import bridge_of, detected_as, follower_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import load_arrays, save_arrays
@@ -78,14 +79,31 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
     if scene.training.labels == "force":
         network, history = from_forces.train(data, scene, progress=progress)
     else:
-        network, history = train_normals.train(data, scene.training, scene.network.hidden, progress=progress)
+        skin = skin_alone(data, scene)
+        network, history = train_normals.train(skin, scene.training, scene.network.hidden, progress=progress)
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
 
 
 def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
     if scene.wants_dots:
         arrays = dots_at_rest(data, scene) | arrays
-    return FloatPipeline.from_arrays(arrays, scene, data.background, rest_depth_mm(data))
+    return FloatPipeline.from_arrays(
+        arrays, scene, data.background, rest_depth_mm(data), slope_bridge(data, scene)
+    )
+
+
+def slope_bridge(data: Dataset, scene: Scene) -> SlopeBridge | None:
+    """What bridges the slopes under the background's dots, if the scene wants it."""
+    return bridge_of(data.background, scene.sensor) if scene.wants_bridge else None
+
+
+def skin_alone(data: Dataset, scene: Scene) -> Dataset:
+    """The dataset without the normals of pixels whose slopes are bridged."""
+    bridge = slope_bridge(data, scene)
+    if bridge is None or data.normals is None:
+        return data
+    skin = np.stack([~bridge.dark(frame) for frame in data.frames])
+    return replace(data, valid=skin if data.valid is None else skin & data.valid)
 
 
 def dots_at_rest(data: Dataset, scene: Scene) -> dict[str, np.ndarray]:
@@ -102,7 +120,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     if scene.training.labels == "force":
         split = from_forces.distillation_pixels(network, data, seed=scene.training.seed)
     else:
-        split = train_normals.labelled_splits(data, scene.training)
+        split = train_normals.labelled_splits(skin_alone(data, scene), scene.training)
     x, _ = split["train"]
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
     layers = quantise.quantise_layers(
@@ -203,6 +221,7 @@ def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene)
     """The integers up to the displacement and the dots' shifts."""
     return integer_assemble.assemble(
         scene,
+        bridge=slope_bridge(data, scene),
         follower=follower_of(data.background, scene.sensor) if scene.wants_dots else None,
         layers=quantise.layers_from_arrays(arrays),
         background=data.background,

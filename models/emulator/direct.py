@@ -35,7 +35,7 @@ def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
         x = x @ layer.weight.T.astype(np.int64) + layer.bias
         if layer.requantisation is not None:
             x = layer.requantisation(x)
-    slopes, saturated = pipeline.ratio(x)
+    slopes, saturated = pipeline.slopes(x, frame)
     length = np.linalg.norm(x.astype(np.float64), axis=-1, keepdims=True)
     found = {
         "normals": x / np.maximum(length, 1),

@@ -18,7 +18,7 @@ from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.loops.dots import FollowedDots
+from fastac.models.loops.dots import FollowedDots, bridge, dark_pixels
 from fastac.models.loops.frames import CHUNK
 from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.pixels import (
@@ -66,6 +66,8 @@ class ExactTables:
             self.ahead = STENCILS[pipeline.source.divergence].ahead
             self.offset = pipeline.source.offset.astype(np.float64)
             self.rest = pipeline.depth.rest.astype(np.float64)
+        if pipeline.bridge is not None:
+            self.threshold = pipeline.bridge.windows.threshold.astype(np.int64)
         if pipeline.force is not None:
             self._plan_force(pipeline.force)
 
@@ -99,6 +101,9 @@ class _Worker:
         height, width, _ = self.pipeline.background.shape
         self.network = FrameNetwork(emulator.tables, self.pipeline.background, requantise=emulator.requantise)
         self.slopes = np.empty((2, height, width))
+        bridged = self.pipeline.bridge is not None
+        self.over = np.empty((2 * bridged, height, width), bool)
+        self.dark = np.empty((height, width), bool)
 
         def wants(*names: str) -> bool:
             return not outputs.isdisjoint(names)
@@ -138,7 +143,7 @@ class _Worker:
             normal = self.network(frame)
             self._normals(normal, places)
             if self.wants_slopes:
-                saturated = self._slopes(normal, places)
+                saturated = self._slopes(normal, frame, places)
             if self.wants_validity:
                 pixels = self.pipeline.validity.of_pixels(frame, self.pipeline.background)
                 measures[k, : len(pixels)] = pixels
@@ -170,11 +175,16 @@ class _Worker:
         if "normals" in out:
             unit_normals(normal, 1.0, out["normals"].reshape(-1))
 
-    def _slopes(self, normal: np.ndarray, out: dict[str, np.ndarray]) -> int:
+    def _slopes(self, normal: np.ndarray, frame: np.ndarray, out: dict[str, np.ndarray]) -> int:
         """Into `self.slopes`; how many values saturated."""
         ratio, slopes = self.pipeline.ratio, self.slopes.reshape(2, -1)
         unit = 2.0**-ratio.fraction
-        saturated = slope_words(normal, unit, float(ratio.limit), slopes)
+        saturated = slope_words(
+            normal, unit, float(ratio.limit), slopes, self.over.reshape(len(self.over), -1)
+        )
+        if self.pipeline.bridge is not None:
+            dark_pixels(frame, self.emulator.threshold, self.dark)
+            saturated = bridge(self.dark, self.pipeline.bridge.reach, self.slopes, self.over)
         if "gradient_saturated" in out:
             out["gradient_saturated"][0] = saturated
         if "slopes" in out:

@@ -15,6 +15,8 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.features import scales
 from fastac.models.integer.force import terms
 from fastac.models.integer.laplacian import STENCILS, boundary_term, eigenvalues, sine_matrix
+from fastac.models.integer.slope_bridge import SlopeBridge
+from fastac.models.loops.dots import bridge, dark_pixels
 from fastac.models.loops.frames import Outputs, choose_outputs, over_frames, require_frames
 from fastac.models.loops.network import FrameNetwork
 from fastac.models.loops.pixels import interleave_slopes, limited_slopes, source, unit_normals
@@ -23,6 +25,7 @@ from fastac.models.result import Result
 from fastac.models.vision.markers import DetectedDots
 from fastac.scenes.schema import Scene
 
+NONE_OVER = np.empty((0, 0, 0), bool)
 KERNELS_NDIM = 5
 """Dimensions of kernels (axes, N, N, K, K); other weights are one a pixel and term."""
 
@@ -35,6 +38,7 @@ class FloatPipeline:
     rest_depth_mm : (H, W) depth of the undeformed skin, the boundary prior of the solver
     force_weights : kernels (axes, N, N, K, K) or weights (axes, N, N, terms) in N per mm or, for the adjoint
         solver, weights of the slopes (axes, H, W, 2) in N; None without force
+    bridge : of the slopes under the marker dots, where the scene wants it
     dots : the marker dots, where the scene wants their shifts
     dot_weights : (axes, M, 2) in N per px, what the shifts add to the force; None without
     """
@@ -44,12 +48,18 @@ class FloatPipeline:
     background: np.ndarray
     rest_depth_mm: np.ndarray
     force_weights: np.ndarray | None = None
+    bridge: SlopeBridge | None = None
     dots: DetectedDots | None = None
     dot_weights: np.ndarray | None = None
 
     @classmethod
     def from_arrays(
-        cls, arrays: dict[str, np.ndarray], scene: Scene, background: np.ndarray, rest_depth_mm: np.ndarray
+        cls,
+        arrays: dict[str, np.ndarray],
+        scene: Scene,
+        background: np.ndarray,
+        rest_depth_mm: np.ndarray,
+        bridge: SlopeBridge | None = None,
     ) -> "FloatPipeline":
         """From a bundle's float arrays: `network.k.weight`, `network.k.bias`, and optionally
         `force.float_weights`, `force.float_dot_weights` and `dots.rest_px`."""
@@ -67,12 +77,14 @@ class FloatPipeline:
             dots = DetectedDots.at(arrays["dots.rest_px"], scene.sensor)
         weights = (arrays.get(f"force.float_{name}") for name in ("weights", "dot_weights"))
         force, of_dots = weights
-        return cls(scene, network, background, rest_depth_mm, force, dots, of_dots)
+        return cls(scene, network, background, rest_depth_mm, force, bridge, dots, of_dots)
 
     @classmethod
     def from_bundle(cls, bundle: Bundle) -> "FloatPipeline":
         pipeline = bundle.pipeline
-        return cls.from_arrays(bundle.floats, bundle.scene, pipeline.background, pipeline.rest_depth_mm)
+        return cls.from_arrays(
+            bundle.floats, bundle.scene, pipeline.background, pipeline.rest_depth_mm, pipeline.bridge
+        )
 
     @cached_property
     def _tables(self) -> list[np.ndarray]:
@@ -269,6 +281,7 @@ class _Worker:
         self.limit, self.after = pipeline.scene.numbers.slope_limit, after
         self.dots = pipeline.dots if wants_dots else None
         self.planes = np.empty((2, *pipeline.background.shape[:2]), np.float32)
+        self.bridge, self.dark = pipeline.bridge, np.empty(pipeline.background.shape[:2], bool)
         self.slopes = np.moveaxis(self.planes, 0, -1)
 
     def __call__(self, frames: np.ndarray, out: dict[str, np.ndarray]) -> None:
@@ -278,6 +291,9 @@ class _Worker:
                 unit_normals(normal, np.float32(1e-12), out["normals"][k].reshape(-1))
             if "slopes" in out or self.after is not None:
                 limited_slopes(normal, np.float32(self.limit), self.planes.reshape(2, -1))
+                if self.bridge is not None:
+                    dark_pixels(frame, self.bridge.windows.threshold, self.dark)
+                    bridge(self.dark, self.bridge.reach, self.planes, NONE_OVER)
             if "slopes" in out:
                 interleave_slopes(self.planes.reshape(2, -1), np.float32(1), out["slopes"][k].reshape(-1))
             shift_px = None

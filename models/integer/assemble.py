@@ -12,6 +12,7 @@ from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.laplacian import STENCILS, boundary_term, divergence_of
 from fastac.models.integer.network import GradientRatio, Layer
 from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.integer.solvers import SOLVERS
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed, to_words
@@ -32,12 +33,13 @@ def assemble(
     layers: tuple[Layer, ...],
     background: np.ndarray,
     rest_depth_mm: np.ndarray,
+    bridge: SlopeBridge | None = None,
     follower: DotFollower | None = None,
 ) -> IntegerPipeline:
     """The integer pipeline up to the depth and the displacement; `with_force` adds the force's weights,
     `with_limits` what makes a frame suspect.
 
-    follower : of the background's dots, where the scene wants them
+    bridge, follower : of the background's dots, where the scene wants them
 
     Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
     (models/integer/bounds.py), of any weights where the scene's are loadable. Raises ValueError where a bound
@@ -46,6 +48,8 @@ def assemble(
     numbers, pitch = scene.numbers, scene.sensor.pitch_mm
     loadable = scene.hardware.weights == "loadable"
     layers = tuple(replace(layer, loadable=loadable) for layer in layers)
+    if bridge is not None:
+        bridge = replace(bridge, windows=replace(bridge.windows, loadable=loadable))
     if follower is not None:
         follower = replace(follower, windows=replace(follower.windows, loadable=loadable))
     ratio = GradientRatio(
@@ -65,6 +69,7 @@ def assemble(
             displacements=scene.wants_force and scene.wants_solver,
             dots=len(follower.rest) if follower is not None else 0,
         ),
+        bridge=bridge,
         follower=follower,
     )
     if not scene.wants_solver:
@@ -72,7 +77,7 @@ def assemble(
 
     divergence = scene.poisson.divergence
     unit = Fixed(62, ratio.fraction + STENCILS[divergence].fraction_bits)
-    rest_slopes = pipeline.slopes(pipeline.normals(background[None]))[0]
+    rest_slopes = pipeline.slopes_of(background[None])[0]
     if scene.poisson.mode == "difference":
         offset = divergence_of(rest_slopes, divergence)[0]
     else:
@@ -163,5 +168,5 @@ def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerP
 
 def _constant(pipeline: IntegerPipeline, weight: np.ndarray) -> np.ndarray:
     """Per axis, what the adjoint's weights of the slopes (axes, H, W, 2) must add for no force at rest."""
-    rest, _ = pipeline.slopes(pipeline.normals(pipeline.background[None]))
+    rest, _ = pipeline.slopes_of(pipeline.background[None])
     return -(weight * rest).sum(axis=(1, 2, 3))

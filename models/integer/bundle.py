@@ -26,6 +26,7 @@ from fastac.models.integer import (
     frame_validity,
     network,
     sine_transform,
+    slope_bridge,
     source,
     words,
 )
@@ -51,6 +52,7 @@ CLASSES = {
         force.PatchForce,
         force.WeightedSum,
         dot_windows.DotWindows,
+        slope_bridge.SlopeBridge,
         dot_follower.DotFollower,
         dot_force.DotForce,
         bounds.Stage,
@@ -214,7 +216,9 @@ def _content(path: Path) -> dict:
         raise BundleError(f"{file}: not readable JSON: {error}") from None
     if not isinstance(content, dict) or content.get("format_version") not in READABLE_VERSIONS:
         version = content.get("format_version") if isinstance(content, dict) else None
-        raise BundleError(f"{file}: format_version = {shown(version)}: expected {READABLE_VERSIONS}")
+        raise BundleError(
+            f"{file}: format_version = {shown(version)}: expected {' or '.join(map(str, READABLE_VERSIONS))}"
+        )
     return content
 
 

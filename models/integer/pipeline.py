@@ -11,6 +11,7 @@ from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import GradientRatio, Layer
+from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import signed_width
@@ -36,6 +37,7 @@ class IntegerPipeline:
     quantiser: DisplacementQuantiser | None = None
     force: PatchForce | WeightedSum | None = None  # on the displacement or, for the adjoint, on the slopes
     force_n_per_unit: np.ndarray | None = None  # s_F, (axes,)
+    bridge: SlopeBridge | None = None
     follower: DotFollower | None = None
     dot_force: DotForce | None = None  # added to `force`
     provenance: dict = field(default_factory=dict)
@@ -72,6 +74,15 @@ class IntegerPipeline:
             x = layer(x)
         return x.reshape(*shape, 3)
 
-    def slopes(self, normal_words: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The network's outputs to slopes (..., H, W, 2) in words, and which of them saturated."""
-        return self.ratio(normal_words)
+    def slopes(self, normal_words: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The network's outputs and the frames that they are of to slopes (..., H, W, 2) in words, and which
+        of them saturated."""
+        slopes, saturated = self.ratio(normal_words)
+        if self.bridge is None:
+            return slopes, saturated
+        dark = self.bridge.dark(frames)
+        return self.bridge(slopes, dark), self.bridge(saturated, dark)
+
+    def slopes_of(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Frames (..., H, W, C) uint8 to `slopes`."""
+        return self.slopes(self.normals(frames), frames)

@@ -1,4 +1,7 @@
-"""Compiled loops that follow the marker dots of one frame, equal to models/integer on every value."""
+"""Compiled loops over one frame's marker dots: what follows them, and what bridges the slopes under them.
+
+Equal to models/integer on every value.
+"""
 
 import numpy as np
 from numba import njit
@@ -80,6 +83,44 @@ def _follow(sums, half, last, rest, rest_px, first_low, first_high, guides, low,
                 moved = centre + (size if moment > 0 else -size) - rest[j, axis]
                 shift[j, axis] = moved
                 travel[j, axis] = (moved + (1 << (FRACTION - 1))) >> FRACTION
+
+
+@_compiled
+def dark_pixels(frame, threshold, dark):
+    """`integer.SlopeBridge.dark` of a frame (H, W, C), into `dark` (H, W) bool."""
+    height, width, channels = frame.shape
+    for v in range(height):
+        for u in range(width):
+            total = 0
+            for channel in range(channels):
+                total += frame[v, u, channel]
+            dark[v, u] = total < threshold[v // BLOCK, u // BLOCK]
+
+
+@_compiled
+def bridge(dark, reach, slopes, over):
+    """`integer.SlopeBridge` of slopes (2, H, W), in place; returns how many of them saturated.
+
+    over : (2, H, W) bool, which slopes saturated before, or no elements
+    """
+    height, width = dark.shape
+    saturated = 0
+    for v in range(height):
+        for u in range(width):
+            column = u
+            if dark[v, u]:
+                for distance in range(1, reach + 1):
+                    if u >= distance and not dark[v, u - distance]:
+                        column = u - distance
+                        break
+                    if u + distance < width and not dark[v, u + distance]:
+                        column = u + distance
+                        break
+            for k in range(2):
+                slopes[k, v, u] = slopes[k, v, column]
+                if len(over):
+                    saturated += over[k, v, column]
+    return saturated
 
 
 class FollowedDots:

@@ -46,10 +46,10 @@ def interleave_slopes(slopes, unit, out):
 
 
 @_compiled
-def slope_words(normal, unit, limit, out):
+def slope_words(normal, unit, limit, out, over):
     """`integer.GradientRatio` of normals (3, pixels) to slopes (2, pixels); returns how many saturated.
 
-    unit : 2**−f, f the slopes' fraction
+    unit : 2**−f, f the slopes' fraction; over : (2, pixels) bool, which saturated, if wanted
 
     The magnitude is floor(a / b), a = |n_xy| + n_z · 2**−(f+1), b = n_z · 2**−f.
     In units of 2**−(f+1) a and b are integers, a + b < 2**53. A quotient below an integer k then lies at
@@ -66,7 +66,10 @@ def slope_words(normal, unit, limit, out):
             magnitude = np.floor((abs(n) + divisor * 0.5) / divisor)
             if steep:
                 magnitude = 0.0 if n == 0 else limit
-            saturated += (magnitude > limit) or steep
+            beyond = (magnitude > limit) or steep
+            saturated += beyond
+            if len(over):
+                over[k, p] = beyond
             magnitude = magnitude if magnitude < limit else limit
             place[p] = 0.0 - math.copysign(magnitude, n)  # no −0, as with integers
     return saturated

@@ -6,6 +6,7 @@ import numpy as np
 
 from fastac.models.integer.dot_follower import FRACTION, DotFollower, at_rest
 from fastac.models.integer.dot_windows import BLOCK, CELL, DotWindows
+from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.vision.markers import DetectedDots, MarkerError, associate, skin_brightness
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.optics.skin_paint import marker_pixels
@@ -27,21 +28,44 @@ def follower_of(background: np.ndarray, sensor: Sensor) -> DotFollower:
     Windows are the smallest that hold a whole dot. Raises MarkerError where the sensor has no dots, the
     background shows none, or the image is not made of whole blocks.
     """
-    dots = DetectedDots.of_background(background, sensor)
+    dots, windows = DetectedDots.of_background(background, sensor), windows_of(background, sensor)
+    spacing_px = sensor.markers.spacing_mm / sensor.pitch_mm
+    if len(dots.rest_px) < 2:
+        raise MarkerError("background: 1 dot found: expected 2 or more to follow")
+    try:
+        return at_rest(windows, background, dots.rest_px, spacing_px=spacing_px, reach=_reach(spacing_px))
+    except ValueError as error:
+        raise MarkerError(str(error)) from None
+
+
+def windows_of(background: np.ndarray, sensor: Sensor) -> DotWindows:
+    """The windows, with their thresholds of darkness, for a background frame (H, W, C) uint8.
+
+    Raises MarkerError where the sensor has no dots, or the image is not made of whole blocks.
+    """
+    if sensor.markers is None:
+        raise MarkerError("sensor.markers: missing, so there are no dots")
     height, width, channels = background.shape
     if height % BLOCK or width % BLOCK:
         raise MarkerError(f"image of {height} × {width} px: expected multiples of {BLOCK} to follow dots")
-    radius_px, spacing_px = (
-        length / sensor.pitch_mm for length in (sensor.markers.radius_mm, sensor.markers.spacing_mm)
-    )
+    radius_px = sensor.markers.radius_mm / sensor.pitch_mm
     bright = skin_brightness(background.sum(axis=-1, dtype=np.float32), 2 * radius_px)
     blocks = bright.reshape(height // BLOCK, BLOCK, width // BLOCK, BLOCK).mean(axis=(1, 3))
     threshold = np.rint(DARK_SHARE * blocks).astype(np.int64)
     try:
-        windows = DotWindows(threshold, channels, _half(radius_px))
-        return at_rest(windows, background, dots.rest_px, spacing_px=spacing_px, reach=_reach(spacing_px))
+        return DotWindows(threshold, channels, _half(radius_px))
     except ValueError as error:
         raise MarkerError(str(error)) from None
+
+
+def bridge_of(background: np.ndarray, sensor: Sensor) -> SlopeBridge:
+    """The bridge over the dots of frames with this background (H, W, C) uint8: half a dot's image wide."""
+    return SlopeBridge(windows_of(background, sensor), bridge_reach(sensor))
+
+
+def bridge_reach(sensor: Sensor) -> int:
+    """How far the nearest skin is from a pixel under a dot, in px."""
+    return int(np.ceil(sensor.markers.radius_mm / sensor.pitch_mm + BLUR_PX))
 
 
 def _half(radius_px: float) -> int:

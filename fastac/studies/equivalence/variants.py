@@ -42,7 +42,11 @@ def integer_variant(bundle: Bundle, scene: Scene) -> IntegerPipeline:
     """The bundle's integer pixel network with the rest of the pipeline of `scene`, without a force model."""
     known = bundle.pipeline
     return assemble.assemble(
-        scene, layers=known.layers, background=known.background, rest_depth_mm=known.rest_depth_mm
+        scene,
+        layers=known.layers,
+        background=known.background,
+        rest_depth_mm=known.rest_depth_mm,
+        bridge=known.bridge,
     )
 
 
@@ -54,6 +58,4 @@ def float_variant(bundle: Bundle, scene: Scene, weights: np.ndarray | None = Non
 def slope_words(pipeline: IntegerPipeline, frames: np.ndarray, *, progress: bool) -> np.ndarray:
     """Frames (frames, H, W, C) uint8 to the pipeline's integer slopes (frames, H, W, 2)."""
     starts = progress_bar(range(0, len(frames), CHUNK), desc="slopes", enabled=progress)
-    return np.concatenate(
-        [pipeline.slopes(pipeline.normals(frames[start : start + CHUNK]))[0] for start in starts]
-    )
+    return np.concatenate([pipeline.slopes_of(frames[start : start + CHUNK])[0] for start in starts])

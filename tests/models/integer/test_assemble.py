@@ -80,7 +80,7 @@ def test_absolute_depth_has_the_prior_in_its_source(make_scene, divergence):
 
 def test_difference_mode_subtracts_the_source_at_rest_and_keeps_the_skin(make_scene):
     pipeline = assembled(make_scene(poisson={"mode": "difference"}))
-    rest, _ = pipeline.slopes(pipeline.normals(pipeline.background[None]))
+    rest, _ = pipeline.slopes_of(pipeline.background[None])
     p, q = rest[0, ..., 0], rest[0, ..., 1]
     assert pipeline.source.offset[3, 4] == p[4, 6] - p[4, 4] + q[5, 5] - q[3, 5]
     np.testing.assert_allclose(
