@@ -6,15 +6,17 @@ from itertools import pairwise
 
 from fastac.gateware.arithmetic.frame_sum import beats_per_frame
 from fastac.gateware.arithmetic.packed_products import best_packing
+from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.force.force_sum import ForceSum
-from fastac.gateware.force.weighted_sum import WeightedSumStream
+from fastac.gateware.force.weighted_sum import BAND_VALUES, WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.mlp_mvm import tile_multipliers
 from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.network.pixel_network import NormalMlp
+from fastac.gateware.network.slope_bridge import SlopeBridgeStream
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.poisson.stages import frame_interval
@@ -22,7 +24,7 @@ from fastac.gateware.stream.frame_guard import FrameGuard
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.features import WIDTH, limits
 from fastac.models.integer.words import signed_width
-from fastac.models.vision.dots import expected_follower
+from fastac.models.vision.dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
 
 NORMAL, SLOPES, DISPLACEMENT, SHIFT = 3, 2, 1, 2
@@ -71,6 +73,10 @@ class CycleModel(FrameCycles):
         self.mlp = Figures(NormalMlp.latency_of(sizes[:-1]), multipliers=self._network_multipliers(sizes))
         if scene.wants_slopes:
             self.divider = Figures(GradientDivider.latency_of(scene.numbers.slope_bits))
+        if scene.wants_bridge:
+            self.bridge = Figures(SlopeBridgeStream.latency_of(bridge_reach(scene.sensor), self.lanes))
+        if scene.wants_darkness:
+            self.darkness = Figures(DarknessStream.latency_of(len(scene.sensor.channel_names)))
         if scene.wants_solver:
             self.solver = self._solver()
             difference = scene.poisson.mode == "difference"
@@ -119,19 +125,20 @@ class CycleModel(FrameCycles):
         """Figures of WeightedSumStream; a collapsed kernel's words can hold any sum of K² kernel words."""
         scene, kind = self.scene, WeightedSumStream
         rows, columns = scene.inner_px, scene.inner_px
-        terms, input_bits = DISPLACEMENT, self._displacement_bits
+        values, input_bits = DISPLACEMENT, self._displacement_bits
         weight_bits = signed_width(scene.force.kernel_size**2 << (scene.numbers.kernel_bits - 1))
         if scene.force_of_weights:
             weight_bits = scene.numbers.kernel_bits
+            values = BAND_VALUES if scene.force.band_mm else DISPLACEMENT
         if scene.force_from_slopes:
             rows, columns = scene.sensor.height_px, scene.sensor.width_px
-            terms, input_bits = SLOPES, scene.numbers.slope_bits
+            values, input_bits = SLOPES, scene.numbers.slope_bits
             weight_bits = scene.numbers.slope_weight_bits
         multipliers = kind.multipliers_of(
-            len(scene.force_axes), terms, self.lanes, input_bits=input_bits, weight_bits=weight_bits
+            len(scene.force_axes), values, self.lanes, input_bits=input_bits, weight_bits=weight_bits
         )
         return Figures(
-            kind.latency_of(terms, self.lanes), beats_per_frame(rows, columns, self.lanes), multipliers
+            kind.latency_of(values, self.lanes), beats_per_frame(rows, columns, self.lanes), multipliers
         )
 
     def _weighted_dots(self, follower: DotFollower) -> Figures:

@@ -8,6 +8,8 @@ from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
+from fastac.gateware.dots.dark_queue import DarkQueue
+from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
@@ -16,6 +18,7 @@ from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.network.pixel_network import NormalMlp
+from fastac.gateware.network.slope_bridge import SlopeBridgeStream
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.stream.fork import Fork
@@ -69,7 +72,7 @@ class Datapath(FrameCycles, wiring.Component):
     rest : write port of the depth at rest. Only in mode "absolute" with a force.
     constant : the adjoint's constant, one accumulator per axis. Only for the adjoint.
     limits : limits of the flags, see FrameValidity
-    threshold : write port of the thresholds of the dots' darkness. Only with dots.
+    threshold : write port of the thresholds of darkness. Only with dots or bridged slopes.
 
     The loadable members must not change while a frame is in flight. FrameCycles has latencies and intervals.
     """
@@ -118,6 +121,11 @@ class Datapath(FrameCycles, wiring.Component):
             members["normals"] = Out(stream.Signature(self.normal_layout))
         if scene.wants_slopes:
             self.divider = GradientDivider(pipeline.ratio, lanes=lanes)
+        if scene.wants_bridge:
+            self.bridge = SlopeBridgeStream(pipeline.bridge, slope_bits=pipeline.ratio.width, lanes=lanes)
+        if scene.wants_darkness:
+            windows = (pipeline.bridge if scene.wants_bridge else pipeline.follower).windows
+            self.darkness = DarknessStream(windows, lanes=lanes)
         if scene.wants_solver:
             self.solver = SOLVERS[scene.poisson.solver](
                 pipeline.source,
@@ -144,7 +152,7 @@ class Datapath(FrameCycles, wiring.Component):
                     in_order(pipeline.force),
                     lanes=lanes,
                     loadable=self.loadable and scene.force_from_slopes,
-                    by_sign=scene.force.bulge,
+                    band=pipeline.band,
                 )
             members["force"] = Out(self.force_stream.o.signature)
         if scene.wants_dots:
@@ -190,8 +198,8 @@ class Datapath(FrameCycles, wiring.Component):
         tables, scene = {}, self.pipeline.scene
         if self.loadable and scene.wants_solver and scene.poisson.mode == "difference":
             tables["offset"] = self.solver.source.table, self.solver.source.table_values
-        if self.loadable and scene.wants_dots:
-            tables["threshold"] = self.dots.darkness.table, self.dots.darkness.table_values
+        if self.loadable and scene.wants_darkness:
+            tables["threshold"] = self.darkness.table, self.darkness.table_values
         if self.wants_displacement and self.displacement.loadable:
             tables["rest"] = self.displacement.table, self.displacement.table_values
         return tables
@@ -245,14 +253,28 @@ class Datapath(FrameCycles, wiring.Component):
                 connect(m, output, sink)
 
         scene = self.pipeline.scene
-        fan_out(guard.o, [background.i, *([self.dots.i] if scene.wants_dots else [])], "pixels_fork")
+        fan_out(guard.o, [background.i, *([self.darkness.i] if scene.wants_darkness else [])], "pixels_fork")
+        if scene.wants_darkness:
+            m.submodules.darkness = darkness = self.darkness
+            sinks = [self.dots.i] if scene.wants_dots else []
+            if scene.wants_bridge:
+                m.submodules.dark_queue = dark = DarkQueue(
+                    darkness.windows, lanes=self.lanes, depth=self._dark_beats
+                )
+                sinks.append(dark.i)
+            fan_out(darkness.o, sinks, "darkness_fork")
+            if self.loadable:
+                connect(m, wiring.flipped(self.threshold), darkness.threshold)
         sinks = [wiring.flipped(self.normals)] if self.wants_normals else []
         if scene.wants_slopes:
             m.submodules.divider = divider = self.divider
+            slopes, over, saturated = divider.o, divider.over, divider.saturated
+            if scene.wants_bridge:
+                slopes, over, saturated = self._add_bridge(m, dark.o)
             m.d.comb += [
-                self.gradient_saturated.eq(divider.saturated),
-                validity.slopes_over.eq(divider.over),
-                validity.slopes_taken.eq(divider.o.valid & divider.o.ready),
+                self.gradient_saturated.eq(saturated),
+                validity.slopes_over.eq(over),
+                validity.slopes_taken.eq(slopes.valid & slopes.ready),
             ]
             sinks.append(divider.i)
         fan_out(normals.o, sinks, "normals_fork")
@@ -263,7 +285,7 @@ class Datapath(FrameCycles, wiring.Component):
             else:
                 connect(m, force.o, wiring.flipped(self.force))
         if scene.force_from_slopes:
-            connect(m, divider.o, force.i)
+            connect(m, slopes, force.i)
             if self.loadable:
                 m.d.comb += force.constant.as_value().eq(self.constant)
         if not scene.wants_solver:
@@ -271,7 +293,7 @@ class Datapath(FrameCycles, wiring.Component):
 
         m.submodules.solver = solver = self.solver
         m.submodules.solution_buffer = solution = SkidBuffer(solver.o.payload.shape())
-        connect(m, divider.o, solver.i)
+        connect(m, slopes, solver.i)
         connect(m, solver.o, solution.i)
         if "offset" in self.loadable_tables:
             connect(m, wiring.flipped(self.offset), solver.offset)
@@ -296,6 +318,30 @@ class Datapath(FrameCycles, wiring.Component):
         fan_out(solution.o, sinks, "solution_fork")
         return m
 
+    @property
+    def _dark_beats(self) -> int:
+        """Beats of pixels that are between the darkness and the slopes at most."""
+        return self.background.latency + self.mlp.latency + self.divider.latency + 2 * SkidBuffer.latency + 2
+
+    def _add_bridge(self, m: Module, dark) -> tuple:
+        """Bridge the slopes of dark pixels; returns their stream, which saturated, and if any did."""
+        m.submodules.bridge = bridge = self.bridge
+        divider = self.divider
+        slopes = stream.Signature(divider.o.payload.shape()).create()
+        m.d.comb += [
+            bridge.i.payload.slopes.eq(divider.o.payload),
+            bridge.i.payload.over.as_value().eq(divider.over),
+            bridge.i.payload.dark.eq(dark.payload),
+            bridge.i.valid.eq(divider.o.valid & dark.valid),
+            divider.o.ready.eq(bridge.i.ready & dark.valid),
+            dark.ready.eq(bridge.i.ready & divider.o.valid),
+            slopes.payload.eq(bridge.o.payload.slopes),
+            slopes.valid.eq(bridge.o.valid),
+            bridge.o.ready.eq(slopes.ready),
+        ]
+        over = bridge.o.payload.over.as_value()
+        return slopes, over, bridge.o.valid & over.any()
+
     def _add_dots(self, m: Module, skin) -> None:
         """Follow the dots, and add their share to the force of the skin."""
         m.submodules.dots = dots = self.dots
@@ -313,5 +359,3 @@ class Datapath(FrameCycles, wiring.Component):
         connect(m, skin, force_sum.skin)
         connect(m, of_dots.o, force_sum.dots)
         connect(m, force_sum.o, wiring.flipped(self.force))
-        if self.loadable:
-            connect(m, wiring.flipped(self.threshold), dots.threshold)

@@ -12,8 +12,8 @@ class FrameCycles:
 
     The inheriting class has `scene`, `lanes` and, as far as the scene needs them, `guard`, `background`,
     `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`, `displacement`,
-    `force_stream`, `dots`, `dot_force_stream` and `force_sum`, each with `latency`, `interval` and
-    `multipliers`. The latency of `dots` counts from a frame's last pixels.
+    `force_stream`, `bridge`, `darkness`, `dots`, `dot_force_stream` and `force_sum`, each with `latency`,
+    `interval` and `multipliers`. The latency of `dots` counts from a frame's last pixels.
 
     All times are in clocks, without back-pressure and with no other frame in the way. `stages` has each
     stage's share of the time from a frame's first pixel to its last result.
@@ -31,7 +31,8 @@ class FrameCycles:
     def stages(self) -> dict[str, int]:
         stages = self._stages_without_dots
         if self.scene.wants_dots:
-            first = self.guard.latency + self.beats - 1 + self.dots.latency + self.dot_force_stream.latency
+            first = self.guard.latency + self.beats - 1 + self.darkness.latency + self.dots.latency
+            first += self.dot_force_stream.latency
             # The dots are found beside the rest: what counts is how much later than the skin's they are.
             stages["dots"] = max(first - sum(stages.values()), 0) + self.force_sum.latency
         return stages
@@ -39,13 +40,15 @@ class FrameCycles:
     @property
     def _stages_without_dots(self) -> dict[str, int]:
         scene = self.scene
+        slopes = {"gradients": self.divider.latency} if scene.wants_slopes else {}
+        if scene.wants_bridge:
+            slopes["bridge"] = self.bridge.latency
         if not scene.wants_solver:
-            stages = {"normals": self.first_pixel_to_normals}
+            stages = {"normals": self.first_pixel_to_normals} | slopes
             if scene.force_from_slopes:
-                stages |= {"gradients": self.divider.latency, "force": self.force_stream.latency}
+                stages["force"] = self.force_stream.latency
             return stages
-        stages = {"normals": self.first_pixel_to_normals - (self.beats - 1)}
-        stages["gradients"] = self.divider.latency
+        stages = {"normals": self.first_pixel_to_normals - (self.beats - 1)} | slopes
         stages |= self.solver.stages
         stages["solution_buffer"] = SkidBuffer.latency
         if scene.wants_force:
@@ -63,7 +66,8 @@ class FrameCycles:
                 share["depth"] += self.depth_output.latency
         if scene.wants_force:
             share["force"] = sum(stages.get(k, 0) for k in OF_FORCE)
-            share["force"] += stages["gradients"] if "depth" not in share else 0
+            if "depth" not in share:
+                share["force"] += stages["gradients"] + stages.get("bridge", 0)
         return share
 
     @property

@@ -54,12 +54,12 @@ def scene(
     rounding: str = "nearest",
     bus_errors: str = "flag",
     dots: bool = False,
-    bulge: bool = False,
+    band_mm: float | None = None,
     bridge_dots: bool = False,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
-        clamp = SOLVERS[solver].can_clamp and not bulge
+        clamp = SOLVERS[solver].can_clamp and band_mm is None
     return Scene.model_validate(
         {
             "name": "random_bundle",
@@ -81,7 +81,7 @@ def scene(
                 "max_displacement_mm": 0.01,
                 "dots": dots,
             }
-            | ({"bulge": True, "fit": "weights"} if bulge else {}),
+            | ({"band_mm": band_mm, "fit": "weights"} if band_mm else {}),
             "hardware": {"pixels_per_clock": lanes, "weights": weights, "bus_errors": bus_errors},
         }
     )
@@ -163,7 +163,7 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
         kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
         shape = (axes, size, size, 2) if scene.force_from_slopes else kernels
         if scene.force_of_weights:
-            shape = (axes, inner, inner, 1 + scene.force.bulge)
+            shape = (axes, inner, inner, 3 if scene.force.band_mm else 1)
         weights = [rng.normal(size=shape)]
         if scene.wants_dots:
             weights.append(rng.normal(scale=10, size=(axes, len(follower.rest), 2)))

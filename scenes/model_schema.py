@@ -77,9 +77,9 @@ class Force(Strict):
     displacement; the adjoint's weights of the slopes follow from its kernels. weights: one weight a pixel of
     the displacement, smooth over the image, by ridge regression. slopes: the same of the slopes, with the
     adjoint only."""
-    bulge: bool = False
-    """Whether displacement away from the camera, as around a contact, has weights of its own: the force is
-    then not linear in the displacement. With fit 'weights' and clamp = false."""
+    band_mm: Positive | None = None
+    """What is displaced beyond ±band_mm, in the contact and in the bulge around it, has weights of its own:
+    the force is then not linear in the displacement. With fit 'weights' and clamp = false."""
     dots: bool = False
     """Whether the shifts of the marker dots are a part of the force, beside displacement or slopes: without
     them little shows how the skin is dragged."""

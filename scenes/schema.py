@@ -160,8 +160,10 @@ class Scene(Strict):
             raise ValueError(
                 f"force.fit: {force.fit!r} needs force.kernel 'collapsed' and a poisson.solver with depth"
             )
-        if force.bulge and (not of_weights or force.clamp):
-            raise ValueError("force.bulge: True needs force.fit 'weights' and force.clamp = false")
+        if force.band_mm and (not of_weights or force.clamp):
+            raise ValueError(
+                f"force.band_mm: {force.band_mm:g} needs force.fit 'weights' and force.clamp = false"
+            )
 
     def _check_dots(self) -> None:
         """Raise ValueError unless dots can be seen where they are to be."""
@@ -234,6 +236,11 @@ class Scene(Strict):
     def wants_dots(self) -> bool:
         """Whether the marker dots' shifts are a part of the force, so that hardware follows them."""
         return self.wants_force and self.force.dots
+
+    @property
+    def wants_darkness(self) -> bool:
+        """Whether anything that is asked for needs to know which pixels are under dots."""
+        return self.wants_dots or self.wants_bridge
 
     @property
     def tangential_shares(self) -> tuple[float, ...]:

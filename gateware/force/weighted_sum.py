@@ -13,6 +13,9 @@ from fastac.gateware.stream.tables import RasterRom, raster_beats
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.words import signed_width
 
+BAND_TERMS, BAND_VALUES = 3, 2
+"""Terms of a displacement with a band, and how many of them need a product of their own."""
+
 
 def weight_words(weighted: WeightedSum, lanes: int) -> np.ndarray:
     """The weights in beat order: (rows · ceil(columns/lanes), axes, lanes · terms); 0 in unused lanes."""
@@ -28,32 +31,31 @@ class WeightedSumStream(wiring.Component):
     i : stream of `lanes` pixels, each a value, or an array of `terms` values if there are several, of
         Shape(weighted.input_width, weighted.input_signed). A frame is `rows` rows of ceil(columns/lanes)
         beats; the lanes beyond `columns` are ignored. A signed value must not be the most negative word.
-        With `by_sign` a pixel has one value, and the two terms are its positive and its negative part: its
-        sign chooses the weight, so that one product does for both.
+        With `band` a pixel has one value, and its three terms follow from it as `integer.force.terms` says.
     o : stream of one beat per frame: one accumulator per axis, signed(weighted.width)
     constant : replaces `weighted.constant`; constant while a frame is in flight. Only with `loadable`.
 
     `latency` = 6 + ceil(log2(lanes·values)) clocks from a frame's last beat to its force, without
     back-pressure: 2 for the ROM of the weights, 3 for the products, an adder tree over lanes and a pixel's
-    values, 1 for the accumulator. Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per
-    frame, without gaps. A force that is not taken stalls the whole pipeline before it.
+    values, 1 for the accumulator. `values` = terms, but 2 with `band`: of what is beyond it on either side
+    one is 0, so that its sign chooses the weight of a single product. Initiation interval: `interval` =
+    rows · ceil(columns/lanes) clocks per frame, without gaps. A force that is not taken stalls the whole
+    pipeline before it.
     """
 
-    def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False, by_sign: bool = False):
+    def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False, band: int | None = None):
         check_lanes(lanes)
         self.weighted, self.lanes, self.loadable = weighted, lanes, loadable
-        self.by_sign = by_sign
+        self.band = band
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
-        if by_sign and (self.terms != 2 or not weighted.input_signed):
-            raise ValueError(
-                f"{self.terms} terms, signed {weighted.input_signed}: expected 2 of signed values"
-            )
-        self.values = 1 if by_sign else self.terms
+        if band is not None and (self.terms != BAND_TERMS or not weighted.input_signed):
+            raise ValueError(f"band {band}: {self.terms} terms: expected {BAND_TERMS} of a signed value")
+        self.values = self.terms if band is None else BAND_VALUES
         if self.interval < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 beats")
         pixel = Shape(weighted.input_width, weighted.input_signed)
-        if self.values > 1:
-            pixel = data.ArrayLayout(pixel, self.values)
+        if band is None and self.terms > 1:
+            pixel = data.ArrayLayout(pixel, self.terms)
         sums = data.ArrayLayout(signed(weighted.width), self.axes)
         members = {
             "i": In(stream.Signature(data.ArrayLayout(pixel, lanes))),
@@ -95,8 +97,10 @@ class WeightedSumStream(wiring.Component):
         m = Module()
         words = weight_words(self.weighted, self.lanes)
         bounds = np.abs(words) * self.weighted.input_limit
-        if self.by_sign:
-            bounds = bounds.reshape(*bounds.shape[:2], self.lanes, self.terms).max(axis=-1)
+        if self.band is not None:
+            each = bounds.reshape(*bounds.shape[:2], self.lanes, self.terms)
+            beyond = each[..., 1:].max(axis=-1)
+            bounds = np.stack([each[..., 0], beyond], axis=-1).reshape(*bounds.shape[:2], -1)
         m.submodules.weights = weights = RasterRom(words, self.weighted.weight_width)
         m.submodules.accumulator = accumulator = FrameAccumulator(
             bounds, self.weighted.constant, loadable=self.loadable, width=self.weighted.width
@@ -126,11 +130,28 @@ class WeightedSumStream(wiring.Component):
             with m.If(advance):
                 m.d.sync += delayed.eq(inputs)
             inputs = delayed
-        pixels = [[lane] if self.values == 1 else list(lane) for lane in inputs]
+        values = [self._values(lane) for lane in inputs]
         for axis, weight in enumerate(weights.word):
-            for k, x in enumerate(x for pixel in pixels for x in pixel):
-                factor = Mux(x < 0, weight[2 * k + 1], weight[2 * k]) if self.by_sign else weight[k]
+            for k, (x, factor) in enumerate(self._factors(values, weight)):
                 whole = product(m, platform, advance, x, factor, name=f"product_{axis}_{k}")
                 width = signed_width(int(bounds[:, axis, k].max()))
                 m.d.comb += products.payload[axis][k].eq(whole[:width].as_signed())
         return m
+
+    def _values(self, pixel) -> list:
+        """What is multiplied of a pixel."""
+        if self.band is not None:
+            beyond = Mux(pixel > self.band, pixel - self.band, Mux(pixel < -self.band, pixel + self.band, 0))
+            return [pixel, beyond]
+        return [pixel] if self.terms == 1 else list(pixel)
+
+    def _factors(self, values: list, weight):
+        """Each value of the lanes with its weight."""
+        for lane, of_lane in enumerate(values):
+            if self.band is None:
+                yield from ((x, weight[lane * self.terms + k]) for k, x in enumerate(of_lane))
+                continue
+            whole, beyond = of_lane
+            inside, towards, away = (weight[lane * self.terms + k] for k in range(self.terms))
+            yield whole, inside
+            yield beyond, Mux(whole < 0, away, towards)

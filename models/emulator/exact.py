@@ -14,7 +14,7 @@ from fastac.models.emulator.exactness import EXACT_FLOAT32, require_exact
 from fastac.models.emulator.solvers import SOLVERS
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.features import limits
-from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.force import PatchForce, WeightedSum, terms
 from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -69,6 +69,7 @@ class ExactTables:
         if pipeline.bridge is not None:
             self.threshold = pipeline.bridge.windows.threshold.astype(np.int64)
         if pipeline.force is not None:
+            self.band = pipeline.band
             self._plan_force(pipeline.force)
 
     def _plan_force(self, force: PatchForce | WeightedSum) -> None:
@@ -180,7 +181,7 @@ class _Worker:
         ratio, slopes = self.pipeline.ratio, self.slopes.reshape(2, -1)
         unit = 2.0**-ratio.fraction
         saturated = slope_words(
-            normal, unit, float(ratio.limit), slopes, self.over.reshape(len(self.over), -1)
+            normal, unit, float(ratio.limit), slopes, self.over.reshape(len(self.over), slopes.shape[1])
         )
         if self.pipeline.bridge is not None:
             dark_pixels(frame, self.emulator.threshold, self.dark)
@@ -223,16 +224,13 @@ class _Worker:
         saturated = displacement_words(z, quantiser.clamp, 2.0**-quantiser.shift, float(quantiser.top), words)
         if "displacement_saturated" in out:
             out["displacement_saturated"][0] = saturated
-        if self.pipeline.scene.force.bulge:
-            self._force(np.array([np.maximum(z, 0), np.minimum(z, 0)]), of_dots, out)
-        else:
-            self._force(z, of_dots, out)
+        self._force(np.moveaxis(terms(z, self.emulator.band), -1, 0), of_dots, out)
         self._force_map(z, out)
         return saturated
 
     def _force(self, x: np.ndarray, of_dots: np.ndarray, out: dict[str, np.ndarray]) -> None:
-        """`integer.WeightedSum` of displacement words (N, N), their two sides (2, N, N) or slopes (2, H, W),
-        with the dots' share (axes,) added."""
+        """`integer.WeightedSum` of the displacement's terms (terms, N, N) or slopes (2, H, W), with the dots'
+        share (axes,) added."""
         if self.wants_force:
             raw = self.emulator.weight @ x.reshape(-1) + self.emulator.constant + of_dots
             if "force_raw" in out:

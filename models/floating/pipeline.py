@@ -237,8 +237,8 @@ class _AfterSlopes:
     def force_n(self, x: np.ndarray) -> np.ndarray:
         """The skin's force (axes,) in N, from the displacement (N, N) or, for the adjoint, the slopes' change
         (H, W, 2)."""
-        if self.force.bulge:
-            x = terms(x, bulge=True)
+        if self.has_solver:
+            x = terms(x, self.force.band_mm)
         return self.weight @ x.reshape(-1).astype(np.float64)
 
     def clamped(self, displacement_mm: np.ndarray) -> np.ndarray:

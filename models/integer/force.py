@@ -8,12 +8,17 @@ import numpy as np
 from fastac.models.integer.words import _fits, exact_matmul, signed_width
 
 
-def terms(displacement: np.ndarray, *, bulge: bool) -> np.ndarray:
-    """What has weights of its own in a displacement (...): itself, or what of it is towards the camera and
-    what away, (..., terms)."""
-    if not bulge:
+def terms(displacement: np.ndarray, band: float | None) -> np.ndarray:
+    """What has weights of its own in a displacement (...), in (..., terms).
+
+    The displacement itself; with a `band` also what of it is beyond the band towards the camera, and what is
+    beyond it away from the camera. So the skin in contact, the bulge around it and the skin at rest can each
+    have a weight.
+    """
+    if band is None:
         return displacement[..., None]
-    return np.stack([np.maximum(displacement, 0), np.minimum(displacement, 0)], axis=-1)
+    beyond = np.maximum(displacement - band, 0), np.minimum(displacement + band, 0)
+    return np.stack([displacement, *beyond], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +96,7 @@ class WeightedSum:
     """One sum over the whole frame for each axis: A = constant + Σ_p Σ_t weight_{p,t} · x_{p,t}.
 
     With the displacement (one term a pixel) it is the collapsed kernels' force, with the slopes p and q (two
-    terms) the adjoint's. Where the bulge has weights of its own, two terms are the two sides of the
-    displacement, see `terms`.
+    terms) the adjoint's. With a band the displacement has three, see `terms`.
     """
 
     weight: np.ndarray  # (axes, rows, columns, terms)

@@ -56,6 +56,14 @@ class IntegerPipeline:
         return self.depth_mm_per_unit * 2.0**self.quantiser.shift
 
     @property
+    def band(self) -> int | None:
+        """The scene's `force.band_mm` in words of the displacement."""
+        band_mm = self.scene.force.band_mm
+        if band_mm is None or self.quantiser is None:
+            return None
+        return round(band_mm / self.displacement_mm_per_unit)
+
+    @property
     def force_bound(self) -> int:
         """The largest magnitude of a raw force accumulator, with the dots' share."""
         return self.force.bound + (self.dot_force.bound if self.dot_force is not None else 0)

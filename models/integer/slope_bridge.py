@@ -15,7 +15,7 @@ from fastac.models.integer.dot_windows import DotWindows
 class SlopeBridge:
     """Takes the values of dark pixels from the nearest pixel of the row that is not dark.
 
-    Of two as near it is the left one. A dark pixel without such a pixel within `reach` px keeps its own values.
+    Of two as near it is the left one. Without one within `reach` px a dark pixel keeps its own values.
     """
 
     windows: DotWindows

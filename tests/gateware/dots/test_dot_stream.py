@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""From pixels to shifts: equal to the integers, at the camera's rate, after the clocks that are stated."""
+"""From darkness to shifts: equal to the integers, at the camera's rate, after the clocks that are stated."""
 
 from dataclasses import replace
 
@@ -28,6 +28,11 @@ def payloads(follower, frames):
     return dots.shift_payloads(follower, *follower(follower.windows(frames)))
 
 
+def darkness(follower, frames, lanes):
+    windows = follower.windows
+    return pack(windows.darkness(frames).reshape(-1, lanes), windows.darkness_width)
+
+
 @pytest.mark.parametrize("lanes", [1, 2, 4])
 @pytest.mark.quick("4", "1")
 def test_at_full_rate(lanes):
@@ -36,7 +41,7 @@ def test_at_full_rate(lanes):
     frames = frames_of(SIDE)
     dut = DotStream(follower, lanes=lanes)
     expected = payloads(follower, frames)
-    inputs = pack(frames.reshape(-1, lanes * 4), 8)
+    inputs = darkness(follower, frames, lanes)
     found, taken = run_streams(dut, inputs, {"o": len(expected)}, clocks=200_000)
     assert found["o"] == expected
     assert np.diff(taken["i"]).max() == 1, "no pause"
@@ -54,7 +59,7 @@ def test_dots_of_the_upper_half_are_known_before_the_frame_ends():
     follower = replace(every, **parts, guides=guides)
     frames, dut = frames_of(SIDE), DotStream(follower, lanes=4)
     expected = payloads(follower, frames)
-    found, taken = run_streams(dut, pack(frames.reshape(-1, 16), 8), {"o": len(expected)})
+    found, taken = run_streams(dut, darkness(follower, frames, 4), {"o": len(expected)})
     assert found["o"] == expected
     last, ends = taken["i"][dut.interval - 1 :: dut.interval], taken["o"][count - 1 :: count]
     assert [end - start for start, end in zip(last, ends, strict=True)] == [dut.latency] * len(frames)
@@ -66,7 +71,7 @@ def test_with_stalls_in_verilator(tmp_path):
     follower = dots.follower(SIDE, SIDE)
     frames = frames_of(SIDE)
     dut = DotStream(follower, lanes=4)
-    inputs = pack(frames.reshape(-1, 16), 8)
+    inputs = darkness(follower, frames, 4)
     check(dut, "dot_stream", tmp_path, inputs=inputs, expected=payloads(follower, frames))
 
 
