@@ -15,13 +15,13 @@ from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.vision.dots import bridge_reach
+from fastac.models.vision.dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
+from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS
 
-DOT_SPACING_PX = 8
-DOTS = {"spacing_mm": DOT_SPACING_PX * 0.125, "radius_mm": 0.1}
-"""Painted dots, at the default pitch of 0.125 mm: squares of 3 × 3 px."""
+DOTS = {"spacing_mm": 1.0, "radius_mm": 0.1}
+"""Painted dots; at the default pitch of 0.125 mm, squares of 3 × 3 px."""
 GOOD_FRAME_SPANS = (5, 10, 20, 30, 40)
 """Largest differences from the background, in digital numbers, of the frames from which a bundle's validity
 limits are set; hardware flags frames with larger differences."""
@@ -123,17 +123,18 @@ def layers(
     )
 
 
-def painted_dots(background: np.ndarray) -> DotFollower:
-    """Darken dots in a background (H, W, C) uint8, in place; returns what follows them."""
+def painted_dots(background: np.ndarray, sensor: Sensor) -> DotFollower:
+    """Darken squares on a grid in a background (H, W, C) uint8, in place; returns what follows them."""
     height, width, channels = background.shape
-    line = slice(DOT_SPACING_PX // 2, None, DOT_SPACING_PX)
-    rows, columns = np.arange(height)[line], np.arange(width)[line]
+    spacing = round(sensor.markers.spacing_mm / sensor.pitch_mm)
+    side = round(sensor.markers.radius_mm / sensor.pitch_mm)
+    rows, columns = (np.arange(length)[spacing // 2 :: spacing] for length in (height, width))
     places = np.array([(u, v) for v in rows for u in columns])
     for u, v in places:
-        background[v - 1 : v + 2, u - 1 : u + 2] //= 8
+        background[v - side : v + side + 1, u - side : u + side + 1] //= 8
     threshold = np.full((height // BLOCK, width // BLOCK), 60 * channels)
-    windows = DotWindows(threshold, channels, half=1)
-    return at_rest(windows, background, places, spacing_px=DOT_SPACING_PX, reach=1)
+    windows = DotWindows(threshold, channels, expected_follower(sensor).windows.half)
+    return at_rest(windows, background, places, spacing_px=spacing, reach=1)
 
 
 def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
@@ -147,7 +148,7 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     background = rng.integers(80, 170, (size, size, len(sensor.channel_names))).astype(np.uint8)
     bridge = follower = None
     if sensor.markers is not None:
-        follower = painted_dots(background)
+        follower = painted_dots(background, sensor)
         bridge = SlopeBridge(follower.windows, bridge_reach(sensor))
     x = np.linspace(-1, 1, size)
     pipeline = assemble(

@@ -14,11 +14,18 @@ import numpy as np
 
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
+from fastac.gateware.dots.axis import quotient_bits
+from fastac.gateware.force.weighted_sum import BAND_VALUES
+from fastac.gateware.network.slope_bridge import SlopeBridgeStream
+from fastac.models.integer.dot_follower import DotFollower
+from fastac.models.integer.dot_force import DotForce
+from fastac.models.integer.dot_windows import CELL, DotWindows
 from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.integer.words import signed_width
 from fastac.synth.solvers import SOLVERS
 from fastac.synth.work import Frame, Work, addition, memory, multiplication, register, transform_works
@@ -122,12 +129,39 @@ def patch_force_works(frame: Frame, force: PatchForce) -> Iterator[Work]:
     yield addition(frame.inner * axes, force.width)
 
 
-def weighted_force_works(frame: Frame, force: WeightedSum) -> Iterator[Work]:
+def weighted_force_works(frame: Frame, force: WeightedSum, products: int) -> Iterator[Work]:
+    """A pixel takes this many products an axis, which may be fewer than its terms."""
     axes, rows, columns, terms = force.weight.shape
-    beats, values = rows * -(-columns // frame.lanes), rows * columns * terms
+    beats, values = rows * -(-columns // frame.lanes), rows * columns * products
     yield memory(beats, frame.lanes * axes * terms * force.weight_width, beats)
     yield multiplication(values * axes, force.input_width + (not force.input_signed), force.weight_width)
     yield addition(values * axes, force.width)
+
+
+def darkness_works(frame: Frame, windows: DotWindows) -> Iterator[Work]:
+    """The sum of each pixel's channels, and its difference from the threshold."""
+    yield addition(frame.pixels * frame.channels, windows.darkness_width)
+
+
+def bridge_works(frame: Frame, bridge: SlopeBridge, slope_bits: int) -> Iterator[Work]:
+    """A window of beats, through which all slopes pass."""
+    ahead = SlopeBridgeStream.beats_ahead(bridge.reach, frame.lanes)
+    yield register(frame.pixels * (2 * ahead + 1), 2 * slope_bits)
+
+
+def dots_works(frame: Frame, follower: DotFollower, dots: DotForce) -> Iterator[Work]:
+    """Windows' sums down columns and along rows, the rows kept, two divisions a dot, and its weights."""
+    windows, count = follower.windows, len(follower.rest)
+    rows, columns = windows.shape
+    cells, terms = frame.pixels // CELL**2, 2 * windows.half + 1
+    words = windows.mass_width + 2 * windows.moment_width
+    yield addition(2 * cells * terms, words)
+    yield memory(cells, 2 * windows.half * words, frame.width // CELL)
+    yield memory(rows * columns + 2 * count, words, rows * columns)
+    yield addition(count * 2 * quotient_bits(follower), windows.mass_width)
+    axes = len(dots.exponent)
+    yield multiplication(count * 2 * axes, dots.weighted.input_width, dots.weighted.weight_width)
+    yield addition(count * 2 * axes + axes, dots.weighted.width)
 
 
 def with_registers(works: list[Work]) -> list[Work]:
@@ -154,7 +188,16 @@ def works(pipeline: IntegerPipeline) -> dict[str, list[Work]]:
     if isinstance(pipeline.force, PatchForce):
         stages["force"] = patch_force_works(frame, pipeline.force)
     elif pipeline.force is not None:
-        stages["force"] = weighted_force_works(frame, pipeline.force)
+        terms = pipeline.force.weight.shape[-1]
+        products = terms if pipeline.band is None else BAND_VALUES
+        stages["force"] = weighted_force_works(frame, pipeline.force, products)
+    if scene.wants_darkness:
+        windows = (pipeline.bridge or pipeline.follower).windows
+        stages["darkness"] = darkness_works(frame, windows)
+    if scene.wants_bridge:
+        stages["bridge"] = bridge_works(frame, pipeline.bridge, pipeline.ratio.width)
+    if scene.wants_dots:
+        stages["dots"] = dots_works(frame, pipeline.follower, pipeline.dot_force)
     return {name: with_registers(list(stage)) for name, stage in stages.items()}
 
 

@@ -33,6 +33,7 @@ JOBS = 2
 CONTROL_IN = 3
 """Number of designs whose control logic (registers, frame guard, buffers) is counted: it hardly differs."""
 STORE = Path("build/store")
+PITCH_MM = 0.125
 DEPTH, THREE = ("depth", "force_z"), ("depth", "force_xyz")
 DESIGNS = (
     {
@@ -110,18 +111,48 @@ DESIGNS = (
         "force": {"kernel": "collapsed"},
         "hardware": {"pixels_per_clock": 4, "weights": "baked"},
     },
+    {
+        "size": 32,
+        "dots": (8, 0.1),
+        "outputs": ("force_xyz",),
+        "numbers": {"activation_bits": 10},
+        "poisson": {"solver": "adjoint"},
+        "force": {"clamp": False, "fit": "slopes", "dots": True},
+    },
+    {
+        "size": 64,
+        "dots": (16, 0.3),
+        "channels": "bgr",
+        "outputs": ("force_xyz",),
+        "numbers": {"activation_bits": 7, "gradient_fraction_bits": 10, "dot_weight_bits": 12},
+        "poisson": {"solver": "adjoint"},
+        "force": {"clamp": False, "fit": "slopes", "dots": True},
+        "hardware": {"pixels_per_clock": 4, "weights": "baked"},
+    },
+    {
+        "size": 32,
+        "dots": (8, 0.2),
+        "outputs": THREE,
+        "numbers": {"activation_bits": 10, "kernel_bits": 16},
+        "poisson": {"solver": "tridiagonal"},
+        "force": {"kernel": "collapsed", "clamp": False, "fit": "weights", "band_mm": 0.004, "dots": True},
+        "hardware": {"pixels_per_clock": 2, "weights": "baked"},
+    },
 )
 """Small designs that together contain every stage in several widths, sizes and numbers of lanes."""
 
 
 def scene_of(design: dict) -> Scene:
-    """The scene of one of DESIGNS."""
+    """The scene of one of DESIGNS; `dots` are their spacing in px and their radius in mm."""
     design = dict(design)
     size = design.pop("size")
-    sensor = {"geometry": "fingertip", "height_px": size, "width_px": size}
+    sensor = {"geometry": "fingertip", "height_px": size, "width_px": size, "pitch_mm": PITCH_MM}
     sensor["channels"] = design.pop("channels", "bgr+nir")
-    if "width" in design:
-        design["network"] = {"width": design.pop("width")}
+    design["network"] = {"width": design.pop("width")} if "width" in design else {}
+    if "dots" in design:
+        spacing_px, radius_mm = design.pop("dots")
+        sensor["markers"] = {"spacing_mm": spacing_px * PITCH_MM, "radius_mm": radius_mm}
+        design["network"]["bridge_dots"] = True
     return Scene.model_validate(
         {"name": "sample", "sensor": sensor, "poisson": {"mode": "difference"}} | design
     )

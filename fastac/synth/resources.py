@@ -16,6 +16,9 @@ import numpy as np
 from scipy.optimize import nnls
 
 from fastac.gateware.cycle_model import multipliers
+from fastac.gateware.dots.dot_stream import DotStream
+from fastac.gateware.force.weighted_sum import BAND_VALUES
+from fastac.models.integer.dot_windows import CELL
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.words import signed_width
@@ -39,6 +42,12 @@ BEHIND_SOLVER = {
     "depth_output": "depth",
     "displacement": "depth",
     "force_stream": "force",
+    "bridge": "bridge",
+    "dark_queue": "bridge",
+    "darkness": "dots",
+    "dots": "dots",
+    "dot_force_stream": "dots",
+    "force_sum": "dots",
 }
 """Stages of every design by the names that instances begin with."""
 BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
@@ -111,11 +120,22 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
             yield "depth", 1, lanes * rest, frame.inner_beats
         if scene.wants_force and not difference:
             yield "depth", 1, lanes * (pipeline.depth.width if loadable else rest), frame.inner_beats
+    if scene.wants_dots:
+        yield from dot_memories(pipeline)
     force = pipeline.force
     yield from kernel_memory(scene)
     if force is not None and not isinstance(force, PatchForce):
         axes, rows, columns, terms = force.weight.shape
         yield "force", 1, lanes * axes * terms * force.weight_width, rows * -(-columns // lanes)
+
+
+def dot_memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
+    """As `memories`, of what follows the dots: rows of windows, and the dots' weights."""
+    stream = DotStream(pipeline.follower, lanes=pipeline.scene.hardware.pixels_per_clock).dots
+    window = stream.i.payload.shape().size
+    yield "dots", 1, window, stream.kept_rows << (stream.row_beats - 1).bit_length()
+    axes, count, _, terms = pipeline.dot_force.weighted.weight.shape
+    yield "dots", 1, axes * terms * pipeline.dot_force.weighted.weight_width, count
 
 
 def _bits(works: list[Work], kind: str, frame: Frame) -> float:
@@ -169,11 +189,23 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         }
     elif force is not None:
         axes, _, _, terms = force.weight.shape
+        products = terms if pipeline.band is None else BAND_VALUES
         found["force"] = {
             "one": 1,
             "patch_bits": 0,
-            "tree_bits": lanes * axes * terms * (force.input_width + force.weight_width),
+            "tree_bits": lanes * axes * products * (force.input_width + force.weight_width),
         }
+    if scene.wants_bridge:
+        reached = 2 * pipeline.bridge.reach * pipeline.ratio.width
+        found["bridge"] = {"one": 1, "choice_bits": lanes * 2 * reached}
+    if scene.wants_darkness:
+        found["dots"] = {"one": 1, "pixel_bits": lanes * frame.channels * 8, "window_bits": 0, "sum_bits": 0}
+    if scene.wants_dots:
+        windows, weighted = pipeline.follower.windows, pipeline.dot_force.weighted
+        words = windows.mass_width + 2 * windows.moment_width
+        found["dots"]["window_bits"] = max(1, lanes // CELL) * 2 * (2 * windows.half + 1) * words
+        axes, _, _, terms = weighted.weight.shape
+        found["dots"]["sum_bits"] = axes * terms * (weighted.input_width + weighted.weight_width)
     needed = block_rams(memories(pipeline))
     for stage, values in found.items():
         values["ramb36"] = needed.get(stage, 0.0)
