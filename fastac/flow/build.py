@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fastac.flow import frames, steps
 from fastac.gateware.cycle_model import multipliers
-from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
+from fastac.gateware.target.device import check_block_rams, check_multipliers
 from fastac.models.integer import bundle
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -42,7 +42,7 @@ class Build:
         try:
             check_multipliers(multipliers(self.scene))
             check_block_rams(resources.block_rams(resources.kernel_memory(self.scene)))
-        except DeviceError as error:
+        except ValueError as error:
             raise BuildError(f"scene {self.scene.name}: {error}") from None
         self.folder.mkdir(parents=True, exist_ok=True)
 

@@ -6,13 +6,12 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from fastac.flow import hardware
-from fastac.gateware.cycle_model import cycles
 from fastac.models.integer import bundle as bundles
 from fastac.scenes.schema import Scene
 from fastac.sensor import samples
 from fastac.store.store import open_store
 from fastac.sweep.front import Source, TradeError
-from fastac.sweep.point_steps import latency
+from fastac.sweep.point_steps import cycles_of, latency
 from fastac.sweep.points import PointModels, Setting, point_key
 from fastac.sweep.results import Row
 from fastac.sweep.spec import Point
@@ -70,10 +69,9 @@ def confirm(source: Source, row: Row, folder: Path, *, progress: bool) -> Confir
     found = hardware.simulate(
         bundle, models.data, index, folder / "verilog", folder / "sim", progress=progress
     )
-    flat = not models.pipeline.rest_depth_mm.any()
-    stated = cycles(models.scene, flat=flat)
+    stated = cycles_of(models.pipeline)
     names = [name for name in found["latency_cycles"] if name in stated and name not in ("stage", "part")]
-    summary = latency(models.scene, flat=flat)
+    summary = latency(models.pipeline)
     if any(row.metrics[name] != value for name, value in summary.items()):
         raise TradeError(f"point {row.key}: its cycles are no longer {row.metrics['latency_cycles']}")
     return Confirmation(

@@ -77,7 +77,7 @@ def measure(
         if len(scene.force_axes) == 1:  # to stand beside the same axis of a force of three
             axis = "xyz"[scene.force_axes[0]]
             found[f"{prefix}force_{axis}_mae_n"] = found[f"{prefix}force_mae_n"]
-    found |= latency(scene, flat=not pipeline.rest_depth_mm.any())
+    found |= latency(pipeline)
     estimated = resources.estimate(pipeline)
     found |= {name: estimated[key]["value"] for name, key in RESOURCES.items()}
     return found | {"energy_uj": energy.estimate(pipeline)["energy_estimate_uj_per_frame"]["value"]}
@@ -123,9 +123,14 @@ RESOURCES = {"dsp": "dsp48e2", "lut": "lut", "ramb36": "ramb36"}
 """Metrics by the name that the report has for them."""
 
 
-def latency(scene: Scene, *, flat: bool) -> dict[str, float]:
+def cycles_of(pipeline: IntegerPipeline) -> dict:
+    """Clock cycles of the pipeline's hardware by formula, see `cycle_model.cycles`."""
+    return cycles(pipeline.scene, flat=not pipeline.rest_depth_mm.any(), follower=pipeline.follower)
+
+
+def latency(pipeline: IntegerPipeline) -> dict[str, float]:
     """Cycles from a frame's first pixel to the last thing wanted, and between frames; µs at the clock."""
-    found = cycles(scene, flat=flat)
+    scene, found = pipeline.scene, cycles_of(pipeline)
     whole = max(value for name, value in found.items() if name.startswith("first_pixel"))
     kept = {"latency_cycles": whole, "interval_cycles": found["initiation_interval"]}
     if scene.wants_force:

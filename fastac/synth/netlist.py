@@ -79,14 +79,20 @@ def _black_box(modules: dict[str, str], name: str) -> str:
 
 
 def _sorted(text: str) -> str:
-    """A module with wires and ports sorted by name, since Amaranth's order depends on the surroundings."""
+    """A module with wires and ports sorted by name, since Amaranth's order depends on the surroundings.
+
+    They come before all else, for a wire must be declared before its use.
+    """
     blocks = [PORT_NUMBER.sub(r"\1 0 ", block) for block in text.split("\n\n")]
-    places = [k for k, block in enumerate(blocks) if block.split("\n")[-1].startswith("  wire ")]
-    number = 0
-    for k, wire in zip(places, sorted(blocks[k] for k in places), strict=True):
-        blocks[k], found = PORT_NUMBER.subn(rf"\1 {number} ", wire)
+    is_wire = [block.split("\n")[-1].startswith("  wire ") for block in blocks]
+    first = is_wire.index(True)
+    wires, number = [], 0
+    for wire in sorted(block for block, known in zip(blocks, is_wire, strict=True) if known):
+        numbered, found = PORT_NUMBER.subn(rf"\1 {number} ", wire)
+        wires.append(numbered)
         number += found
-    return "\n\n".join(blocks)
+    others = [block for block, known in zip(blocks, is_wire, strict=True) if not known]
+    return "\n\n".join([*others[:first], *wires, *others[first:]])
 
 
 def _renamed(bodies: Iterable[str], name: str) -> str:

@@ -139,9 +139,7 @@ class DotFollowerStream(wiring.Component):
             m.d.sync += slot.eq(slot + 1)
 
         record_layout, records = self.records()
-        m.submodules.records = table = memory.Memory(
-            shape=record_layout, depth=self.count, init=records, attrs={"ram_style": "distributed"}
-        )
+        m.submodules.records = table = memory.Memory(shape=record_layout, depth=self.count, init=records)
         fetch = table.read_port()
         dot = Signal(range(self.count))
         base = Signal(range(self.kept_rows))  # slot of the frame's first row

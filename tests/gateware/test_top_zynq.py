@@ -277,6 +277,50 @@ def test_adjoint_faults(tmp_path):
     check_faults(Hardware(tmp_path, **ADJOINT))
 
 
+DOTS = {"outputs": ("force_xyz",), "solver": "adjoint", "dots": True, "bridge_dots": True}
+
+
+@pytest.mark.long
+def test_force_of_slopes_and_dots(tmp_path):
+    """Dots are known last; with bridged slopes, and with faults of camera and host."""
+    hardware = Hardware(tmp_path, **DOTS)
+    assert hardware.top.datapath.stages["dots"] > hardware.top.datapath.force_sum.latency
+    check_frames(hardware)
+    check_faults(hardware)
+
+
+@pytest.mark.full
+def test_force_of_displacement_beyond_a_band_and_dots(tmp_path):
+    """The dots wait for the displacement."""
+    hardware = Hardware(
+        tmp_path,
+        outputs=("depth", "force_xyz"),
+        channels="bgr+nir",
+        solver="tridiagonal",
+        mode="difference",
+        kernel="collapsed",
+        weights="baked",
+        lanes=2,
+        size=32,
+        dots=True,
+        bridge_dots=True,
+        band_mm=0.001,
+    )
+    assert hardware.top.datapath.stages["dots"] == hardware.top.datapath.force_sum.latency
+    check_frames(hardware)
+
+
+@pytest.mark.full
+def test_force_of_patches_and_dots(tmp_path):
+    settings = {"dots": True, "bridge_dots": True, "lanes": 2}
+    check_frames(Hardware(tmp_path, outputs=("force_x", "force_z"), **settings))
+
+
+@pytest.mark.full
+def test_depth_over_bridged_slopes_without_a_force(tmp_path):
+    check_frames(Hardware(tmp_path, outputs=("depth",), bridge_dots=True, lanes=4))
+
+
 @pytest.mark.full
 def test_normals_depth_and_force_map(tmp_path):
     hardware = Hardware(
