@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """Clock cycles and multipliers of a scene's hardware from formulas, without a bundle or elaboration."""
 
 from collections.abc import Sequence

@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """Look-up tables, block RAM and DSP slices of a pipeline's hardware, estimated without elaborating it.
 
 Each stage's look-up tables are a sum of a few counts that follow from its words, such as the bits of its

@@ -103,8 +103,9 @@ class SlopeBridgeStream(wiring.Component):
             for step in (distance, -distance):  # the later choice comes first: left before right
                 beat, other = divmod(lane + step, self.lanes)
                 source = window[self.ahead + beat]
-                inside = column < self.row_beats - beat if beat > 0 else column >= -beat
-                skin = ~source.dark[other] & inside
+                skin = ~source.dark[other]
+                if beat:
+                    skin &= column < self.row_beats - beat if beat > 0 else column >= -beat
                 values = source.slopes[other].as_value(), source.over[other]
                 found = tuple(Mux(skin, new, old) for new, old in zip(values, found, strict=True))
         return tuple(Mux(middle.dark[lane], new, old) for new, old in zip(found, own, strict=True))
