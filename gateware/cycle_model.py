@@ -120,7 +120,7 @@ class CycleModel(FrameCycles):
     @property
     def _displacement_bits(self) -> int:
         """Bits of a displacement as a signed word."""
-        return self.scene.numbers.displacement_bits + self.scene.force.clamp
+        return self.scene.numbers.displacement_bits + (not self.scene.force.signed)
 
     def _weighted_sum(self) -> Figures:
         """Figures of WeightedSumStream; a collapsed kernel's words can hold any sum of K² kernel words."""

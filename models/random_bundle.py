@@ -59,7 +59,7 @@ def scene(
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
-        clamp = SOLVERS[solver].can_clamp and band_mm is None
+        clamp = SOLVERS[solver].can_clamp
     return Scene.model_validate(
         {
             "name": "random_bundle",

@@ -71,7 +71,8 @@ class Force(Strict):
     bit, from one weight a pixel."""
     kernel_size: Literal[1, 3, 5, 7] = 5
     clamp: bool = True
-    """Whether displacement away from the camera counts as zero, as in the paper."""
+    """Whether displacement away from the camera counts as zero, as in the paper; with `band_mm` it never
+    does."""
     fit: str = "displacement"
     """How the model is found, an entry of scenes/force_fits.py. displacement: HyperForce, trained on the
     displacement; the adjoint's weights of the slopes follow from its kernels. weights: one weight a pixel of
@@ -79,12 +80,17 @@ class Force(Strict):
     adjoint only."""
     band_mm: Positive | None = None
     """What is displaced beyond ±band_mm, in the contact and in the bulge around it, has weights of its own:
-    the force is then not linear in the displacement. With fit 'weights' and clamp = false."""
+    the force is then not linear in the displacement. With fit 'weights'."""
     dots: bool = False
     """Whether the shifts of the marker dots are a part of the force, beside displacement or slopes: without
     them little shows how the skin is dragged."""
     hidden: Annotated[int, Field(ge=1, le=256)] = 32
     max_displacement_mm: Positive = 2.0
+
+    @property
+    def signed(self) -> bool:
+        """Whether displacement away from the camera counts."""
+        return not self.clamp or self.band_mm is not None
 
 
 class Training(Strict):

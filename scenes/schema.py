@@ -160,10 +160,8 @@ class Scene(Strict):
             raise ValueError(
                 f"force.fit: {force.fit!r} needs force.kernel 'collapsed' and a poisson.solver with depth"
             )
-        if force.band_mm and (not of_weights or force.clamp):
-            raise ValueError(
-                f"force.band_mm: {force.band_mm:g} needs force.fit 'weights' and force.clamp = false"
-            )
+        if force.band_mm and not of_weights:
+            raise ValueError(f"force.band_mm: {force.band_mm:g} needs force.fit 'weights'")
 
     def _check_dots(self) -> None:
         """Raise ValueError unless dots can be seen where they are to be."""

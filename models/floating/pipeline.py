@@ -98,6 +98,12 @@ class FloatPipeline:
             scale = 1
         return tables
 
+    @property
+    def pixel_weights(self) -> np.ndarray:
+        """The skin's force weights, one a pixel and term: kernels collapsed, all others as they are."""
+        of_kernels = self.force_weights.ndim == KERNELS_NDIM
+        return collapse(self.force_weights) if of_kernels else self.force_weights
+
     @cached_property
     def _after(self) -> "_AfterSlopes":
         return _AfterSlopes(self)
@@ -147,7 +153,8 @@ class FloatPipeline:
 
         normals : frame (H, W, C) uint8 to slopes (H, W, 2)
         depth : slopes to the displacement (N, N) in mm
-        force : displacement, which is overwritten, to force_n (axes,); only with force weights
+        force : displacement, which is overwritten, to force_n (axes,), without the dots' share; only with
+            force weights
         The scene must have a depth solver.
         """
         worker, after = _Worker(self), self._after
@@ -201,8 +208,7 @@ class _AfterSlopes:
             order = self.sine.order
             self.reciprocal = (-pitch_mm / eigenvalues(size)[order][:, order]).astype(np.float32)
         if self.weights is not None:
-            of_kernels = self.weights.ndim == KERNELS_NDIM
-            weight = collapse(self.weights) if of_kernels else self.weights
+            weight = pipeline.pixel_weights
             self.weight = weight.reshape(len(weight), -1).astype(np.float64)
 
     @cached_property
@@ -242,8 +248,8 @@ class _AfterSlopes:
         return self.weight @ x.reshape(-1).astype(np.float64)
 
     def clamped(self, displacement_mm: np.ndarray) -> np.ndarray:
-        """The displacement with negative values set to zero, in place, if the scene clamps."""
-        return np.maximum(displacement_mm, 0, out=displacement_mm) if self.force.clamp else displacement_mm
+        """The displacement with negative values set to zero, in place, unless they count."""
+        return displacement_mm if self.force.signed else np.maximum(displacement_mm, 0, out=displacement_mm)
 
     def __call__(self, slopes: np.ndarray, shift_px: np.ndarray | None, out: dict[str, np.ndarray]) -> None:
         """Compute the outputs of one frame from its slopes (H, W, 2) and its dots' shifts (M, 2), if any, and

@@ -8,7 +8,6 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from fastac.models.floating.hyperforce import collapse
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.laplacian import STENCILS, divergence_of, eigenvalues, sine_matrix
@@ -17,14 +16,17 @@ from fastac.models.integer.laplacian import STENCILS, divergence_of, eigenvalues
 class TorchPipeline:
     """A float pipeline with its weights on `device`; the scene must have a depth solver.
 
-    Force is computed if the pipeline has force weights.
+    Force is computed if the pipeline has force weights. Raises ValueError where marker dots have a part in
+    slopes or force: what finds them does not run on the device.
     """
 
     def __init__(self, pipeline: FloatPipeline, device: str):
         scene, background = pipeline.scene, pipeline.background
+        if scene.wants_darkness:
+            raise ValueError(f"scene {scene.name}: its dots are not found on a torch device")
         self.device = torch.device(device)
         self.pitch_mm, self.divergence = scene.sensor.pitch_mm, scene.poisson.divergence
-        self.limit, self.clamp = scene.numbers.slope_limit, scene.force.clamp
+        self.limit, self.clamp = scene.numbers.slope_limit, not scene.force.signed
         self.shape = background.shape[:2]
         size = self.shape[0] - 2
 
@@ -46,7 +48,8 @@ class TorchPipeline:
         self.rest_slopes = here(pipeline.rest_slopes())
         self.weight = None
         if pipeline.force_weights is not None:
-            weight = collapse(pipeline.force_weights)
+            weight = pipeline.pixel_weights
+            self.band_mm = scene.force.band_mm
             self.weight = here(weight.reshape(len(weight), -1))
 
     @torch.inference_mode()
@@ -75,6 +78,9 @@ class TorchPipeline:
     def force(self, displacement_mm: torch.Tensor) -> torch.Tensor:
         """The displacement (N, N) in mm to force_n (axes,)."""
         x = displacement_mm.clamp(min=0) if self.clamp else displacement_mm
+        if self.band_mm is not None:
+            beyond = (x - self.band_mm).clamp(min=0), (x + self.band_mm).clamp(max=0)
+            x = torch.stack([x, *beyond], dim=-1)
         return self.weight @ x.reshape(-1)
 
     def stages(self) -> dict[str, Callable[[torch.Tensor], torch.Tensor]]:

@@ -104,9 +104,11 @@ def assemble(
     quantiser = None
     if scene.wants_force:
         largest = scene.force.max_displacement_mm / pitch * 2.0**chosen.depth_format.fraction
-        magnitude_bits = numbers.displacement_bits - (not scene.force.clamp)
+        magnitude_bits = numbers.displacement_bits - scene.force.signed
         shift = max(int(largest).bit_length() - magnitude_bits, 0)
-        quantiser = DisplacementQuantiser(depth.width, shift, numbers.displacement_bits, scene.force.clamp)
+        quantiser = DisplacementQuantiser(
+            depth.width, shift, numbers.displacement_bits, not scene.force.signed
+        )
     return pipeline.replace(source=source, solver=chosen, depth=depth, quantiser=quantiser)
 
 
@@ -144,8 +146,8 @@ def _with_skin_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerP
         return pipeline.replace(force=force, force_n_per_unit=2.0**-pipeline.ratio.fraction / scale)
     words, scale = quantise_weights(weights, numbers.kernel_bits)
     if scene.force_of_weights:
-        constant, signed = np.zeros(len(words), np.int64), not scene.force.clamp
-        force = WeightedSum(words, constant, numbers.displacement_bits, signed)
+        constant = np.zeros(len(words), np.int64)
+        force = WeightedSum(words, constant, numbers.displacement_bits, scene.force.signed)
         return pipeline.replace(force=force, force_n_per_unit=pipeline.displacement_mm_per_unit / scale)
     force = PatchForce(words, numbers.kernel_bits, numbers.displacement_bits, not scene.force.clamp)
     if scene.force.kernel == "collapsed":

@@ -176,7 +176,9 @@ def run(
     except NoCounters as error:
         absent["energy of the CPU"] = str(error)
     platforms = {"CPU": cpu}
-    if torch.cuda.is_available():
+    if build.scene.wants_darkness:
+        absent["GPU"] = "the scene's dots are not found on a torch device"
+    elif torch.cuda.is_available():
         gpu_stages = device_stages(TorchPipeline(pipeline, "cuda"), frames)
         platforms["GPU"] = {
             "device": torch.cuda.get_device_name(),
