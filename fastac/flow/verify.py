@@ -2,7 +2,6 @@
 """The verification campaign: one trained model as hardware of several widths, each against the integers."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle as bundles
+from fastac.models.integer.assemble import with_loadable
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene, SceneError, describe
@@ -48,9 +48,7 @@ def derive(bundle: Bundle, folder: Path, *, lanes: int, weights: str | None = No
     pipeline = bundle.pipeline
     if weights is not None:
         content["hardware"]["weights"] = weights
-        layers = tuple(replace(layer, loadable=weights == "loadable") for layer in pipeline.layers)
-        ratio = replace(pipeline.ratio, normal_width=layers[-1].accumulator_width)
-        pipeline = pipeline.replace(layers=layers, ratio=ratio)
+        pipeline = with_loadable(pipeline, weights == "loadable")
     try:
         scene = Scene.model_validate(content)
     except ValidationError as error:

@@ -27,6 +27,21 @@ def quantise_weights(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.nda
     return np.rint(weights * scale.reshape(shape)).astype(np.int64), scale
 
 
+def with_loadable(pipeline: IntegerPipeline, loadable: bool) -> IntegerPipeline:
+    """The pipeline for hardware whose network and thresholds of darkness can be loaded, or cannot."""
+    layers = tuple(replace(layer, loadable=loadable) for layer in pipeline.layers)
+
+    def with_windows(stage):
+        return stage and replace(stage, windows=replace(stage.windows, loadable=loadable))
+
+    return pipeline.replace(
+        layers=layers,
+        ratio=replace(pipeline.ratio, normal_width=layers[-1].accumulator_width),
+        bridge=with_windows(pipeline.bridge),
+        follower=with_windows(pipeline.follower),
+    )
+
+
 def assemble(
     scene: Scene,
     *,
@@ -47,11 +62,6 @@ def assemble(
     """
     numbers, pitch = scene.numbers, scene.sensor.pitch_mm
     loadable = scene.hardware.weights == "loadable"
-    layers = tuple(replace(layer, loadable=loadable) for layer in layers)
-    if bridge is not None:
-        bridge = replace(bridge, windows=replace(bridge.windows, loadable=loadable))
-    if follower is not None:
-        follower = replace(follower, windows=replace(follower.windows, loadable=loadable))
     ratio = GradientRatio(
         normal_width=layers[-1].accumulator_width,
         width=numbers.slope_bits,
@@ -72,6 +82,8 @@ def assemble(
         bridge=bridge,
         follower=follower,
     )
+    pipeline = with_loadable(pipeline, loadable)
+    ratio = pipeline.ratio
     if not scene.wants_solver:
         return pipeline
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fastac.models.integer.force import PatchForce
+from fastac.models.integer.force import PatchForce, WeightedSum, terms
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.words import signed_width
@@ -230,6 +230,8 @@ def weighted_sum_case(pipeline: IntegerPipeline) -> WorstCase:
     inputs = extremes(weight, low, top).reshape(-1, *force.weight.shape[1:])
     outputs = force(inputs)
     range_bound = interval(weight, low, top, force.constant)
+    if pipeline.band is not None:
+        return banded_sum_case(force, pipeline.band)
     return WorstCase(
         "force",
         "accumulator",
@@ -244,6 +246,48 @@ def weighted_sum_case(pipeline: IntegerPipeline) -> WorstCase:
     )
 
 
+@dataclass(frozen=True, eq=False)
+class BandedSum:
+    """A weighted sum of the terms of displacements with a band; its inputs are (..., rows, columns, 1)."""
+
+    weighted: WeightedSum
+    band: int
+
+    def __call__(self, displacement: np.ndarray) -> np.ndarray:
+        return self.weighted(terms(displacement[..., 0], self.band))
+
+
+def banded_sum_case(force: WeightedSum, band: int) -> WorstCase:
+    """The force for displacements that drive each axis highest and lowest: a pixel's share is linear between
+    the ends of the range, the band's edges and 0."""
+    top = force.input_limit
+    bends = np.array([-top, -band, 0, band, top])
+    share = np.einsum("arct,kt->karc", force.weight, terms(bends, band))
+    chosen = np.concatenate([share.argmax(axis=0), share.argmin(axis=0)])
+    inputs, stage = bends[chosen][..., None], BandedSum(force, band)
+    outputs = stage(inputs)
+    reachable = magnitude(np.array([share.max(axis=0).sum(axis=(1, 2)), share.min(axis=0).sum(axis=(1, 2))]))
+    note = "the bound adds the magnitudes of a pixel's three terms"
+    return WorstCase(
+        *("force", "accumulator", force.width, force.bound, reachable, magnitude(outputs)),
+        *(stage, inputs, outputs, note),
+    )
+
+
+def dot_force_case(pipeline: IntegerPipeline) -> WorstCase:
+    """The dots' share of the force, before it is brought to the skin's unit, for shifts with the weights'
+    signs."""
+    force = pipeline.dot_force.weighted
+    top = force.input_limit
+    weight = force.weight.reshape(len(force.weight), -1)
+    inputs = extremes(weight, -top, top).reshape(-1, *force.weight.shape[1:])
+    outputs = force(inputs)
+    return WorstCase(
+        *("force of dots", "accumulator", force.width, force.bound, interval(weight, -top, top)),
+        *(magnitude(outputs), force, inputs, outputs),
+    )
+
+
 def of_pixels(pipeline: IntegerPipeline) -> list[WorstCase]:
     """Worst cases of every stage that the pipeline has, except the Poisson solver's."""
     found = layer_cases(pipeline)
@@ -255,4 +299,6 @@ def of_pixels(pipeline: IntegerPipeline) -> list[WorstCase]:
         found += patch_force_cases(pipeline.force)
     elif pipeline.force is not None:
         found.append(weighted_sum_case(pipeline))
+    if pipeline.dot_force is not None:
+        found.append(dot_force_case(pipeline))
     return found

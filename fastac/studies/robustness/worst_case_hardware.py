@@ -21,7 +21,7 @@ from fastac.models.integer.source import PoissonSource
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import ConstantParameters
 from fastac.sim.runner import QUICK
-from fastac.studies.robustness.worst_case import WorstCase
+from fastac.studies.robustness.worst_case import BandedSum, WorstCase
 
 
 def _rows(frames: np.ndarray, lanes: int) -> np.ndarray:
@@ -71,8 +71,13 @@ def _force(case: WorstCase, lanes: int):
         dut, bits = PatchForceStream(force, lanes=lanes), force.displacement_bits
         beats = _rows(frames, lanes)
     else:
+        band = None
+        if isinstance(force, BandedSum):
+            force, band = force.weighted, force.band
+        lanes = min(lanes, force.weight.shape[2])  # dots come one by one
         # The worst constant is built in, as one that is loaded would stand there.
-        dut, bits = WeightedSumStream(force, lanes=lanes, loadable=False), force.input_width
+        dut = WeightedSumStream(force, lanes=lanes, loadable=False, band=band)
+        bits = force.input_width
         beats = np.concatenate([raster_beats(f, lanes) for f in frames])
     mask = (1 << case.outputs.shape[-1] * force.width) - 1
     return dut, pack(beats.reshape(len(beats), -1), bits), pack(case.outputs, force.width), mask
@@ -89,7 +94,7 @@ def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, .
         dut, inputs, expected, mask = _layer(case)
     elif isinstance(stage, GradientRatio):
         dut, inputs, expected, mask = _ratio(case)
-    elif isinstance(stage, PatchForce | WeightedSum):
+    elif isinstance(stage, PatchForce | WeightedSum | BandedSum):
         dut, inputs, expected, mask = _force(case, lanes)
     else:
         if isinstance(stage, PoissonSource):
