@@ -69,10 +69,10 @@ class ExactTables:
         if pipeline.bridge is not None:
             self.threshold = pipeline.bridge.windows.threshold.astype(np.int64)
         if pipeline.force is not None:
-            self.band = pipeline.band
             self._plan_force(pipeline.force)
 
     def _plan_force(self, force: PatchForce | WeightedSum) -> None:
+        self.band = self.pipeline.band
         resultant = force.collapsed() if isinstance(force, PatchForce) else force
         dots = self.pipeline.dot_force
         require_exact("force", resultant.bound + (dots.bound if dots is not None else 0))

@@ -16,7 +16,7 @@ def absent(found: dict[str, str]) -> set[str]:
 def test_depth_and_force(make_scene, tmp_path):
     found = scope(make_scene, tmp_path)
     assert absent(found.simulated()) == {"demosaicing"}
-    assert absent(found.elaborated()) == {"recurrences", "reversal"}
+    assert absent(found.elaborated()) == {"recurrences", "reversal", "bridge", "dots"}
     assert found.verified() == {"normals": "768", "depth": "196", "force": "1", "force map": ABSENT}
     assert found.trained()["force model"] == "kernels 5×5"
 

@@ -206,7 +206,7 @@ def test_a_worker_tells_what_cannot_be_from_what_went_wrong(make_scene, cache, t
 
     assert set(outcome(network={"width": 64}, hardware={"pixels_per_clock": 4})) == {"infeasible"}
 
-    def broken(scene, *, flat):
+    def broken(pipeline):
         raise KeyError("missing")
 
     monkeypatch.setattr(point_steps, "latency", broken)
