@@ -2,6 +2,7 @@
 
 import random
 
+from amaranth import Value
 from amaranth.sim import Simulator
 
 PATIENT = 0.5
@@ -28,7 +29,7 @@ def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
             while rng.random() < stalls["i"]:
                 await ctx.tick()
                 clock += 1
-            ctx.set(dut.i.payload.as_value(), payload)
+            ctx.set(Value.cast(dut.i.payload), payload)
             ctx.set(dut.i.valid, 1)
             moved = False
             while not moved:
@@ -44,7 +45,7 @@ def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
             for clock in range(clocks):
                 goes_on = rng.random() >= stalls[name]
                 ctx.set(o.ready, goes_on and (stalls[name] <= PATIENT or waits))
-                *_, ready, valid, payload = await ctx.tick().sample(o.ready, o.valid, o.payload.as_value())
+                *_, ready, valid, payload = await ctx.tick().sample(o.ready, o.valid, Value.cast(o.payload))
                 waits = valid and not ready
                 if ready and valid:
                     payloads[name].append(payload)

@@ -3,6 +3,9 @@
 Settings are in the file BENCH: the input words of each stage, the expected flags of each frame, the latency
 of `verdict` in clocks, and the beats of pixels per frame. With `cases`, each (frame, word of limits in
 hexadecimal, flags), the component has loadable limits and frames come one by one.
+
+With dots `dots_lags` has clocks from a frame's last beat of pixels to its last dot; frames that come one by
+one take them in turn, others the first. `dots_latency` is the verdict's latency from the last dot.
 """
 
 import json
@@ -22,7 +25,11 @@ LAGS = {"pixels": 0, "features": 3, "slopes": 40, "displacements": 300}
 """Clocks from a frame's last beat of pixels to its last beat at each stage: about the stages' latency."""
 SHORT_LAGS = LAGS | {"slopes": 20, "displacements": 40}
 """For frames that come one by one."""
-PORT = {"slopes": "slopes_over", "displacements": "displacements_over"}
+PORT = {"slopes": "slopes_over", "displacements": "displacements_over", "dots": "dot_lost"}
+TAKEN = {"dots": "dot_taken"}
+DOTS_LAGS, DOTS_LATENCY = SETTINGS.get("dots_lags", [0]), SETTINGS.get("dots_latency", 0)
+LAGS["dots"] = DOTS_LAGS[0]
+OBSERVED = [name for name in STREAMS if name != "dots"]
 
 
 def schedule(name: str) -> dict[int, int]:
@@ -32,11 +39,16 @@ def schedule(name: str) -> dict[int, int]:
     return {LAGS[name] + (k // count + 1) * BEATS - count + k % count: word for k, word in enumerate(words)}
 
 
+def drive(dut, name: str, moves: bool, word: int):
+    getattr(dut, TAKEN.get(name, f"{name}_taken")).value = int(moves)
+    getattr(dut, PORT.get(name, name)).value = word
+
+
 async def start(dut):
     Clock(dut.clk, 10, unit="ns").start()
     dut.rst.value = 1
     for name in STREAMS:
-        getattr(dut, f"{name}_taken").value = 0
+        drive(dut, name, False, 0)
     await ClockCycles(dut.clk, 2)
     dut.rst.value = 0
 
@@ -48,19 +60,21 @@ async def flags_of_every_frame(dut, pause, late):
     rng = random.Random(1)
     await start(dut)
     words = {name: schedule(name) for name in STREAMS}
-    last = LAGS[list(STREAMS)[-1]] + BEATS - 1  # clock of a frame's last beat at the last stage
-    ends, offered, found, suspect = [], [], [], []
+    # Of the first frame's last beat at the last stage, and of its last dot: clock, and verdict's latency.
+    last = [(LAGS[OBSERVED[-1]] + BEATS - 1, SETTINGS["latency"])]
+    last += [(LAGS["dots"] + BEATS - 1, DOTS_LATENCY)] * ("dots" in STREAMS)
+    due, offered, found, suspect = [[] for _ in last], [], [], []
     clock = place = 0
     while len(found) < len(FLAGS):
         # All stages pause together, like one pipeline.
         moves = rng.random() >= pause
         for name, beats in words.items():
-            getattr(dut, f"{name}_taken").value = int(moves and place in beats)
             anything = rng.choice(STREAMS[name])
-            getattr(dut, PORT.get(name, name)).value = beats.get(place, anything) if moves else anything
+            drive(dut, name, moves and place in beats, beats.get(place, anything) if moves else anything)
         if moves:
-            if place >= last and (place - last) % BEATS == 0:
-                ends.append(clock)
+            for clocks, (end, latency) in zip(due, last, strict=True):
+                if place >= end and (place - end) % BEATS == 0:
+                    clocks.append(clock + latency)
             place += 1
         ready = rng.random() >= late
         dut.verdict__ready.value = int(ready)
@@ -77,8 +91,8 @@ async def flags_of_every_frame(dut, pause, late):
     assert found == FLAGS, f"flags {found}, expected {FLAGS}"
     assert suspect[: len(FLAGS)] == [int(flags & ~OF_FORCE > 0) for flags in FLAGS]
     if not late:
-        found = [b - a for a, b in zip(ends, offered, strict=False)]
-        assert found == [SETTINGS["latency"]] * len(FLAGS), f"clocks {found}, expected {SETTINGS['latency']}"
+        expected = [max(clocks) for clocks in zip(*due, strict=False)][: len(FLAGS)]
+        assert offered == expected, f"verdicts in clocks {offered}, expected {expected}"
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms", skip="cases" not in SETTINGS)
@@ -86,19 +100,18 @@ async def flags_for_each_limit(dut):
     """A frame's flags follow the limits that are loaded, to the last bit of every measure."""
     await start(dut)
     dut.verdict__ready.value = 1
-    for frame, limits, expected in SETTINGS["cases"]:
+    for case, (frame, limits, expected) in enumerate(SETTINGS["cases"]):
         dut.limits.value = int(limits, 16)
-        words = {}
+        words, lags = {}, SHORT_LAGS | {"dots": DOTS_LAGS[case % len(DOTS_LAGS)]}
         for name, all_words in STREAMS.items():
             count = len(all_words) // SETTINGS["frames"]
-            first = SHORT_LAGS[name] + BEATS - count
+            first = lags[name] + BEATS - count
             own = all_words[frame * count : (frame + 1) * count]
             words[name] = dict(enumerate(own, first))
         found, suspect = [], []
-        for clock in range(2 * (max(SHORT_LAGS.values()) + BEATS)):
+        for clock in range(2 * (max(lags.values()) + BEATS)):
             for name, beats in words.items():
-                getattr(dut, f"{name}_taken").value = int(clock in beats)
-                getattr(dut, PORT.get(name, name)).value = beats.get(clock, 0)
+                drive(dut, name, clock in beats, beats.get(clock, 0))
             await ReadOnly()
             if int(dut.suspect_valid.value):
                 suspect.append(int(dut.suspect.value))

@@ -81,6 +81,7 @@ COMPONENTS = (
     ),
     Component("bus/registers", ("bus/test_registers.py",), datapath=False, designs=2),
     Component("dots/axis", ("dots/test_follower.py::test_stream_rules_in_verilator",)),
+    Component("dots/dark_queue", ("dots/test_dark_queue.py",)),
     Component("dots/darkness", ("dots/test_darkness.py",)),
     Component("dots/follower", ("dots/test_follower.py::test_stream_rules_in_verilator",)),
     Component("dots/window_stream", ("dots/test_window_stream.py::test_stream_rules_in_verilator",)),
@@ -101,6 +102,7 @@ COMPONENTS = (
             ),
         ),
     ),
+    Component("force/force_sum", ("force/test_force_sum.py",)),
     Component(
         "force/patch_generator",
         ("force/test_patch_generator.py",),
@@ -125,7 +127,11 @@ COMPONENTS = (
     ),
     Component(
         "force/weighted_sum",
-        ("force/test_weighted_sum.py::test_force_of_every_frame",),
+        (
+            "force/test_weighted_sum.py::test_force_of_every_frame",
+            "force/test_weighted_sum.py::test_band_in_verilator",
+        ),
+        designs=2,
         allowed=(Allowed("advance.eq(products.ready | ~products.valid)", NO_FILLING),),
     ),
     Component("fz_stream", ("test_fz_stream.py::test_force_of_every_frame",)),
@@ -172,6 +178,7 @@ COMPONENTS = (
             ),
         ),
     ),
+    Component("network/slope_bridge", ("network/test_slope_bridge.py",)),
     Component(
         "poisson/depth",
         ("poisson/test_depth.py",),

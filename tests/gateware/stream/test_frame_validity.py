@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastac.gateware.stream.frame_validity import FrameValidity
+from fastac.gateware.stream.frame_validity import DOTS_LATENCY, FrameValidity
 from fastac.models.integer import frame_validity as model
 from fastac.models.integer.features import integer_features
 from fastac.sim.check_stream import pack
@@ -15,10 +15,14 @@ from fastac.sim.runner import simulate
 
 SIZE = 16
 FRAMES = 6
+DOTS = 9
+BEFORE, AFTER = -21, 380
+"""Clocks from a frame's last beat of pixels to its last dot: before and after all else is known."""
 
 
-def stimulus(rng, channels: int, slopes: bool, displacements: bool):
-    """Frames with small to large changes, their background, and which slopes and displacements saturate."""
+def stimulus(rng, channels: int, slopes: bool, displacements: bool, dots: int = 0):
+    """Frames with small to large changes, their background, and which slopes and displacements saturate and
+    which dots are lost."""
     background = rng.integers(60, 200, (SIZE, SIZE, channels)).astype(np.uint8)
     spans = np.array([3, 255, 20, 40, 255, 8])[:, None, None, None]
     changed = background + rng.integers(-spans, spans + 1, (FRAMES, *background.shape))
@@ -28,6 +32,7 @@ def stimulus(rng, channels: int, slopes: bool, displacements: bool):
         "displacements": rng.random((FRAMES, SIZE - 2, SIZE - 2)) < rng.random((FRAMES, 1, 1))
         if displacements
         else None,
+        "dots": rng.random((FRAMES, dots)) < np.linspace(0, 1, FRAMES)[:, None] if dots else None,
     }
     return frames, background, {name: value for name, value in over.items() if value is not None}
 
@@ -46,18 +51,32 @@ def words(frames, backgrounds, over, lanes: int) -> dict[str, list[int]]:
     if "displacements" in over:
         padded = np.pad(over["displacements"], ((0, 0), (0, 0), (0, -(SIZE - 2) % lanes)))
         found["displacements"] = pack(padded.reshape(-1, lanes).astype(int), 1)
+    if "dots" in over:
+        found["dots"] = over["dots"].ravel().astype(int).tolist()
     return found
 
 
 @pytest.mark.parametrize(
-    ("lanes", "channels", "slopes", "displacements"),
-    [(1, 4, True, True), (2, 3, True, False), (4, 4, False, False), (4, 3, True, True)],
+    ("lanes", "channels", "slopes", "displacements", "dots", "dots_lag"),
+    [
+        (1, 4, True, True, 0, 0),
+        (2, 3, True, False, 0, 0),
+        (4, 4, False, False, 0, 0),
+        (4, 3, True, True, 0, 0),
+        (4, 3, True, True, DOTS, BEFORE),
+        (4, 3, True, True, DOTS, AFTER),
+        (1, 4, True, True, DOTS, 303),
+        (2, 4, False, False, 1, 4),
+    ],
 )
-@pytest.mark.quick("2-3-True-False")
-def test_flags(tmp_path, lanes, channels, slopes, displacements):
+@pytest.mark.quick("2-3-True-False-0-0", f"4-3-True-True-{DOTS}-{AFTER}", f"4-3-True-True-{DOTS}-{BEFORE}")
+def test_flags(tmp_path, lanes, channels, slopes, displacements, dots, dots_lag):
+    """Dots are known before or after all else, or as the last displacement or change is about to be."""
     rng = np.random.default_rng(lanes)
-    frames, background, over = stimulus(rng, channels, slopes, displacements)
-    known = model.FrameValidity.unlimited(background.shape, slopes=slopes, displacements=displacements)
+    frames, background, over = stimulus(rng, channels, slopes, displacements, dots)
+    known = model.FrameValidity.unlimited(
+        background.shape, slopes=slopes, displacements=displacements, dots=dots
+    )
     measures = np.array([known.of_pixels(frame, background) for frame in frames])
     for saturated in over.values():
         measures = np.column_stack([measures, saturated.reshape(FRAMES, -1).sum(axis=1)])
@@ -76,6 +95,8 @@ def test_flags(tmp_path, lanes, channels, slopes, displacements):
         "streams": words(frames, [background] * FRAMES, over, lanes),
         "flags": flags.tolist(),
         "latency": component.latency,
+        "dots_lags": [dots_lag],
+        "dots_latency": DOTS_LATENCY,
         "beats": SIZE * SIZE // lanes,
     }
     (tmp_path / "settings.json").write_text(json.dumps(settings))
@@ -88,7 +109,7 @@ def test_every_measure_to_the_last_bit(tmp_path):
     """Limits equal to a frame's measures let it pass; any other bit of one limit sets that measure's flag."""
     lanes, channels = 2, 4
     rng = np.random.default_rng(1)
-    frames, background, over = stimulus(rng, channels, slopes=True, displacements=True)
+    frames, background, over = stimulus(rng, channels, slopes=True, displacements=True, dots=DOTS)
     backgrounds = np.array([background] * FRAMES)
     # The largest measures of either sign, and the largest and smallest steps between neighbours.
     frames[0], backgrounds[0] = 255, 0
@@ -99,7 +120,7 @@ def test_every_measure_to_the_last_bit(tmp_path):
     frames[5].reshape(-1, channels)[:88] = 255  # a count whose bits are neither all 0 nor all 1
     for saturated in over.values():
         saturated[0], saturated[1] = True, False
-    known = model.FrameValidity.unlimited(background.shape, slopes=True, displacements=True)
+    known = model.FrameValidity.unlimited(background.shape, slopes=True, displacements=True, dots=DOTS)
     component = FrameValidity(known, lanes=lanes, loadable=True)
     two_sided = np.array([name in model.TWO_SIDED for name in known.names])
     least, most = known.bounds
@@ -124,6 +145,8 @@ def test_every_measure_to_the_last_bit(tmp_path):
     settings = {
         "streams": words(frames, backgrounds, over, lanes),
         "cases": cases,
+        "dots_lags": [BEFORE, 60],  # these frames pass the stages faster
+        "dots_latency": DOTS_LATENCY,
         "frames": FRAMES,
         "flags": [],
         "beats": SIZE * SIZE // lanes,

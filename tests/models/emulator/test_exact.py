@@ -10,7 +10,7 @@ from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exactness import EXACT, NotExactError, require_exact
 from fastac.models.emulator.pipeline import Emulator
-from fastac.models.integer.force import PatchForce
+from fastac.models.integer.force import PatchForce, terms
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.loops.frames import CHUNK, over_frames
@@ -32,7 +32,10 @@ def frames_of(background: np.ndarray) -> np.ndarray:
 def defined(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
     """The words of frames by the stages' own functions."""
     normals = pipeline.normals(frames)
-    slopes, saturated = pipeline.slopes(normals)
+    slopes, saturated = pipeline.ratio(normals)
+    if pipeline.bridge is not None:
+        dark = pipeline.bridge.dark(frames)
+        slopes, saturated = pipeline.bridge(slopes, dark), pipeline.bridge(saturated, dark)
     found = {
         "normal_words": normals,
         "slopes": (slopes * 2.0**-pipeline.ratio.fraction).astype(np.float32),
@@ -48,11 +51,19 @@ def defined(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
         if pipeline.scene.wants_force_map:
             found["force_map_raw"] = pipeline.force.force_map(words)
     elif pipeline.force is not None:
-        found["force_raw"] = pipeline.force(slopes if pipeline.quantiser is None else words[..., None])
+        found["force_raw"] = pipeline.force(
+            slopes if pipeline.quantiser is None else terms(words, pipeline.band)
+        )
+    if pipeline.follower is not None:
+        shift, seen = pipeline.follower(pipeline.follower.windows(frames))
+        found |= {"dot_shift_words": shift, "dots_seen": seen}
+        found["force_raw"] = found["force_raw"] + pipeline.dot_force(shift)
     columns = [np.array([pipeline.validity.of_pixels(frame, pipeline.background) for frame in frames])]
     for name in ("gradient", "displacement"):
         if name in pipeline.validity.names:
             columns.append(found[f"{name}_saturated"][:, None])
+    if pipeline.follower is not None:
+        columns.append((~seen).sum(axis=1, keepdims=True))
     measures = np.hstack(columns)
     return found | {"validity_measures": measures, "validity": pipeline.validity.flags(measures)}
 
@@ -126,6 +137,75 @@ def test_equals_the_integers_on_every_value(tmp_path, name, numbers):
         assert name not in found or found[name].any()
     if numbers and pipeline.quantiser is not None:
         assert found["displacement_saturated"].any()
+
+
+def frames_with_dots(pipeline) -> np.ndarray:
+    """Dots that are moved, covered, smeared and doubled, all dark or all bright, and any frames."""
+    background = pipeline.background
+    u, v = pipeline.follower.rest_px[0] if pipeline.follower is not None else (4, 4)
+    dot = (slice(v - 1, v + 2), slice(u - 1, u + 2))
+    covered, smeared, doubled = (background.copy() for _ in range(3))
+    covered[dot] = background[v - 1 : v + 2, u + 2 : u + 5]
+    smeared[v - 1 : v + 2, u - 1 : u + 6] = background[dot].min()
+    doubled[v - 1 : v + 2, u + 2 : u + 5] = background[dot]
+    moved = [np.roll(background, (1, 2), axis=(0, 1)), np.roll(background, (-2, 1), axis=(0, 1))]
+    lit = np.zeros_like(background)
+    lit[v, u] = 255
+    return np.concatenate([[covered, smeared, doubled, *moved, lit], frames_of(background)])
+
+
+DOTTED = {
+    "dots by slopes": ((XYZ,), {"solver": "adjoint", "dots": True}),
+    "bridge by slopes": ((Z,), {"solver": "adjoint", "bridge_dots": True}),
+    "bridge alone": ((DEPTH,), {"bridge_dots": True, "divergence": "backward"}),
+    "band": ((XYZ,), {"kernel": "collapsed", "band_mm": 0.002}),
+    "dots, patches, clamp": ((DEPTH, Z), {"dots": True, "mode": "difference", "channels": "bgr+nir"}),
+    "all": (
+        (DEPTH, XYZ),
+        {"solver": "tridiagonal", "kernel": "collapsed", "band_mm": 0.002, "dots": True, "bridge_dots": True},
+    ),
+}
+
+
+@pytest.mark.parametrize("weights", ["loadable", "baked"])
+@pytest.mark.parametrize("name", DOTTED)
+@pytest.mark.quick(*(f"{name}-loadable" for name in DOTTED))
+def test_equals_the_integers_with_dots_and_band(tmp_path, name, weights):
+    outputs, settings = DOTTED[name]
+    scene = random_bundle.scene(outputs, size=24, weights=weights, **settings)
+    pipeline = random_bundle.random_bundle(tmp_path / "b", scene, hidden=(7, 5)).pipeline
+    frames = frames_with_dots(pipeline)
+    found = check(pipeline, frames)
+    if pipeline.follower is not None:
+        assert found["dots_seen"].any(axis=0).all()
+        assert not found["dots_seen"][:3, 0].any(), "covered, smeared and doubled dots are lost"
+        assert found["dots_seen"][:3, -1].all(), "the others are not"
+        still = pipeline.replace(
+            dot_force=replace(pipeline.dot_force, exponent=pipeline.dot_force.exponent + 1)
+        )
+        assert (emulated(still, frames)["force_raw"] != found["force_raw"]).any()
+    if pipeline.bridge is not None:
+        bare = emulated(pipeline.replace(bridge=None), frames)
+        assert (bare["slopes"] != found["slopes"]).any()
+        assert (bare["gradient_saturated"] != found["gradient_saturated"]).any()
+    if pipeline.band is not None:
+        words = found["displacement_words"]
+        assert 0 < pipeline.band < words.max()
+        assert words.min() < -pipeline.band
+
+
+def test_the_dots_share_counts_in_whether_float64_is_exact(tmp_path):
+    scene = random_bundle.scene((Z,), solver="adjoint", dots=True)
+    pipeline = random_bundle.random_bundle(tmp_path / "b", scene).pipeline
+    dots = pipeline.dot_force
+    wide = pipeline.replace(dot_force=replace(dots, exponent=dots.exponent + 53 - dots.bound.bit_length()))
+    assert wide.force.bound < wide.dot_force.bound < EXACT
+    ExactTables(wide)
+    wide = pipeline.replace(dot_force=replace(wide.dot_force, exponent=wide.dot_force.exponent + 1))
+    with pytest.raises(NotExactError, match=r"^force bound "):
+        ExactTables(wide)
+    frames = frames_with_dots(pipeline)[:6]
+    np.testing.assert_array_equal(Emulator(wide).run(frames).force_raw, int64_loop(wide, frames)["force_raw"])
 
 
 @pytest.mark.parametrize(
@@ -218,7 +298,7 @@ def test_quotients_just_below_an_integer(tmp_path):
     normal = np.stack([n_x, -n_x, n_z])
     expected, over = ratio(normal.T)
     out = {"slopes": np.empty((1, 64, 64, 2), np.float32), "gradient_saturated": np.empty(1, np.int64)}
-    worker._slopes(normal.astype(np.float64), out)
+    worker._slopes(normal.astype(np.float64), pipeline.background, out)
     np.testing.assert_array_equal(worker.slopes.reshape(2, -1).T, expected)
     assert out["gradient_saturated"][0] == over.sum()
 

@@ -5,7 +5,7 @@ import pytest
 
 from fastac.models.floating.hyperforce import collapse
 from fastac.models.integer.depth import DisplacementQuantiser
-from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.force import PatchForce, WeightedSum, terms
 
 
 def force_by_loop(kernel: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,3 +148,28 @@ class TestWeightedSum:
     def test_refuses_shapes_that_do_not_belong_together(self, shape, constants):
         with pytest.raises(ValueError, match=r"expected \(axes, rows, columns, terms\) and \(axes,\)"):
             WeightedSum(np.ones(shape, int), np.zeros(constants, int), 8, False)
+
+
+class TestTerms:
+    def test_without_a_band_it_is_the_displacement(self):
+        q = np.arange(6).reshape(2, 3)
+        np.testing.assert_array_equal(terms(q, None), q[..., None])
+
+    @pytest.mark.parametrize("band", [0, 3, 0.5])
+    def test_what_is_beyond_the_band_has_terms_of_its_own(self, band):
+        q = np.arange(-5, 6)
+        found = terms(q, band)
+        assert found.shape == (11, 3)
+        for value, (whole, contact, bulge) in zip(q.tolist(), found.tolist(), strict=True):
+            assert whole == value
+            assert contact == (value - band if value > band else 0)
+            assert bulge == (value + band if value < -band else 0)
+
+    def test_the_bound_of_three_terms_holds(self):
+        """Each term is at most as large as the displacement, so the plain bound is enough."""
+        rng = np.random.default_rng(1)
+        force = WeightedSum(rng.integers(-99, 100, (2, 5, 5, 3)), np.zeros(2, int), 8, True)
+        q = rng.choice([-force.input_limit, 0, force.input_limit], (200, 5, 5))
+        assert terms(q, 0).dtype == np.int64
+        assert np.abs(terms(q, 0)).max() == force.input_limit
+        assert force.bound / 4 < np.abs(force(terms(q, 0))).max() <= force.bound

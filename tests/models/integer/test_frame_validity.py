@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fastac.models.emulator.pipeline import Emulator, with_limits
-from fastac.models.integer.frame_validity import REASONS, FrameValidity
+from fastac.models.integer.frame_validity import DISPLACEMENT, DOTS, REASONS, FrameValidity, suspects
 from fastac.models.random_bundle import frames, random_bundle, scene
 
 SHAPE = (6, 8, 3)
@@ -45,11 +45,11 @@ def test_measures_of_pixels():
 
 def test_each_limit_sets_the_bit_of_its_reason():
     shape = (6, 8, 4)
-    validity = FrameValidity.unlimited(shape, slopes=True, displacements=True)
+    validity = FrameValidity.unlimited(shape, slopes=True, displacements=True, dots=9)
     assert validity.names == REASONS
     low, high = validity.bounds
     middle = (low + high) // 2
-    validity = FrameValidity(shape, True, True, middle - 1, middle + 1)
+    validity = FrameValidity(shape, True, True, middle - 1, middle + 1, 9)
     assert validity.flags(middle) == 0
     for k in range(len(REASONS)):
         for step, flag in ((-2, 1 << k), (-1, 0), (1, 0), (2, 1 << k)):
@@ -91,6 +91,29 @@ def test_limits_are_the_range_and_its_margin():
         found = validity.limited(extreme[None])
         assert (found.low >= low).all()
         assert (found.high <= high).all()
+
+
+def test_lost_dots_are_counted_where_there_are_dots():
+    assert "dots" not in FrameValidity.unlimited(SHAPE, slopes=True, displacements=True).names
+    validity = FrameValidity.unlimited(SHAPE, slopes=False, displacements=False, dots=49)
+    assert validity.names == (*MEASURES, "dots")
+    assert [bound[-1] for bound in validity.bounds] == [0, 49]
+    assert validity.widths[-1] == 7
+    measures = np.zeros((3, 7), int)
+    measures[:, -1] = 0, 2, 6
+    limited = validity.limited(measures)
+    assert (limited.dots, limited.low[-1], limited.high[-1]) == (49, 0, 6 + 3)  # half the range
+    none = validity.limited(measures[:1])
+    assert none.high[-1] == 0
+    assert none.flags(measures).tolist() == [0, DOTS, DOTS]
+    with pytest.raises(ValueError, match="high of dots 50: expected 0 to 49"):
+        FrameValidity(SHAPE, False, False, validity.low, np.append(validity.high[:-1], 50), 49)
+
+
+def test_lost_dots_and_saturated_displacements_concern_the_force_alone():
+    flags = np.array([0, DOTS, DISPLACEMENT, DOTS | DISPLACEMENT, DOTS | 1])
+    assert suspects(flags).tolist() == [False, False, False, False, True]
+    assert [REASONS[int(bit).bit_length() - 1] for bit in (DOTS, DISPLACEMENT)] == ["dots", "displacement"]
 
 
 def test_limits_hold_for_the_frames_that_made_them(tmp_path):
