@@ -1,10 +1,10 @@
-"""Fault injection into frames: gain and offset drift, failing lights, dead pixels, defocus.
+"""Fault injection into frames: gain and offset drift, failing lights, dead pixels, defocus, damaged dots.
 
 Frames are (N, H, W, C) uint8; each function returns new ones, rounded and clipped to 0 … 255.
 """
 
 import numpy as np
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import gaussian_filter, maximum_filter
 
 
 def _pixels(values: np.ndarray) -> np.ndarray:
@@ -47,3 +47,41 @@ def defocused(frames: np.ndarray, sigma_px: float) -> np.ndarray:
         return frames.copy()
     blurred = gaussian_filter(frames.astype(np.float32), (0, sigma_px, sigma_px, 0), mode="nearest")
     return _pixels(blurred)
+
+
+def _discs(shape: tuple[int, int], centres_px: np.ndarray, radius_px: float) -> np.ndarray:
+    """Pixels (H, W) bool within `radius_px` of any of the centres (M, 2), u and v."""
+    v, u = np.indices(shape)
+    away = np.hypot(u - centres_px[:, 0, None, None], v - centres_px[:, 1, None, None])
+    return (away <= radius_px).any(axis=0)
+
+
+def covered_dots(frames: np.ndarray, centres_px: np.ndarray, radius_px: float) -> np.ndarray:
+    """Frames whose dots at the centres (N, M, 2) are painted over: each with the brightest skin around it."""
+    size = 2 * int(np.ceil(2 * radius_px)) + 1
+    changed = frames.copy()
+    for frame, centres in zip(changed, centres_px, strict=True):
+        skin = maximum_filter(frame, size=(size, size, 1), mode="nearest")
+        hidden = _discs(frame.shape[:2], centres, radius_px + 1)
+        frame[hidden] = skin[hidden]
+    return changed
+
+
+def smeared_dots(frames: np.ndarray, centres_px: np.ndarray, radius_px: float) -> np.ndarray:
+    """Frames whose dots at the centres (N, M, 2) are smeared over thrice their width, each as dark as its
+    centre."""
+    changed = frames.copy()
+    for frame, centres in zip(changed, centres_px, strict=True):
+        for centre in centres:
+            u, v = np.rint(centre).astype(int)
+            streak = centre + np.array([(step * radius_px, 0) for step in (-2, -1, 0, 1, 2)])
+            frame[_discs(frame.shape[:2], streak, radius_px)] = frame[v, u]
+    return changed
+
+
+def added_dots(frames: np.ndarray, centres_px: np.ndarray, radius_px: float, value: int = 10) -> np.ndarray:
+    """Frames with a dark spot of `value` in every channel at each of the centres (N, M, 2), such as dirt."""
+    changed = frames.copy()
+    for frame, centres in zip(changed, centres_px, strict=True):
+        frame[_discs(frame.shape[:2], centres, radius_px)] = value
+    return changed

@@ -20,7 +20,9 @@ from fastac.flow.steps import DATA
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.frame_validity import REASONS
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.optics import faults
@@ -68,6 +70,39 @@ def frame_faults(scene: Scene, mean_dn: float) -> list[Fault]:
     sigmas = (0, 0.35, 0.5, 0.7, 1, 1.5, 2, 4)
     found.append(Fault("defocus", "px, sigma", sigmas, 0, faults.defocused))
     return found
+
+
+def dot_faults(pipeline: IntegerPipeline) -> list[Fault]:
+    """Faults of some of the marker dots, where they have a part in the force: the levels are their numbers.
+
+    Dots are damaged where they are found; a doubled one has a second one beside it.
+    """
+    if pipeline.follower is None:
+        return []
+    follower, dots = pipeline.follower, pipeline.scene.sensor.markers
+    rest_px, count = follower.rest * 2.0**-FRACTION, len(follower.rest)
+    radius_px = dots.radius_mm / pipeline.scene.sensor.pitch_mm
+    order = np.random.default_rng(1).permutation(count)
+    levels = tuple(level for level in (0, 1, 2, 4, 8, 16) if level <= count)
+
+    def places(frames: np.ndarray, level: float) -> np.ndarray:
+        shift, _ = follower(follower.windows(frames))
+        chosen = order[: int(level)]
+        return rest_px[chosen] + shift[:, chosen] * 2.0**-FRACTION
+
+    def covered(frames: np.ndarray, level: float) -> np.ndarray:
+        return faults.covered_dots(frames, places(frames, level), radius_px)
+
+    def smeared(frames: np.ndarray, level: float) -> np.ndarray:
+        return faults.smeared_dots(frames, places(frames, level), radius_px)
+
+    def added(frames: np.ndarray, level: float) -> np.ndarray:
+        return faults.added_dots(frames, places(frames, level) + (2 * radius_px + 1, 0), radius_px)
+
+    return [
+        Fault(f"dots {name}", "dots", levels, 0, apply)
+        for name, apply in (("covered", covered), ("smeared", smeared), ("doubled", added))
+    ]
 
 
 def _dimmed(channel: int, frames: np.ndarray, factor: float) -> np.ndarray:
@@ -124,7 +159,7 @@ def measure(
         "integer": accuracy.with_background_of(bundle.pipeline, data),
     }
     good = subset(data, index)
-    cases = frame_faults(bundle.scene, float(data.background.mean()))
+    cases = frame_faults(bundle.scene, float(data.background.mean())) + dot_faults(bundle.pipeline)
     for fault in progress(cases):
         for level in fault.levels:
             changed = replace(good, frames=fault.apply(good.frames, level))
