@@ -137,13 +137,29 @@ def painted_dots(background: np.ndarray, sensor: Sensor) -> DotFollower:
     return at_rest(windows, background, places, spacing_px=spacing, reach=1)
 
 
+def force_weights(
+    scene: Scene, rng: np.random.Generator, follower: DotFollower | None
+) -> tuple[np.ndarray, ...]:
+    """Random weights of the force, as `with_force` takes them."""
+    axes, inner, size = len(scene.force_axes), scene.inner_px, scene.force.kernel_size
+    shape = (inner, inner, size, size)
+    if scene.force_from_slopes:
+        shape = (scene.sensor.height_px, scene.sensor.width_px, 2)
+    elif scene.force_of_weights:
+        shape = (inner, inner, 3 if scene.force.band_mm else 1)
+    weights = rng.normal(size=(axes, *shape))
+    if not scene.wants_dots:
+        return (weights,)
+    return weights, rng.normal(scale=10, size=(axes, len(follower.rest), 2))
+
+
 def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
     """Save and return a bundle in `folder`, with random tables for every stage that `scene` wants.
 
     hidden : neurons of each hidden layer of the pixel network
     """
     rng = np.random.default_rng(seed)
-    sensor, axes = scene.sensor, len(scene.force_axes)
+    sensor = scene.sensor
     size = sensor.width_px
     background = rng.integers(80, 170, (size, size, len(sensor.channel_names))).astype(np.uint8)
     bridge = follower = None
@@ -160,15 +176,7 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
         follower=follower if scene.wants_dots else None,
     )
     if scene.wants_force:
-        inner = scene.inner_px
-        kernels = (axes, inner, inner, scene.force.kernel_size, scene.force.kernel_size)
-        shape = (axes, size, size, 2) if scene.force_from_slopes else kernels
-        if scene.force_of_weights:
-            shape = (axes, inner, inner, 3 if scene.force.band_mm else 1)
-        weights = [rng.normal(size=shape)]
-        if scene.wants_dots:
-            weights.append(rng.normal(scale=10, size=(axes, len(follower.rest), 2)))
-        pipeline = with_force(pipeline, *weights)
+        pipeline = with_force(pipeline, *force_weights(scene, rng, follower))
     return bundle.save(folder, with_limits(pipeline, frames(background, GOOD_FRAME_SPANS)), {})
 
 

@@ -9,7 +9,9 @@ import numpy as np
 
 from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.random_bundle import layers
+from fastac.models.integer.slope_bridge import SlopeBridge
+from fastac.models.random_bundle import force_weights, layers
+from fastac.models.vision.dots import bridge_reach, expected_follower
 from fastac.report.tables import markdown_table
 from fastac.scenes.force_fits import FITS
 from fastac.scenes.schema import Scene
@@ -40,18 +42,21 @@ def random_pipeline(scene: Scene) -> IntegerPipeline:
     rng, sensor = np.random.default_rng(SEED), scene.sensor
     shape = (sensor.height_px, sensor.width_px)
     background = rng.integers(80, 170, (*shape, len(sensor.channel_names))).astype(np.uint8)
+    bridge = follower = None
+    if scene.wants_darkness:
+        follower = expected_follower(sensor)
+        bridge = SlopeBridge(follower.windows, bridge_reach(sensor))
     pipeline = assemble.assemble(
         scene,
+        bridge=bridge if scene.wants_bridge else None,
+        follower=follower if scene.wants_dots else None,
         layers=layers(scene, background, rng, scene.network.hidden),
         background=background,
         rest_depth_mm=rest_depth_mm(sensor),
     )
     if not scene.wants_force:
         return pipeline
-    weights = (*shape, 2)
-    if not scene.force_from_slopes:
-        weights = (scene.inner_px, scene.inner_px, scene.force.kernel_size, scene.force.kernel_size)
-    return assemble.with_force(pipeline, rng.normal(size=(len(scene.force_axes), *weights)))
+    return assemble.with_force(pipeline, *force_weights(scene, rng, follower))
 
 
 @dataclass(frozen=True)

@@ -97,7 +97,8 @@ def dot_faults(pipeline: IntegerPipeline) -> list[Fault]:
         return faults.smeared_dots(frames, places(frames, level), radius_px)
 
     def added(frames: np.ndarray, level: float) -> np.ndarray:
-        return faults.added_dots(frames, places(frames, level) + (2 * radius_px + 1, 0), radius_px)
+        beside = places(frames, level) + np.array([2 * radius_px + 1, 0])
+        return faults.added_dots(frames, beside, radius_px)
 
     return [
         Fault(f"dots {name}", "dots", levels, 0, apply)
