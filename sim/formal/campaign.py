@@ -15,6 +15,7 @@ from fastac.sim.formal.proofs import (
     axi_lite,
     calibration_loader,
     divider,
+    dots,
     engines,
     frame_guard,
     frame_validity,
@@ -33,7 +34,7 @@ from fastac.store.files import content_hash, read_json, write_json
 MODULES = (
     *(streams, frame_guard, raster_port, frame_validity),
     *(axi_lite, registers, calibration_loader),
-    *(pipelines, engines, reordering, patches),
+    *(pipelines, engines, reordering, patches, dots),
     *(products, divider, accumulators),
 )
 CACHE = Path("build/cache/formal")

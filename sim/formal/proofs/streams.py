@@ -36,19 +36,21 @@ def fork(component: type) -> FormalBench:
     return bench
 
 
-def fifo_words(bench: FormalBench, path: str, depth: int, width: int) -> tuple[Value, list[Value]]:
+def fifo_words(
+    bench: FormalBench, path: str, depth: int, width: int, name: str = "the FIFO"
+) -> tuple[Value, list[Value]]:
     """Level and words, the oldest first, of the SyncFIFO `path`; asserts that its pointers fit its level."""
     level = bench.probe(f"{path}.level", range(depth + 1))
-    produce, consume = (bench.probe(f"{path}.{name}", range(depth)) for name in ("produce", "consume"))
+    produce, consume = (bench.probe(f"{path}.{end}", range(depth)) for end in ("produce", "consume"))
     rows = [bench.probe(f"{path}.storage[{k}]", width) for k in range(depth)]
     if depth > 1:
-        bench.always("the FIFO's pointers are in it", (produce < depth) & (consume < depth))
+        bench.always(f"{name}'s pointers are in it", (produce < depth) & (consume < depth))
         apart = Signal(range(2 * depth))
         bench.m.d.comb += apart.eq(consume + level)
         bench.always(
-            "the FIFO's pointers fit its level", produce == apart - depth * (apart >= depth).as_unsigned()
+            f"{name}'s pointers fit its level", produce == apart - depth * (apart >= depth).as_unsigned()
         )
-    bench.always("the FIFO holds at most its depth", level <= depth)
+    bench.always(f"{name} holds at most its depth", level <= depth)
     memory = Array(rows)
     return level, [memory[(consume + k) % depth] for k in range(depth)]
 
