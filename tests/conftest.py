@@ -121,6 +121,55 @@ def tiny_bundle(tiny_folder):
 
 
 @pytest.fixture(scope="session")
+def dotted_scene(make_scene) -> Scene:
+    """The tiny scene with twice the pixels and 3 × 3 dots, which bridge slopes and join the force; a band."""
+    pixels = {"height_px": 32, "width_px": 32, "pitch_mm": 0.125}
+    force = {"dots": True, "fit": "weights", "kernel": "collapsed", "clamp": False, "band_mm": 0.002}
+    return make_scene(
+        name="dotted",
+        sensor={**pixels, "markers": {"spacing_mm": 1.0, "radius_mm": 0.2}},
+        network={"bridge_dots": True},
+        numbers={"kernel_bits": 16},
+        force=force,
+        training={"normals_epochs": 6},
+    )
+
+
+@pytest.fixture(scope="session")
+def dotted_file(dotted_scene, tmp_path_factory) -> Path:
+    """A dataset of that scene. Not to be changed."""
+    from fastac.sensor.fingertip import generate
+
+    path = tmp_path_factory.mktemp("frames") / "dotted.h5"
+    generate(dotted_scene, path, progress=False, processes=1)
+    return path
+
+
+@pytest.fixture(scope="session")
+def dotted_data(dotted_file, dotted_scene):
+    from fastac.sensor.dataset import read
+
+    return read(dotted_file, dotted_scene)
+
+
+@pytest.fixture(scope="session")
+def dotted_folder(dotted_scene, dotted_file, tmp_path_factory) -> Path:
+    """A build folder of that scene with everything up to the bundle. Not to be changed."""
+    from fastac.flow.build import Build
+
+    folder = tmp_path_factory.mktemp("build") / "dotted"
+    Build(dotted_scene, folder, dotted_file, progress=False).run(lambda name, current: None, until="bundle")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def dotted_bundle(dotted_folder):
+    from fastac.models.integer import bundle
+
+    return bundle.load(dotted_folder / "bundle")
+
+
+@pytest.fixture(scope="session")
 def tiny_rig_scene(make_scene) -> Scene:
     """The tiny scene on finite elements with friction, three axes of force."""
     gel = {"mechanics": "fem", "friction": 0.8, "elements": 12, "layers": 1}

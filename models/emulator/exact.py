@@ -68,6 +68,7 @@ class ExactTables:
             self.rest = pipeline.depth.rest.astype(np.float64)
         if pipeline.bridge is not None:
             self.threshold = pipeline.bridge.windows.threshold.astype(np.int64)
+        self.band = pipeline.band
         if pipeline.force is not None:
             self._plan_force(pipeline.force)
 

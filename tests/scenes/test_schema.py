@@ -36,6 +36,14 @@ def test_what_the_shipped_scenes_say():
     rig = load(SCENES / "fingertip.toml")
     assert (rig.sensor.frames, rig.sensor.elastomer.mechanics) == ("raw10", "fem")
     assert (rig.tangential_shares, paper.tangential_shares) == ((0.3, 0.6), ())
+    assert (rig.wants_dots, rig.wants_bridge, rig.wants_darkness) == (True, True, True)
+    assert (rig.force_of_weights, rig.force.band_mm, rig.wants_solver) == (True, 0.004, True)
+    shear = load(SCENES / "shear.toml")
+    assert (shear.wants_dots, shear.wants_bridge, shear.wants_darkness) == (True, True, True)
+    assert (shear.force_from_slopes, shear.wants_solver, shear.force_of_weights) == (True, False, False)
+    for other in (paper, gelsight, load(SCENES / "force.toml")):
+        assert (other.wants_dots, other.wants_bridge, other.wants_darkness) == (False, False, False)
+        assert (other.force_of_weights, other.force.band_mm) == (False, None)
     assert paper.sensor.elastomer.mechanics == "layer"
     assert paper.sensor.frames == "channels"
 
@@ -231,6 +239,105 @@ def test_forces_alone_train_a_flat_recorded_sensor():
 def test_forces_alone_train_nothing_else(old, new, message):
     assert old in BY_FORCE
     assert error(BY_FORCE.replace(old, new)).startswith(message)
+
+
+DOTTED = """name = "x"
+outputs = ["depth", "force_z"]
+[sensor]
+geometry = "flat"
+markers = { spacing_mm = 1.6, radius_mm = 0.3 }
+[network]
+bridge_dots = true
+[force]
+dots = true
+kernel = "collapsed"
+clamp = false
+fit = "weights"
+band_mm = 0.004
+"""
+
+
+@pytest.mark.parametrize(
+    ("changes", "dots", "bridge"),
+    [
+        ({}, True, True),
+        ({"[network]\nbridge_dots = true": ""}, True, False),
+        ({"dots = true\nkernel": "kernel"}, False, True),
+        ({"[network]\nbridge_dots = true": "", "dots = true\nkernel": "kernel"}, False, False),
+    ],
+)
+def test_what_dots_are_wanted_for(changes, dots, bridge):
+    text = DOTTED
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    scene = parse(text, origin="x")
+    assert (scene.wants_dots, scene.wants_bridge, scene.wants_darkness) == (dots, bridge, dots or bridge)
+    assert scene.force_of_weights
+    assert scene.numbers.dot_weight_bits == 16
+
+
+MARKERS = "markers = { spacing_mm = 1.6, radius_mm = 0.3 }\n"
+NO_BRIDGE = "[network]\nbridge_dots = false"
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({MARKERS: ""}, "force.dots: True needs dots on the skin, a table sensor.markers"),
+        (
+            {MARKERS: "", "dots = true\nkernel": "kernel"},
+            "network.bridge_dots: True needs dots on the skin, a table sensor.markers",
+        ),
+        ({MARKERS: MARKERS + "height_px = 66\n"}, "sensor.height_px: 66: force.dots needs a multiple of 4"),
+        ({MARKERS: MARKERS + "width_px = 90\n"}, "sensor.width_px: 90: force.dots needs a multiple of 4"),
+        (
+            {MARKERS: MARKERS + "height_px = 90\n", "dots = true\nkernel": "kernel"},
+            "sensor.height_px: 90: network.bridge_dots needs a multiple of 4",
+        ),
+        (
+            {'["depth", "force_z"]': '["normals"]'},
+            "network.bridge_dots: True needs an output that follows from slopes",
+        ),
+        (
+            {'["depth", "force_z"]': '["depth"]', "[network]\nbridge_dots = true": NO_BRIDGE},
+            "force.dots: True needs a force among outputs",
+        ),
+        (
+            {'"force_z"]': '"force_z", "force_map"]'},
+            "force.dots: True: dots' shifts belong to no pixel; leave out output force_map",
+        ),
+        (
+            {'kernel = "collapsed"': 'kernel = "patch"'},
+            "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth",
+        ),
+        (
+            {'["depth", "force_z"]': '["force_z"]', "[network]": '[poisson]\nsolver = "adjoint"\n[network]'},
+            "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth",
+        ),
+        (
+            {"clamp = false": "clamp = true"},
+            "force.band_mm: 0.004 needs force.fit 'weights' and force.clamp = false",
+        ),
+        (
+            {'fit = "weights"\n': ""},
+            "force.band_mm: 0.004 needs force.fit 'weights' and force.clamp = false",
+        ),
+        ({"band_mm = 0.004": "band_mm = 0"}, "force.band_mm = 0: Input should be greater than 0"),
+        ({'fit = "weights"': 'fit = "weight"'}, "force.fit = 'weight': Input should be"),
+        ({"dots = true\nkernel": "dots = 2\nkernel"}, "force.dots = 2: Input should be a valid boolean"),
+        (
+            {"[network]": "[numbers]\ndot_weight_bits = 5\n[network]"},
+            "numbers.dot_weight_bits = 5: Input should be greater than or equal to 6",
+        ),
+    ],
+)
+def test_dots_and_bands_that_cannot_be_are_named_in_one_line(changes, message):
+    text = DOTTED
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    assert error(text).startswith(message)
 
 
 def test_not_square_is_fine_without_depth():

@@ -9,6 +9,9 @@ from fastac.models.floating.hyperforce import collapse
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble, quantise
+from fastac.models.integer.dot_follower import FRACTION
+from fastac.models.integer.force import terms
+from fastac.models.vision.dots import follower_of, windows_of
 from fastac.store.files import load_arrays, save_arrays
 
 
@@ -108,3 +111,56 @@ def test_kernels_are_trained_on_what_their_own_pipeline_finds(tiny_bundle, tiny_
     assert error <= curve.min() * 1.001
     if arithmetic == "float":
         assert error == pytest.approx(curve.min(), rel=1e-3)
+
+
+class TestDots:
+    """A scene whose slopes are bridged under dots, and whose force is also from the dots' shifts."""
+
+    def test_they_are_in_the_bundle_as_they_were_trained(self, dotted_folder, dotted_bundle, dotted_data):
+        force, found = load_arrays(dotted_folder / "force.npz"), dotted_bundle.pipeline
+        assert force["force.integer_weights"].shape == (1, 30, 30, 3)
+        assert force["force.integer_dot_weights"].shape == force["force.float_dot_weights"].shape == (1, 9, 2)
+        for name, array in force.items():
+            np.testing.assert_array_equal(dotted_bundle.floats[name], array)
+        follower = follower_of(dotted_data.background, found.scene.sensor)
+        np.testing.assert_array_equal(found.follower.rest, follower.rest)
+        rest_px = force["dots.rest_px"]
+        assert np.linalg.norm(rest_px - follower.rest * 2.0**-FRACTION, axis=-1).max() < 0.2
+        word_n = found.force_n_per_unit * 2.0 ** (FRACTION + found.dot_force.exponent)
+        stood_for = found.dot_force.weighted.weight[:, :, 0] * word_n[:, None, None]
+        np.testing.assert_allclose(stood_for, force["force.integer_dot_weights"], atol=word_n.max() / 2)
+        assert found.validity.dots == 9
+        np.testing.assert_array_equal(
+            found.bridge.windows.threshold, windows_of(dotted_data.background, found.scene.sensor).threshold
+        )
+
+    @pytest.mark.parametrize("arithmetic", ["float", "integer"])
+    def test_weights_are_fitted_to_what_their_own_pipeline_finds(
+        self, dotted_bundle, dotted_data, arithmetic
+    ):
+        """Their validation error, computed again from frames, is the best of the learning curve."""
+        index, floats = dotted_data.indices("validation"), dotted_bundle.floats
+        pipelines = {
+            "float": FloatPipeline.from_bundle(dotted_bundle),
+            "integer": Emulator(dotted_bundle.pipeline),
+        }
+        found = pipelines[arithmetic].run(dotted_data.frames[index])
+        x = terms(found.displacement_mm, dotted_bundle.scene.force.band_mm)
+        force = np.einsum("fijt,aijt->fa", x, floats[f"force.{arithmetic}_weights"])
+        force += np.einsum("fmk,amk->fa", found.dot_shifts_px, floats[f"force.{arithmetic}_dot_weights"])
+        error = np.abs(force - dotted_data.forces_n(index, (2,))).sum(axis=1).mean()
+        curve = floats[f"history.force_{arithmetic}.validation_mae_n"]
+        assert error == pytest.approx(curve.min(), rel=1e-3)
+        if arithmetic == "float":
+            np.testing.assert_allclose(found.force_n, force, atol=1e-5 * np.abs(force).max())
+
+    def test_normals_are_trained_on_skin_alone(self, dotted_bundle, dotted_data):
+        skin = training.skin_alone(dotted_data, dotted_bundle.scene)
+        dark = dotted_bundle.pipeline.bridge.dark(dotted_data.frames)
+        known = np.ones_like(dark) if dotted_data.valid is None else dotted_data.valid
+        np.testing.assert_array_equal(skin.valid, known & ~dark)
+        assert dark.any(axis=(1, 2)).all()
+
+    def test_without_them_a_dataset_stays_as_it_is(self, tiny_data, tiny_scene):
+        assert training.skin_alone(tiny_data, tiny_scene) is tiny_data
+        assert training.slope_bridge(tiny_data, tiny_scene) is None

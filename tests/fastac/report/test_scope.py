@@ -21,6 +21,15 @@ def test_depth_and_force(make_scene, tmp_path):
     assert found.trained()["force model"] == "kernels 5×5"
 
 
+def test_a_force_of_weights_and_dots(make_scene, tmp_path):
+    force = {"kernel": "collapsed", "clamp": False, "fit": "weights"}
+    found = scope(make_scene, tmp_path, force=force)
+    assert found.trained()["force model"] == "weights of the displacement"
+    markers = {"spacing_mm": 1.0, "radius_mm": 0.2}
+    found = scope(make_scene, tmp_path, force=force | {"dots": True}, sensor={"markers": markers})
+    assert found.trained()["force model"] == "weights of the displacement and of the dots' shifts"
+
+
 def test_force_without_depth(make_scene, tmp_path):
     changes = {"outputs": ["force_xyz"], "poisson": {"solver": "adjoint"}}
     found = scope(make_scene, tmp_path, force={"clamp": False, "fit": "slopes"}, **changes)

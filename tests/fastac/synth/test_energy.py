@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fastac.models import random_bundle
 from fastac.models.integer import assemble
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.network import Layer, Requantisation
@@ -216,6 +217,70 @@ class TestCounts:
         assert counts(depth["depth"], "addition")[0][0] == INNER
         assert "displacement" not in depth
         assert "force" not in depth
+
+
+class TestDots:
+    """3 × 3 dots on 24 × 24 pixels, whose slopes are bridged over 2 px."""
+
+    @pytest.fixture
+    def make(self, tmp_path):
+        def pipeline(outputs=("force_xyz",), **settings):
+            scene = random_bundle.scene(outputs, size=24, channels="bgr+nir", **settings)
+            return random_bundle.random_bundle(tmp_path / "b", scene).pipeline
+
+        return pipeline
+
+    @pytest.mark.parametrize(
+        ("outputs", "settings", "stages"),
+        [
+            (("force_z",), {"solver": "adjoint"}, set()),
+            (("force_z",), {"solver": "adjoint", "bridge_dots": True}, {"darkness", "bridge"}),
+            (("depth",), {"bridge_dots": True}, {"darkness", "bridge"}),
+            (("force_z",), {"dots": True}, {"darkness", "dots"}),
+            (("depth",), {"dots": False}, set()),
+            (("force_z",), {"dots": True, "bridge_dots": True}, {"darkness", "bridge", "dots"}),
+        ],
+    )
+    def test_stages_are_there_where_they_are_wanted(self, make, outputs, settings, stages):
+        found = energy.works(make(outputs, **settings))
+        assert found.keys() & {"darkness", "bridge", "dots"} == stages
+        for stage in stages:
+            assert sum(work.total_pj for work in found[stage]) > 0
+
+    @pytest.mark.parametrize("lanes", [1, 4])
+    def test_darkness_and_bridge(self, make, lanes):
+        pipeline = make(solver="adjoint", bridge_dots=True, lanes=lanes)
+        stages = energy.works(pipeline)
+        windows = pipeline.bridge.windows
+        assert counts(stages["darkness"], "addition") == [(576 * 4, windows.darkness_width)]
+        assert windows.darkness_width == 10  # 4 · 255 at most: any threshold may be loaded
+        assert pipeline.bridge.reach == 2
+        ahead = {1: 2, 4: 1}[lanes]
+        assert counts(stages["bridge"], "register") == [(576 * (2 * ahead + 1), 2 * pipeline.ratio.width)]
+
+    def test_dots(self, make):
+        """144 cells; windows of 3 × 3 of them, 10 × 10; 9 dots with two weights for each of three axes."""
+        pipeline = make(solver="adjoint", dots=True)
+        follower, weighted = pipeline.follower, pipeline.dot_force.weighted
+        windows = follower.windows
+        assert (windows.half, windows.shape, len(follower.rest)) == (1, (10, 10), 9)
+        words = windows.mass_width + 2 * windows.moment_width
+        stage = energy.works(pipeline)["dots"]
+        assert counts(stage, "memory") == [(144, 2 * words), (100 + 18, words)]
+        assert counts(stage, "multiplication") == [(54, weighted.input_width + weighted.weight_width)]
+        sums, divisions, force = counts(stage, "addition")
+        assert sums == (2 * 144 * 3, words)
+        assert divisions[0] % 18 == 0
+        assert force == (54 + 3, weighted.width)
+
+    def test_a_band_takes_two_products_of_three_weights(self, make):
+        """A displacement is beyond the band on one side or on none."""
+        settings = {"kernel": "collapsed", "solver": "tridiagonal"}
+        pipeline = make(**settings, band_mm=0.002)
+        weight = pipeline.force.weight_width
+        stage = energy.works(pipeline)["force"]
+        assert counts(stage, "memory") == [(484, 3 * 3 * weight)]
+        assert counts(stage, "multiplication") == [(484 * 2 * 3, pipeline.force.input_width + weight)]
 
 
 class TestEstimate:

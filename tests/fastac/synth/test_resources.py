@@ -111,6 +111,51 @@ def test_tables_are_as_wide_as_in_hardware(tmp_path, weights):
     assert found == [("depth", 1, table.fields * table.bits, table.depth)]
 
 
+@pytest.mark.parametrize(
+    ("outputs", "settings", "stages"),
+    [
+        (("force_z",), {}, set()),
+        (("force_z",), {"bridge_dots": True}, {"bridge", "dots"}),
+        (("force_z",), {"dots": True}, {"dots"}),
+        (("force_z",), {"dots": True, "bridge_dots": True}, {"bridge", "dots"}),
+    ],
+)
+def test_features_of_dots_where_they_are_wanted(tmp_path, outputs, settings, stages):
+    def features(**more):
+        made = scene(outputs, size=24, solver="adjoint", **settings, **more)
+        pipeline = random_bundle(tmp_path / "b", made).pipeline
+        return pipeline, resources.features(pipeline)
+
+    pipeline, found = features()
+    assert found.keys() & {"bridge", "dots"} == stages
+    assert set(resources.stage_names()) >= stages
+    if "dots" not in stages:
+        return
+    followed = "dots" in settings
+    assert found["dots"]["pixel_bits"] == 3 * 8
+    assert (found["dots"]["window_bits"] > 0) == (found["dots"]["sum_bits"] > 0) == followed
+    assert (found["dots"]["ramb36"] > 0) == followed
+    if "bridge" in stages:
+        assert found["bridge"]["choice_bits"] == 2 * 2 * 2 * pipeline.ratio.width
+        assert pipeline.bridge.reach == 2
+    _, wide = features(lanes=2)
+    for stage in stages:
+        for name in ("pixel_bits", "choice_bits"):
+            assert wide[stage].get(name) == (2 * found[stage][name] if name in found[stage] else None)
+
+
+def test_a_row_of_windows_and_the_dots_weights_are_memories(tmp_path):
+    made = scene(("force_xyz",), size=24, solver="adjoint", dots=True)
+    pipeline = random_bundle(tmp_path / "b", made).pipeline
+    rows, weights = [found[1:] for found in resources.memories(pipeline) if found[0] == "dots"]
+    windows = pipeline.follower.windows
+    number, width, depth = rows
+    assert (number, width) == (1, windows.mass_width + 2 * windows.moment_width)
+    assert depth % 16 == 0, "rows of 10 windows"
+    assert depth >= 16 * (2 * (windows.half + pipeline.follower.reach) + 1)
+    assert weights == (1, 3 * 2 * pipeline.dot_force.weighted.weight_width, 9)
+
+
 def test_an_estimate_says_where_it_is_from(tiny_scene, make_scene):
     found = resources.estimate(random_pipeline(tiny_scene))
     assert found["dsp48e2"]["value"] == sum(multipliers(tiny_scene).values())

@@ -194,6 +194,25 @@ def test_equals_the_integers_with_dots_and_band(tmp_path, name, weights):
         assert words.min() < -pipeline.band
 
 
+@pytest.mark.parametrize("name", ["adjoint, dots", "patches", "band and dots"])
+def test_displacements_and_shifts_before_there_is_a_force(tmp_path, name):
+    """As while the force is trained on them."""
+    outputs, settings = {
+        "adjoint, dots": ((Z,), {"solver": "adjoint", "dots": True}),
+        "patches": ((Z,), {}),
+        "band and dots": ((Z,), {"kernel": "collapsed", "band_mm": 0.002, "dots": True}),
+    }[name]
+    scene = random_bundle.scene(outputs, size=24, **settings)
+    whole = random_bundle.random_bundle(tmp_path / "b", scene).pipeline
+    without = whole.replace(force=None, force_n_per_unit=None, dot_force=None)
+    frames = frames_with_dots(whole)[:8]
+    found, loop, expected = emulated(without, frames), int64_loop(without, frames), emulated(whole, frames)
+    assert found.keys() == loop.keys() == expected.keys() - {"force_raw", "force_n"}
+    for kept, array in loop.items():
+        np.testing.assert_array_equal(found[kept], array, err_msg=kept)
+        np.testing.assert_array_equal(expected[kept], array, err_msg=kept)
+
+
 def test_the_dots_share_counts_in_whether_float64_is_exact(tmp_path):
     scene = random_bundle.scene((Z,), solver="adjoint", dots=True)
     pipeline = random_bundle.random_bundle(tmp_path / "b", scene).pipeline

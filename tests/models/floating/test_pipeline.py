@@ -224,3 +224,61 @@ def test_the_stages_are_those_of_run(tiny_bundle, tiny_data):
         np.testing.assert_allclose(stages["force"](displacement), result.force_n[k], rtol=1e-5)
     without = replace(pipeline, force_weights=None)
     assert list(without.stages()) == ["normals", "depth"]
+
+
+class TestDots:
+    """A scene with bridged slopes, dots in the force, and a band."""
+
+    @pytest.fixture
+    def both(self, dotted_bundle):
+        """With the same weights of the force: those that were trained follow each one's own errors."""
+        weights = np.random.default_rng(1).uniform(0.5, 1.5, (1, 30, 30, 3))
+        of_dots = np.random.default_rng(2).normal(size=(1, 9, 2))
+        floating = FloatPipeline.from_bundle(dotted_bundle)
+        integer = assemble.with_force(dotted_bundle.pipeline, weights, of_dots)
+        return replace(floating, force_weights=weights, dot_weights=of_dots), Emulator(integer)
+
+    def test_force_is_from_displacement_and_shifts_by_the_definition(self, both, dotted_data):
+        floating, _ = both
+        found = floating.run(dotted_data.frames[:6])
+        d, band = found.displacement_mm.astype(float), floating.scene.force.band_mm
+        weights, of_dots = floating.force_weights, floating.dot_weights
+        contact, bulge = np.where(d > band, d - band, 0), np.where(d < -band, d + band, 0)
+        expected = np.zeros((6, 1))
+        for term, values in enumerate((d, contact, bulge)):
+            assert values.any()
+            expected += np.einsum("fij,aij->fa", values, weights[..., term])
+        expected += np.einsum("fmk,amk->fa", found.dot_shifts_px, of_dots)
+        np.testing.assert_allclose(found.force_n, expected, atol=1e-5 * np.abs(expected).max())
+        without = replace(floating, dot_weights=None).run(dotted_data.frames[:6], wanted=["force_n"]).force_n
+        share = np.einsum("fmk,amk->fa", found.dot_shifts_px, of_dots)
+        assert np.abs(share).max() > 1e-3 * np.abs(expected).max()
+        np.testing.assert_allclose(found.force_n - without, share, atol=1e-5 * np.abs(expected).max())
+
+    def test_shifts_are_near_the_integers(self, both, dotted_data):
+        whole, integer = (pipeline.run(dotted_data.frames) for pipeline in both)
+        np.testing.assert_array_equal(whole.dots_seen, integer.dots_seen)
+        assert whole.dots_seen.all()
+        assert np.abs(whole.dot_shifts_px - integer.dot_shifts_px).max() < 0.2
+        assert np.abs(whole.slopes - integer.slopes).mean() < 0.02
+        assert np.abs(whole.force_n - integer.force_n).mean() < 0.1 * np.abs(whole.force_n).mean()
+
+    def test_slopes_under_dots_are_those_of_the_skin_beside_them(self, both, dotted_data):
+        floating, _ = both
+        frames = dotted_data.frames[:3]
+        bare = replace(floating, bridge=None).run(frames, wanted=["slopes"]).slopes
+        found = floating.run(frames, wanted=["slopes"]).slopes
+        dark = floating.bridge.dark(frames)
+        np.testing.assert_array_equal(found, floating.bridge(bare, dark))
+        assert (found[dark] != bare[dark]).any()
+
+    def test_the_background_has_no_force_and_each_output_is_had_alone(self, both, dotted_data):
+        floating, _ = both
+        at_rest = floating.run(floating.background[None])
+        assert np.abs(at_rest.force_n).max() < 1e-12
+        assert not at_rest.dot_shifts_px.any()
+        whole = floating.run(dotted_data.frames[:3])
+        for name in ("dot_shifts_px", "dots_seen", "force_n"):
+            alone = floating.run(dotted_data.frames[:3], wanted=[name])
+            assert [key for key, value in vars(alone).items() if value is not None] == [name]
+            np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name))

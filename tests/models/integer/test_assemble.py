@@ -3,6 +3,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from fastac.models import random_bundle
+from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import assemble
 from fastac.models.integer.network import Layer
 
@@ -139,3 +141,70 @@ def test_too_few_data_bits_are_refused(make_scene):
     )
     with pytest.raises(ValueError, match="12 data bits cannot hold the bound"):
         assembled(scene)
+
+
+WITH_DOTS = {
+    "adjoint": {"solver": "adjoint"},
+    "band": {"solver": "tridiagonal", "kernel": "collapsed", "band_mm": 0.002},
+    "patches": {"mode": "difference"},
+}
+
+
+@pytest.fixture(params=WITH_DOTS)
+def dotted(request, tmp_path):
+    """A pipeline with dots in the force and bridged slopes."""
+    settings = WITH_DOTS[request.param]
+    scene = random_bundle.scene(("force_xyz",), size=24, dots=True, bridge_dots=True, **settings)
+    return random_bundle.random_bundle(tmp_path / "b", scene).pipeline
+
+
+def test_the_frame_at_rest_has_no_force_at_all(dotted):
+    at_rest = Emulator(dotted).run(dotted.background[None])
+    assert not at_rest.force_raw.any()
+    assert not at_rest.dot_shift_words.any()
+    assert at_rest.dots_seen.all()
+    assert not at_rest.validity.any()
+    moved = Emulator(dotted).run(np.roll(dotted.background, 1, axis=1)[None])
+    assert moved.dot_shift_words.any()
+    assert moved.force_raw.any(axis=0).all()
+
+
+def test_dots_join_the_force_in_newton(dotted):
+    """One more weight of the dots changes the force by weight times shift."""
+    rng = np.random.default_rng(2)
+    weights = rng.normal(size=dotted.dot_force.weighted.weight[:, :, 0].shape)
+    skin = rng.normal(
+        size=dotted.force.weight.shape if hasattr(dotted.force, "weight") else (3, 22, 22, 3, 3)
+    )
+    frame = np.roll(dotted.background, 1, axis=1)[None]
+    none, some = (
+        Emulator(assemble.with_force(dotted, skin, values)).run(frame) for values in (0 * weights, weights)
+    )
+    assert some.dot_shifts_px.any()
+    pipeline = assemble.with_force(dotted, skin, weights)
+    word_n = pipeline.force_n_per_unit * 2.0**pipeline.dot_force.exponent
+    expected = np.einsum("mk,amk->a", some.dot_shifts_px[0], weights)
+    words = np.abs(some.dot_shift_words).sum()
+    found = (some.force_n - none.force_n)[0]
+    assert (np.abs(found - expected) <= word_n / 2 * words + 1e-12).all()
+    assert pipeline.force_bound == pipeline.force.bound + pipeline.dot_force.bound
+    assert pipeline.force_bound < 1 << (pipeline.force_width - 1)
+
+
+def test_dots_and_bridge_are_as_loadable_as_the_weights(make_scene, tmp_path):
+    for weights in ("loadable", "baked"):
+        scene = random_bundle.scene(("force_z",), dots=True, bridge_dots=True, weights=weights)
+        found = random_bundle.random_bundle(tmp_path / weights, scene).pipeline
+        expected = weights == "loadable"
+        assert found.follower.windows.loadable == found.bridge.windows.loadable == expected
+    plain = assembled(make_scene())
+    assert (plain.bridge, plain.follower, plain.dot_force, plain.validity.dots) == (None, None, None, 0)
+    assert found.validity.dots == len(found.follower.rest) == 4
+
+
+def test_another_network_keeps_the_dots_force(dotted, tmp_path):
+    known = random_bundle.Bundle(dotted, {}, "0" * 64)
+    found = random_bundle.recalibrated(tmp_path / "other", known).pipeline
+    assert found.dot_force is dotted.dot_force
+    assert found.follower is dotted.follower
+    assert not Emulator(found).run(found.background[None]).force_raw.any()

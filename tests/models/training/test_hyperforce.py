@@ -157,3 +157,22 @@ class TestRefit:
         second, *_ = refit_last_layer(scene, first, plain, both)
         x, z = second.collapsed().detach()
         np.testing.assert_allclose(x, -2 * z, atol=1e-4 * float(z.abs().max()))
+
+    @pytest.mark.parametrize("validation", [True, False])
+    def test_dots_weights_come_back(self, make_scene, validation):
+        """The force that the dots carry is found beside the kernels', which stay what they are without it."""
+        scene = make_scene(training={"force_epochs": 20})
+        plain, noisy, force = self.parts()
+        first, _ = train(scene, np.ones((N + 2, N + 2)), plain, force)
+        splits = ("train", "validation") if validation else ("train",)
+        pressed = {split: noisy[split] for split in splits}
+        rng, of_dots = np.random.default_rng(7), np.array([[[0.3, -0.2], [0.0, 0.5], [-0.1, 0.4]]])
+        shifts = {split: rng.normal(size=(len(noisy[split]), 3, 2)) for split in splits}
+        both = {split: force[split] + np.einsum("fmk,amk->fa", shifts[split], of_dots) for split in splits}
+        _, none, alone = refit_last_layer(scene, first, pressed, both)
+        model, found, history = refit_last_layer(scene, first, pressed, both, shifts)
+        assert none is None
+        np.testing.assert_allclose(found, of_dots, atol=0.02)
+        best, worst = (min(entry["validation_mae_n"] for entry in part) for part in (history, alone))
+        assert best < 0.1 * worst
+        assert error(model, noisy["validation"], force["validation"]) < 0.1 * worst

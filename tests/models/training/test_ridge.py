@@ -124,3 +124,25 @@ def test_what_cannot_be_fitted_is_refused():
     both = {"train": x, "validation": x}
     with pytest.raises(ValueError, match="force_n: zero in every training frame"):
         ridge.validation_errors(both, {"train": 0 * force, "validation": force})
+
+
+def test_features_and_shifts_are_joined_and_their_weights_parted():
+    rng = np.random.default_rng(1)
+    x, shifts = rng.normal(size=(30, 5)), rng.normal(size=(30, 4, 2))
+    of_features, of_dots = rng.normal(size=(5, 3)), rng.normal(size=(3, 4, 2))
+    force = x @ of_features + np.einsum("fmk,amk->fa", shifts, of_dots)
+    joined = ridge.joined(x, shifts)
+    assert joined.shape == (30, 13)
+    weights = np.linalg.lstsq(joined, force, rcond=None)[0]
+    found, found_dots = ridge.parted(weights, 5)
+    np.testing.assert_allclose(found, of_features, atol=1e-12)
+    np.testing.assert_allclose(found_dots, of_dots, atol=1e-12)
+
+
+def test_without_shifts_there_are_no_dots_weights():
+    x = np.arange(6.0).reshape(2, 3)
+    assert ridge.joined(x, None) is x
+    weights = np.ones((3, 2))
+    found, of_dots = ridge.parted(weights, 3)
+    np.testing.assert_array_equal(found, weights)
+    assert of_dots is None

@@ -79,3 +79,33 @@ def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
     x = smooth_weights.lowest_cosines(change["train"], size).reshape(80, -1)
     spectrum = ridge.fit(x, truth["train"], chosen)
     np.testing.assert_allclose(force(change["train"], found), x @ spectrum, atol=1e-9)
+
+
+@pytest.mark.parametrize("validation", [True, False])
+def test_the_dots_weights_come_back_beside_the_fields(validation):
+    """Dots that carry as much force as the images do."""
+    weights, of_dots = fields(4), np.random.default_rng(5).normal(scale=3, size=(3, 6, 2))
+    change, truth = problem(weights, validation=validation)
+    rng = np.random.default_rng(6)
+    shifts = {split: rng.normal(size=(len(values), 6, 2)) for split, values in change.items()}
+    truth = {
+        split: values + np.einsum("fmk,amk->fa", shifts[split], of_dots) for split, values in truth.items()
+    }
+    found, found_dots, history = smooth_weights.fit(change, truth, shifts)
+    assert ridge.best(history)["cosines"] == 4
+    np.testing.assert_allclose(found, weights, atol=1e-5 * np.abs(weights).max())
+    np.testing.assert_allclose(found_dots, of_dots, atol=1e-5 * np.abs(of_dots).max())
+    _, none, without = smooth_weights.fit(change, truth)
+    assert none is None
+    assert ridge.best(without)["validation_mae_n"] > 1000 * ridge.best(history)["validation_mae_n"]
+
+
+def test_images_of_which_only_the_dots_tell_something():
+    """Where the images show nothing of the force, the dots alone explain it."""
+    change, _ = problem(fields(2))
+    of_dots, rng = np.random.default_rng(5).normal(size=(2, 3, 2)), np.random.default_rng(6)
+    shifts = {split: rng.normal(size=(len(values), 3, 2)) for split, values in change.items()}
+    truth = {split: np.einsum("fmk,amk->fa", values, of_dots) for split, values in shifts.items()}
+    found, found_dots, _ = smooth_weights.fit(change, truth, shifts)
+    np.testing.assert_allclose(found_dots, of_dots, atol=1e-6)
+    np.testing.assert_allclose(found, 0, atol=1e-6)

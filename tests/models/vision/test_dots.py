@@ -8,9 +8,18 @@ import numpy as np
 import pytest
 
 from fastac.models.integer.dot_follower import FRACTION
-from fastac.models.vision.dots import follower_of
+from fastac.models.vision.dots import (
+    DARK_SHARE,
+    bridge_of,
+    detected_as,
+    expected_follower,
+    follower_of,
+    windows_of,
+)
 from fastac.models.vision.markers import Detector, MarkerError, associate
 from fastac.scenes.sensor_schema import Sensor
+from fastac.sensor.optics.camera import background
+from fastac.sensor.optics.skin_paint import coverage, marker_pixels
 
 SIDE = 96
 PHOTOGRAPHS = Path(__file__).parents[4] / "shared/data/fots/markers"
@@ -43,8 +52,77 @@ def test_finds_the_dots_of_an_unevenly_lit_background(sensor):
     assert error.mean() < 0.06
 
 
+def test_thresholds_are_a_share_of_the_skin_s_own_brightness(sensor):
+    light = np.linspace(0.5, 1.6, SIDE)[None, :, None]
+    skin = np.rint(dots.SKIN * light * np.ones((SIDE, 1, 4)))
+    shown = np.rint(dots.frame(SIDE, SIDE, dots.places(SIDE, SIDE)) * light).astype(np.uint8)
+    windows = windows_of(shown, sensor)
+    assert (windows.channels, windows.half, windows.image) == (4, 2, (SIDE, SIDE))
+    blocks = skin.sum(axis=-1).reshape(SIDE // 4, 4, SIDE // 4, 4).mean(axis=(1, 3))
+    inner = (slice(2, -2), slice(2, -2))  # the skin is smoothed, and near the edges there is less of it
+    np.testing.assert_allclose(windows.threshold[inner], DARK_SHARE * blocks[inner], rtol=0.04)
+
+
+def test_the_bridge_reaches_over_a_dot(sensor):
+    places = dots.places(SIDE, SIDE)
+    shown = dots.frame(SIDE, SIDE, places)
+    bridge = bridge_of(shown, sensor)
+    assert bridge.reach == 3
+    np.testing.assert_array_equal(bridge.windows.threshold, windows_of(shown, sensor).threshold)
+    dark = bridge.dark(shown)
+    v, u = np.indices(dark.shape)
+    away = np.hypot(u - places[:, 0, None, None], v - places[:, 1, None, None]).min(axis=0)
+    assert dark[away < dots.RADIUS_PX - 0.5].all()
+    assert not dark[away > dots.RADIUS_PX + 0.5].any()
+    # Nothing of a dot is left, where one more or less wide would keep its own middle.
+    assert not np.take_along_axis(dark, bridge.columns(dark), axis=-1).any()
+    assert not bridge(shown < 100, dark).any()
+
+
+@pytest.mark.parametrize("geometry", ["flat", "fingertip"])
+def test_the_expected_follower_is_of_the_virtual_fingertip_s_dots(make_scene, geometry):
+    """It has as many dots, windows of the same size and the same reach as that of a rendered background."""
+    markers = {"spacing_mm": 1.0, "radius_mm": 0.2}
+    size = {"height_px": 32, "width_px": 32, "pitch_mm": 0.125}
+    sensor = make_scene(sensor={"geometry": geometry, **size, "markers": markers}).sensor
+    expected = expected_follower(sensor)
+    places = marker_pixels(sensor)
+    assert len(places) == 9
+    np.testing.assert_allclose(expected.rest / (1 << FRACTION), places, atol=0.5 / (1 << FRACTION))
+    shown = background(sensor, np.random.default_rng(1))
+    found = follower_of(shown, sensor)
+    assert len(found.rest) == len(places)
+    away = np.abs(found.rest[:, None] - expected.rest).max(axis=-1)
+    assert away.min(axis=1).max() < 0.1 * (1 << FRACTION)
+    assert sorted(away.argmin(axis=1)) == list(range(9))
+    assert (found.windows.half, found.reach) == (expected.windows.half, expected.reach)
+    assert found.windows.shape == expected.windows.shape
+    assert found.windows.mass_bound <= expected.windows.mass_bound
+    assert found.width <= expected.width
+    assert bridge_of(shown, sensor).dark(shown)[coverage(sensor, places) > 0.9].all()
+
+
+def test_detected_dots_are_in_the_follower_s_order(sensor):
+    shown = dots.frame(SIDE, SIDE, dots.places(SIDE, SIDE))
+    follower = follower_of(shown, sensor)
+    found = detected_as(follower, shown, sensor)
+    assert len(found.rest_px) == len(follower.rest)
+    assert np.linalg.norm(found.rest_px - follower.rest / (1 << FRACTION), axis=-1).max() < 0.2
+    assert (np.diff(found.rest_px[:, 1]) < -0.5).any(), "the detector's own order is by its blobs' first rows"
+    missing = np.delete(dots.places(SIDE, SIDE), 12, axis=0)
+    u, v = np.rint(dots.places(SIDE, SIDE)[12]).astype(int)
+    with pytest.raises(MarkerError, match=rf"^dot at {u}, {v} px: not detected in the background$"):
+        detected_as(follower, dots.frame(SIDE, SIDE, missing), sensor)
+
+
 def test_refused(sensor, tiny_scene):
     frame = dots.frame(SIDE, SIDE, dots.places(SIDE, SIDE))
+    with pytest.raises(MarkerError, match=r"sensor\.markers: missing, so there are no dots"):
+        bridge_of(frame, tiny_scene.sensor)
+    with pytest.raises(MarkerError, match="94 × 96 px: expected multiples of 4"):
+        bridge_of(frame[:94], sensor)
+    with pytest.raises(MarkerError, match="background: 1 dot found: expected 2 or more"):
+        follower_of(dots.frame(SIDE, SIDE, dots.places(SIDE, SIDE)[12:13]), sensor)
     with pytest.raises(MarkerError, match=r"sensor\.markers: missing"):
         follower_of(frame, tiny_scene.sensor)
     with pytest.raises(MarkerError, match="background: no dot found"):

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from fastac.models.vision.markers import Detector, MarkerError, Tracker, associate
+from fastac.models.vision.markers import DetectedDots, Detector, MarkerError, Tracker, associate
 
 PHOTOGRAPHS = Path(__file__).parents[4] / "shared/data/fots/markers"
 needs_photographs = pytest.mark.skipif(
@@ -76,6 +76,50 @@ def test_lost_and_new_markers_are_flagged_and_found_again():
     assert not len(second.new_px)
     np.testing.assert_array_equal(second.displacement_px, 4.0)
     np.testing.assert_array_equal(first.displacement_px[7], 0.0)
+
+
+class TestDetectedDots:
+    """Of a sensor with dots of 6 px, 16 px apart."""
+
+    @pytest.fixture
+    def sensor(self, make_scene):
+        markers = {"spacing_mm": 1.6, "radius_mm": 0.3}
+        return make_scene(sensor={"geometry": "flat", "pitch_mm": 0.1, "markers": markers}).sensor
+
+    @staticmethod
+    def frame(centres, seed=0):
+        return np.repeat(picture(centres, seed=seed)[..., None], 4, axis=2)
+
+    def test_shifts_are_from_where_the_background_shows_them(self, sensor):
+        found = DetectedDots.of_background(self.frame(GRID), sensor)
+        assert found.detector.diameter_px == pytest.approx(6)
+        assert found.max_step_px == pytest.approx(16)
+        matched = associate(GRID, found.rest_px, 3)
+        bump = np.exp(-((GRID - GRID.mean(axis=0)) ** 2).sum(axis=1) / 2 / 35**2)
+        moved = bump[:, None] * (3.0, -5.0)
+        shift, seen = found.shifts_px(self.frame(GRID + moved, seed=1))
+        assert seen.all()
+        assert np.abs(shift[matched] - moved).max() < 0.2
+
+    def test_lost_dots_have_no_shift_and_frames_do_not_depend_on_each_other(self, sensor):
+        found = DetectedDots.at(GRID, sensor)
+        np.testing.assert_array_equal(found.rest_px, GRID)
+        frame = self.frame(np.delete(GRID + np.array((2.0, 1.0)), 7, axis=0))
+        first, seen = found.shifts_px(frame)
+        assert np.flatnonzero(~seen).tolist() == [7]
+        assert not first[7].any()
+        assert np.abs(first[seen] - (2, 1)).max() < 0.2
+        shift, none = found.shifts_px(np.full_like(frame, 128))
+        assert not none.any()
+        assert not shift.any()
+        again, _ = found.shifts_px(frame)
+        np.testing.assert_array_equal(again, first)
+
+    def test_refused(self, sensor, tiny_scene):
+        with pytest.raises(MarkerError, match=r"^sensor\.markers: missing, so there are no dots to follow$"):
+            DetectedDots.of_background(self.frame(GRID), tiny_scene.sensor)
+        with pytest.raises(MarkerError, match=r"^background: no dot found$"):
+            DetectedDots.of_background(self.frame([]), sensor)
 
 
 def test_refuses_bad_input():
