@@ -73,7 +73,6 @@ class ExactTables:
             self._plan_force(pipeline.force)
 
     def _plan_force(self, force: PatchForce | WeightedSum) -> None:
-        self.band = self.pipeline.band
         resultant = force.collapsed() if isinstance(force, PatchForce) else force
         dots = self.pipeline.dot_force
         require_exact("force", resultant.bound + (dots.bound if dots is not None else 0))
