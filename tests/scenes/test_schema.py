@@ -315,14 +315,7 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
             {'["depth", "force_z"]': '["force_z"]', "[network]": '[poisson]\nsolver = "adjoint"\n[network]'},
             "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth",
         ),
-        (
-            {"clamp = false": "clamp = true"},
-            "force.band_mm: 0.004 needs force.fit 'weights' and force.clamp = false",
-        ),
-        (
-            {'fit = "weights"\n': ""},
-            "force.band_mm: 0.004 needs force.fit 'weights' and force.clamp = false",
-        ),
+        ({'fit = "weights"\n': ""}, "force.band_mm: 0.004 needs force.fit 'weights'"),
         ({"band_mm = 0.004": "band_mm = 0"}, "force.band_mm = 0: Input should be greater than 0"),
         ({'fit = "weights"': 'fit = "weight"'}, "force.fit = 'weight': Input should be"),
         ({"dots = true\nkernel": "dots = 2\nkernel"}, "force.dots = 2: Input should be a valid boolean"),
