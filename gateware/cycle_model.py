@@ -7,9 +7,9 @@ from itertools import pairwise
 
 from fastac.gateware.arithmetic.frame_sum import beats_per_frame
 from fastac.gateware.arithmetic.packed_products import best_packing
+from fastac.gateware.dot_force import VALUES
 from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
-from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.weighted_sum import BAND_VALUES, WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
@@ -28,9 +28,8 @@ from fastac.models.integer.words import signed_width
 from fastac.models.vision.dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
 
-NORMAL, SLOPES, DISPLACEMENT, SHIFT = 3, 2, 1, 2
-"""Values per pixel: of a normal, and of the inputs of a weighted sum (two slopes or one displacement); and
-per dot."""
+NORMAL, SLOPES, DISPLACEMENT = 3, 2, 1
+"""Values per pixel: of a normal, and of the inputs of a weighted sum (two slopes or one displacement)."""
 
 
 @dataclass(frozen=True)
@@ -86,9 +85,7 @@ class CycleModel(FrameCycles):
         if scene.wants_force:
             self.force_stream = self._weighted_sum() if self._sums_words else self._patch_force()
         if scene.wants_dots:
-            follower = follower or expected_follower(scene.sensor)
-            self.dots, self.force_sum = DotStream(follower, lanes=self.lanes), ForceSum
-            self.dot_force_stream = self._weighted_dots(follower)
+            self.dots = self._dots(follower or expected_follower(scene.sensor))
 
     def _network_multipliers(self, sizes: Sequence[int]) -> int:
         """Multipliers of all lanes: those of the tiles, and one per hidden neuron for requantisation."""
@@ -142,16 +139,18 @@ class CycleModel(FrameCycles):
             kind.latency_of(values, self.lanes), beats_per_frame(rows, columns, self.lanes), multipliers
         )
 
-    def _weighted_dots(self, follower: DotFollower) -> Figures:
-        kind, scene = WeightedSumStream, self.scene
+    def _dots(self, follower: DotFollower) -> Figures:
+        """Figures of DotForceStream."""
+        kind, scene, dots = WeightedSumStream, self.scene, DotStream(follower, lanes=self.lanes)
         multipliers = kind.multipliers_of(
             len(scene.force_axes),
-            SHIFT,
+            VALUES,
             1,
             input_bits=follower.width,
             weight_bits=scene.numbers.dot_weight_bits,
         )
-        return Figures(kind.latency_of(SHIFT, 1), len(follower.rest), multipliers)
+        interval = max(dots.interval, len(follower.rest))
+        return Figures(dots.latency + kind.latency_of(VALUES, 1), interval, multipliers)
 
     def _patch_force(self) -> Figures:
         scene, size, kind = self.scene, self.scene.inner_px, PatchForceStream

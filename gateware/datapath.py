@@ -8,22 +8,20 @@ from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
-from fastac.gateware.dots.dark_queue import DarkQueue
+from fastac.gateware.bridged_slopes import BridgedSlopes
+from fastac.gateware.dot_force import DotForceStream
 from fastac.gateware.dots.darkness import DarknessStream
-from fastac.gateware.dots.dot_stream import DotStream
-from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.network.pixel_network import NormalMlp
-from fastac.gateware.network.slope_bridge import SlopeBridgeStream
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, TIMEOUT_BITS, FrameGuard
-from fastac.gateware.stream.frame_validity import DOTS_LATENCY, FrameValidity
+from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.gateware.stream.tables import TableFormat
 from fastac.models.integer.features import WIDTH, coordinate_codes
@@ -41,6 +39,10 @@ def last_row_first(stage):
     if isinstance(stage, WeightedSum):
         return replace(stage, weight=stage.weight[:, ::-1])
     return replace(stage, rest=stage.rest[::-1])
+
+
+MARGIN = 4
+"""Beats of darkness that are kept beyond those on their way to slopes: of the buffers' second places."""
 
 
 class Datapath(FrameCycles, wiring.Component):
@@ -122,7 +124,10 @@ class Datapath(FrameCycles, wiring.Component):
         if scene.wants_slopes:
             self.divider = GradientDivider(pipeline.ratio, lanes=lanes)
         if scene.wants_bridge:
-            self.bridge = SlopeBridgeStream(pipeline.bridge, slope_bits=pipeline.ratio.width, lanes=lanes)
+            between = (self.background.latency, self.mlp.latency, SkidBuffer.latency, self.divider.latency)
+            self.bridge = BridgedSlopes(
+                pipeline.bridge, slope_bits=pipeline.ratio.width, lanes=lanes, ahead=sum(between) + MARGIN
+            )
         if scene.wants_darkness:
             windows = (pipeline.bridge if scene.wants_bridge else pipeline.follower).windows
             self.darkness = DarknessStream(windows, lanes=lanes)
@@ -156,14 +161,8 @@ class Datapath(FrameCycles, wiring.Component):
                 )
             members["force"] = Out(self.force_stream.o.signature)
         if scene.wants_dots:
-            self.dots = DotStream(pipeline.follower, lanes=lanes)
-            self.dot_force_stream = WeightedSumStream(pipeline.dot_force.weighted, lanes=1)
-            self.force_sum = ForceSum(
-                pipeline.dot_force, skin_width=pipeline.force.width, width=pipeline.force_width
-            )
-            members["force"] = Out(self.force_sum.o.signature)
-            if self.dot_force_stream.latency + self.force_sum.latency < DOTS_LATENCY:
-                raise ValueError(f"flags of dots take {DOTS_LATENCY} clocks: later than the frame's result")
+            self.dots = DotForceStream(pipeline, lanes=lanes)
+            members["force"] = Out(self.dots.o.signature)
         if self.validity.latency > (self.force_stream if self.wants_force else self.mlp).latency:
             raise ValueError(
                 f"validity flags take {self.validity.latency} clocks: later than the frame's result"
@@ -256,12 +255,8 @@ class Datapath(FrameCycles, wiring.Component):
         fan_out(guard.o, [background.i, *([self.darkness.i] if scene.wants_darkness else [])], "pixels_fork")
         if scene.wants_darkness:
             m.submodules.darkness = darkness = self.darkness
-            sinks = [self.dots.i] if scene.wants_dots else []
-            if scene.wants_bridge:
-                m.submodules.dark_queue = dark = DarkQueue(
-                    darkness.windows, lanes=self.lanes, depth=self._dark_beats
-                )
-                sinks.append(dark.i)
+            sinks = [self.dots.darkness] if scene.wants_dots else []
+            sinks += [self.bridge.darkness] if scene.wants_bridge else []
             fan_out(darkness.o, sinks, "darkness_fork")
             if self.loadable:
                 connect(m, wiring.flipped(self.threshold), darkness.threshold)
@@ -270,7 +265,10 @@ class Datapath(FrameCycles, wiring.Component):
             m.submodules.divider = divider = self.divider
             slopes, over, saturated = divider.o, divider.over, divider.saturated
             if scene.wants_bridge:
-                slopes, over, saturated = self._add_bridge(m, dark.o)
+                m.submodules.bridge = bridge = self.bridge
+                connect(m, slopes, bridge.slopes)
+                m.d.comb += bridge.over.eq(over)
+                slopes, over, saturated = bridge.o, bridge.o_over, bridge.saturated
             m.d.comb += [
                 self.gradient_saturated.eq(saturated),
                 validity.slopes_over.eq(over),
@@ -280,10 +278,13 @@ class Datapath(FrameCycles, wiring.Component):
         fan_out(normals.o, sinks, "normals_fork")
         if self.wants_force:
             m.submodules.force_stream = force = self.force_stream
+            found = force.o
             if scene.wants_dots:
-                self._add_dots(m, force.o)
-            else:
-                connect(m, force.o, wiring.flipped(self.force))
+                m.submodules.dots = dots = self.dots
+                connect(m, found, dots.skin)
+                m.d.comb += [validity.dot_lost.eq(dots.lost), validity.dot_taken.eq(dots.taken)]
+                found = dots.o
+            connect(m, found, wiring.flipped(self.force))
         if scene.force_from_slopes:
             connect(m, slopes, force.i)
             if self.loadable:
@@ -317,45 +318,3 @@ class Datapath(FrameCycles, wiring.Component):
             connect(m, force.map, wiring.flipped(self.force_map))
         fan_out(solution.o, sinks, "solution_fork")
         return m
-
-    @property
-    def _dark_beats(self) -> int:
-        """Beats of pixels that are between the darkness and the slopes at most."""
-        return self.background.latency + self.mlp.latency + self.divider.latency + 2 * SkidBuffer.latency + 2
-
-    def _add_bridge(self, m: Module, dark) -> tuple:
-        """Bridge the slopes of dark pixels; returns their stream, which saturated, and if any did."""
-        m.submodules.bridge = bridge = self.bridge
-        divider = self.divider
-        slopes = stream.Signature(divider.o.payload.shape()).create()
-        m.d.comb += [
-            bridge.i.payload.slopes.eq(divider.o.payload),
-            bridge.i.payload.over.as_value().eq(divider.over),
-            bridge.i.payload.dark.eq(dark.payload),
-            bridge.i.valid.eq(divider.o.valid & dark.valid),
-            divider.o.ready.eq(bridge.i.ready & dark.valid),
-            dark.ready.eq(bridge.i.ready & divider.o.valid),
-            slopes.payload.eq(bridge.o.payload.slopes),
-            slopes.valid.eq(bridge.o.valid),
-            bridge.o.ready.eq(slopes.ready),
-        ]
-        over = bridge.o.payload.over.as_value()
-        return slopes, over, bridge.o.valid & over.any()
-
-    def _add_dots(self, m: Module, skin) -> None:
-        """Follow the dots, and add their share to the force of the skin."""
-        m.submodules.dots = dots = self.dots
-        m.submodules.dot_force_stream = of_dots = self.dot_force_stream
-        m.submodules.force_sum = force_sum = self.force_sum
-        (shift,) = of_dots.i.payload
-        m.d.comb += [
-            shift[0].eq(dots.o.payload.u),
-            shift[1].eq(dots.o.payload.v),
-            of_dots.i.valid.eq(dots.o.valid),
-            dots.o.ready.eq(of_dots.i.ready),
-            self.validity.dot_lost.eq(~dots.o.payload.seen),
-            self.validity.dot_taken.eq(dots.o.valid & dots.o.ready),
-        ]
-        connect(m, skin, force_sum.skin)
-        connect(m, of_dots.o, force_sum.dots)
-        connect(m, force_sum.o, wiring.flipped(self.force))

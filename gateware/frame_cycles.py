@@ -1,5 +1,6 @@
 """Latency, interval and multipliers of a whole datapath from those of its stages."""
 
+from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.schema import Scene
 
@@ -12,8 +13,8 @@ class FrameCycles:
 
     The inheriting class has `scene`, `lanes` and, as far as the scene needs them, `guard`, `background`,
     `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`, `displacement`,
-    `force_stream`, `bridge`, `darkness`, `dots`, `dot_force_stream` and `force_sum`, each with `latency`,
-    `interval` and `multipliers`. The latency of `dots` counts from a frame's last pixels.
+    `force_stream`, `bridge`, `darkness` and `dots`, each with `latency`, `interval` and `multipliers`; those
+    of `dots` are `DotForceStream`'s.
 
     All times are in clocks, without back-pressure and with no other frame in the way. `stages` has each
     stage's share of the time from a frame's first pixel to its last result.
@@ -32,9 +33,8 @@ class FrameCycles:
         stages = self._stages_without_dots
         if self.scene.wants_dots:
             first = self.guard.latency + self.beats - 1 + self.darkness.latency + self.dots.latency
-            first += self.dot_force_stream.latency
             # The dots are found beside the rest: what counts is how much later than the skin's they are.
-            stages["dots"] = max(first - sum(stages.values()), 0) + self.force_sum.latency
+            stages["dots"] = max(first - sum(stages.values()), 0) + ForceSum.latency
         return stages
 
     @property
@@ -101,7 +101,7 @@ class FrameCycles:
         if self.scene.wants_force:
             intervals.append(self.force_stream.interval)
         if self.scene.wants_dots:
-            intervals += [self.dots.interval, self.dot_force_stream.interval]
+            intervals.append(self.dots.interval)
         return max(intervals)
 
     @property
@@ -113,5 +113,5 @@ class FrameCycles:
         if self.scene.wants_force:
             count["force"] = self.force_stream.multipliers
         if self.scene.wants_dots:
-            count["dots"] = self.dot_force_stream.multipliers
+            count["dots"] = self.dots.multipliers
         return count

@@ -9,34 +9,41 @@ PATIENT = 0.5
 """As in `sim.benches.stream`: with more pauses than this a reader waits for a beat before it is ready."""
 
 
-def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
-    """Drive `dut.i` with payloads and record all output streams.
+def run_streams(dut, inputs, expected, *, start=None, stall=0.0, seed=1, clocks=100_000):
+    """Drive input streams with payloads and record all output streams.
 
-    inputs : payloads as integers
+    inputs : payloads as integers, of the stream "i", or {input stream: payloads}
+    start : {input stream: clocks before its first beat}, 0 where it is not named
     expected : {output stream: number of beats}; each is watched for 64 more clocks
     stall : probability per clock that a stream pauses, or {stream: probability}; above a half an output is
         ready only once a beat waits
-    Returns {stream: payloads} of the outputs, and {stream: clocks of the transfers}, also of the input "i".
+    Returns {stream: payloads} of the outputs, and {stream: clocks of the transfers}, also of the inputs.
     Raises AssertionError if an output gives fewer beats within `clocks` clocks.
     """
-    stalls = dict.fromkeys(["i", *expected], stall) if isinstance(stall, float | int) else stall
+    inputs = inputs if isinstance(inputs, dict) else {"i": inputs}
+    stalls = dict.fromkeys([*inputs, *expected], stall) if isinstance(stall, float | int) else stall
     payloads = {name: [] for name in expected}
-    taken = {name: [] for name in ["i", *expected]}
+    taken = {name: [] for name in [*inputs, *expected]}
 
-    async def source(ctx):
-        rng, clock = random.Random(seed), 0
-        for payload in inputs:
-            while rng.random() < stalls["i"]:
+    def source(name):
+        async def drive(ctx):
+            i, rng, clock = getattr(dut, name), random.Random(seed), (start or {}).get(name, 0)
+            for _ in range(clock):
                 await ctx.tick()
-                clock += 1
-            ctx.set(Value.cast(dut.i.payload), payload)
-            ctx.set(dut.i.valid, 1)
-            moved = False
-            while not moved:
-                *_, moved = await ctx.tick().sample(dut.i.ready)
-                clock += 1
-            taken["i"].append(clock - 1)
-            ctx.set(dut.i.valid, 0)
+            for payload in inputs[name]:
+                while rng.random() < stalls[name]:
+                    await ctx.tick()
+                    clock += 1
+                ctx.set(Value.cast(i.payload), payload)
+                ctx.set(i.valid, 1)
+                moved = False
+                while not moved:
+                    *_, moved = await ctx.tick().sample(i.ready)
+                    clock += 1
+                taken[name].append(clock - 1)
+                ctx.set(i.valid, 0)
+
+        return drive
 
     def sink(name, beats):
         async def take(ctx):
@@ -62,7 +69,8 @@ def run_streams(dut, inputs, expected, *, stall=0.0, seed=1, clocks=100_000):
 
     simulator = Simulator(dut)
     simulator.add_clock(1e-6)
-    simulator.add_testbench(source)
+    for name in inputs:
+        simulator.add_testbench(source(name))
     for name, beats in expected.items():
         simulator.add_testbench(sink(name, beats))
     simulator.run()

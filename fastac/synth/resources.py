@@ -44,11 +44,8 @@ BEHIND_SOLVER = {
     "displacement": "depth",
     "force_stream": "force",
     "bridge": "bridge",
-    "dark_queue": "bridge",
     "darkness": "dots",
     "dots": "dots",
-    "dot_force_stream": "dots",
-    "force_sum": "dots",
 }
 """Stages of every design by the names that instances begin with."""
 BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fastac.gateware.bus.register_map import ERRORS
+from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
@@ -284,7 +285,7 @@ DOTS = {"outputs": ("force_xyz",), "solver": "adjoint", "dots": True, "bridge_do
 def test_force_of_slopes_and_dots(tmp_path):
     """Dots are known last; with bridged slopes, and with faults of camera and host."""
     hardware = Hardware(tmp_path, **DOTS)
-    assert hardware.top.datapath.stages["dots"] > hardware.top.datapath.force_sum.latency
+    assert hardware.top.datapath.stages["dots"] > ForceSum.latency
     check_frames(hardware)
     check_faults(hardware)
 
@@ -306,7 +307,7 @@ def test_force_of_displacement_beyond_a_band_and_dots(tmp_path):
         bridge_dots=True,
         band_mm=0.001,
     )
-    assert hardware.top.datapath.stages["dots"] == hardware.top.datapath.force_sum.latency
+    assert hardware.top.datapath.stages["dots"] == ForceSum.latency
     check_frames(hardware)
 
 

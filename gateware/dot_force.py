@@ -1,0 +1,80 @@
+# amaranth: UnusedElaboratable=no
+"""The force of skin and marker dots, from the skin's force and the darkness of pixels."""
+
+from amaranth import Module
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out, connect
+
+from fastac.gateware.dots.dot_stream import DotStream
+from fastac.gateware.force.force_sum import ForceSum
+from fastac.gateware.force.weighted_sum import WeightedSumStream
+from fastac.gateware.stream.frame_validity import DOTS_LATENCY
+from fastac.models.integer.pipeline import IntegerPipeline
+
+VALUES = 2
+"""Of a dot: its shift along u and v."""
+
+
+class DotForceStream(wiring.Component):
+    """Follow the dots of each frame and add their share to the force of the skin.
+
+    Bit-exact to `pipeline.force(…) + pipeline.dot_force(shifts)`.
+
+    Members
+    -------
+    darkness : stream of the darkness of `lanes` pixels, see `DarknessStream.o`
+    skin : stream of one beat per frame: an accumulator per axis, signed(pipeline.force.width)
+    o : the same of skin and dots, signed(pipeline.force_width)
+    lost, taken : a dot is followed, M of them a frame; it is lost
+
+    `latency` counts from the darkness of a frame's last pixels to the dots' sums, without back-pressure; the
+    sum of both parts follows `ForceSum.latency` clocks after the later one.
+    """
+
+    def __init__(self, pipeline: IntegerPipeline, *, lanes: int):
+        self.dots = DotStream(pipeline.follower, lanes=lanes)
+        self.weighted = WeightedSumStream(pipeline.dot_force.weighted, lanes=1)
+        self.sum = ForceSum(pipeline.dot_force, skin_width=pipeline.force.width, width=pipeline.force_width)
+        if self.weighted.latency + self.sum.latency < DOTS_LATENCY:
+            raise ValueError(f"flags of dots take {DOTS_LATENCY} clocks: later than the frame's result")
+        super().__init__(
+            {
+                "darkness": In(self.dots.i.signature.flip()),
+                "skin": In(self.sum.skin.signature.flip()),
+                "o": Out(self.sum.o.signature),
+                "lost": Out(1),
+                "taken": Out(1),
+            }
+        )
+
+    @property
+    def latency(self) -> int:
+        return self.dots.latency + self.weighted.latency
+
+    @property
+    def interval(self) -> int:
+        return max(self.dots.interval, self.weighted.interval)
+
+    @property
+    def multipliers(self) -> int:
+        return self.weighted.multipliers
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.dots = dots = self.dots
+        m.submodules.weighted = weighted = self.weighted
+        m.submodules.sum = total = self.sum
+        (shift,) = weighted.i.payload
+        m.d.comb += [
+            shift[0].eq(dots.o.payload.u),
+            shift[1].eq(dots.o.payload.v),
+            weighted.i.valid.eq(dots.o.valid),
+            dots.o.ready.eq(weighted.i.ready),
+            self.lost.eq(~dots.o.payload.seen),
+            self.taken.eq(dots.o.valid & dots.o.ready),
+        ]
+        connect(m, wiring.flipped(self.darkness), dots.i)
+        connect(m, wiring.flipped(self.skin), total.skin)
+        connect(m, weighted.o, total.dots)
+        connect(m, total.o, wiring.flipped(self.o))
+        return m
