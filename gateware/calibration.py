@@ -20,6 +20,7 @@ from fastac.models.integer.assemble import with_force_of
 from fastac.models.integer.bounds import Stage
 from fastac.models.integer.bundle import Bundle, save
 from fastac.models.integer.depth import Depth
+from fastac.models.integer.dot_windows import DotWindows
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import Layer, Requantisation
@@ -31,6 +32,10 @@ FORMAT_VERSION = 2
 """Version of the image format; part of the hardware identifier."""
 
 
+OF_DOTS = ("bridge", "follower", "dot_force")
+"""Stages that only scenes with dots have."""
+
+
 class CalibrationError(ValueError):
     """The bundle cannot be loaded into the hardware; the message is one line that names what differs."""
 
@@ -39,6 +44,7 @@ def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
     """For each class the fields that an image contains, or that only document the computation."""
     fields = {Layer: {"weight", "bias"}, Requantisation: {"multiplier", "shift"}, Stage: {"bound_px"}}
     fields[FrameValidity] = {"low", "high"}
+    fields[DotWindows] = {"threshold"}
     if pipeline.scene.poisson.mode == "difference":
         fields[PoissonSource] = {"offset"}
     else:
@@ -75,7 +81,8 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
         else:
             yield name, value
 
-    for name in ("layers", "ratio", "source", "solver", "depth", "quantiser", "force", "validity"):
+    stages = ("layers", "ratio", "source", "solver", "depth", "quantiser", "force", "validity")
+    for name in (*stages, "band", *OF_DOTS):
         stage = getattr(pipeline, name)
         yield from content(name, stage)
         if hasattr(stage, "width"):
@@ -85,11 +92,14 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 def hardware_identifier(pipeline: IntegerPipeline) -> int:
     """32-bit identifier of the hardware: hash of everything that a calibration cannot change.
 
-    Rounding to nearest is left out, so that hardware older than the choice of rounding keeps its identifier.
+    Rounding to nearest, and dots and a band that are not there, are left out, so that hardware older than the
+    choice of them keeps its identifier.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     for name, value in fixed_content(pipeline):
         if name.endswith(".rounding") and value == NEAREST:
+            continue
+        if name in ("validity.dots", "band", *OF_DOTS) and not value:
             continue
         if isinstance(value, np.ndarray):
             digest.update(f"{name} {value.shape}".encode() + value.astype("<i8").tobytes())

@@ -1,5 +1,6 @@
 """Bundles of random integers, with small default sizes and words: test hardware that needs no training."""
 
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -180,6 +181,18 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     return bundle.save(folder, with_limits(pipeline, frames(background, GOOD_FRAME_SPANS)), {})
 
 
+def brighter(stage):
+    """A stage of dots with other thresholds of darkness, or None."""
+    if stage is None:
+        return None
+    threshold = (
+        stage.windows.threshold
+        + 1
+        + np.arange(stage.windows.threshold.size).reshape(stage.windows.threshold.shape) % 9
+    )
+    return replace(stage, windows=replace(stage.windows, threshold=threshold))
+
+
 def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
     """Save and return a copy of the bundle `known` with another random network and tighter validity limits.
 
@@ -193,8 +206,7 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
         layers=layers(old.scene, old.background, np.random.default_rng(seed), hidden),
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
-        bridge=old.bridge,
-        follower=old.follower,
+        **{name: brighter(getattr(old, name)) for name in ("bridge", "follower")},
     )
     pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD_FRAME_SPANS[:2]))
     return bundle.save(folder, pipeline, {})

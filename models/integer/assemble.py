@@ -54,7 +54,8 @@ def assemble(
     """The integer pipeline up to the depth and the displacement; `with_force` adds the force's weights,
     `with_limits` what makes a frame suspect.
 
-    bridge, follower : of the background's dots, where the scene wants them
+    bridge, follower : of the background's dots, where the scene wants them; where both are, the follower's
+        thresholds are those of both
 
     Only what the scene wants is computed: no depth wanted, no solver. Widths follow from bounds
     (models/integer/bounds.py), of any weights where the scene's are loadable. Raises ValueError where a bound
@@ -82,6 +83,8 @@ def assemble(
         bridge=bridge,
         follower=follower,
     )
+    if bridge is not None and follower is not None:
+        pipeline = pipeline.replace(bridge=replace(bridge, windows=follower.windows))
     pipeline = with_loadable(pipeline, loadable)
     ratio = pipeline.ratio
     if not scene.wants_solver:
@@ -168,14 +171,19 @@ def _with_skin_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerP
 
 
 def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerPipeline:
-    """The pipeline with the integers of another one's force, as the hardware of that one has them."""
-    force = known.force
+    """The pipeline with the integers of another one's force, as the hardware of that one has them.
+
+    Dots are those of `known`, told from the skin by the pipeline's own thresholds.
+    """
+    force, follower = known.force, known.follower
+    if follower is not None:
+        follower = replace(follower, windows=pipeline.follower.windows)
     if pipeline.scene.force_from_slopes:
         force = replace(force, constant=_constant(pipeline, force.weight))
     return pipeline.replace(
         force=force,
         force_n_per_unit=known.force_n_per_unit,
-        follower=known.follower,
+        follower=follower,
         dot_force=known.dot_force,
     )
 

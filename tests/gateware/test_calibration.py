@@ -24,6 +24,7 @@ WANTED = {
     "difference": {"outputs": ("depth", "force_z"), "mode": "difference", "solver": "tridiagonal"},
     "adjoint": {"outputs": ("force_xyz",), "mode": "difference", "solver": "adjoint", "lanes": 2},
     "normals": {"outputs": ("normals",)},
+    "dots": {"outputs": ("force_x",), "solver": "adjoint", "dots": True, "bridge_dots": True, "size": 24},
     "depth": {"outputs": ("depth",), "mode": "absolute"},
 }
 
@@ -59,12 +60,13 @@ def test_content_of_an_image(bundles, name):
     layout = image_layout(Datapath(own.pipeline))
     assert words.shape == (layout.words,)
     assert words[0] == hardware_identifier(own.pipeline) == hardware_identifier(other.pipeline)
-    assert list(layout.tables) == {"absolute": ["rest"], "difference": ["offset"]}.get(name, [])
+    tables = {"absolute": ["rest"], "difference": ["offset"], "dots": ["threshold"]}
+    assert list(layout.tables) == tables.get(name, [])
     chain = int.from_bytes(words[-layout.chain_words :].astype("<u4").tobytes(), "little")
     assert chain >> (32 * layout.chain_words - 64) == other.hash_word
     bits = layout.registers["network"]
     assert chain % (1 << bits) == Datapath(own.pipeline).mlp.parameter_image(other.pipeline.layers)
-    assert list(layout.registers) == ["network", *["constant"] * (name == "adjoint"), "limits"]
+    assert list(layout.registers) == ["network", *["constant"] * (name in ("adjoint", "dots")), "limits"]
     low = sum(layout.registers.values()) - layout.registers["limits"]
     limits = chain >> low & (1 << layout.registers["limits"]) - 1
     assert limits == Datapath(own.pipeline).validity.limits_image(other.pipeline.validity)
@@ -82,6 +84,11 @@ def test_content_of_an_image(bundles, name):
         assert not found[:, 14:].any()
     elif name == "difference":
         assert np.array_equal(values.reshape(14, 14), other.pipeline.source.offset)
+    elif name == "dots":
+        windows = other.pipeline.follower.windows
+        assert np.array_equal(values.reshape(6, 6), windows.threshold)
+        assert np.array_equal(windows.threshold, other.pipeline.bridge.windows.threshold)
+        assert (windows.threshold != own.pipeline.follower.windows.threshold).all()
     else:
         assert not len(values)
 
@@ -104,6 +111,15 @@ def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
         return pipeline.replace(source=replace(pipeline.source, offset=pipeline.source.offset + 1))
     if what == "rest":
         return pipeline.replace(depth=replace(pipeline.depth, rest=pipeline.depth.rest - 1))
+    if what == "place":
+        rest = pipeline.follower.rest + np.array([0, 1])
+        return pipeline.replace(follower=replace(pipeline.follower, rest=rest))
+    if what == "dot weight":
+        weighted = pipeline.dot_force.weighted
+        weighted = replace(weighted, weight=-weighted.weight)
+        return pipeline.replace(dot_force=replace(pipeline.dot_force, weighted=weighted))
+    if what == "reach":
+        return pipeline.replace(bridge=replace(pipeline.bridge, reach=5))
     if what == "lanes":
         content = pipeline.scene.model_dump()
         content["hardware"]["pixels_per_clock"] = 2
@@ -138,6 +154,9 @@ def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
         ),
         ("difference", "rest", "depth.rest: 196 of 196 values are not the hardware's"),
         ("difference", "lanes", "scene.hardware.pixels_per_clock = 2: the hardware's is 1"),
+        ("dots", "place", "follower.rest: 9 of 18 values are not the hardware's, the first in (0, 1)"),
+        ("dots", "dot weight", "dot_force.weighted.weight: 18 of 18 values are not the hardware's"),
+        ("dots", "reach", "bridge.reach = 5: the hardware's is 2"),
         ("normals", "fraction", "ratio.fraction = 7: the hardware's is 8"),
         ("normals", "shape", "layers.0.weight.shape = (3, 5): the hardware's is (4, 5)"),
         ("normals", "depth", "layers.length = 1: the hardware's is 2"),

@@ -99,6 +99,25 @@ def test_flat_rest_needs_no_table(tmp_path):
     assert curved == plane + 2
 
 
+@pytest.mark.parametrize("lanes", [1, 2])
+@pytest.mark.parametrize("band_mm", [None, 0.001])
+def test_dots(tmp_path, lanes, band_mm):
+    """Of the dots where they are; where they are expected to be, the latency may differ."""
+    depth = {"outputs": ("depth", "force_xyz"), "solver": "tridiagonal", "kernel": "collapsed"}
+    slopes = {"outputs": ("force_xyz",), "solver": "adjoint"}
+    wanted = scene(
+        **(slopes if band_mm is None else depth | {"band_mm": band_mm}),
+        dots=True,
+        bridge_dots=True,
+        lanes=lanes,
+        size=24,
+    )
+    pipeline = random_bundle(tmp_path, wanted).pipeline
+    path = Datapath(pipeline)
+    check(path, CycleModel(wanted, hidden=(4,), follower=pipeline.follower))
+    assert CycleModel(wanted, hidden=(4,)).multipliers == path.multipliers
+
+
 def test_shifts_of_the_division_by_size():
     for size in range(14, 255):
         exponent = reciprocals(size)[1]

@@ -29,13 +29,16 @@ WANTED = {
     "fast": {"outputs": ("depth", "force_xyz"), "mode": "difference", **BEYOND},
     "adjoint": {"outputs": ("force_xyz",), "solver": "adjoint", "weights": "baked"},
     "adjoint, loadable": {"outputs": ("normals", "force_x"), "solver": "adjoint"},
+    "dots": {"outputs": ("force_xyz",), "solver": "adjoint", "dots": True, "bridge_dots": True, "size": 24},
+    "bridged": {"outputs": ("depth",), "bridge_dots": True, **BEYOND},
 }
 """Scenes that need different parts; below, for each part the scenes that need it."""
-ADJOINT = {"adjoint", "adjoint, loadable"}
+ADJOINT = {"adjoint", "adjoint, loadable", "dots"}
 SLOPES = set(WANTED) - {"normals"}
 SOLVER = SLOPES - ADJOINT
-TRIDIAGONAL = {"force map", "fast"}
-DEPTH = {"depth", "depth, difference", "normals and depth", "everything", "fast"}
+TRIDIAGONAL = {"force map", "fast", "bridged"}
+DEPTH = {"depth", "depth, difference", "normals and depth", "everything", "fast", "bridged"}
+BRIDGED = {"dots", "bridged"}
 DISPLACEMENT = {"force", "force, difference", "everything", "force map", "collapsed", "fast"}
 FORCE = DISPLACEMENT | ADJOINT
 PATCH = DISPLACEMENT - {"collapsed", "fast"}
@@ -58,6 +61,12 @@ NEEDED = {
     "datapath.solver.reversal": TRIDIAGONAL,
     "datapath.depth_output": DEPTH,
     "datapath.depth_output.rest": {"depth, difference", "fast"},
+    "datapath.darkness": BRIDGED,
+    "datapath.bridge": BRIDGED,
+    "datapath.dots": {"dots"},
+    "datapath.validity.dots_count": {"dots"},
+    "datapath.pixels_fork": BRIDGED,
+    "datapath.darkness_fork": {"dots"},
     "depth_tags": DEPTH,
     "force_map_tags": {"force map"},
     "datapath.displacement": DISPLACEMENT,
@@ -84,6 +93,9 @@ ABSENT = {
     "solver": SOLVER,
     "divider": SLOPES,
     "calibration": LOADABLE,
+    "dark": BRIDGED,
+    "bridge": BRIDGED,
+    "dots": {"dots"},
 }
 """Words that module names may contain only in these scenes: no remains of a part under another name."""
 PORTS = {
@@ -96,7 +108,7 @@ PORTS = {
 WORDS = {
     r"\bforce_z\b": FORCE - {"adjoint, loadable"},
     r"\bforce_x\b": ADJOINT | {"fast"},
-    r"\bforce_y\b": {"adjoint", "fast"},
+    r"\bforce_y\b": {"adjoint", "fast", "dots"},
     r"\bforce_z_high\b": FORCE - {"adjoint, loadable"},
     r"\bfirst_to_force\b": FORCE,
     r"\bfirst_to_depth\b": DEPTH,

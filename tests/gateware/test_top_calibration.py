@@ -26,8 +26,15 @@ SPANS = (10, 5, 60)
         {"outputs": ("depth", "force_z"), "mode": "absolute", "lanes": 2},
         {"outputs": ("normals", "depth", "force_z"), "mode": "difference", "solver": "tridiagonal"},
         {"outputs": ("force_x", "force_z"), "mode": "difference", "solver": "adjoint", "lanes": 4},
+        {
+            "outputs": ("force_x", "force_z"),
+            "solver": "adjoint",
+            "dots": True,
+            "bridge_dots": True,
+            "size": 24,
+        },
     ],
-    ids=["absolute depth", "difference from the background", "adjoint"],
+    ids=["absolute depth", "difference from the background", "adjoint", "dots"],
 )
 @pytest.mark.quick("difference from the background")
 @pytest.mark.long
