@@ -206,5 +206,7 @@ def test_another_network_keeps_the_dots_force(dotted, tmp_path):
     known = random_bundle.Bundle(dotted, {}, "0" * 64)
     found = random_bundle.recalibrated(tmp_path / "other", known).pipeline
     assert found.dot_force is dotted.dot_force
-    assert found.follower is dotted.follower
-    assert not Emulator(found).run(found.background[None]).force_raw.any()
+    for name in ("rest", "guides", "low", "high", "reach"):
+        assert np.array_equal(getattr(found.follower, name), getattr(dotted.follower, name))
+    assert np.array_equal(found.follower.windows.threshold, found.bridge.windows.threshold)
+    assert (found.follower.windows.threshold != dotted.follower.windows.threshold).all()
