@@ -173,8 +173,8 @@ def _with_skin_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerP
 def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerPipeline:
     """The pipeline with the integers of another one's force, as the hardware of that one has them.
 
-    Dots are those of `known`, told from the skin by the pipeline's own thresholds. Where these differ, dots at
-    rest can show a small shift.
+    Dots are those of `known`, told from the skin by the pipeline's own thresholds. Where these differ, dots
+    at rest can show a small shift.
     """
     force, follower = known.force, known.follower
     if follower is not None:
