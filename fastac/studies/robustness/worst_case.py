@@ -220,6 +220,8 @@ def patch_force_cases(force: PatchForce) -> list[WorstCase]:
 def weighted_sum_case(pipeline: IntegerPipeline) -> WorstCase:
     """The force as a weighted sum, for inputs with the signs of the weights and the worst constants."""
     force = pipeline.force
+    if pipeline.band is not None:
+        return banded_sum_case(force, pipeline.band)
     top = force.input_limit
     low = -top if force.input_signed else 0
     weight = force.weight.reshape(len(force.weight), -1)
@@ -230,8 +232,6 @@ def weighted_sum_case(pipeline: IntegerPipeline) -> WorstCase:
     inputs = extremes(weight, low, top).reshape(-1, *force.weight.shape[1:])
     outputs = force(inputs)
     range_bound = interval(weight, low, top, force.constant)
-    if pipeline.band is not None:
-        return banded_sum_case(force, pipeline.band)
     return WorstCase(
         "force",
         "accumulator",
