@@ -18,13 +18,16 @@ class Result:
     force_n : (frames, axes), and force_map_n : (frames, axes, N, N), for the scene's force axes
     dot_shifts_px : (frames, M, 2) along u and v, of the marker dots from their places at rest; 0: lost
     dots_seen : (frames, M) bool
+    slip_px : (frames,) root mean square spread of the shifts of the dots in contact about the rigid motion
+        that fits them; 0 for fewer than three dots
+    slip_dots, slipping : (frames,) how many dots are in contact, and (frames,) bool, whether their spread is
+        beyond the scene's limit
 
     Integer pipelines add the raw words: normal_words (frames, H, W, 3), depth_words and displacement_words
-    (frames, N, N), dot_shift_words (frames, M, 2), force_raw (frames, axes) and force_map_raw
-    (frames, axes, N, N); how many values saturated
-    in each frame, gradient_saturated and displacement_saturated (frames,); and whether a frame can be
-    trusted, validity_measures (frames, measures) and the flags validity (frames,), see
-    `frame_validity.FrameValidity`.
+    (frames, N, N), dot_shift_words (frames, M, 2), slip_words (frames,), force_raw (frames, axes) and
+    force_map_raw (frames, axes, N, N); how many values saturated in each frame, gradient_saturated and
+    displacement_saturated (frames,); and whether a frame can be trusted, validity_measures
+    (frames, measures) and the flags validity (frames,), see `frame_validity.FrameValidity`.
     """
 
     normals: np.ndarray | None = None
@@ -35,10 +38,14 @@ class Result:
     force_map_n: np.ndarray | None = None
     dot_shifts_px: np.ndarray | None = None
     dots_seen: np.ndarray | None = None
+    slip_px: np.ndarray | None = None
+    slip_dots: np.ndarray | None = None
+    slipping: np.ndarray | None = None
     normal_words: np.ndarray | None = None
     depth_words: np.ndarray | None = None
     displacement_words: np.ndarray | None = None
     dot_shift_words: np.ndarray | None = None
+    slip_words: np.ndarray | None = None
     force_raw: np.ndarray | None = None
     force_map_raw: np.ndarray | None = None
     gradient_saturated: np.ndarray | None = None

@@ -93,6 +93,17 @@ class Force(Strict):
         return not self.clamp or self.band_mm is not None
 
 
+class Slip(Strict):
+    """Of the output slip: the spread of the touching dots' shifts about the rigid motion that fits them."""
+
+    contact_mm: Positive = 0.1
+    """Displacement beyond which the skin at a dot counts as in contact. Around a contact the skin moves, too,
+    but less."""
+    limit_px: Positive = 0.3
+    """Root mean square spread above which a frame is flagged as slipping. In hardware it is the initial value
+    of a register."""
+
+
 class Training(Strict):
     labels: Literal["geometry", "force"] = "geometry"
     """What the pixel network learns from. geometry: normals. force: the force alone; network and weights of

@@ -21,6 +21,7 @@ class OutputFacts:
     needs_depth : whether it follows from the Poisson solver's solution
     needs_force : whether a force must be among the outputs, too
     needs_patches : whether it needs the force's K×K kernels at every pixel, not their sum
+    needs_dots : whether it follows from the shifts of the marker dots, which then are a part of the force
     """
 
     measured: str
@@ -31,6 +32,7 @@ class OutputFacts:
     needs_depth: bool = False
     needs_force: bool = False
     needs_patches: bool = False
+    needs_dots: bool = False
 
 
 NORMALS = OutputFacts("normals", "1", "normal_words", needs_geometry=True)
@@ -42,6 +44,9 @@ FORCE_XYZ = OutputFacts("force_n", "N", "force_raw", force_axes=(0, 1, 2))
 FORCE_MAP = OutputFacts(
     "force_map_n", "N", "force_map_raw", needs_depth=True, needs_force=True, needs_patches=True
 )
+SLIP = OutputFacts(
+    "slip_px", "px", "slip_words", needs_geometry=True, needs_depth=True, needs_force=True, needs_dots=True
+)
 OUTPUTS = Kinds(
     "outputs",
     {
@@ -52,6 +57,7 @@ OUTPUTS = Kinds(
         "force_z": FORCE_Z,
         "force_xyz": FORCE_XYZ,
         "force_map": FORCE_MAP,
+        "slip": SLIP,
     },
 )
 

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field, ValidationError, model_validator
 
 from fastac.scenes.force_fits import FITS, FitFacts
-from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Training
+from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Slip, Training
 from fastac.scenes.outputs import OUTPUTS, OutputFacts
 from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS, SolverFacts
@@ -75,6 +75,7 @@ class Scene(Strict):
     numbers: Numbers = Numbers()
     poisson: Poisson = Poisson()
     force: Force = Force()
+    slip: Slip = Slip()
     hardware: Hardware = Hardware()
     training: Training = Training()
     simulation: Simulation = Simulation()
@@ -121,10 +122,12 @@ class Scene(Strict):
             facts, finds_depth = OUTPUTS[name], _solver_facts(self).finds_depth
             patches = not facts.needs_patches or self.force.kernel == "patch"
             if facts.needs_force and not (self.wants_force and patches and finds_depth):
+                kernel = ", force.kernel 'patch'," if facts.needs_patches else ""
                 raise ValueError(
-                    f"outputs: {name} needs a force beside it, force.kernel 'patch', and a poisson.solver"
-                    " with depth"
+                    f"outputs: {name} needs a force beside it{kernel} and a poisson.solver with depth"
                 )
+            if facts.needs_dots and not self.wants_dots:
+                raise ValueError(f"outputs: {name} needs force.dots = true and a force beside it")
 
     def _check_solver(self) -> None:
         """Raise ValueError unless the solver can do what is wanted of it."""
@@ -234,6 +237,11 @@ class Scene(Strict):
     def wants_dots(self) -> bool:
         """Whether the marker dots' shifts are a part of the force, so that hardware follows them."""
         return self.wants_force and self.force.dots
+
+    @property
+    def wants_slip(self) -> bool:
+        """Whether the spread of the touching dots' shifts is wanted, which tells how near slip is."""
+        return any(facts.needs_dots for facts in _output_facts(self))
 
     @property
     def wants_darkness(self) -> bool:

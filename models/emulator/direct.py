@@ -6,6 +6,7 @@ The emulator must equal it on every value, and gives way to it where float64 wou
 import numpy as np
 
 from fastac.models.integer.dot_follower import FRACTION
+from fastac.models.integer.dot_spread import spread_px
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce, terms
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -73,10 +74,19 @@ def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
             dots = pipeline.dot_force
             raw = raw + ((dots.weighted.weight[:, :, 0] * shifts).sum(axis=(1, 2)) << dots.exponent)
         found |= {"force_raw": raw, "force_n": raw * pipeline.force_n_per_unit}
+        if pipeline.spread is not None:
+            spread, dots = pipeline.spread(shifts, seen, words)
+            found |= slip_of(pipeline, spread, dots)
         if pipeline.scene.wants_force_map:
             raw = pipeline.force.force_map(words)
             found |= {"force_map_raw": raw, "force_map_n": raw * pipeline.force_n_per_unit[:, None, None]}
     return found
+
+
+def slip_of(pipeline: IntegerPipeline, spread: np.ndarray, dots: np.ndarray) -> dict[str, np.ndarray]:
+    """Spreads and numbers of dots in contact to the outputs that tell of slip."""
+    slipping = spread > pipeline.slip_limit
+    return {"slip_words": spread, "slip_px": spread_px(spread), "slip_dots": dots, "slipping": slipping}
 
 
 def outputs(pipeline: IntegerPipeline) -> Outputs:
@@ -109,6 +119,9 @@ def outputs(pipeline: IntegerPipeline) -> Outputs:
     if pipeline.force is not None:
         axes = len(pipeline.force_n_per_unit)
         found |= {"force_raw": ((axes,), np.int64), "force_n": ((axes,), np.float64)}
+        if pipeline.spread is not None:
+            found |= {"slip_words": ((), np.int64), "slip_px": ((), np.float64)}
+            found |= {"slip_dots": ((), np.int64), "slipping": ((), np.bool_)}
         if pipeline.scene.wants_force_map:
             maps = (axes, *inner)
             found |= {"force_map_raw": (maps, np.int64), "force_map_n": (maps, np.float32)}

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
+from fastac.models.emulator.direct import slip_of
 from fastac.models.emulator.exactness import EXACT_FLOAT32, require_exact
 from fastac.models.emulator.solvers import SOLVERS
 from fastac.models.integer.dot_follower import FRACTION
@@ -31,6 +32,8 @@ from fastac.models.loops.pixels import (
     unit_normals,
 )
 
+SLIP = ("slip_words", "slip_px", "slip_dots", "slipping")
+"""Outputs that tell of slip."""
 UNWANTED = {kind: np.empty((0, 0), kind) for kind in (np.int64, np.float32)}
 
 
@@ -111,14 +114,19 @@ class _Worker:
 
         self.wants_force = wants("force_raw", "force_n")
         self.wants_validity, validity = wants("validity", "validity_measures"), self.pipeline.validity
+        self.wants_slip = wants(*SLIP)
         self.dots = None
         if self.pipeline.follower is not None and (
-            self.wants_force or self.wants_validity or wants("dot_shift_words", "dot_shifts_px", "dots_seen")
+            self.wants_force
+            or self.wants_validity
+            or self.wants_slip
+            or wants("dot_shift_words", "dot_shifts_px", "dots_seen")
         ):
             self.dots = FollowedDots(self.pipeline.follower)
         self.wants_words = (
             (self.wants_force and self.pipeline.quantiser is not None)
             or (self.wants_validity and validity.displacements)
+            or self.wants_slip
             or wants("displacement_words", "displacement_saturated", "force_map_raw", "force_map_n")
         )
         self.wants_solver = self.wants_words or wants("depth_words", "depth_mm", "displacement_mm")
@@ -139,6 +147,7 @@ class _Worker:
         measures = np.empty((len(frames), len(names)), np.int64)
         axes = 0 if self.pipeline.force is None else len(self.pipeline.force_n_per_unit)
         of_dots = np.zeros((len(frames), axes))
+        followed = [None] * len(frames)
         for k, frame in enumerate(frames):
             places = {name: array[k : k + 1] for name, array in out.items()}
             normal = self.network(frame)
@@ -151,9 +160,13 @@ class _Worker:
                 if self.pipeline.validity.slopes:
                     measures[k, len(pixels)] = saturated
             if self.dots is not None:
-                lost, of_dots[k] = self._dots(frame, places)
+                shift, seen = self._dots(frame, places)
+                if self.pipeline.dot_force is not None:
+                    of_dots[k] = self.pipeline.dot_force(shift)
                 if self.wants_validity:
-                    measures[k, names.index("dots")] = lost
+                    measures[k, names.index("dots")] = len(seen) - int(seen.sum())
+                if self.wants_slip:
+                    followed[k] = shift.copy(), seen.copy()
             if self.wants_solver:
                 source(self.slopes, self.emulator.ahead, 1.0, self.emulator.offset, planes[k])
             elif self.wants_force:
@@ -162,7 +175,7 @@ class _Worker:
             solver.solve(memory)
             for k, z in enumerate(planes):
                 places = {name: array[k : k + 1] for name, array in out.items()}
-                saturated = self._solution(z, of_dots[k], places)
+                saturated = self._solution(z, of_dots[k], followed[k], places)
                 if self.pipeline.validity.displacements:
                     measures[k, names.index("displacement")] = saturated
         if "validity_measures" in out:
@@ -192,8 +205,8 @@ class _Worker:
             interleave_slopes(slopes, unit, out["slopes"].reshape(-1))
         return saturated
 
-    def _dots(self, frame: np.ndarray, out: dict[str, np.ndarray]) -> tuple[int, np.ndarray]:
-        """How many dots of a frame are lost, and what the others add to the raw force, (axes,)."""
+    def _dots(self, frame: np.ndarray, out: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+        """Shifts and which dots are seen, as of `FollowedDots`."""
         shift, seen = self.dots(frame)
         if "dot_shift_words" in out:
             out["dot_shift_words"][0] = shift
@@ -201,11 +214,14 @@ class _Worker:
             out["dot_shifts_px"][0] = shift * 2.0**-FRACTION
         if "dots_seen" in out:
             out["dots_seen"][0] = seen
-        force = self.pipeline.dot_force
-        return len(seen) - int(seen.sum()), force(shift) if force is not None else 0
+        return shift, seen
 
-    def _solution(self, z: np.ndarray, of_dots: np.ndarray, out: dict[str, np.ndarray]) -> int:
-        """Solutions (N, N) to depth, displacement and what follows from it; how many words saturated."""
+    def _solution(self, z: np.ndarray, of_dots: np.ndarray, followed, out: dict[str, np.ndarray]) -> int:
+        """Solutions (N, N) to depth, displacement and what follows from it; how many words saturated.
+
+        of_dots, followed : of the same frame, the dots' share of the force, and where slip is wanted what
+            `_dots` found
+        """
         pipeline = self.pipeline
         words, displacement_mm = (
             out[name][0] if name in out else UNWANTED[kind]
@@ -226,6 +242,10 @@ class _Worker:
             out["displacement_saturated"][0] = saturated
         self._force(np.moveaxis(terms(z, self.emulator.band), -1, 0), of_dots, out)
         self._force_map(z, out)
+        if self.wants_slip:
+            for name, value in slip_of(pipeline, *pipeline.spread(*followed, z)).items():
+                if name in out:
+                    out[name][0] = value
         return saturated
 
     def _force(self, x: np.ndarray, of_dots: np.ndarray, out: dict[str, np.ndarray]) -> None:

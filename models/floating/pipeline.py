@@ -23,6 +23,7 @@ from fastac.models.loops.pixels import interleave_slopes, limited_slopes, source
 from fastac.models.loops.sines import FoldedSine, fold_columns, fold_rows, unfold_columns, unfold_rows
 from fastac.models.result import Result
 from fastac.models.vision.markers import DetectedDots
+from fastac.models.vision.rigid_spread import rigid_spread_px
 from fastac.scenes.schema import Scene
 
 NONE_OVER = np.empty((0, 0, 0), bool)
@@ -143,6 +144,8 @@ class FloatPipeline:
             found["force_n"] = ((axes,), np.float64)
             if self.scene.wants_force_map:
                 found["force_map_n"] = ((axes, height - 2, width - 2), np.float32)
+        if self.scene.wants_slip and self.dots is not None:
+            found["slip_px"] = ((), np.float64)
         if self.dots is not None:
             count = len(self.dots.rest_px)
             found |= {"dot_shifts_px": ((count, 2), np.float32), "dots_seen": ((count,), np.bool_)}
@@ -180,7 +183,7 @@ class FloatPipeline:
         require_frames(frames, self.background)
         before = {"normals", "slopes", "dot_shifts_px", "dots_seen"}
         after = None if outputs.keys() <= before else self._after
-        wants_dots = not outputs.keys().isdisjoint({"dot_shifts_px", "dots_seen", "force_n"})
+        wants_dots = not outputs.keys().isdisjoint({"dot_shifts_px", "dots_seen", "force_n", "slip_px"})
         worker = partial(_Worker, self, after, wants_dots=wants_dots)
         with single_thread():
             found = over_frames(worker, frames, outputs, progress=progress, label="float pipeline")
@@ -251,9 +254,15 @@ class _AfterSlopes:
         """The displacement with negative values set to zero, in place, unless they count."""
         return displacement_mm if self.force.signed else np.maximum(displacement_mm, 0, out=displacement_mm)
 
-    def __call__(self, slopes: np.ndarray, shift_px: np.ndarray | None, out: dict[str, np.ndarray]) -> None:
+    def __call__(
+        self,
+        slopes: np.ndarray,
+        shift_px: np.ndarray | None,
+        seen: np.ndarray | None,
+        out: dict[str, np.ndarray],
+    ) -> None:
         """Compute the outputs of one frame from its slopes (H, W, 2) and its dots' shifts (M, 2), if any, and
-        write them into the arrays of `out`."""
+        which of them are seen, (M,), and write them into the arrays of `out`."""
         if self.has_solver:
             x = self.solved(slopes)
             if "displacement_mm" in out:
@@ -262,6 +271,8 @@ class _AfterSlopes:
                 out["depth_mm"][...] = self.rest_mm
                 out["depth_mm"][1:-1, 1:-1] -= x
             x = self.clamped(x)
+            if "slip_px" in out:
+                out["slip_px"][...] = self._slip_px(x, shift_px, seen)
         else:
             x = slopes - self.rest_slopes
         if "force_n" in out:
@@ -270,6 +281,13 @@ class _AfterSlopes:
                 out["force_n"] += np.einsum("amk,mk->a", self.pipeline.dot_weights, shift_px)
         if "force_map_n" in out:
             out["force_map_n"][...] = force_map(x, self.weights)
+
+    def _slip_px(self, displacement_mm: np.ndarray, shift_px: np.ndarray, seen: np.ndarray) -> float:
+        """The spread of one frame's touching dots, from the displacement (N, N)."""
+        rest_px = self.pipeline.dots.rest_px
+        column, row = np.clip(np.rint(rest_px).astype(int) - 1, 0, len(displacement_mm) - 1).T
+        contact = seen & (displacement_mm[row, column] > self.pipeline.scene.slip.contact_mm)
+        return rigid_spread_px(rest_px[contact], shift_px[contact])
 
 
 def _by_planes(slopes: np.ndarray) -> np.ndarray:
@@ -302,11 +320,11 @@ class _Worker:
                     bridge(self.dark, self.bridge.reach, self.planes, NONE_OVER)
             if "slopes" in out:
                 interleave_slopes(self.planes.reshape(2, -1), np.float32(1), out["slopes"][k].reshape(-1))
-            shift_px = None
+            shift_px = seen = None
             if self.dots is not None:
                 shift_px, seen = self.dots.shifts_px(frame)
                 for name, value in (("dot_shifts_px", shift_px), ("dots_seen", seen)):
                     if name in out:
                         out[name][k] = value
             if self.after is not None:
-                self.after(self.slopes, shift_px, {name: array[k] for name, array in out.items()})
+                self.after(self.slopes, shift_px, seen, {name: array[k] for name, array in out.items()})

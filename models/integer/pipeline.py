@@ -1,12 +1,14 @@
 """All integer tables of one sensor's model: what a bundle holds and the hardware is elaborated from."""
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_force import DotForce
+from fastac.models.integer.dot_spread import DotSpread, spread_words
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
@@ -62,6 +64,20 @@ class IntegerPipeline:
         if band_mm is None or self.quantiser is None:
             return None
         return round(band_mm / self.displacement_mm_per_unit)
+
+    @cached_property
+    def spread(self) -> DotSpread | None:
+        """What finds the spread of the touching dots' shifts, where the scene wants it and the displacement's
+        words are known."""
+        if not self.scene.wants_slip or self.quantiser is None or self.follower is None:
+            return None
+        contact = round(self.scene.slip.contact_mm / self.displacement_mm_per_unit)
+        return DotSpread.of_follower(self.follower, min(contact, self.quantiser.top))
+
+    @property
+    def slip_limit(self) -> int:
+        """The scene's `slip.limit_px` in words of the spread."""
+        return spread_words(self.scene.slip.limit_px)
 
     @property
     def force_bound(self) -> int:
