@@ -8,6 +8,7 @@ from itertools import pairwise
 from fastac.gateware.arithmetic.frame_sum import beats_per_frame
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.dot_force import VALUES
+from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.force.weighted_sum import BAND_VALUES, WeightedSumStream
@@ -21,8 +22,10 @@ from fastac.gateware.network.slope_bridge import SlopeBridgeStream
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.poisson.stages import frame_interval
+from fastac.gateware.slip.rigid_sums import RigidSums
 from fastac.gateware.stream.frame_guard import FrameGuard
 from fastac.models.integer.dot_follower import DotFollower
+from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.features import WIDTH, limits
 from fastac.models.integer.words import signed_width
 from fastac.models.vision.dots import bridge_reach, expected_follower
@@ -39,6 +42,7 @@ class Figures:
     latency: int = 0
     interval: int = 0
     multipliers: int = 0
+    followed: int = 0
     stages: dict[str, int] = field(default_factory=dict)
 
 
@@ -85,7 +89,13 @@ class CycleModel(FrameCycles):
         if scene.wants_force:
             self.force_stream = self._weighted_sum() if self._sums_words else self._patch_force()
         if scene.wants_dots:
-            self.dots = self._dots(follower or expected_follower(scene.sensor))
+            follower = follower or expected_follower(scene.sensor)
+            self.dots = self._dots(follower)
+        if scene.wants_slip:
+            spread = DotSpread.of_follower(follower, 0)  # no figure depends on the threshold
+            self.slip_stream = Figures(
+                DotSlip.latency_of(spread), DotSlip.interval_of(spread), RigidSums.multipliers
+            )
 
     def _network_multipliers(self, sizes: Sequence[int]) -> int:
         """Multipliers of all lanes: those of the tiles, and one per hidden neuron for requantisation."""
@@ -150,7 +160,7 @@ class CycleModel(FrameCycles):
             weight_bits=scene.numbers.dot_weight_bits,
         )
         interval = max(dots.interval, len(follower.rest))
-        return Figures(dots.latency + kind.latency_of(VALUES, 1), interval, multipliers)
+        return Figures(dots.latency + kind.latency_of(VALUES, 1), interval, multipliers, dots.latency)
 
     def _patch_force(self) -> Figures:
         scene, size, kind = self.scene, self.scene.inner_px, PatchForceStream

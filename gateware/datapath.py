@@ -10,6 +10,7 @@ from amaranth.lib.wiring import In, Out, connect
 
 from fastac.gateware.bridged_slopes import BridgedSlopes
 from fastac.gateware.dot_force import DotForceStream
+from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
@@ -63,6 +64,7 @@ class Datapath(FrameCycles, wiring.Component):
         row first if `rows_reversed`. Only if the scene has this output.
     force : stream of one beat per frame: an accumulator per axis, signed(pipeline.force_width). Only if the
         scene has a force.
+    slip : stream of one beat per frame, see `spread_layout`. Only if the scene has this output.
     force_map : stream of axes × `lanes` responses, signed(pipeline.force.pixel_width), in the depth's order.
         Only if the scene has this output.
     gradient_saturated, displacement_saturated : high while a beat with a clipped value is valid
@@ -163,6 +165,10 @@ class Datapath(FrameCycles, wiring.Component):
         if scene.wants_dots:
             self.dots = DotForceStream(pipeline, lanes=lanes)
             members["force"] = Out(self.dots.o.signature)
+        if scene.wants_slip:
+            word = self.displacement.o.payload.shape().elem_shape
+            self.slip_stream = DotSlip(pipeline, word, lanes=lanes, rows_reversed=self.rows_reversed)
+            members["slip"] = Out(self.slip_stream.o.signature)
         if self.validity.latency > (self.force_stream if self.wants_force else self.mlp).latency:
             raise ValueError(
                 f"validity flags take {self.validity.latency} clocks: later than the frame's result"
@@ -305,7 +311,13 @@ class Datapath(FrameCycles, wiring.Component):
             sinks.append(depth.i)
         if self.wants_force:
             m.submodules.displacement = displacement = self.displacement
-            connect(m, displacement.o, force.i)
+            consumers = [force.i]
+            if scene.wants_slip:
+                m.submodules.slip_stream = slip = self.slip_stream
+                connect(m, dots.shifts, slip.dots)
+                connect(m, slip.o, wiring.flipped(self.slip))
+                consumers.append(slip.displacement)
+            fan_out(displacement.o, consumers, "displacement_fork")
             m.d.comb += [
                 self.displacement_saturated.eq(displacement.saturated),
                 validity.displacements_over.eq(displacement.over),

@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out, connect
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
+from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.frame_validity import DOTS_LATENCY
 from fastac.models.integer.pipeline import IntegerPipeline
 
@@ -25,6 +26,7 @@ class DotForceStream(wiring.Component):
     darkness : stream of the darkness of `lanes` pixels, see `DarknessStream.o`
     skin : stream of one beat per frame: an accumulator per axis, signed(pipeline.force.width)
     o : the same of skin and dots, signed(pipeline.force_width)
+    shifts : stream of one dot per beat, see `dot_layout`. Only if the scene wants slip.
     lost, taken : a dot is followed, M of them a frame; it is lost
 
     `latency` counts from the darkness of a frame's last pixels to the dots' sums, without back-pressure; the
@@ -37,15 +39,22 @@ class DotForceStream(wiring.Component):
         self.sum = ForceSum(pipeline.dot_force, skin_width=pipeline.force.width, width=pipeline.force_width)
         if self.weighted.latency + self.sum.latency < DOTS_LATENCY:
             raise ValueError(f"flags of dots take {DOTS_LATENCY} clocks: later than the frame's result")
-        super().__init__(
-            {
-                "darkness": In(self.dots.i.signature.flip()),
-                "skin": In(self.sum.skin.signature.flip()),
-                "o": Out(self.sum.o.signature),
-                "lost": Out(1),
-                "taken": Out(1),
-            }
-        )
+        members = {
+            "darkness": In(self.dots.i.signature.flip()),
+            "skin": In(self.sum.skin.signature.flip()),
+            "o": Out(self.sum.o.signature),
+            "lost": Out(1),
+            "taken": Out(1),
+        }
+        self.wants_shifts = pipeline.spread is not None
+        if self.wants_shifts:
+            members["shifts"] = Out(self.dots.o.signature)
+        super().__init__(members)
+
+    @property
+    def followed(self) -> int:
+        """Clocks from the darkness of a frame's last pixels to its last dot."""
+        return self.dots.latency
 
     @property
     def latency(self) -> int:
@@ -64,12 +73,18 @@ class DotForceStream(wiring.Component):
         m.submodules.dots = dots = self.dots
         m.submodules.weighted = weighted = self.weighted
         m.submodules.sum = total = self.sum
+        found = dots.o
+        if self.wants_shifts:
+            m.submodules.fork = fork = Fork(dots.o.payload.shape(), 2)
+            connect(m, dots.o, fork.i)
+            connect(m, fork.o[1], wiring.flipped(self.shifts))
+            found = fork.o[0]
         (shift,) = weighted.i.payload
         m.d.comb += [
-            shift[0].eq(dots.o.payload.u),
-            shift[1].eq(dots.o.payload.v),
-            weighted.i.valid.eq(dots.o.valid),
-            dots.o.ready.eq(weighted.i.ready),
+            shift[0].eq(found.payload.u),
+            shift[1].eq(found.payload.v),
+            weighted.i.valid.eq(found.valid),
+            found.ready.eq(weighted.i.ready),
             self.lost.eq(~dots.o.payload.seen),
             self.taken.eq(dots.o.valid & dots.o.ready),
         ]

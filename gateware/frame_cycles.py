@@ -4,8 +4,8 @@ from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.schema import Scene
 
-OF_FORCE = ("force", "dots")
-"""Stages that only the force passes."""
+OF_FORCE = ("force", "dots", "slip")
+"""Stages that only the force, and slip beside it, pass."""
 
 
 class FrameCycles:
@@ -13,8 +13,8 @@ class FrameCycles:
 
     The inheriting class has `scene`, `lanes` and, as far as the scene needs them, `guard`, `background`,
     `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`, `displacement`,
-    `force_stream`, `bridge`, `darkness` and `dots`, each with `latency`, `interval` and `multipliers`; those
-    of `dots` are `DotForceStream`'s.
+    `force_stream`, `bridge`, `darkness`, `dots` and `slip_stream`, each with `latency`, `interval` and
+    `multipliers`; `dots` is as `DotForceStream`, which also has `followed`.
 
     All times are in clocks, without back-pressure and with no other frame in the way. `stages` has each
     stage's share of the time from a frame's first pixel to its last result.
@@ -31,10 +31,15 @@ class FrameCycles:
     @property
     def stages(self) -> dict[str, int]:
         stages = self._stages_without_dots
-        if self.scene.wants_dots:
-            first = self.guard.latency + self.beats - 1 + self.darkness.latency + self.dots.latency
-            # The dots are found beside the rest: what counts is how much later than the skin's they are.
-            stages["dots"] = max(first - sum(stages.values()), 0) + ForceSum.latency
+        if not self.scene.wants_dots:
+            return stages
+        # The dots are found beside the rest: what counts is how much later than the skin's they are.
+        skin, dark = sum(stages.values()), self.guard.latency + self.beats - 1 + self.darkness.latency
+        stages["dots"] = max(dark + self.dots.latency - skin, 0) + ForceSum.latency
+        if self.scene.wants_slip:
+            displaced = skin - self.force_stream.latency
+            slip = max(displaced, dark + self.dots.followed) + self.slip_stream.latency
+            stages["slip"] = max(slip - sum(stages.values()), 0)
         return stages
 
     @property
@@ -102,6 +107,8 @@ class FrameCycles:
             intervals.append(self.force_stream.interval)
         if self.scene.wants_dots:
             intervals.append(self.dots.interval)
+        if self.scene.wants_slip:
+            intervals.append(self.slip_stream.interval)
         return max(intervals)
 
     @property
@@ -114,4 +121,6 @@ class FrameCycles:
             count["force"] = self.force_stream.multipliers
         if self.scene.wants_dots:
             count["dots"] = self.dots.multipliers
+        if self.scene.wants_slip:
+            count["slip"] = self.slip_stream.multipliers
         return count

@@ -127,7 +127,7 @@ def raster_outputs(pipeline: IntegerPipeline, *, rows_reversed: bool) -> tuple[R
     Raises ValueError if a value has more bits than a word of the stream.
     """
     scene, found = pipeline.scene, []
-    images = {name: RASTERS[name] for name in scene.outputs if not OUTPUTS[name].force_axes}
+    images = {name: RASTERS[name] for name in scene.outputs if OUTPUTS[name].is_image}
     for name, raster in sorted(images.items(), key=lambda item: item[1].order):
         if raster.width(pipeline) > WORD:
             raise ValueError(

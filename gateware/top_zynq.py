@@ -15,10 +15,12 @@ from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FRAMES_IN_F
 from fastac.gateware.stream.raster_port import RasterPort, raster_members
 from fastac.models.integer.bundle import Bundle
 
-VERSION = 5
+VERSION = 6
 """Version of the hardware and of its register map, in the register VERSION."""
 FRAME_TIMEOUT_S = 0.1
 """Initial value of FRAME_TIMEOUT: three frames of a camera with 30 frames a second."""
+WORD_LIMIT = (1 << 32) - 1
+"""The largest value of a register."""
 RESULT = {"force": "result_valid", "depth": "depth_done", "normals": "normals_done"}
 """Input of RegisterBlock that pulses with a frame's result, for each kind of result."""
 
@@ -50,7 +52,7 @@ class TopZynq(wiring.Component):
         scene has this output.
     interrupt : level interrupt, high while an enabled interrupt is pending
 
-    The force is read from the registers; whether its frame was bad or suspect is in STATUS and
+    The force and slip are read from the registers; whether its frame was bad or suspect is in STATUS and
     FRAME_VALIDITY. If the network is loadable, the register CALIBRATION loads another calibration between
     frames (gateware/calibration.py); resets do not undo that. A soft reset aborts the frames in flight; an
     output stream inside a frame completes it with zeros marked as bad (gateware/stream/raster_port.py), and
@@ -79,6 +81,8 @@ class TopZynq(wiring.Component):
             rows_reversed=path.rows_reversed,
             calibration_words=layout.words if layout else 0,
             calibration_layout=layout.identifier if layout else 0,
+            slip=scene.wants_slip,
+            slip_limit=min(pipeline.slip_limit, WORD_LIMIT) if scene.wants_slip else 0,
             frame_timeout=round(FRAME_TIMEOUT_S * scene.hardware.clock_mhz * 1e6),
             bus_errors=scene.hardware.bus_errors,
         )
@@ -124,9 +128,17 @@ class TopZynq(wiring.Component):
         m.d.comb += registers.background_taken.eq(path.captured)
 
         if path.wants_force:
+            found = path.force.valid
+            if self.identity.slip:
+                found &= path.slip.valid
+                m.d.comb += [
+                    path.slip.ready.eq(found),
+                    registers.spread.eq(path.slip.payload.spread),
+                    registers.touching.eq(path.slip.payload.dots),
+                ]
             m.d.comb += [
-                path.force.ready.eq(1),
-                registers.result_valid.eq(path.force.valid),
+                path.force.ready.eq(found),
+                registers.result_valid.eq(found),
                 registers.force.eq(path.force.payload),
             ]
         m.d.comb += [

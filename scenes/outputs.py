@@ -34,6 +34,12 @@ class OutputFacts:
     needs_patches: bool = False
     needs_dots: bool = False
 
+    @property
+    def is_image(self) -> bool:
+        """Whether it is given for each pixel, in a stream; others are one or a few numbers a frame, in
+        registers."""
+        return not (self.force_axes or self.needs_dots)
+
 
 NORMALS = OutputFacts("normals", "1", "normal_words", needs_geometry=True)
 DEPTH = OutputFacts("depth_mm", "mm", "depth_words", needs_geometry=True, needs_depth=True)

@@ -20,6 +20,10 @@ from fastac.store.progress import watched
 
 SUSPECT = 1 << 10
 """Bit of `tuser` in the streams of depth and force maps: the frame is suspect."""
+SLIP = ("SLIP_SPREAD", "SLIP_DOTS")
+"""Registers that belong to each frame's force where slip is found."""
+SLIP_BIT = 5
+"""Of STATUS: a frame slips."""
 LINGER = 100
 """Clocks that the simulation goes on after the last expected beat."""
 
@@ -91,7 +95,7 @@ def bench_settings(top: TopZynq) -> dict:
         "lanes": top.lanes,
         "outputs": {output.name: output.octets for output in top.outputs},
         "axes": list(top.identity.axes),
-        "registers": [*measured, "FRAME_VALIDITY", "STATUS"],
+        "registers": [*measured, "FRAME_VALIDITY", "STATUS", *(SLIP if top.identity.slip else ())],
         "identity": {
             "ID": ID,
             "BUNDLE_HASH_LOW": top.bundle.hash_word & 0xFFFFFFFF,
@@ -200,6 +204,12 @@ def simulate(
     if path.wants_force:
         comparison.add("force", outputs["force_raw"], result.force_raw)
         per_output["force"] = int(result.force_raw.size)
+    if top.identity.slip:
+        found = {name: np.array([frame[name] for frame in seen["frames"]]) for name in (*SLIP, "STATUS")}
+        for name, values in zip(SLIP, (result.slip_words, result.slip_dots), strict=True):
+            comparison.add(name, found[name], values)
+        per_output["slip"] = len(SLIP) * len(frames)
+        markers.add("STATUS.slip", found["STATUS"] >> SLIP_BIT & 1, result.slipping)
     _check_markers(markers, outputs, top, result.validity)
     flags = [frame["FRAME_VALIDITY"] for frame in seen["frames"]]
     markers.add("FRAME_VALIDITY", np.array(flags), result.validity)

@@ -41,7 +41,7 @@ class Register(NamedTuple):
 
     access : ro read-only, rw read and write, w1c read and write 1 to clear, wo write-only (reads as 0)
     needs : what the hardware must have for the register to exist: "" (always), "force", "force_x" and so on,
-        "depth", "normals" or "calibration"
+        "depth", "normals", "slip" or "calibration"
     """
 
     name: str
@@ -87,6 +87,7 @@ REGISTERS = (
             Field("force_map", 22),
             Field("rows_reversed", 23),
             Field("calibration", 24),
+            Field("slip", 25),
         ),
     ),
     Register(
@@ -110,14 +111,16 @@ REGISTERS = (
         "ro",
         "busy: frames are in flight. result_valid: there has been a result since reset or soft reset."
         " last_frame_bad: the input of the last result's frame was repaired. loading: a calibration"
-        " is incomplete, and frames wait. last_frame_suspect: FRAME_VALIDITY is not 0. frames_in_flight:"
-        " number of frames that have started and lack a result",
+        " is incomplete, and frames wait. last_frame_suspect: FRAME_VALIDITY is not 0. slip: SLIP_SPREAD is"
+        " beyond SLIP_LIMIT; 0 without these registers. frames_in_flight: number of frames that have started"
+        " and lack a result",
         (
             Field("busy", 0),
             Field("result_valid", 1),
             Field("last_frame_bad", 2),
             Field("loading", 3),
             Field("last_frame_suspect", 4),
+            Field("slip", 5),
             Field("frames_in_flight", 8, 8),
         ),
     ),
@@ -216,6 +219,22 @@ REGISTERS = (
         "words received of an incomplete image; 0: none",
         needs="calibration",
     ),
+    Register(
+        "SLIP_SPREAD",
+        0x80,
+        "ro",
+        "mean square of what the rigid motion that fits them best leaves of the shifts of the marker dots in"
+        " contact, in px² / 4096, of the frame of the last force; 0 with fewer than three of them",
+        needs="slip",
+    ),
+    Register("SLIP_DOTS", 0x84, "ro", "number of marker dots in contact in that frame", needs="slip"),
+    Register(
+        "SLIP_LIMIT",
+        0x88,
+        "rw",
+        "SLIP_SPREAD beyond which STATUS.slip is set, in the same unit",
+        needs="slip",
+    ),
 )
 
 
@@ -236,6 +255,8 @@ class Identity:
     normals: bool = False
     force_map: bool = False
     rows_reversed: bool = False
+    slip: bool = False  # has the spread of the touching dots, beside a force
+    slip_limit: int = 0  # SLIP_LIMIT after reset
     calibration_words: int = 0  # words of a calibration image; 0: no calibration can be loaded
     calibration_layout: int = 0  # first word of an image
     frame_timeout: int = 0  # clocks, FRAME_TIMEOUT after reset
@@ -253,6 +274,7 @@ class Identity:
             ("calibration_words", 0, (1 << 32) - 1),
             ("calibration_layout", 0, (1 << 32) - 1),
             ("frame_timeout", 0, (1 << 32) - 1),
+            ("slip_limit", 0, (1 << 32) - 1),
         ):
             if not low <= getattr(self, name) <= high:
                 raise ValueError(f"{name} {getattr(self, name)}: expected {low} to {high}")
@@ -260,6 +282,8 @@ class Identity:
             raise ValueError(f"axes {self.axes!r}: expected some of {AXES!r}, in this order")
         if self.bus_errors not in BUS_ERRORS:
             raise ValueError(f"bus_errors {self.bus_errors!r}: expected one of {BUS_ERRORS}")
+        if self.slip and not self.axes:
+            raise ValueError("slip True: expected axes of force, with which it is sampled")
         if not self.axes and not self.depth and not self.normals:
             raise ValueError("axes '', depth False, normals False: expected at least one output")
 
@@ -285,5 +309,6 @@ class Identity:
         present |= {"force"} if self.axes else set()
         present |= {"depth"} if self.depth else set()
         present |= {"normals"} if self.normals else set()
+        present |= {"slip"} if self.slip else set()
         present |= {"calibration"} if self.calibration else set()
         return tuple(register for register in REGISTERS if register.needs in present)

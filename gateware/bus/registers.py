@@ -11,6 +11,8 @@ from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, RE
 from fastac.gateware.stream.frame_guard import EVENTS, TIMEOUT_BITS
 from fastac.models.integer.frame_validity import REASONS
 
+WORD = 32
+"""Bits of a register."""
 ERRORS_DETECTED_HERE = ("result_overrun", "calibration_refused", "frame_suspect", "access_refused")
 """Errors that the register block detects itself; the others are inputs."""
 
@@ -37,6 +39,7 @@ class RegisterBlock(wiring.Component):
     gradient_saturated, displacement_saturated : set their bit of ERRORS in each clock in which they are high
     force : raw accumulators, signed(force_width) per axis, sampled with `result_valid`. Only with axes.
     result_valid : pulse when a frame's force is taken. Only with axes.
+    spread, touching : of the frame of that force, see SLIP_SPREAD and SLIP_DOTS. Only with slip.
     validity : flags of the result's frame, len(REASONS) bits, sampled with its result; see FRAME_VALIDITY
     depth_done, normals_done : pulse when the last beat of a frame's depth or normals is taken. Only with
         that output.
@@ -65,6 +68,8 @@ class RegisterBlock(wiring.Component):
         if identity.axes:
             inputs.append("result_valid")
             members["force"] = In(data.ArrayLayout(signed(identity.force_width), len(identity.axes)))
+        if identity.slip:
+            members |= {"spread": In(WORD), "touching": In(WORD)}
         inputs += [f"{name}_done" for name in ("depth", "normals") if getattr(identity, name)]
         if identity.background_capture:
             inputs.append("background_taken")
@@ -158,6 +163,15 @@ class RegisterBlock(wiring.Component):
             result_valid.eq((result_valid | result) & ~self.soft_reset),
         ]
 
+        slipping = Const(0, 1)
+        if identity.slip:
+            spread, touching = Signal(WORD), Signal(WORD)
+            limit = Signal(WORD, init=identity.slip_limit)
+            slipping = spread > limit
+            with m.If(result):
+                m.d.sync += [spread.eq(self.spread), touching.eq(self.touching)]
+            m.d.sync += limit.eq(Mux(written("SLIP_LIMIT"), (limit & kept) | ones, limit))
+
         frame_errors = Signal(32)
         m.d.sync += frame_errors.eq(frame_errors + (self.frame_done & self.frame_bad & ~self.soft_reset))
 
@@ -175,7 +189,8 @@ class RegisterBlock(wiring.Component):
                 getattr(timer, f"{identity.result}_bad"),
                 loading,
                 frame_validity.any(),
-                Const(0, 3),
+                slipping,
+                Const(0, 2),
                 timer.in_flight,
             ),
             "ERRORS": errors,
@@ -186,6 +201,8 @@ class RegisterBlock(wiring.Component):
             "FRAME_VALIDITY": frame_validity,
             "FRAME_TIMEOUT": self.timeout_clocks,
         }
+        if identity.slip:
+            values |= {"SLIP_SPREAD": spread, "SLIP_DOTS": touching, "SLIP_LIMIT": limit}
         if identity.calibration:
             values |= {
                 "CALIBRATION": Const(0, 32),

@@ -1,0 +1,37 @@
+"""Registers of a sum of products that takes a bit of a factor in each clock, where time does not matter."""
+
+from amaranth import Const, Mux, Shape, Signal
+
+
+class ProductSum:
+    """Registers of Σ ± a · b, a and b of any sign; the methods give what is assigned to them.
+
+    total : the sum so far
+    """
+
+    def __init__(self, name: str, shape: Shape, *, factor_bits: int):
+        self.total = Signal(shape, name=f"{name}_total", reset_less=True)
+        self.shifted = Signal(shape, name=f"{name}_shifted", reset_less=True)
+        self.factor = Signal(factor_bits, name=f"{name}_factor", reset_less=True)
+        self.minus = Signal(name=f"{name}_minus", reset_less=True)
+
+    def load(self, a, b, *, minus: bool = False, afresh: bool = False) -> list:
+        """Begin to add a · b, or to subtract it; `afresh` makes it the first product of the sum."""
+        negative, magnitude = Const(0, 1), b
+        if b.shape().signed:
+            negative, magnitude = b < 0, Mux(b < 0, -b, b)
+        begun = [
+            self.shifted.eq(a),
+            self.factor.eq(magnitude),
+            self.minus.eq(~negative if minus else negative),
+        ]
+        return [*begun, self.total.eq(0)] if afresh else begun
+
+    def step(self) -> list:
+        """Take one bit of the factor."""
+        added = Mux(self.minus, self.total - self.shifted, self.total + self.shifted)
+        return [
+            self.total.eq(Mux(self.factor[0], added, self.total)),
+            self.shifted.eq(self.shifted << 1),
+            self.factor.eq(self.factor >> 1),
+        ]
