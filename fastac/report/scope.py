@@ -73,7 +73,7 @@ class Scope:
         content["outputs"] = ["normals", "depth", "force_xyz", "force_map"]
         content["poisson"]["solver"] = "dst2d"
         content["force"] |= {"kernel": "patch", "clamp": True, "fit": "displacement"}
-        content["force"] |= {"dots": False, "band_mm": None}
+        content["force"] |= {"dots": False, "band_mm": None, "deep_mm": None}
         content["training"]["labels"] = "geometry"
         return Scene.model_validate(content)
 

@@ -15,7 +15,7 @@ import numpy as np
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.gateware.dots.axis import quotient_bits
-from fastac.gateware.force.weighted_sum import BAND_VALUES
+from fastac.gateware.force.weighted_sum import products_of
 from fastac.gateware.network.slope_bridge import SlopeBridgeStream
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_force import DotForce
@@ -189,7 +189,7 @@ def works(pipeline: IntegerPipeline) -> dict[str, list[Work]]:
         stages["force"] = patch_force_works(frame, pipeline.force)
     elif pipeline.force is not None:
         terms = pipeline.force.weight.shape[-1]
-        products = terms if pipeline.band is None else BAND_VALUES
+        products = products_of(len(pipeline.bends)) if pipeline.bends else terms
         stages["force"] = weighted_force_works(frame, pipeline.force, products)
     if scene.wants_darkness:
         windows = (pipeline.bridge or pipeline.follower).windows

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.dots.dot_stream import DotStream
-from fastac.gateware.force.weighted_sum import BAND_VALUES
+from fastac.gateware.force.weighted_sum import products_of
 from fastac.models.integer.dot_windows import CELL
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -187,7 +187,7 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         }
     elif force is not None:
         axes, _, _, terms = force.weight.shape
-        products = terms if pipeline.band is None else BAND_VALUES
+        products = products_of(len(pipeline.bends)) if pipeline.bends else terms
         found["force"] = {
             "one": 1,
             "patch_bits": 0,
