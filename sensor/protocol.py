@@ -3,8 +3,8 @@
 It follows the paper's protocol (supplement, section I). A position is that of the ball's axis, in mm from the
 image's centre. The grids of the train, validation and test splits share no point. At each position the
 vertical loads follow one another; if the scene has tangential loads, each vertical load is followed by
-tangential ones in four in-plane directions. Beyond the paper's, further balls may follow, one at each position
-of train and validation.
+tangential ones in four in-plane directions. Beyond the paper's, further balls may follow, one at each
+position of train and validation.
 """
 
 import math

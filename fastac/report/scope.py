@@ -130,6 +130,7 @@ class Scope:
             "normals": 3 * pixels if "normals" in scene.outputs else 0,
             "depth": scene.inner_px**2 if "depth" in scene.outputs else 0,
             "force": axes,
+            "slip": 2 if scene.wants_slip else 0,
             "force map": axes * scene.inner_px**2 if scene.wants_force_map else 0,
         }
         return {name: f"{count:,}" if count else ABSENT for name, count in counts.items()}
