@@ -32,7 +32,7 @@ FORMAT_VERSION = 2
 """Version of the image format; part of the hardware identifier."""
 
 
-OF_DOTS = ("bridge", "follower", "dot_force")
+OF_DOTS = ("bridge", "follower", "dot_force", "spread")
 """Stages that only scenes with dots have."""
 
 
@@ -99,7 +99,7 @@ def hardware_identifier(pipeline: IntegerPipeline) -> int:
     for name, value in fixed_content(pipeline):
         if name.endswith(".rounding") and value == NEAREST:
             continue
-        if name in ("validity.dots", "bends", *OF_DOTS) and not value:
+        if name in ("validity.dots", "bends.length", *OF_DOTS) and not value:
             continue
         if isinstance(value, np.ndarray):
             digest.update(f"{name} {value.shape}".encode() + value.astype("<i8").tobytes())
