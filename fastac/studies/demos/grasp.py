@@ -19,7 +19,7 @@ from fastac.models.integer import bundle as bundles
 from fastac.models.integer.bundle import Bundle
 from fastac.report.tables import Table
 from fastac.scenes.schema import Scene
-from fastac.sensor.fingertip import require_simulated
+from fastac.sensor.fingertip import require_friction
 from fastac.sensor.mechanics.press import Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
@@ -60,13 +60,6 @@ def run_control_loop(
         rows.append((frame / CAMERA_HZ, pressed.force_n, force_n, *state))
         angle_deg = control(force_n)
     return GraspTrace(*map(np.array, zip(*rows, strict=True)))
-
-
-def require_friction(scene: Scene) -> None:
-    """Raise FingertipError unless the scene is simulated with friction and has all three axes of force."""
-    require_simulated(scene, "grasp", (0, 1, 2))
-    if not scene.sensor.elastomer.friction:
-        raise FingertipError("grasp: sensor.elastomer.friction = 0: expected more, and mechanics 'fem'")
 
 
 def slip_test(bundle: Bundle, rig: Rig, grasp: Grasp, *, progress: bool) -> dict[str, float]:
@@ -113,7 +106,7 @@ def run(
     from fastac.studies.demos import time_figures
 
     scene = bundle.scene
-    require_friction(scene)
+    require_friction(scene, "grasp")
     grasp = (grasp or Grasp()).of_scene(scene)
     rig = rig_of(scene.sensor, store, progress=progress)
     test = slip_test(bundle, rig, grasp, progress=progress)
@@ -158,7 +151,7 @@ def section(folder: Path, scene: Scene, bundle: Path, *, store: Path, progress: 
 def lacks(scene: Scene) -> str | None:
     """One line that says why the scene does not allow this experiment; None if it does."""
     try:
-        require_friction(scene)
+        require_friction(scene, "grasp")
     except FingertipError as error:
         return str(error)
     return None
