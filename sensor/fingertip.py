@@ -40,6 +40,16 @@ def require_simulated(scene: Scene, what: str, axes: tuple[int, ...]) -> None:
         raise FingertipError(f"{what}: outputs = {', '.join(scene.outputs)}: expected {wanted}")
 
 
+def require_friction(scene: Scene, what: str) -> None:
+    """Raise FingertipError unless the scene is simulated with friction and has all three axes of force.
+
+    what : as in `require_simulated`
+    """
+    require_simulated(scene, what, (0, 1, 2))
+    if not scene.sensor.elastomer.friction:
+        raise FingertipError(f"{what}: sensor.elastomer.friction = 0: expected more, and mechanics 'fem'")
+
+
 STORE = Path("build/store")
 """Default folder of the step store, which keeps finite-element compliances."""
 

@@ -84,10 +84,11 @@ def vibration(bundle, seconds, load_n, amplitude_n, output, store, progress):
 def grasp(bundle, grip_n, step_deg, stable, margin, output, store, progress):
     """Hold a bottle between two virtual fingertips, push it down, and report whether it slips.
 
-    Done twice: with a fixed angle between the fingers, and with the paper's feedback, which closes them
-    whenever the forces that BUNDLE measures have F_s/F_n > μ_s + d. Whether the bottle slips follows from the
-    simulated contact and its friction. BUNDLE's scene needs the output force_xyz, finite elements and
-    friction. All of it is simulated.
+    Done with a fixed angle between the fingers, and with the paper's feedback, which closes them whenever the
+    forces that BUNDLE measures have F_s/F_n > μ_s + d; if BUNDLE's scene has the output slip, also with a
+    feedback that closes them whenever a frame is flagged as slipping and knows neither μ nor force. Whether
+    the bottle slips follows from the simulated contact and its friction. BUNDLE's scene needs the output
+    force_xyz, finite elements and friction. All of it is simulated.
 
     \b
     Example: fastac grasp build/grasp

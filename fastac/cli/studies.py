@@ -1,4 +1,4 @@
-"""Commands of the studies: accuracy of the arithmetic, robustness, and the paper's ablation of forces."""
+"""Commands of the studies: dots and slip, accuracy of the arithmetic, robustness, the ablation of forces."""
 
 from pathlib import Path
 
@@ -17,7 +17,7 @@ from fastac.cli.common import (
 
 @click.group(cls=Group)
 def study():
-    """Studies of a build: identities of the arithmetic, robustness to extremes, long runs, force ablation."""
+    """Studies of a build: dots, slip, identities of the arithmetic, extremes, long runs, force ablation."""
 
 
 @study.command()
@@ -39,6 +39,35 @@ def dots(scene, data, store, progress):
 
     for line in accuracy.measure(schema.load(scene), data, store=store, progress=progress):
         click.echo(line)
+
+
+@study.command()
+@click.argument("bundle", type=INPUT)
+@output_option("Folder for slip.json and .png.", OUTPUT_FOLDER, "build/SCENE/slip")
+@store_option("finite-element compliances")
+@progress_option
+def slip(bundle, output, store, progress):
+    """Drag objects over the virtual fingertip and compare BUNDLE's output slip with what sticks and slides.
+
+    Balls and a cylinder are pressed at two places with the loads of the scene's protocol and pulled ever more
+    strongly, up to 98% of what friction carries, with the scene's friction and with half of it. In every
+    state the contact mechanics know what share of the nodes in contact sticks. Compared with it are slip_px,
+    the spread that BUNDLE's integers find in the camera's frame, the same from the dots' true shifts, and
+    F_t/F_z of the forces found. Printed by object: the area under the ROC curve for "fewer than half of the
+    nodes stick", rank correlations within drags and mean spreads; then hits and false alarms of the scene's
+    slip.limit_px and of the limits that separate best. BUNDLE's scene needs the outputs slip and force_xyz,
+    finite elements and friction. It takes a minute; all of it is simulated.
+
+    \b
+    Example: fastac study slip build/fingertip
+    """
+    from fastac.studies.slip import study as experiment
+
+    bundle = load_bundle(bundle)
+    output = output or Path("build") / bundle.scene.name / "slip"
+    for table in experiment.tables(experiment.run(bundle, output, store=store, progress=progress)):
+        click.echo(f"{table.text}\n{table.note}".rstrip())
+    click.echo(f"written: {output}/slip.json, .png")
 
 
 @study.command("force-ablation")

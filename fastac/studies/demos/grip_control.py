@@ -1,8 +1,13 @@
-"""Grip control by friction feedback, as in the paper: close the fingers where μ = F_s/F_n is too large."""
+"""Grip control: close the fingers where μ = F_s/F_n is too large, as in the paper, or on incipient slip."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
+Rule = Callable[[np.ndarray, bool], bool]
+"""Of the force (3,) in N that is found in a frame, and whether the frame is flagged as slipping: whether the
+fingers are to close by a step."""
 
 
 def friction_ratio(force_n: np.ndarray) -> np.ndarray:
@@ -11,34 +16,54 @@ def friction_ratio(force_n: np.ndarray) -> np.ndarray:
     return np.where(normal > 0, shear / np.where(normal > 0, normal, 1.0), np.inf)
 
 
-@dataclass
-class GripControl:
-    """Closes the fingers by one step for every frame whose force has μ > μ_s + d."""
+def without_feedback(force_n: np.ndarray, slipping: bool) -> bool:
+    """The fingers never close."""
+    return False
+
+
+def slip_feedback(force_n: np.ndarray, slipping: bool) -> bool:
+    """The fingers close where the frame is flagged as slipping, whatever the force and μ."""
+    return slipping
+
+
+@dataclass(frozen=True)
+class FrictionFeedback:
+    """The fingers close where μ > μ_s + d."""
 
     stable_ratio: float
-    """μ_s, the ratio regarded as stable; infinite switches the feedback off."""
+    """μ_s, the ratio regarded as stable."""
     margin: float
     """d, how far μ may exceed μ_s."""
-    step_deg: float
-    """Decrease of the angle between the fingers per step."""
-    most_deg: float
-    """Largest decrease of that angle in all."""
-    delay_frames: int = 1
-    """Frames from the one whose force is evaluated to the first one that sees the motors' response."""
-
-    def __post_init__(self):
-        self.tightened_deg = 0.0
-        """Commanded decrease of the angle between the fingers since the start."""
-        self._pending_deg = [0.0] * (self.delay_frames - 1)
 
     @property
     def limit(self) -> float:
         """μ_s + d, above which the fingers close."""
         return self.stable_ratio + self.margin
 
-    def __call__(self, force_n: np.ndarray) -> float:
-        """Take the force (3,) in N of this frame; return the decrease in degrees that the next frame sees."""
-        if friction_ratio(force_n) > self.limit:
+    def __call__(self, force_n: np.ndarray, slipping: bool) -> bool:
+        return bool(friction_ratio(force_n) > self.limit)
+
+
+@dataclass
+class GripControl:
+    """Closes the fingers by one step for every frame in which its rule says so."""
+
+    rule: Rule
+    step_deg: float
+    """Decrease of the angle between the fingers per step."""
+    most_deg: float
+    """Largest decrease of that angle in all."""
+    delay_frames: int = 1
+    """Frames from the one that is evaluated to the first one that sees the motors' response."""
+
+    def __post_init__(self):
+        self.tightened_deg = 0.0
+        """Commanded decrease of the angle between the fingers since the start."""
+        self._pending_deg = [0.0] * (self.delay_frames - 1)
+
+    def __call__(self, force_n: np.ndarray, slipping: bool) -> float:
+        """Take what a rule takes of this frame; return the decrease in degrees that the next frame sees."""
+        if self.rule(force_n, slipping):
             self.tightened_deg = min(self.tightened_deg + self.step_deg, self.most_deg)
         self._pending_deg.append(self.tightened_deg)
         return self._pending_deg.pop(0)

@@ -12,6 +12,20 @@ SLIP_THRESHOLD_MM = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
+class SlipTrace:
+    """What one grasp shows of slip: arrays of one entry per camera frame."""
+
+    slip_px: np.ndarray
+    """Spread of the dots in contact, by the integer model."""
+    slip_dots: np.ndarray
+    """Dots in contact, by the integer model."""
+    slipping: np.ndarray
+    """bool: the spread is beyond the scene's limit."""
+    sticking: np.ndarray
+    """Share of the nodes in contact that stick, by the contact mechanics."""
+
+
+@dataclass(frozen=True, eq=False)
 class GraspTrace:
     """One grasp: arrays of one entry per camera frame."""
 
@@ -30,11 +44,13 @@ class GraspTrace:
     """Slip alone, accumulated since the start."""
     flagged: np.ndarray
     """(frames,) bool: the integer model's validity flags mark the frame as suspect."""
+    slip: SlipTrace | None = None
+    """Where the scene has the output slip."""
 
     def summary(self) -> dict:
         """Slip, errors and time series as JSON content."""
         error = np.abs(self.found_force_n - self.true_force_n)
-        return {
+        content = {
             "slipped": bool(self.slipped_mm[-1] > SLIP_THRESHOLD_MM),
             "slipped_mm": float(self.slipped_mm[-1]),
             "tightened_deg": float(self.tightened_deg[-1]),
@@ -55,6 +71,22 @@ class GraspTrace:
                 "slipped_mm": self.slipped_mm.tolist(),
             },
         }
+        if self.slip is not None:
+            content |= self._flags(self.slip)
+            content["series"] |= {name: values.tolist() for name, values in vars(self.slip).items()}
+        return content
+
+    def _flags(self, slip: SlipTrace) -> dict:
+        """How many frames are flagged as slipping, and the state of the contact in the first of them."""
+        first = int(slip.slipping.argmax())
+        state = {
+            "time_s": float(self.time_s[first]),
+            "sticking": float(slip.sticking[first]),
+            "true_ratio": float(friction_ratio(self.true_force_n[first])),
+            "slipped_mm": float(self.slipped_mm[first]),
+        }
+        count = int(slip.slipping.sum())
+        return {"slipping_frames": count, "first_slipping": state if count else None}
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,11 +52,18 @@ def vibration(
 
 
 def grasp(traces: dict[str, GraspTrace], content: dict, path: Path) -> None:
-    """Forces, μ, angle and the bottle's displacement over time: a column without feedback, one with it."""
-    figure, grid = plt.subplots(4, len(traces), figsize=(5.2 * len(traces), 9), sharex=True, sharey="row")
+    """Forces, μ, angle and the bottle's displacement over time, a column per run; `content` is grasp.json's.
+
+    Where the runs tell of slip, also the spread of the dots in contact and the share of nodes that stick.
+    """
+    slip = "limit_px" in content
+    labels = ["force of a finger, N", "μ = F_s / F_n", "Δθ, °", "downwards, mm"]
+    labels += ["spread, px", "nodes that stick, %"] if slip else []
+    size = {"figsize": (5.2 * len(traces), 2.25 * len(labels)), "sharex": True, "sharey": "row"}
+    figure, grid = plt.subplots(len(labels), len(traces), **size)
     limit, friction = content["stable_ratio"] + content["margin"], content["friction"]
     for k, (column, (name, trace)) in enumerate(zip(grid.T, traces.items(), strict=True)):
-        forces, ratios, angle, displacement = column
+        forces, ratios, angle, displacement = column[:4]
         for kind, force_n, line in (("found", trace.found_force_n, "-"), ("true", trace.true_force_n, ":")):
             forces.plot(trace.time_s, force_n[:, 2], "C0", linestyle=line, linewidth=1, label=f"F_n {kind}")
             shear_n = np.hypot(force_n[:, 0], force_n[:, 1])
@@ -70,13 +77,17 @@ def grasp(traces: dict[str, GraspTrace], content: dict, path: Path) -> None:
             trace.time_s, trace.lowered_mm, color="0.4", linewidth=1, label="bottle's displacement"
         )
         displacement.plot(trace.time_s, trace.slipped_mm, color="C3", linewidth=1.4, label="of which slip")
-        forces.set_title(f"({'ab'[k]}) {name.replace('_', ' ')}", fontsize=10)
+        if trace.slip is not None:
+            spread, sticking = column[4:]
+            spread.plot(trace.time_s, trace.slip.slip_px, color="C5", linewidth=1)
+            spread.axhline(content["limit_px"], color="C1", linestyle="--", linewidth=0.9)
+            sticking.plot(trace.time_s, 100 * trace.slip.sticking, color="0.4", linewidth=1)
+        forces.set_title(f"({'abc'[k]}) {name.replace('_', ' ')}", fontsize=10)
         sliding = np.flatnonzero(np.diff(trace.slipped_mm, prepend=0) > 0)
         for panel in column:
             for start in sliding[np.diff(sliding, prepend=-2) > 1] if len(sliding) else ():
                 panel.axvline(trace.time_s[start], color="k", linestyle="--", linewidth=0.7)
-        displacement.set_xlabel("time, s")
-    labels = ("force of a finger, N", "μ = F_s / F_n", "Δθ, °", "downwards, mm")
+        column[-1].set_xlabel("time, s")
     for row, label in zip(grid, labels, strict=True):
         row[0].set_ylabel(label)
     for row in (0, 1, 3):

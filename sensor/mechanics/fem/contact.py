@@ -62,6 +62,12 @@ class State:
     sticking: np.ndarray
     """(m,) bool: nodes in contact that did not slide in the last load step."""
 
+    @property
+    def sticking_share(self) -> float:
+        """Of the nodes in contact, the share that did not slide in the last load step; 0 without contact."""
+        contact = self.force[:, 0] > 0
+        return float((self.sticking & contact).sum() / max(contact.sum(), 1))
+
 
 class ContactProblem:
     """The contact of m nodes of the skin with a rigid indenter.

@@ -18,21 +18,28 @@ VERTICAL = np.array([False, False, True])
 
 
 class FemProbe:
-    """An indenter at (x_mm, y_mm) on the gel of a rig, with the friction of its scene; see `press.Probe`.
+    """An indenter at (x_mm, y_mm) on the gel of a rig; see `press.Probe`.
 
     reach_mm : the largest approach to be expected, by default the elastomer's thickness; a smaller one gives
         a smaller contact problem
+    friction : Coulomb's coefficient, by default that of the rig's scene
     """
 
     def __init__(
-        self, rig: FemRig, indenter: Indenter, x_mm: float, y_mm: float, *, reach_mm: float | None = None
+        self,
+        rig: FemRig,
+        indenter: Indenter,
+        x_mm: float,
+        y_mm: float,
+        *,
+        reach_mm: float | None = None,
+        friction: float | None = None,
     ):
         elastomer = rig.sensor.elastomer
         reach_mm = elastomer.thickness_mm if reach_mm is None else reach_mm
+        friction = elastomer.friction if friction is None else friction
         with threadpool_limits(1):
-            self._setup = rig.gel.set_up_contact(
-                indenter, x_mm, y_mm, friction=elastomer.friction, reach_mm=reach_mm
-            )
+            self._setup = rig.gel.set_up_contact(indenter, x_mm, y_mm, friction=friction, reach_mm=reach_mm)
         self._rig = rig
         self.state = self._setup.problem.unloaded()
         """The present equilibrium. It may be set to an earlier one, to continue from there."""
