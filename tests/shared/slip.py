@@ -11,8 +11,7 @@ BITS, THRESHOLD = 8, 20
 
 def displacement_beats(displacement: np.ndarray, lanes: int, *, rows_reversed: bool) -> list[int]:
     """Displacements (frames, N, N) as payloads; the lanes beyond a row hold what is no displacement."""
-    frames, rows, columns = displacement.shape
-    void = -columns % lanes
+    void = -displacement.shape[-1] % lanes
     padded = np.pad(displacement, ((0, 0), (0, 0), (0, void)), constant_values=(1 << (BITS - 1)) - 1)
     if rows_reversed:
         padded = padded[:, ::-1]
@@ -23,15 +22,13 @@ def displacement_beats(displacement: np.ndarray, lanes: int, *, rows_reversed: b
     ]
 
 
-def situations(
-    follower: DotFollower, spread: DotSpread, frames: int, seed: int = 1
-) -> tuple[np.ndarray, ...]:
+def situations(follower: DotFollower, spread: DotSpread, frames: int) -> tuple[np.ndarray, ...]:
     """Shifts (frames, M, 2), which dots are seen (frames, M), and displacements (frames, N, N).
 
     The first: nothing touches; all dots touch and shift as far as they can, outwards, and around; all are
     lost; one on, one off. Then random ones.
     """
-    rng, count = np.random.default_rng(seed), len(spread.place)
+    rng, count = np.random.default_rng(1), len(spread.place)
     height, width = follower.windows.image
     limit, top = spread.shift_limit, (1 << (BITS - 1)) - 1
     shift = rng.integers(-limit, limit + 1, (frames, count, 2))
