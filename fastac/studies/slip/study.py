@@ -68,19 +68,19 @@ def summary(records: Sequence[DragRecord]) -> dict:
     return content
 
 
-def limit_rates(records: Sequence[DragRecord], name: str, limit: float) -> dict:
-    """Hits and false alarms of a limit of a measure: of the states compared, and of all.
+def limit_rates(records: Sequence[DragRecord], limit: float, flagged: Sequence[np.ndarray]) -> dict:
+    """Hits and false alarms of a limit: of the states compared, and of all.
 
-    Where too few dots are in contact the integers' spread is 0, so that the state is not flagged.
+    flagged : of each drag, (n,) bool, the states beyond the limit. Where too few dots are in contact the
+        integers' spread is 0, so that the state is not flagged.
     """
-    slips, known, values = (
-        np.concatenate(parts)
-        for parts in zip(*((one.slips, one.known, one.measures[name]) for one in records), strict=True)
-    )
+    slips = np.concatenate([one.slips for one in records])
+    known = np.concatenate([one.known for one in records])
+    beyond = np.concatenate(flagged)
     return {
         "limit": limit,
-        **scores.rates(values[known] > limit, slips[known]),
-        "of_all_states": scores.rates(values > limit, slips),
+        **scores.rates(beyond[known], slips[known]),
+        "of_all_states": scores.rates(beyond, slips),
     }
 
 
@@ -131,7 +131,11 @@ def run(
     for one in records:
         by_object.setdefault(one.drag.name, []).append(one)
     everything = summary(records)
-    best = {name: everything[name]["best_limit"] for name in MEASURES}
+    limits = {"scene": limit_rates(records, scene.slip.limit_px, [one.slipping for one in records])}
+    for name in MEASURES:
+        best = everything[name]["best_limit"]
+        if best is not None:
+            limits[name] = limit_rates(records, best, [one.measures[name] > best for one in records])
     content = {
         "source": "simulated",
         "scene": scene.name,
@@ -142,10 +146,7 @@ def run(
         "left_out": left_out,
         "by_object": {name: summary(some) for name, some in by_object.items()},
         "all": everything,
-        "limits": {
-            "scene": limit_rates(records, "integers", scene.slip.limit_px),
-            **{name: limit_rates(records, name, limit) for name, limit in best.items() if limit is not None},
-        },
+        "limits": limits,
         "drags": [_as_json(one) for one in records],
     }
     folder.mkdir(parents=True, exist_ok=True)

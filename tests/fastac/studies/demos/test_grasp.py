@@ -12,7 +12,7 @@ from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.protocol import FingertipError
 from fastac.studies.demos import grasp as experiment
 from fastac.studies.demos.bottle import Grasp, HeldBottle
-from fastac.studies.demos.grip_control import GripControl, friction_ratio
+from fastac.studies.demos.grip_control import GripControl, friction_ratio, without_feedback
 
 BRIEF = Grasp(pushes_n=(0.02, 0.048), push_s=0.2, pause_s=0.05, step_deg=0.01, most_deg=0.2)
 
@@ -67,16 +67,17 @@ def test_the_controller_sees_found_forces_only(tiny_rig_bundle, tiny_rig_cache):
     pipeline, seen = tiny_rig_bundle.pipeline, []
 
     class Control(GripControl):
-        def __call__(self, force_n):
+        def __call__(self, force_n, slipping):
             seen.append(force_n)
-            return super().__call__(force_n)
+            assert not slipping  # the scene has no slip
+            return super().__call__(force_n, slipping)
 
     whole = BRIEF.of_scene(tiny_rig_bundle.scene)
     doubled = replace(
         tiny_rig_bundle, pipeline=pipeline.replace(force_n_per_unit=2 * pipeline.force_n_per_unit)
     )
     for bundle in (tiny_rig_bundle, doubled):
-        control = Control(np.inf, 0.0, 0.1, 1.0)
+        control = Control(without_feedback, 0.1, 1.0)
         trace = experiment.run_control_loop(
             bundle, HeldBottle(rig, whole), [0.0, 0.01], control, "", progress=False
         )
@@ -113,6 +114,62 @@ def test_the_command(tiny_rig_folder, tiny_rig_cache, tmp_path):
     assert "Error: grasp: grip_n = 0.0: expected more than 0" in result.output
     assert not (tmp_path / "g").exists()
     assert CliRunner().invoke(main, ["grasp", "--help"]).exit_code == 0
+
+
+@pytest.fixture(scope="module")
+def written_with_slip(slip_bundle, tiny_rig_cache, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("grasp") / "g"
+    content = experiment.run(slip_bundle, folder, grasp=BRIEF, store=tiny_rig_cache, progress=False)
+    return folder, content
+
+
+def test_slip_closes_the_fingers_frame_by_frame(written_with_slip):
+    folder, content = written_with_slip
+    assert json.loads((folder / "grasp.json").read_text()) == content
+    assert (folder / "grasp.png").read_bytes().startswith(b"\x89PNG")
+    one = content["with_slip_feedback"]
+    series = one["series"]
+    assert set(map(len, series.values())) == {one["frames"]}
+    flagged = np.array(series["slipping"])
+    assert 0 < flagged.sum() == one["slipping_frames"]
+    wanted = np.minimum(BRIEF.step_deg * np.cumsum(flagged), BRIEF.most_deg)
+    assert content["delay_frames"] == 1
+    np.testing.assert_allclose(series["tightened_deg"], [0, *wanted[:-1]])
+    assert content["without_feedback"]["tightened_deg"] == 0
+
+
+def test_the_first_flag_is_that_of_the_series(written_with_slip):
+    for name in experiment.RUNS:
+        one = written_with_slip[1][name]
+        series, first = one["series"], one["first_slipping"]
+        if not one["slipping_frames"]:
+            assert first is None
+            continue
+        index = series["slipping"].index(True)
+        assert first["time_s"] == series["time_s"][index]
+        assert first["sticking"] == series["sticking"][index]
+        assert 0 <= first["sticking"] <= 1
+
+
+def test_a_table_with_slip(written_with_slip):
+    _, content = written_with_slip
+    [table] = experiment.tables(content)
+    assert [row[0] for row in table.rows] == ["without feedback", "with feedback", "with slip feedback"]
+    assert table.head[-2:] == ["flagged from, s", "sticking then, %"]
+    assert all(len(row) == len(table.head) for row in table.rows)
+    [table] = experiment.tables(
+        content | {"with_slip_feedback": content["with_slip_feedback"] | {"first_slipping": None}}
+    )
+    assert table.rows[-1][-2:] == ["", ""]
+
+
+def test_scenes_without_slip_say_nothing_of_it(written):
+    _, content = written
+    assert "with_slip_feedback" not in content
+    assert "limit_px" not in content
+    for name in ("without_feedback", "with_feedback"):
+        assert not {"first_slipping", "slipping_frames"} & set(content[name])
+        assert "slip_px" not in content[name]["series"]
 
 
 def test_the_table_says_who_slips(written):

@@ -85,3 +85,19 @@ def test_without_a_spring_too_much_is_an_error_and_changes_nothing(bottle):
 def test_refuses_what_sinks_deeper_than_it_was_to_reach(rig):
     with pytest.raises(ContactError, match="the skin reaches the indenter's side"):
         FemProbe(rig, BOTTLE, 0.0, 0.0, reach_mm=0.1).at_load(2.0)
+
+
+def test_fewer_nodes_stick_as_the_pull_rises_and_none_when_all_slide(rig):
+    probe = FemProbe(rig, BOTTLE, 0.0, 0.0, friction=FRICTION / 2)
+    assert probe.state.sticking_share == 0
+    probe.at_load(LOAD_N)
+    shares = [probe.state.sticking_share]
+    for share in (0.3, 0.6, 0.9):
+        value = np.array([-share * FRICTION / 2 * LOAD_N, 0.0, LOAD_N])
+        probe.apply_load(Load(np.eye(3), np.ones(3, bool), value))
+        shares.append(probe.state.sticking_share)
+    assert shares == sorted(shares, reverse=True)
+    assert 0 < shares[-1] < shares[1] < shares[0]
+    way_z = probe.indenter_displacement_mm[2]
+    probe.apply_load(sideways(-FRICTION * LOAD_N, way_z, 0.4))
+    assert probe.state.sticking_share == 0
