@@ -16,8 +16,9 @@ def absent(found: dict[str, str]) -> set[str]:
 def test_depth_and_force(make_scene, tmp_path):
     found = scope(make_scene, tmp_path)
     assert absent(found.simulated()) == {"demosaicing"}
-    assert absent(found.elaborated()) == {"recurrences", "reversal", "bridge", "dots"}
-    assert found.verified() == {"normals": "768", "depth": "196", "force": "1", "force map": ABSENT}
+    assert absent(found.elaborated()) == {"recurrences", "reversal", "bridge", "dots", "slip"}
+    compared = {"normals": "768", "depth": "196", "force": "1", "slip": ABSENT, "force map": ABSENT}
+    assert found.verified() == compared
     assert found.trained()["force model"] == "kernels 5×5"
 
 
@@ -28,6 +29,10 @@ def test_a_force_of_weights_and_dots(make_scene, tmp_path):
     markers = {"spacing_mm": 1.0, "radius_mm": 0.2}
     found = scope(make_scene, tmp_path, force=force | {"dots": True}, sensor={"markers": markers})
     assert found.trained()["force model"] == "weights of the displacement and of the dots' shifts"
+    changes = {"outputs": ["force_z", "slip"], "sensor": {"markers": markers}}
+    found = scope(make_scene, tmp_path, force=force | {"dots": True}, **changes)
+    assert found.verified()["slip"] == "2"
+    assert int(found.elaborated()["slip"].replace(",", "")) > 500
 
 
 def test_force_without_depth(make_scene, tmp_path):
