@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 __all__ = ["BundleError", "Measurement", "TactileSensor", "load"]
 
 Arithmetic = Literal["integer", "float"]
-FLAGS = ("gradient_saturated", "displacement_saturated", "validity")
+FLAGS = ("gradient_saturated", "displacement_saturated", "validity", "slip_dots", "slipping")
 """What the integers say of a frame beside its outputs."""
 
 
@@ -53,6 +53,8 @@ class Measurement(Result):
     depth_mm : (H, W) height z of the skin in mm; pressing lowers it
     force_n : (axes,) force in N along `force_axes`; z is positive in compression
     force_map_n : (axes, H - 2, W - 2) each inner pixel's share of the force in N
+    slip_px : root mean square spread in px of the dots in contact about the rigid motion that fits them
+    slip_dots, slipping : how many these dots are; whether their spread is beyond the scene's limit
     gradient_saturated, displacement_saturated : how many values of the frame left their word's range
     validity : bits of `FrameValidity`, as the hardware's register FRAME_VALIDITY has them; 0: not suspect
     """

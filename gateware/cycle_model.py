@@ -11,7 +11,7 @@ from fastac.gateware.dot_force import VALUES
 from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
-from fastac.gateware.force.weighted_sum import BAND_VALUES, WeightedSumStream
+from fastac.gateware.force.weighted_sum import WeightedSumStream, products_of
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.mlp_mvm import tile_multipliers
@@ -137,7 +137,7 @@ class CycleModel(FrameCycles):
         weight_bits = signed_width(scene.force.kernel_size**2 << (scene.numbers.kernel_bits - 1))
         if scene.force_of_weights:
             weight_bits = scene.numbers.kernel_bits
-            values = BAND_VALUES if scene.force.band_mm else DISPLACEMENT
+            values = products_of(len(scene.force.bends_mm))
         if scene.force_from_slopes:
             rows, columns = scene.sensor.height_px, scene.sensor.width_px
             values, input_bits = SLOPES, scene.numbers.slope_bits

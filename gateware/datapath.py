@@ -159,7 +159,7 @@ class Datapath(FrameCycles, wiring.Component):
                     in_order(pipeline.force),
                     lanes=lanes,
                     loadable=self.loadable and scene.force_from_slopes,
-                    band=pipeline.band,
+                    bends=pipeline.bends,
                 )
             members["force"] = Out(self.force_stream.o.signature)
         if scene.wants_dots:

@@ -13,6 +13,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.dot_follower import DotFollower, at_rest
 from fastac.models.integer.dot_windows import BLOCK, DotWindows
 from fastac.models.integer.features import integer_features, scales
+from fastac.models.integer.force import terms
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
 from fastac.models.integer.slope_bridge import SlopeBridge
@@ -56,6 +57,7 @@ def scene(
     bus_errors: str = "flag",
     dots: bool = False,
     band_mm: float | None = None,
+    deep_mm: float | None = None,
     bridge_dots: bool = False,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
@@ -82,7 +84,7 @@ def scene(
                 "max_displacement_mm": 0.01,
                 "dots": dots,
             }
-            | ({"band_mm": band_mm, "fit": "weights"} if band_mm else {}),
+            | ({"band_mm": band_mm, "deep_mm": deep_mm, "fit": "weights"} if band_mm else {}),
             "slip": {"contact_mm": 0.001, "limit_px": 1.0},
             "hardware": {"pixels_per_clock": lanes, "weights": weights, "bus_errors": bus_errors},
         }
@@ -148,7 +150,7 @@ def force_weights(
     if scene.force_from_slopes:
         shape = (scene.sensor.height_px, scene.sensor.width_px, 2)
     elif scene.force_of_weights:
-        shape = (inner, inner, 3 if scene.force.band_mm else 1)
+        shape = (inner, inner, terms(np.zeros(()), scene.force.bends_mm).size)
     weights = rng.normal(size=(axes, *shape))
     if not scene.wants_dots:
         return (weights,)

@@ -81,11 +81,19 @@ class Force(Strict):
     band_mm: Positive | None = None
     """What is displaced beyond ±band_mm, in the contact and in the bulge around it, has weights of its own:
     the force is then not linear in the displacement. With fit 'weights'."""
+    deep_mm: Positive | None = None
+    """What is pressed deeper than this has one more weight, beside those of `band_mm`. A model that knows it
+    finds the force of objects of other shapes better."""
     dots: bool = False
     """Whether the shifts of the marker dots are a part of the force, beside displacement or slopes: without
     them little shows how the skin is dragged."""
     hidden: Annotated[int, Field(ge=1, le=256)] = 32
     max_displacement_mm: Positive = 2.0
+
+    @property
+    def bends_mm(self) -> tuple[float, ...]:
+        """Where the force bends in the displacement: nowhere, at ±band_mm, or there and at deep_mm."""
+        return tuple(bend for bend in (self.band_mm, self.deep_mm) if bend is not None)
 
     @property
     def signed(self) -> bool:

@@ -38,6 +38,9 @@ class Protocol(Strict):
     test_grid: Count = 8
     loads_n: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 1.0, 1.5)
     ball_mm: Positive = 5.0
+    more_balls_mm: tuple[Positive, ...] = ()
+    """Diameters of further balls: each position of train and validation is pressed with one of them too, in
+    turn. A force model that knows one shape only takes the others for more or less than they are."""
     tangential_shares: tuple[Positive, ...] | None = None
     """Tangential loads, in shares of F_z, each in four directions, after each vertical one. Not given: the
     paper's 0.3 and 0.6 where tangential forces are wanted and the gel has friction, and else none."""
@@ -165,6 +168,8 @@ class Scene(Strict):
             )
         if force.band_mm and not of_weights:
             raise ValueError(f"force.band_mm: {force.band_mm:g} needs force.fit 'weights'")
+        if force.deep_mm and not (force.band_mm and force.band_mm < force.deep_mm):
+            raise ValueError(f"force.deep_mm: {force.deep_mm:g} needs a force.band_mm that is smaller")
 
     def _check_dots(self) -> None:
         """Raise ValueError unless dots can be seen where they are to be."""

@@ -64,10 +64,10 @@ def _start_worker(sensor: Sensor, store: Path) -> None:
 
 def _press(task) -> list[dict | None]:
     """The samples of a station, see `sample`; None for a load that friction cannot carry."""
-    station, ball_mm, sensor, seeds = task
+    station, sensor, seeds = task
     return [
         None if isinstance(pressed, ContactError) else sample(pressed, sensor, np.random.default_rng(seed))
-        for pressed, seed in zip(_rig.presses(station, ball_mm), seeds, strict=True)
+        for pressed, seed in zip(_rig.presses(station), seeds, strict=True)
     ]
 
 
@@ -141,7 +141,7 @@ def generate(
     count = sum(len(station.targets_n) for station in visited)
     background_seed, *seeds = np.random.SeedSequence(protocol.seed).spawn(count + 1)
     rest, left_out = iter(seeds), 0
-    tasks = [(s, protocol.ball_mm, sensor, [next(rest) for _ in s.targets_n]) for s in visited]
+    tasks = [(s, sensor, [next(rest) for _ in s.targets_n]) for s in visited]
     room, poses, split = _empty(scene, count), [], []
     processes = min(processes or os.cpu_count() or 1, len(tasks))
     with progress_bar(total=count, desc="presses", unit="", enabled=progress, leave=True) as bar:

@@ -1,11 +1,13 @@
-"""The press protocol: at which positions, and with which loads, a ball is pressed on the skin.
+"""The press protocol: at which positions, and with which loads, balls are pressed on the skin.
 
 It follows the paper's protocol (supplement, section I). A position is that of the ball's axis, in mm from the
 image's centre. The grids of the train, validation and test splits share no point. At each position the
 vertical loads follow one another; if the scene has tangential loads, each vertical load is followed by
-tangential ones in four in-plane directions.
+tangential ones in four in-plane directions. Beyond the paper's, further balls may follow, one at each
+position of train and validation.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,6 +33,7 @@ class Station:
     x_mm: float
     y_mm: float
     load_n: float
+    ball_mm: float
     tangential_n: tuple[tuple[float, float], ...] = ()
 
     @property
@@ -92,19 +95,30 @@ def positions_mm(sensor: Sensor, protocol: Protocol) -> dict[str, np.ndarray]:
 
 
 def stations(scene: Scene) -> list[Station]:
-    """All stations of a scene's protocol, in the order in which they are pressed."""
+    """All stations of a scene's protocol, in the order in which they are pressed: those of further balls come
+    last. A position's ball is that of its row and column, so that each ball comes to all parts of the skin.
+    """
+    protocol = scene.protocol
+    grids = positions_mm(scene.sensor, protocol)
+    visited = [(split, place, protocol.ball_mm) for split, grid in grids.items() for place in grid]
+    more = protocol.more_balls_mm
+    for split in ("train", "validation") if more else ():
+        size = math.isqrt(len(grids[split]))
+        visited += [
+            (split, place, more[(k // size + k % size) % len(more)]) for k, place in enumerate(grids[split])
+        ]
     return [
         Station(
             split,
-            *map(float, position),
+            *map(float, place),
             load_n,
+            ball_mm,
             tuple(
                 (share * load_n * x, share * load_n * y)
                 for share in scene.tangential_shares
                 for x, y in DIRECTIONS
             ),
         )
-        for split, grid in positions_mm(scene.sensor, scene.protocol).items()
-        for position in grid
-        for load_n in scene.protocol.loads_n
+        for split, place, ball_mm in visited
+        for load_n in protocol.loads_n
     ]

@@ -122,9 +122,16 @@ def tiny_bundle(tiny_folder):
 
 @pytest.fixture(scope="session")
 def dotted_scene(make_scene) -> Scene:
-    """The tiny scene with twice the pixels and 3 × 3 dots, which bridge slopes and join the force; a band."""
+    """The tiny scene with twice the pixels and 3 × 3 dots, which bridge slopes and join the force; bends."""
     pixels = {"height_px": 32, "width_px": 32, "pitch_mm": 0.125}
-    force = {"dots": True, "fit": "weights", "kernel": "collapsed", "clamp": False, "band_mm": 0.002}
+    force = {
+        "dots": True,
+        "fit": "weights",
+        "kernel": "collapsed",
+        "clamp": False,
+        "band_mm": 0.002,
+        "deep_mm": 0.01,
+    }
     return make_scene(
         name="dotted",
         sensor={**pixels, "markers": {"spacing_mm": 1.0, "radius_mm": 0.2}},

@@ -101,8 +101,8 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
 def predict(bundle, data, use_float, split, output, progress):
     """Compute the outputs of BUNDLE's scene for the frames of the dataset DATA and write them as HDF5.
 
-    These are some of normals, depth_mm, force_n and force_map_n. The integer model gives what the hardware
-    gives, bit for bit.
+    These are some of normals, depth_mm, force_n, force_map_n and slip_px. The integer model gives what the
+    hardware gives, bit for bit.
 
     \b
     Example: fastac predict build/paper build/paper/data.h5 --split test -o outputs.h5

@@ -51,7 +51,7 @@ def displacement_terms(
 ) -> np.ndarray:
     """What one weight a pixel each is multiplied with, (frames, N, N, terms) in mm."""
     found = found_displacement_mm(pipeline, frames, background, progress=progress)
-    return terms(found, pipeline.scene.force.band_mm)
+    return terms(found, pipeline.scene.force.bends_mm)
 
 
 def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:

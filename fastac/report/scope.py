@@ -73,7 +73,7 @@ class Scope:
         content["outputs"] = ["normals", "depth", "force_xyz", "force_map"]
         content["poisson"]["solver"] = "dst2d"
         content["force"] |= {"kernel": "patch", "clamp": True, "fit": "displacement"}
-        content["force"] |= {"dots": False, "band_mm": None}
+        content["force"] |= {"dots": False, "band_mm": None, "deep_mm": None}
         content["training"]["labels"] = "geometry"
         return Scene.model_validate(content)
 
@@ -130,6 +130,7 @@ class Scope:
             "normals": 3 * pixels if "normals" in scene.outputs else 0,
             "depth": scene.inner_px**2 if "depth" in scene.outputs else 0,
             "force": axes,
+            "slip": 2 if scene.wants_slip else 0,
             "force map": axes * scene.inner_px**2 if scene.wants_force_map else 0,
         }
         return {name: f"{count:,}" if count else ABSENT for name, count in counts.items()}

@@ -15,10 +15,13 @@ import numpy as np
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.gateware.dots.axis import quotient_bits
-from fastac.gateware.force.weighted_sum import BAND_VALUES
+from fastac.gateware.force.weighted_sum import products_of
 from fastac.gateware.network.slope_bridge import SlopeBridgeStream
+from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
+from fastac.gateware.slip.spread_ratio import SpreadRatio
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_force import DotForce
+from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.dot_windows import CELL, DotWindows
 from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
@@ -164,6 +167,20 @@ def dots_works(frame: Frame, follower: DotFollower, dots: DotForce) -> Iterator[
     yield addition(count * 2 * axes + axes, dots.weighted.width)
 
 
+def slip_works(spread: DotSpread, follower: DotFollower) -> Iterator[Work]:
+    """Shifts kept and read, four products a dot, and the ratio's products and quotient a bit at a time."""
+    count, bounds = len(follower.rest), spread.bounds
+    shift, place = follower.width, signed_width(int(np.abs(spread.xy).max()))
+    kept = KEPT_FRAMES * count
+    yield memory(2 * count, 2 * shift + 1, kept)
+    yield multiplication(2 * count, shift, shift)
+    yield multiplication(2 * count, shift, place)
+    yield addition(4 * count, signed_width(bounds["square"]))
+    yield addition(4 * count, signed_width(bounds["u"]))
+    phases = SpreadRatio.phases_of(spread)
+    yield addition(3 * sum(phases) + bounds["spread"].bit_length(), signed_width(bounds["A"] * bounds["C"]))
+
+
 def with_registers(works: list[Work]) -> list[Work]:
     """And a register for each result."""
     results = [w for w in works if w.kind in ("multiplication", "addition")]
@@ -189,7 +206,7 @@ def works(pipeline: IntegerPipeline) -> dict[str, list[Work]]:
         stages["force"] = patch_force_works(frame, pipeline.force)
     elif pipeline.force is not None:
         terms = pipeline.force.weight.shape[-1]
-        products = terms if pipeline.band is None else BAND_VALUES
+        products = products_of(len(pipeline.bends)) if pipeline.bends else terms
         stages["force"] = weighted_force_works(frame, pipeline.force, products)
     if scene.wants_darkness:
         windows = (pipeline.bridge or pipeline.follower).windows
@@ -198,6 +215,8 @@ def works(pipeline: IntegerPipeline) -> dict[str, list[Work]]:
         stages["bridge"] = bridge_works(frame, pipeline.bridge, pipeline.ratio.width)
     if scene.wants_dots:
         stages["dots"] = dots_works(frame, pipeline.follower, pipeline.dot_force)
+    if scene.wants_slip:
+        stages["slip"] = slip_works(pipeline.spread, pipeline.follower)
     return {name: with_registers(list(stage)) for name, stage in stages.items()}
 
 

@@ -132,11 +132,28 @@ DESIGNS = (
     {
         "size": 32,
         "dots": (8, 0.2),
-        "outputs": THREE,
+        "outputs": ("depth", "force_xyz", "slip"),
         "numbers": {"activation_bits": 10, "kernel_bits": 16},
         "poisson": {"solver": "tridiagonal"},
-        "force": {"kernel": "collapsed", "clamp": False, "fit": "weights", "band_mm": 0.004, "dots": True},
+        "force": {
+            "kernel": "collapsed",
+            "clamp": False,
+            "fit": "weights",
+            "band_mm": 0.004,
+            "deep_mm": 0.2,
+            "dots": True,
+        },
         "hardware": {"pixels_per_clock": 2, "weights": "baked"},
+    },
+    {
+        "size": 96,
+        "dots": (8, 0.2),
+        "channels": "bgr",
+        "outputs": ("force_z", "slip"),
+        "numbers": {"activation_bits": 7, "gradient_fraction_bits": 10, "data_bits": 22},
+        "poisson": {"solver": "tridiagonal"},
+        "force": {"kernel": "collapsed", "clamp": False, "dots": True},
+        "hardware": {"weights": "baked"},
     },
 )
 """Small designs that together contain every stage in several widths, sizes and numbers of lanes."""

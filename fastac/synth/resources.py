@@ -18,7 +18,9 @@ from scipy.optimize import nnls
 
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.dots.dot_stream import DotStream
-from fastac.gateware.force.weighted_sum import BAND_VALUES
+from fastac.gateware.dots.follower import dot_layout
+from fastac.gateware.force.weighted_sum import products_of
+from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
 from fastac.models.integer.dot_windows import CELL
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -46,6 +48,7 @@ BEHIND_SOLVER = {
     "bridge": "bridge",
     "darkness": "dots",
     "dots": "dots",
+    "slip_stream": "slip",
 }
 """Stages of every design by the names that instances begin with."""
 BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
@@ -128,12 +131,14 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
 
 
 def dot_memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
-    """As `memories`, of what follows the dots: rows of windows, and the dots' weights."""
+    """As `memories`, of what follows the dots: rows of windows, weights and, for slip, the shifts kept."""
     stream = DotStream(pipeline.follower, lanes=pipeline.scene.hardware.pixels_per_clock).dots
     window = stream.i.payload.shape().size
     yield "dots", 1, window, stream.kept_rows << (stream.row_beats - 1).bit_length()
     axes, count, _, terms = pipeline.dot_force.weighted.weight.shape
     yield "dots", 1, axes * terms * pipeline.dot_force.weighted.weight_width, count
+    if pipeline.spread is not None:
+        yield "slip", 1, dot_layout(pipeline.follower).size, KEPT_FRAMES << (count - 1).bit_length()
 
 
 def _bits(works: list[Work], kind: str, frame: Frame) -> float:
@@ -187,7 +192,7 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         }
     elif force is not None:
         axes, _, _, terms = force.weight.shape
-        products = terms if pipeline.band is None else BAND_VALUES
+        products = products_of(len(pipeline.bends)) if pipeline.bends else terms
         found["force"] = {
             "one": 1,
             "patch_bits": 0,
@@ -204,6 +209,10 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         found["dots"]["window_bits"] = max(1, lanes // CELL) * 2 * (2 * windows.half + 1) * words
         axes, _, _, terms = weighted.weight.shape
         found["dots"]["sum_bits"] = axes * terms * (weighted.input_width + weighted.weight_width)
+    if scene.wants_slip:
+        bounds, count = pipeline.spread.bounds, len(pipeline.follower.rest)
+        ratio = sum(times * bounds[name].bit_length() for name, times in (("A", 1), ("B", 2), ("C", 2)))
+        found["slip"] = {"one": 1, "ratio_bits": ratio, "dots": count}
     needed = block_rams(memories(pipeline))
     for stage, values in found.items():
         values["ramb36"] = needed.get(stage, 0.0)

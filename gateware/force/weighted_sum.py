@@ -13,8 +13,11 @@ from fastac.gateware.stream.tables import RasterRom, raster_beats
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.words import signed_width
 
-BAND_TERMS, BAND_VALUES = 3, 2
-"""Terms of a displacement with a band, and how many of them need a product of their own."""
+
+def products_of(bends: int) -> int:
+    """How many products a displacement with so many bends needs: one for itself and one for each bend, as of
+    what is beyond the band on either side one is 0."""
+    return 1 + bends
 
 
 def weight_words(weighted: WeightedSum, lanes: int) -> np.ndarray:
@@ -31,30 +34,34 @@ class WeightedSumStream(wiring.Component):
     i : stream of `lanes` pixels, each a value, or an array of `terms` values if there are several, of
         Shape(weighted.input_width, weighted.input_signed). A frame is `rows` rows of ceil(columns/lanes)
         beats; the lanes beyond `columns` are ignored. A signed value must not be the most negative word.
-        With `band` a pixel has one value, and its three terms follow from it as `integer.force.terms` says.
+        With `bends` a pixel has one value, and its terms follow from it as `integer.force.terms` says.
     o : stream of one beat per frame: one accumulator per axis, signed(weighted.width)
     constant : replaces `weighted.constant`; constant while a frame is in flight. Only with `loadable`.
 
     `latency` = 6 + ceil(log2(lanes·values)) clocks from a frame's last beat to its force, without
     back-pressure: 2 for the ROM of the weights, 3 for the products, an adder tree over lanes and a pixel's
-    values, 1 for the accumulator. `values` = terms, but 2 with `band`: of what is beyond it on either side
-    one is 0, so that its sign chooses the weight of a single product. Initiation interval: `interval` =
-    rows · ceil(columns/lanes) clocks per frame, without gaps. A force that is not taken stalls the whole
-    pipeline before it.
+    values, 1 for the accumulator. `values` = terms, but with `bends` those of `products_of`: of what is
+    beyond the band on either side one is 0, so that its sign chooses the weight of a single product.
+    Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per frame, without gaps. A force that
+    is not taken stalls the whole pipeline before it.
     """
 
-    def __init__(self, weighted: WeightedSum, *, lanes: int, loadable: bool = False, band: int | None = None):
+    def __init__(
+        self, weighted: WeightedSum, *, lanes: int, loadable: bool = False, bends: tuple[int, ...] = ()
+    ):
         check_lanes(lanes)
         self.weighted, self.lanes, self.loadable = weighted, lanes, loadable
-        self.band = band
+        self.bends = bends
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
-        if band is not None and (self.terms != BAND_TERMS or not weighted.input_signed):
-            raise ValueError(f"band {band}: {self.terms} terms: expected {BAND_TERMS} of a signed value")
-        self.values = self.terms if band is None else BAND_VALUES
+        if bends and (self.terms != len(bends) + 2 or not weighted.input_signed):
+            raise ValueError(
+                f"bends {bends}: {self.terms} terms: expected {len(bends) + 2} of a signed value"
+            )
+        self.values = products_of(len(bends)) if bends else self.terms
         if self.interval < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 beats")
         pixel = Shape(weighted.input_width, weighted.input_signed)
-        if band is None and self.terms > 1:
+        if not bends and self.terms > 1:
             pixel = data.ArrayLayout(pixel, self.terms)
         sums = data.ArrayLayout(signed(weighted.width), self.axes)
         members = {
@@ -97,10 +104,11 @@ class WeightedSumStream(wiring.Component):
         m = Module()
         words = weight_words(self.weighted, self.lanes)
         bounds = np.abs(words) * self.weighted.input_limit
-        if self.band is not None:
+        if self.bends:
             each = bounds.reshape(*bounds.shape[:2], self.lanes, self.terms)
-            beyond = each[..., 1:].max(axis=-1)
-            bounds = np.stack([each[..., 0], beyond], axis=-1).reshape(*bounds.shape[:2], -1)
+            either = each[..., 1:3].max(axis=-1, keepdims=True)
+            each = np.concatenate([each[..., :1], either, each[..., 3:]], axis=-1)
+            bounds = each.reshape(*bounds.shape[:2], -1)
         m.submodules.weights = weights = RasterRom(words, self.weighted.weight_width)
         m.submodules.accumulator = accumulator = FrameAccumulator(
             bounds, self.weighted.constant, loadable=self.loadable, width=self.weighted.width
@@ -140,18 +148,20 @@ class WeightedSumStream(wiring.Component):
 
     def _values(self, pixel) -> list:
         """What is multiplied of a pixel."""
-        if self.band is not None:
-            beyond = Mux(pixel > self.band, pixel - self.band, Mux(pixel < -self.band, pixel + self.band, 0))
-            return [pixel, beyond]
+        if self.bends:
+            band, *deep = self.bends
+            beyond = Mux(pixel > band, pixel - band, Mux(pixel < -band, pixel + band, 0))
+            return [pixel, beyond, *(Mux(pixel > bend, pixel - bend, 0) for bend in deep)]
         return [pixel] if self.terms == 1 else list(pixel)
 
     def _factors(self, values: list, weight):
         """Each value of the lanes with its weight."""
         for lane, of_lane in enumerate(values):
-            if self.band is None:
+            if not self.bends:
                 yield from ((x, weight[lane * self.terms + k]) for k, x in enumerate(of_lane))
                 continue
-            whole, beyond = of_lane
-            inside, towards, away = (weight[lane * self.terms + k] for k in range(self.terms))
+            whole, beyond, *deep = of_lane
+            inside, towards, away, *of_deep = (weight[lane * self.terms + k] for k in range(self.terms))
             yield whole, inside
             yield beyond, Mux(whole < 0, away, towards)
+            yield from zip(deep, of_deep, strict=True)

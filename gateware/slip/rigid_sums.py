@@ -7,11 +7,12 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.product import LATENCY, product
 from fastac.gateware.dots.follower import dot_layout
-from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.words import signed_width
 
+KEPT_FRAMES = 4
+"""Frames whose dots are kept until it is known which are in contact; the solvers hold fewer."""
 SIGNED = ("u", "v", "x", "y", "turn")
 """Sums that may be negative; n, square and far are not."""
 
@@ -32,7 +33,7 @@ class RigidSums(wiring.Component):
     contact : stream of one beat per frame, see `DotContact.o`
     o : stream of one beat per frame, see `sums_layout`
 
-    The dots of as many frames are kept as the datapath holds, so that `dots` has not to wait. `latency`
+    The dots of KEPT_FRAMES frames are kept, so that `dots` has not to wait. `latency`
     = M + 5 clocks from a frame's contact to its sums, and one more from its last dot: memory, products and
     sums. Initiation interval: as many clocks, if the sums are taken at once.
     """
@@ -62,17 +63,20 @@ class RigidSums(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         count = len(self.order)
-        bank_bits = (FRAMES_IN_FLIGHT - 1).bit_length()
+        bank_bits = (KEPT_FRAMES - 1).bit_length()
         m.submodules.kept = kept = memory.Memory(
-            shape=dot_layout(self.follower), depth=1 << (bank_bits + (count - 1).bit_length()), init=[]
+            shape=dot_layout(self.follower),
+            depth=1 << (bank_bits + (count - 1).bit_length()),
+            init=[],
+            attrs={"ram_style": "block"},
         )
         write, read = kept.write_port(), kept.read_port()
         # Frames whose dots are all kept, and whose sums are not begun.
-        whole, room = Signal(range(FRAMES_IN_FLIGHT + 1)), Signal()
+        whole, room = Signal(range(KEPT_FRAMES + 1)), Signal()
         come, into, out_of = Signal(range(count)), Signal(bank_bits), Signal(bank_bits)
         stored, begun, done = Signal(), Signal(), Signal()
         m.d.comb += [
-            room.eq(whole != FRAMES_IN_FLIGHT),
+            room.eq(whole != KEPT_FRAMES),
             self.dots.ready.eq(room),
             write.addr.eq(Cat(come, into)),
             write.data.eq(self.dots.payload),

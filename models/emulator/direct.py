@@ -58,7 +58,7 @@ def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
         words, over = pipeline.quantiser(displacement)
         found |= {"displacement_words": words, "displacement_saturated": over.sum()}
         measures.append(over.sum())
-        force_input = terms(words, pipeline.band)
+        force_input = terms(words, pipeline.bends)
     if pipeline.follower is not None:
         shifts, seen = pipeline.follower(pipeline.follower.windows(frame))
         found |= {"dot_shift_words": shifts, "dot_shifts_px": shifts * 2.0**-FRACTION, "dots_seen": seen}

@@ -71,7 +71,7 @@ class ExactTables:
             self.rest = pipeline.depth.rest.astype(np.float64)
         if pipeline.bridge is not None:
             self.threshold = pipeline.bridge.windows.threshold.astype(np.int64)
-        self.band = pipeline.band
+        self.bends = pipeline.bends
         if pipeline.force is not None:
             self._plan_force(pipeline.force)
 
@@ -240,7 +240,7 @@ class _Worker:
         saturated = displacement_words(z, quantiser.clamp, 2.0**-quantiser.shift, float(quantiser.top), words)
         if "displacement_saturated" in out:
             out["displacement_saturated"][0] = saturated
-        self._force(np.moveaxis(terms(z, self.emulator.band), -1, 0), of_dots, out)
+        self._force(np.moveaxis(terms(z, self.emulator.bends), -1, 0), of_dots, out)
         self._force_map(z, out)
         if self.wants_slip:
             for name, value in slip_of(pipeline, *pipeline.spread(*followed, z)).items():

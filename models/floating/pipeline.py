@@ -247,7 +247,7 @@ class _AfterSlopes:
         """The skin's force (axes,) in N, from the displacement (N, N) or, for the adjoint, the slopes' change
         (H, W, 2)."""
         if self.has_solver:
-            x = terms(x, self.force.band_mm)
+            x = terms(x, self.force.bends_mm)
         return self.weight @ x.reshape(-1).astype(np.float64)
 
     def clamped(self, displacement_mm: np.ndarray) -> np.ndarray:

@@ -49,7 +49,7 @@ class TorchPipeline:
         self.weight = None
         if pipeline.force_weights is not None:
             weight = pipeline.pixel_weights
-            self.band_mm = scene.force.band_mm
+            self.bends_mm = scene.force.bends_mm
             self.weight = here(weight.reshape(len(weight), -1))
 
     @torch.inference_mode()
@@ -78,9 +78,10 @@ class TorchPipeline:
     def force(self, displacement_mm: torch.Tensor) -> torch.Tensor:
         """The displacement (N, N) in mm to force_n (axes,)."""
         x = displacement_mm.clamp(min=0) if self.clamp else displacement_mm
-        if self.band_mm is not None:
-            beyond = (x - self.band_mm).clamp(min=0), (x + self.band_mm).clamp(max=0)
-            x = torch.stack([x, *beyond], dim=-1)
+        if self.bends_mm:
+            band, *deep = self.bends_mm
+            beyond = (x - band).clamp(min=0), (x + band).clamp(max=0)
+            x = torch.stack([x, *beyond, *((x - bend).clamp(min=0) for bend in deep)], dim=-1)
         return self.weight @ x.reshape(-1)
 
     def stages(self) -> dict[str, Callable[[torch.Tensor], torch.Tensor]]:

@@ -8,17 +8,20 @@ import numpy as np
 from fastac.models.integer.words import _fits, exact_matmul, signed_width
 
 
-def terms(displacement: np.ndarray, band: float | None) -> np.ndarray:
+def terms(displacement: np.ndarray, bends: tuple[float, ...]) -> np.ndarray:
     """What has weights of its own in a displacement (...), in (..., terms).
 
-    The displacement itself; with a `band` also what of it is beyond the band towards the camera, and what is
-    beyond it away from the camera. So the skin in contact, the bulge around it and the skin at rest can each
-    have a weight.
+    bends : (), (band,) or (band, deep), in the displacement's unit
+
+    The displacement itself; with a band also what of it is beyond the band towards the camera, and what is
+    beyond it away from the camera; with `deep` also what is beyond that towards the camera. So untouched
+    skin, the bulge around a contact, its edge and its middle can each have a weight.
     """
-    if band is None:
+    if not bends:
         return displacement[..., None]
+    band, *deep = bends
     beyond = np.maximum(displacement - band, 0), np.minimum(displacement + band, 0)
-    return np.stack([displacement, *beyond], axis=-1)
+    return np.stack([displacement, *beyond, *(np.maximum(displacement - d, 0) for d in deep)], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +99,7 @@ class WeightedSum:
     """One sum over the whole frame for each axis: A = constant + Σ_p Σ_t weight_{p,t} · x_{p,t}.
 
     With the displacement (one term a pixel) it is the collapsed kernels' force, with the slopes p and q (two
-    terms) the adjoint's. With a band the displacement has three, see `terms`.
+    terms) the adjoint's. With bends the displacement has more, see `terms`.
     """
 
     weight: np.ndarray  # (axes, rows, columns, terms)

@@ -58,12 +58,11 @@ class IntegerPipeline:
         return self.depth_mm_per_unit * 2.0**self.quantiser.shift
 
     @property
-    def band(self) -> int | None:
-        """The scene's `force.band_mm` in words of the displacement."""
-        band_mm = self.scene.force.band_mm
-        if band_mm is None or self.quantiser is None:
-            return None
-        return round(band_mm / self.displacement_mm_per_unit)
+    def bends(self) -> tuple[int, ...]:
+        """The scene's `force.bends_mm` in words of the displacement."""
+        if self.quantiser is None:
+            return ()
+        return tuple(round(bend / self.displacement_mm_per_unit) for bend in self.scene.force.bends_mm)
 
     @cached_property
     def spread(self) -> DotSpread | None:

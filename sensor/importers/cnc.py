@@ -29,10 +29,12 @@ Point = tuple[float, float, float]
 def planned_poses(scene: Scene, cad: Cad, origin_mm: Point = (0.0, 0.0, 0.0)) -> list[Pose]:
     """The poses and loads of a scene's protocol in the machine's coordinates, with z at first touch.
 
+    Those of `protocol.ball_mm` alone: a recording is of one ball.
+
     cad : the undeformed skin; origin_mm : the sensor's origin in the machine's coordinates
     """
     found, ball_mm = [], scene.protocol.ball_mm
-    for station in stations(scene):
+    for station in (s for s in stations(scene) if s.ball_mm == ball_mm):
         touch = cad.first_touch_mm(ball_mm, station.x_mm, station.y_mm)
         at = np.array([station.x_mm, station.y_mm, touch]) + origin_mm
         for target in station.targets_n:
@@ -54,6 +56,11 @@ def write_recording(
     if "z_mm" not in known:
         raise ImportFailure(
             f"{scene.name}: sensor.elastomer.mechanics = 'layer': the ball's pose is known of 'fem' only"
+        )
+    balls_mm = np.unique(known["ball_mm"])
+    if len(balls_mm) > 1:
+        raise ImportFailure(
+            f"{scene.name}: protocol.more_balls_mm: {len(balls_mm)} balls: expected one, as a recording has"
         )
     folder.mkdir(parents=True, exist_ok=True)
     frames, rows = CncFrames(folder, scene.sensor), []

@@ -41,9 +41,9 @@ class LayerRig:
     def __init__(self, sensor: Sensor):
         self.layer = Layer(sensor)
 
-    def presses(self, station: Station, ball_mm: float) -> list[PressedSkin]:
+    def presses(self, station: Station) -> list[PressedSkin]:
         """The one sample of a station: the layer is frictionless, so it has no tangential loads."""
-        x_mm, y_mm = station.x_mm, station.y_mm
+        x_mm, y_mm, ball_mm = station.x_mm, station.y_mm, station.ball_mm
         contact = self.layer.press(x_mm, y_mm, ball_mm=ball_mm, load_n=station.load_n)
         normals, depth_mm = surface(contact, self.layer, x_mm, y_mm, ball_mm)
         pose = {
@@ -64,5 +64,5 @@ class LayerProbe:
         self._rig, self._ball_mm, self._at = rig, ball_mm, (x_mm, y_mm)
 
     def at_load(self, load_n: float) -> PressedSkin:
-        (pressed,) = self._rig.presses(Station("test", *self._at, load_n), self._ball_mm)
+        (pressed,) = self._rig.presses(Station("test", *self._at, load_n, self._ball_mm))
         return pressed

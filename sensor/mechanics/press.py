@@ -38,7 +38,7 @@ class PressedSkin:
 class Rig(Protocol):
     """One sensor's gel, on which a ball performs the press protocol."""
 
-    def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
+    def presses(self, station: Station) -> list[PressedSkin | ContactError]:
         """The samples of a station in its order, with an error in place of one that friction cannot carry.
 
         Raises ContactError where the contact model cannot carry the vertical load.

@@ -113,6 +113,9 @@ class Hardware:
                 arrays[f"{name}/{output.name}"] = found.reshape(len(images), output.rows * output.beats, -1)
             none = np.zeros((len(images), 0), np.int64)
             arrays[f"{name}/force"] = result.force_raw if scene.wants_force else none
+            if scene.wants_slip:
+                slip = np.stack([result.slip_words, result.slip_dots], axis=1)
+                arrays[f"{name}/force"] = np.concatenate([result.force_raw, slip], axis=1)
             arrays[f"{name}/validity"] = result.validity
             arrays[f"{name}/suspect"] = suspects(result.validity)
             never = np.zeros(len(images), bool)

@@ -28,7 +28,7 @@ LINGER = 100
 WORD_OCTETS = 4
 ALL = 0xFFFFFFFF
 ENABLE, INTERRUPT_ENABLE = 1 << 0, 1 << 3
-BUSY, RESULT_VALID, FRAME_BAD, LOADING, FRAME_SUSPECT = (1 << k for k in range(5))
+BUSY, RESULT_VALID, FRAME_BAD, LOADING, FRAME_SUSPECT, SLIP = (1 << k for k in range(6))
 GRADIENT_SATURATED, DISPLACEMENT_SATURATED, SUSPECT_SEEN = 1 << 5, 1 << 6, 1 << 9
 """Bits of CONTROL, STATUS and ERRORS."""
 
@@ -163,9 +163,13 @@ def _accesses(
             force = int(result.force_raw[k, column])
             yield read(f"FORCE_{'XYZ'[axis]}_LOW", force)
             yield read(f"FORCE_{'XYZ'[axis]}_HIGH", force >> 32)
+        if scene.wants_slip:
+            yield read("SLIP_SPREAD", int(result.slip_words[k]))
+            yield read("SLIP_DOTS", int(result.slip_dots[k]))
         yield read("FRAME_VALIDITY", validity)
         flags = RESULT_VALID | (FRAME_SUSPECT if validity else 0)
-        yield read("STATUS", flags, RESULT_VALID | FRAME_BAD | LOADING | FRAME_SUSPECT)
+        flags |= SLIP if scene.wants_slip and result.slipping[k] else 0
+        yield read("STATUS", flags, RESULT_VALID | FRAME_BAD | LOADING | FRAME_SUSPECT | SLIP)
         if scene.force_axes:
             yield read("FORCE_SEQUENCE", k + 1)
             if k < clean:

@@ -129,7 +129,7 @@ COMPONENTS = (
         "force/weighted_sum",
         (
             "force/test_weighted_sum.py::test_force_of_every_frame",
-            "force/test_weighted_sum.py::test_band_in_verilator",
+            "force/test_weighted_sum.py::test_bends_in_verilator",
         ),
         designs=2,
         allowed=(Allowed("advance.eq(products.ready | ~products.valid)", NO_FILLING),),

@@ -100,13 +100,13 @@ def test_flat_rest_needs_no_table(tmp_path):
 
 
 @pytest.mark.parametrize("lanes", [1, 2])
-@pytest.mark.parametrize("band_mm", [None, 0.001])
-def test_dots(tmp_path, lanes, band_mm):
+@pytest.mark.parametrize("bends_mm", [(), (0.001,), (0.001, 0.003)])
+def test_dots(tmp_path, lanes, bends_mm):
     """Of the dots where they are; where they are expected to be, the latency may differ."""
     depth = {"outputs": ("depth", "force_xyz"), "solver": "tridiagonal", "kernel": "collapsed"}
     slopes = {"outputs": ("force_xyz",), "solver": "adjoint"}
     wanted = scene(
-        **(slopes if band_mm is None else depth | {"band_mm": band_mm}),
+        **(depth | dict(zip(("band_mm", "deep_mm"), bends_mm, strict=False)) if bends_mm else slopes),
         dots=True,
         bridge_dots=True,
         lanes=lanes,

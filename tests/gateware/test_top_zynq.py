@@ -291,7 +291,7 @@ def test_force_of_slopes_and_dots(tmp_path):
 
 
 @pytest.mark.full
-def test_force_of_displacement_beyond_a_band_and_dots(tmp_path):
+def test_force_of_displacement_beyond_bends_and_dots(tmp_path):
     """The dots wait for the displacement."""
     hardware = Hardware(
         tmp_path,
@@ -306,6 +306,7 @@ def test_force_of_displacement_beyond_a_band_and_dots(tmp_path):
         dots=True,
         bridge_dots=True,
         band_mm=0.001,
+        deep_mm=0.003,
     )
     assert hardware.top.datapath.stages["dots"] == ForceSum.latency
     check_frames(hardware)

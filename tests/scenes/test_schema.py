@@ -37,7 +37,7 @@ def test_what_the_shipped_scenes_say():
     assert (rig.sensor.frames, rig.sensor.elastomer.mechanics) == ("raw10", "fem")
     assert (rig.tangential_shares, paper.tangential_shares) == ((0.3, 0.6), ())
     assert (rig.wants_dots, rig.wants_bridge, rig.wants_darkness) == (True, True, True)
-    assert (rig.force_of_weights, rig.force.band_mm, rig.wants_solver) == (True, 0.004, True)
+    assert (rig.force_of_weights, rig.force.band_mm, rig.wants_solver) == (True, 0.01, True)
     shear = load(SCENES / "shear.toml")
     assert (shear.wants_dots, shear.wants_bridge, shear.wants_darkness) == (True, True, True)
     assert (shear.force_from_slopes, shear.wants_solver, shear.force_of_weights) == (True, False, False)
@@ -316,6 +316,11 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
             "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth",
         ),
         ({'fit = "weights"\n': ""}, "force.band_mm: 0.004 needs force.fit 'weights'"),
+        (
+            {"band_mm = 0.004": "band_mm = 0.004\ndeep_mm = 0.004"},
+            "force.deep_mm: 0.004 needs a force.band_mm that is smaller",
+        ),
+        ({"band_mm = 0.004": "deep_mm = 0.2"}, "force.deep_mm: 0.2 needs a force.band_mm that is smaller"),
         ({"band_mm = 0.004": "band_mm = 0"}, "force.band_mm = 0: Input should be greater than 0"),
         ({'fit = "weights"': 'fit = "weight"'}, "force.fit = 'weight': Input should be"),
         ({"dots = true\nkernel": "dots = 2\nkernel"}, "force.dots = 2: Input should be a valid boolean"),

@@ -36,6 +36,19 @@ def test_each_vertical_load_is_followed_by_its_tangential_ones():
     np.testing.assert_allclose(np.sum(found[1].tangential_n, axis=0), 0, atol=1e-15)
 
 
+def test_further_balls_come_last_each_to_all_parts_of_train_and_validation():
+    found = stations(scene("more_balls_mm = [10.0, 20.0]"))
+    known = stations(scene())
+    assert found[: len(known)] == known
+    assert {station.ball_mm for station in known} == {5.0}
+    more = found[len(known) :]
+    assert Counter(station.split for station in more) == {"train": 8, "validation": 2}
+    assert [station.ball_mm for station in more[::2]] == [10, 20, 20, 10, 10]
+    assert [(s.x_mm, s.y_mm, s.load_n, s.tangential_n) for s in more] == [
+        (s.x_mm, s.y_mm, s.load_n, s.tangential_n) for s in known if s.split != "test"
+    ]
+
+
 def test_default_grids_are_the_papers():
     """192, 75 and 192 vertical presses on 8×8, 5×5 and 8×8 places (supplement I)."""
     found = stations(parse(TEXT.split("[protocol]")[0], origin="p"))

@@ -35,7 +35,7 @@ def cells(name: str, times: list[tuple[float, float]]) -> list[str]:
 
 def measure(scene: Scene, store: Path, progress: bool) -> str:
     """A table with a row for each part, timed at a few stations spread over the protocol."""
-    sensor, ball = scene.sensor, Ball(scene.protocol.ball_mm)
+    sensor = scene.sensor
     if sensor.elastomer.mechanics != "fem":
         raise SceneError(f"{scene.name}: sensor.elastomer.mechanics = 'layer': expected 'fem'")
     rig, friction = FemRig(sensor, store, progress=progress), sensor.elastomer.friction
@@ -43,7 +43,7 @@ def measure(scene: Scene, store: Path, progress: bool) -> str:
     chosen = [visited[i] for i in np.linspace(0, len(visited) - 1, STATIONS).astype(int)]
     times: dict[str, list] = {}
     for station in chosen:
-        drags = station.tangential_n
+        drags, ball = station.tangential_n, Ball(station.ball_mm)
         press = partial(
             rig.gel.presses, ball, station.x_mm, station.y_mm, load_n=station.load_n, friction=friction
         )

@@ -1,7 +1,8 @@
 """Displacements of a dataset's presses along x, y and z, as steps of the store: true ones, and found ones.
 
 A file holds for each split `.field_mm` (frames, 3, N, N) and `.force_n` (frames, 3) of the frames that are
-`.kept`, bool over the whole split: frames whose markers were not all found are left out. `rest_depth_mm` is
+`.kept`, bool over the split's frames of the protocol's own ball: frames whose markers were not all found are
+left out. `rest_depth_mm` is
 the skin at rest, (H, W).
 """
 
@@ -19,6 +20,7 @@ from fastac.sensor.dataset import Dataset
 from fastac.sensor.samples import SPLITS
 from fastac.store.files import load_arrays, save_arrays
 from fastac.store.steps import Output, Step
+from fastac.studies.reproduce.section import one_ball
 
 FILE = "displacements.npz"
 
@@ -49,7 +51,7 @@ def write_true(folder: Path, scene: Scene, data: Path) -> None:
     """A step: what the dataset itself says."""
     known, arrays = dataset.read(data, scene), {}
     for split in SPLITS:
-        index = known.indices(split)
+        index = one_ball(known, split)
         normal = known.rest_depth_mm - known.depth_mm[index]
         whole = np.concatenate([known.tangential_mm[index], normal[..., None]], axis=-1)
         arrays[f"{split}.field_mm"] = np.ascontiguousarray(whole[:, 1:-1, 1:-1].transpose(0, 3, 1, 2))
@@ -81,7 +83,7 @@ def find_arrays(pipeline: FloatPipeline, data: Dataset, *, progress: bool) -> di
     arrays = {}
     for split in SPLITS:
         found = displacement_3d.displacement_fields(
-            pipeline, data.frames[data.indices(split)], progress=progress
+            pipeline, data.frames[one_ball(data, split)], progress=progress
         )
         arrays |= {f"{split}.field_mm": found.field_mm, f"{split}.kept": found.kept}
     return arrays
@@ -90,7 +92,7 @@ def find_arrays(pipeline: FloatPipeline, data: Dataset, *, progress: bool) -> di
 def save(path: Path, arrays: dict[str, np.ndarray], data: Dataset) -> None:
     """Write displacements together with the forces that belong to them and the skin at rest."""
     for split in SPLITS:
-        index = data.indices(split)[arrays[f"{split}.kept"]]
+        index = one_ball(data, split)[arrays[f"{split}.kept"]]
         arrays[f"{split}.force_n"] = data.forces_n(index, (0, 1, 2))
     save_arrays(path, {**arrays, "rest_depth_mm": data.rest_depth_mm})
 

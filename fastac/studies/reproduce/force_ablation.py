@@ -36,6 +36,7 @@ from fastac.store.files import load_arrays, write_json
 from fastac.store.steps import Output, Step
 from fastac.store.store import open_store
 from fastac.studies.reproduce.displacements import FILE, fields, found_step, kept, true_step
+from fastac.studies.reproduce.section import one_ball
 
 RESULT, PLOT = "force_ablation.json", "force_ablation.png"
 
@@ -189,7 +190,7 @@ def compare(
     paper["dynamic xyz"] |= FORCE_FULL
     return {
         "source": data.source,
-        "frames": {split: len(data.indices(split)) for split in SPLITS},
+        "frames": {split: len(one_ball(data, split)) for split in SPLITS},
         "paper": paper,
         "displacements": content,
     }

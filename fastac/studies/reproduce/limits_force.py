@@ -26,7 +26,7 @@ from fastac.store.store import open_store
 from fastac.studies.reproduce import displacements, force_ablation
 from fastac.studies.reproduce.displacements import FILE, Fields
 from fastac.studies.reproduce.limits_geometry import NOISELESS, seen_by, variants
-from fastac.studies.reproduce.section import Finished
+from fastac.studies.reproduce.section import Finished, one_ball
 
 
 def closed_form(scene: Scene, rest_depth_mm: np.ndarray, parts: Fields) -> dict[str, list[float]]:
@@ -67,7 +67,7 @@ def smaller_loads(data: Dataset, parts: Fields) -> Fields | None:
     load_n = data.indenter["load_n"]
     if len(np.unique(load_n)) < 3:
         return None
-    chosen = {split: load_n[data.indices(split)] < load_n.max() for split in SPLITS}
+    chosen = {split: load_n[one_ball(data, split)] < load_n.max() for split in SPLITS}
     return tuple({split: part[split][chosen[split]] for split in SPLITS} for part in parts)
 
 

@@ -78,6 +78,16 @@ def vertical(data: Dataset, split: str) -> np.ndarray:
     return index[dragged[index] == 0]
 
 
+def one_ball(data: Dataset, split: str) -> np.ndarray:
+    """Samples of a split pressed by the ball of the test presses: the paper's protocol has one ball, and a
+    scene may train on others too."""
+    index = data.indices(split)
+    if data.indenter is None or "ball_mm" not in data.indenter:
+        return index
+    ball_mm = data.indenter["ball_mm"]
+    return index[np.isin(ball_mm[index], ball_mm[data.indices("test")])]
+
+
 def beside(ours: float, paper: float | None, digits: int = 4) -> list[str]:
     """Two cells: ours and the paper's."""
     return [f"{ours:.{digits}f}", "" if paper is None else f"{paper:.{digits}f}"]

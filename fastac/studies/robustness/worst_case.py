@@ -220,8 +220,8 @@ def patch_force_cases(force: PatchForce) -> list[WorstCase]:
 def weighted_sum_case(pipeline: IntegerPipeline) -> WorstCase:
     """The force as a weighted sum, for inputs with the signs of the weights and the worst constants."""
     force = pipeline.force
-    if pipeline.band is not None:
-        return banded_sum_case(force, pipeline.band)
+    if pipeline.bends:
+        return bent_sum_case(force, pipeline.bends)
     top = force.input_limit
     low = -top if force.input_signed else 0
     weight = force.weight.reshape(len(force.weight), -1)
@@ -247,27 +247,27 @@ def weighted_sum_case(pipeline: IntegerPipeline) -> WorstCase:
 
 
 @dataclass(frozen=True, eq=False)
-class BandedSum:
-    """A weighted sum of the terms of displacements with a band; its inputs are (..., rows, columns, 1)."""
+class BentSum:
+    """A weighted sum of the terms of displacements with bends; its inputs are (..., rows, columns, 1)."""
 
     weighted: WeightedSum
-    band: int
+    bends: tuple[int, ...]
 
     def __call__(self, displacement: np.ndarray) -> np.ndarray:
-        return self.weighted(terms(displacement[..., 0], self.band))
+        return self.weighted(terms(displacement[..., 0], self.bends))
 
 
-def banded_sum_case(force: WeightedSum, band: int) -> WorstCase:
+def bent_sum_case(force: WeightedSum, bends: tuple[int, ...]) -> WorstCase:
     """The force for displacements that drive each axis highest and lowest: a pixel's share is linear between
-    the ends of the range, the band's edges and 0."""
+    the ends of the range, the bends and 0."""
     top = force.input_limit
-    bends = np.array([-top, -band, 0, band, top])
-    share = np.einsum("arct,kt->karc", force.weight, terms(bends, band))
+    ends = np.array([-top, -bends[0], 0, *bends, top])
+    share = np.einsum("arct,kt->karc", force.weight, terms(ends, bends))
     chosen = np.concatenate([share.argmax(axis=0), share.argmin(axis=0)])
-    inputs, stage = bends[chosen][..., None], BandedSum(force, band)
+    inputs, stage = ends[chosen][..., None], BentSum(force, bends)
     outputs = stage(inputs)
     reachable = magnitude(np.array([share.max(axis=0).sum(axis=(1, 2)), share.min(axis=0).sum(axis=(1, 2))]))
-    note = "the bound adds the magnitudes of a pixel's three terms"
+    note = "the bound adds the magnitudes of all terms of a pixel"
     return WorstCase(
         *("force", "accumulator", force.width, force.bound, reachable, magnitude(outputs)),
         *(stage, inputs, outputs, note),

@@ -21,7 +21,7 @@ from fastac.models.integer.source import PoissonSource
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import ConstantParameters
 from fastac.sim.runner import QUICK
-from fastac.studies.robustness.worst_case import BandedSum, WorstCase
+from fastac.studies.robustness.worst_case import BentSum, WorstCase
 
 
 def _rows(frames: np.ndarray, lanes: int) -> np.ndarray:
@@ -71,12 +71,12 @@ def _force(case: WorstCase, lanes: int):
         dut, bits = PatchForceStream(force, lanes=lanes), force.displacement_bits
         beats = _rows(frames, lanes)
     else:
-        band = None
-        if isinstance(force, BandedSum):
-            force, band = force.weighted, force.band
+        bends = ()
+        if isinstance(force, BentSum):
+            force, bends = force.weighted, force.bends
         lanes = min(lanes, force.weight.shape[2])  # dots come one by one
         # The worst constant is built in, as one that is loaded would stand there.
-        dut = WeightedSumStream(force, lanes=lanes, loadable=False, band=band)
+        dut = WeightedSumStream(force, lanes=lanes, loadable=False, bends=bends)
         bits = force.input_width
         beats = np.concatenate([raster_beats(f, lanes) for f in frames])
     mask = (1 << case.outputs.shape[-1] * force.width) - 1
@@ -94,7 +94,7 @@ def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, .
         dut, inputs, expected, mask = _layer(case)
     elif isinstance(stage, GradientRatio):
         dut, inputs, expected, mask = _ratio(case)
-    elif isinstance(stage, PatchForce | WeightedSum | BandedSum):
+    elif isinstance(stage, PatchForce | WeightedSum | BentSum):
         dut, inputs, expected, mask = _force(case, lanes)
     else:
         if isinstance(stage, PoissonSource):

@@ -23,11 +23,11 @@ class FemRig:
         elements, layers = sensor.elastomer.elements, sensor.elastomer.layers
         self.gel = Gel.of_sensor(sensor, store, elements=elements, layers=layers, progress=progress)
 
-    def presses(self, station: Station, ball_mm: float) -> list[PressedSkin | ContactError]:
+    def presses(self, station: Station) -> list[PressedSkin | ContactError]:
         """The vertical sample of a station and its tangential ones; see `press.Rig`."""
         with threadpool_limits(1):  # or the sums' order, and so the last bits, would depend on the machine
             contacts = self.gel.presses(
-                Ball(ball_mm),
+                Ball(station.ball_mm),
                 station.x_mm,
                 station.y_mm,
                 load_n=station.load_n,
@@ -35,20 +35,19 @@ class FemRig:
                 tangential_loads_n=station.tangential_n,
             )
             return [
-                contact
-                if isinstance(contact, ContactError)
-                else self._pressed(contact, station, ball_mm, target)
+                contact if isinstance(contact, ContactError) else self._pressed(contact, station, target)
                 for contact, target in zip(contacts, station.targets_n, strict=True)
             ]
 
-    def _pressed(self, contact: GelContact, station: Station, ball_mm: float, target_n) -> PressedSkin:
-        skin = skin_of(contact, self.sensor, Ball(ball_mm), station.x_mm, station.y_mm)
+    def _pressed(self, contact: GelContact, station: Station, target_n) -> PressedSkin:
+        ball = Ball(station.ball_mm)
+        skin = skin_of(contact, self.sensor, ball, station.x_mm, station.y_mm)
         moved_x_mm, moved_y_mm, moved_z_mm = contact.indenter_displacement_mm
         pose = {
             "x_mm": station.x_mm + moved_x_mm,
             "y_mm": station.y_mm + moved_y_mm,
             "z_mm": contact.first_touch_mm + moved_z_mm,
-            "ball_mm": ball_mm,
+            "ball_mm": station.ball_mm,
             "approach_mm": -moved_z_mm,
             "contact_radius_mm": np.sqrt(skin.in_contact.sum() * self.sensor.pitch_mm**2 / np.pi),
             "grid_x_mm": station.x_mm,

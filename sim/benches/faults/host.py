@@ -67,7 +67,8 @@ class Host:
         raise AssertionError(f"ERRORS.{name} does not come")
 
     def result(self):
-        """The last result: number of its frame (0 without a force), forces, FRAME_VALIDITY, marks of STATUS.
+        """The last result: number of its frame (0 without a force), forces and behind them slip,
+        FRAME_VALIDITY, marks of STATUS.
 
         None if another result came meanwhile.
         """
@@ -78,6 +79,9 @@ class Host:
             low = yield from self.read(f"FORCE_{axis.upper()}_LOW")
             value = (yield from self.read(f"FORCE_{axis.upper()}_HIGH")) << 32 | low
             forces.append(value - (1 << 64) if value >> 63 else value)
+        for name in ("SLIP_SPREAD", "SLIP_DOTS"):
+            if name in self.address:
+                forces.append((yield from self.read(name)))
         validity = yield from self.read("FRAME_VALIDITY")
         marks = (yield from self.read("STATUS")) & MARKS
         again = (yield from self.read("FORCE_SEQUENCE")) if numbered else 0

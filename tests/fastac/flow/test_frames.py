@@ -38,7 +38,7 @@ def test_channels_are_left_as_they_are(tiny_file, tiny_scene, tmp_path):
 @pytest.mark.parametrize("changes", [{}, RAW])
 def test_of_a_press_is_what_the_models_take(changes, make_scene):
     sensor = make_scene(sensor=changes).sensor
-    pressed = rig_of(sensor, "unused").presses(Station("test", 0.0, 0.0, 0.05), 1.5)[0]
+    pressed = rig_of(sensor, "unused").presses(Station("test", 0.0, 0.0, 0.05, 1.5))[0]
     image = frames.of_press(pressed, sensor, np.random.default_rng(1))
     assert (image.shape, image.dtype) == ((16, 16, 4), np.uint8)
     seen = sample(pressed, sensor, np.random.default_rng(1))["frame"]

@@ -145,7 +145,7 @@ class TestDots:
             "integer": Emulator(dotted_bundle.pipeline),
         }
         found = pipelines[arithmetic].run(dotted_data.frames[index])
-        x = terms(found.displacement_mm, dotted_bundle.scene.force.band_mm)
+        x = terms(found.displacement_mm, dotted_bundle.scene.force.bends_mm)
         force = np.einsum("fijt,aijt->fa", x, floats[f"force.{arithmetic}_weights"])
         force += np.einsum("fmk,amk->fa", found.dot_shifts_px, floats[f"force.{arithmetic}_dot_weights"])
         error = np.abs(force - dotted_data.forces_n(index, (2,))).sum(axis=1).mean()

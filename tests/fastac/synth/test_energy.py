@@ -281,6 +281,9 @@ class TestDots:
         stage = energy.works(pipeline)["force"]
         assert counts(stage, "memory") == [(484, 3 * 3 * weight)]
         assert counts(stage, "multiplication") == [(484 * 2 * 3, pipeline.force.input_width + weight)]
+        stage = energy.works(make(**settings, band_mm=0.002, deep_mm=0.004))["force"]
+        assert counts(stage, "memory")[0][1] == 3 * 4 * weight
+        assert counts(stage, "multiplication")[0][0] == 484 * 3 * 3
 
 
 class TestEstimate:

@@ -1,4 +1,5 @@
 # amaranth: UnusedElaboratable=no
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -171,27 +172,31 @@ def test_zero_weights_give_the_constant():
     assert payloads["o"] == pack([[-77, 12]] * 2, weighted.width)
 
 
-def banded_sum(axes, columns, bits, rng):
-    """A sum of displacements with a band. At each pixel the first axis has a weight on one side alone, there
-    of the sign with which all pixels and the constant add up."""
+BENDS = [(0,), (1,), (9,), (30,), (31,), (0, 1), (1, 30), (9, 20), (5, 31)]
+
+
+def bent_sum(axes, columns, bits, rng, *, bends=1):
+    """A sum of displacements with a band and, of two bends, with what is deep. At each pixel the first axis
+    has weights on one side alone, there of the sign with which all pixels and the constant add up."""
     limit = 15
-    weight = rng.integers(-limit, limit + 1, (axes, 3, columns, 3))
+    weight = rng.integers(-limit, limit + 1, (axes, 3, columns, 2 + bends))
     side = rng.integers(1, 3, weight.shape[1:3])
     weight[0] = np.abs(weight[0]) * np.where(side == 1, -1, 1)[..., None]
-    weight[0, ..., 1:] *= np.stack([side == 1, side == 2], axis=-1)
+    weight[0, ..., 1:] *= np.stack([side == 1, side == 2, side == 1][: 1 + bends], axis=-1)
     weight[1:] = np.clip(weight[1:] // 2, -limit // (2 * axes), limit // (2 * axes))
     return WeightedSum(weight, rng.integers(-limit, 1, axes) << bits, bits, True)
 
 
-def displacements(weighted, band, rng):
+def displacements(weighted, bends, rng):
     """Frames of each value about the edges, of all of them mixed, of random ones, and those of either sign
     that give the first axis its largest and its lowest sum."""
     limit = weighted.input_limit
     shape = weighted.weight.shape[1:3]
     edges = {0, 1, -1, limit, -limit}
-    edges |= {sign * value for sign in (1, -1) for value in (band - 1, band, band + 1) if abs(value) <= limit}
+    near = {bend + step for bend in bends for step in (-1, 0, 1)}
+    edges |= {sign * value for sign in (1, -1) for value in near if abs(value) <= limit}
     values = np.array([-limit, limit])
-    reached = terms(values, band) @ weighted.weight[0].reshape(-1, 3).T  # (2, pixels)
+    reached = terms(values, bends) @ weighted.weight[0].reshape(-1, 2 + len(bends)).T  # (2, pixels)
     most, least = (values[choice(reached, axis=0)].reshape(shape) for choice in (np.argmax, np.argmin))
     mixed = [rng.choice(sorted(edges), shape) for _ in range(4)]
     random = list(rng.integers(-limit, limit + 1, (4, *shape)))
@@ -199,25 +204,28 @@ def displacements(weighted, band, rng):
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 4])
-@pytest.mark.parametrize("band", [0, 1, 9, 30, 31])
-@pytest.mark.quick("0-4", "9-4", "1-1", "30-2", "31-1")
-def test_band(lanes, band):
-    """What is beyond the band on either side has weights of its own, with two products for three terms."""
-    rng = np.random.default_rng(10 * lanes + band)
-    weighted = banded_sum(2, 7, 6, rng)
-    x = displacements(weighted, band, rng)
-    expected = weighted(terms(x, band))
+@pytest.mark.parametrize("bends", BENDS, ids=lambda bends: "/".join(map(str, bends)))
+@pytest.mark.quick("0-4", "9-4", "1-1", "30-2", "31-1", "9/20-4", "0/1-2", "5/31-1")
+def test_bends(lanes, bends):
+    """What is beyond the band on either side, and what is deep, has weights of its own. A product is spared:
+    of both sides one is 0."""
+    band = bends[0]
+    rng = np.random.default_rng(10 * lanes + sum(bends))
+    weighted = bent_sum(2, 7, 6, rng, bends=len(bends))
+    x = displacements(weighted, bends, rng)
+    expected = weighted(terms(x, bends))
     inputs = beats(x[..., None], lanes, 6, rng)
-    # With a band of 0 a value may count twice as much as the limit allows; beyond any other it is less.
     largest = np.abs(expected).max()
-    one_side = np.abs(weighted.weight[0]) * [[[weighted.input_limit] + [weighted.input_limit - band] * 2]]
-    assert largest == abs(weighted.constant[0]) + one_side.sum()
-    assert (largest == weighted.bound) == (band == 0), "the bound is reached"
+    beyond = weighted.input_limit - np.array([0, band, *bends])
+    assert largest == abs(weighted.constant[0]) + (np.abs(weighted.weight[0]) * beyond).sum()
+    # What is beyond a bend is less than the limit, which the bound takes for it.
+    assert (largest == weighted.bound) == (bends == (0,)), "the bound is reached"
     for stall in (0, 0.4):
-        dut = WeightedSumStream(weighted, lanes=lanes, band=band)
-        assert dut.values == 2
-        assert dut.latency == 6 + (2 * lanes - 1).bit_length()
-        assert dut.multipliers == 2 * lanes * 2
+        dut = WeightedSumStream(weighted, lanes=lanes, bends=bends)
+        values = 1 + len(bends)
+        assert dut.values == values
+        assert dut.latency == 6 + (values * lanes - 1).bit_length()
+        assert dut.multipliers == 2 * lanes * values
         payloads, taken = run_streams(dut, inputs, {"o": len(x)}, stall=stall)
         assert payloads["o"] == pack(expected, weighted.width)
         if not stall:
@@ -228,26 +236,27 @@ def test_band(lanes, band):
 
 @pytest.mark.parametrize("lanes", [4, 1])
 @pytest.mark.quick("4")
-def test_band_in_verilator(tmp_path, lanes):
+def test_bends_in_verilator(tmp_path, lanes):
     rng = np.random.default_rng(lanes)
-    weighted, band = banded_sum(3, 6, 8, rng), 21
-    x = displacements(weighted, band, rng)
-    dut = WeightedSumStream(weighted, lanes=lanes, band=band)
+    weighted, bends = bent_sum(3, 6, 8, rng, bends=2), (21, 60)
+    x = displacements(weighted, bends, rng)
+    dut = WeightedSumStream(weighted, lanes=lanes, bends=bends)
     check(
         dut,
-        "weighted_sum_band",
+        "weighted_sum_bends",
         tmp_path,
         inputs=beats(x[..., None], lanes, 8, rng),
-        expected=pack(weighted(terms(x, band)), weighted.width),
+        expected=pack(weighted(terms(x, bends)), weighted.width),
         latencies=[((f + 1) * dut.interval - 1, f, dut.latency) for f in range(len(x))],
     )
 
 
-def test_wrong_use_of_a_band():
-    for count, signed in ((3, False), (1, True), (2, True)):
+def test_wrong_use_of_bends():
+    for count, signed, bends in ((3, False, (5,)), (1, True, (5,)), (2, True, (5,)), (3, True, (5, 9))):
         weighted = WeightedSum(np.ones((1, 4, 4, count), int), np.zeros(1, int), 8, signed)
-        with pytest.raises(ValueError, match=f"band 5: {count} terms: expected 3 of a signed value"):
-            WeightedSumStream(weighted, lanes=2, band=5)
+        message = f"bends {bends}: {count} terms: expected {2 + len(bends)} of a signed value"
+        with pytest.raises(ValueError, match=re.escape(message)):
+            WeightedSumStream(weighted, lanes=2, bends=bends)
 
 
 @pytest.mark.parametrize(("k", "lanes", "signed"), [(1, 4, False), (3, 1, True), (5, 2, False), (7, 4, True)])
@@ -285,7 +294,7 @@ def test_connects_to_displacements_and_slopes(clamp):
     assert Displacement(depth, quantiser, lanes=2).o.payload.shape() == dut.i.payload.shape()
     if not clamp:
         banded = WeightedSum(np.ones((1, 6, 6, 3), int), np.zeros(1, int), 8, True)
-        assert WeightedSumStream(banded, lanes=2, band=3).i.payload.shape() == dut.i.payload.shape()
+        assert WeightedSumStream(banded, lanes=2, bends=(3,)).i.payload.shape() == dut.i.payload.shape()
     sloped = WeightedSum(np.ones((1, 6, 8, 2), int), np.zeros(1, int), 10, True)
     divider = GradientDivider(GradientRatio(12, 10, 6), lanes=4)
     assert divider.o.payload.shape() == WeightedSumStream(sloped, lanes=4).i.payload.shape()

@@ -52,7 +52,7 @@ def defined(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
             found["force_map_raw"] = pipeline.force.force_map(words)
     elif pipeline.force is not None:
         found["force_raw"] = pipeline.force(
-            slopes if pipeline.quantiser is None else terms(words, pipeline.band)
+            slopes if pipeline.quantiser is None else terms(words, pipeline.bends)
         )
     if pipeline.follower is not None:
         shift, seen = pipeline.follower(pipeline.follower.windows(frames))
@@ -159,6 +159,7 @@ DOTTED = {
     "bridge by slopes": ((Z,), {"solver": "adjoint", "bridge_dots": True}),
     "bridge alone": ((DEPTH,), {"bridge_dots": True, "divergence": "backward"}),
     "band": ((XYZ,), {"kernel": "collapsed", "band_mm": 0.002}),
+    "bends": ((XYZ,), {"kernel": "collapsed", "band_mm": 0.001, "deep_mm": 0.003}),
     "dots, patches, clamp": ((DEPTH, Z), {"dots": True, "mode": "difference", "channels": "bgr+nir"}),
     "all": (
         (DEPTH, XYZ),
@@ -188,10 +189,11 @@ def test_equals_the_integers_with_dots_and_band(tmp_path, name, weights):
         bare = emulated(pipeline.replace(bridge=None), frames)
         assert (bare["slopes"] != found["slopes"]).any()
         assert (bare["gradient_saturated"] != found["gradient_saturated"]).any()
-    if pipeline.band is not None:
+    if pipeline.bends:
         words = found["displacement_words"]
-        assert 0 < pipeline.band < words.max()
-        assert words.min() < -pipeline.band
+        assert pipeline.bends[0] > 0
+        assert pipeline.bends[-1] < words.max()
+        assert words.min() < -pipeline.bends[0]
 
 
 @pytest.mark.parametrize("name", ["adjoint, dots", "patches", "band and dots"])

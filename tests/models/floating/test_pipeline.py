@@ -227,12 +227,12 @@ def test_the_stages_are_those_of_run(tiny_bundle, tiny_data):
 
 
 class TestDots:
-    """A scene with bridged slopes, dots in the force, and a band."""
+    """A scene with bridged slopes, dots in the force, and bends."""
 
     @pytest.fixture
     def both(self, dotted_bundle):
         """With the same weights of the force: those that were trained follow each one's own errors."""
-        weights = np.random.default_rng(1).uniform(0.5, 1.5, (1, 30, 30, 3))
+        weights = np.random.default_rng(1).uniform(0.5, 1.5, (1, 30, 30, 4))
         of_dots = np.random.default_rng(2).normal(size=(1, 9, 2))
         floating = FloatPipeline.from_bundle(dotted_bundle)
         integer = assemble.with_force(dotted_bundle.pipeline, weights, of_dots)
@@ -241,11 +241,11 @@ class TestDots:
     def test_force_is_from_displacement_and_shifts_by_the_definition(self, both, dotted_data):
         floating, _ = both
         found = floating.run(dotted_data.frames[:6])
-        d, band = found.displacement_mm.astype(float), floating.scene.force.band_mm
+        d, (band, deep) = found.displacement_mm.astype(float), floating.scene.force.bends_mm
         weights, of_dots = floating.force_weights, floating.dot_weights
         contact, bulge = np.where(d > band, d - band, 0), np.where(d < -band, d + band, 0)
         expected = np.zeros((6, 1))
-        for term, values in enumerate((d, contact, bulge)):
+        for term, values in enumerate((d, contact, bulge, np.where(d > deep, d - deep, 0))):
             assert values.any()
             expected += np.einsum("fij,aij->fa", values, weights[..., term])
         expected += np.einsum("fmk,amk->fa", found.dot_shifts_px, of_dots)

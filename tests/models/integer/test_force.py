@@ -153,23 +153,29 @@ class TestWeightedSum:
 class TestTerms:
     def test_without_a_band_it_is_the_displacement(self):
         q = np.arange(6).reshape(2, 3)
-        np.testing.assert_array_equal(terms(q, None), q[..., None])
+        np.testing.assert_array_equal(terms(q, ()), q[..., None])
 
     @pytest.mark.parametrize("band", [0, 3, 0.5])
     def test_what_is_beyond_the_band_has_terms_of_its_own(self, band):
         q = np.arange(-5, 6)
-        found = terms(q, band)
+        found = terms(q, (band,))
         assert found.shape == (11, 3)
         for value, (whole, contact, bulge) in zip(q.tolist(), found.tolist(), strict=True):
             assert whole == value
             assert contact == (value - band if value > band else 0)
             assert bulge == (value + band if value < -band else 0)
 
+    def test_what_is_deep_has_one_more(self):
+        q = np.arange(-5, 6)
+        found = terms(q, (1, 3))
+        np.testing.assert_array_equal(found[:, :3], terms(q, (1,)))
+        assert found[:, 3].tolist() == [0] * 9 + [1, 2]
+
     def test_the_bound_of_three_terms_holds(self):
         """Each term is at most as large as the displacement, so the plain bound is enough."""
         rng = np.random.default_rng(1)
         force = WeightedSum(rng.integers(-99, 100, (2, 5, 5, 3)), np.zeros(2, int), 8, True)
         q = rng.choice([-force.input_limit, 0, force.input_limit], (200, 5, 5))
-        assert terms(q, 0).dtype == np.int64
-        assert np.abs(terms(q, 0)).max() == force.input_limit
-        assert force.bound / 4 < np.abs(force(terms(q, 0))).max() <= force.bound
+        assert terms(q, (0,)).dtype == np.int64
+        assert np.abs(terms(q, (0,))).max() == force.input_limit
+        assert force.bound / 4 < np.abs(force(terms(q, (0,)))).max() <= force.bound

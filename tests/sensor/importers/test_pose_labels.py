@@ -35,7 +35,7 @@ def pose(**changes):
 @pytest.mark.parametrize(("x", "y"), [(0.0, 0.0), (3.0, -2.0), (-4.0, 4.0)])
 @pytest.mark.parametrize("load", [1.0, 1.5])
 def test_they_are_the_gel_s_own_truth(rig, x, y, load):
-    (pressed,) = rig.presses(Station("train", x, y, load), 5.0)
+    (pressed,) = rig.presses(Station("train", x, y, load, 5.0))
     known = Pose("train", 0, *(pressed.pose[f"{k}_mm"] for k in "xyz"), load, 0.0, 0.0)
     normals, depth, valid = labels(CAD, known, 5.0, "here")
     assert valid.sum() > 0.4 * pressed.in_contact.sum()

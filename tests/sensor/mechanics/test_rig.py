@@ -24,7 +24,7 @@ def test_a_ball_is_led_from_load_to_load(gel, tmp_path):
         approach.append(pressed.pose["approach_mm"])
     assert approach[1] > approach[0]
     assert approach[2] == pytest.approx(approach[0], rel=0.05)
-    once = rig.presses(Station("test", 0.0, 0.0, 0.5), 5.0)[0]
+    once = rig.presses(Station("test", 0.0, 0.0, 0.5, 5.0))[0]
     again = probe_of(rig, 5.0, 0.0, 0.0).at_load(0.5)
     np.testing.assert_array_equal(again.normals, once.normals)
     with pytest.raises(ContactError):

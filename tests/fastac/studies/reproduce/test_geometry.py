@@ -1,10 +1,12 @@
 """Depth from absolute slopes with and without its boundary, of surfaces that the equation holds exactly."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fastac.studies.reproduce.geometry import absolute_depth_mm, rgb_data, rgb_scene, without_mean_error
-from fastac.studies.reproduce.section import vertical
+from fastac.studies.reproduce.section import one_ball, vertical
 
 
 @pytest.fixture
@@ -50,6 +52,18 @@ def test_rgb_is_the_recording_without_nir(tiny_data, tiny_scene):
     np.testing.assert_array_equal(data.frames, tiny_data.frames[..., :3])
     np.testing.assert_array_equal(data.background, tiny_data.background[..., :3])
     assert data.normals is tiny_data.normals
+
+
+def test_the_papers_protocol_has_the_ball_of_the_test_presses(tiny_data):
+    for split in ("train", "test"):
+        np.testing.assert_array_equal(one_ball(tiny_data, split), tiny_data.indices(split))
+    index = tiny_data.indices("train")
+    ball_mm = np.array(tiny_data.indenter["ball_mm"])
+    ball_mm[index[1::2]] = 20.0
+    others = replace(tiny_data, indenter={**tiny_data.indenter, "ball_mm": ball_mm})
+    np.testing.assert_array_equal(one_ball(others, "train"), index[::2])
+    bare = replace(tiny_data, indenter=None)
+    np.testing.assert_array_equal(one_ball(bare, "train"), index)
 
 
 def test_without_tangential_loads_all_presses_are_vertical(tiny_data):
