@@ -103,7 +103,7 @@ class DotSpread:
         c = count * (x * x + y * y).sum(axis=-1) - sx * sx - sy * sy
         enough = n >= LEAST_DOTS
         # The rest is 0 or more by Cauchy's inequality, and C is more than 0 for dots at different places.
-        spread = (a * c - b * b) // np.where(enough, c * count * count, 1)
+        spread = (a * c - b * b) // np.where(enough, np.asarray(c * count * count, object), 1)
         return np.where(enough, spread, 0).astype(np.int64), n
 
 

@@ -1,126 +1,244 @@
-"""The spread of the touching dots: by its definition, at its bounds, and of rigid motions."""
+"""The spread of touching dots about the rigid motion that fits them: by least squares, its bounds, its dots."""
 
+from dataclasses import replace
+
+import dots
 import numpy as np
 import pytest
-from dots import follower
 
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.dot_spread import LEAST_DOTS, DotSpread, spread_px, spread_words
 from fastac.models.vision.rigid_spread import rigid_spread_px
 
-SIDE = 48
-FOLLOWER = follower(SIDE, SIDE)
-SPREAD = DotSpread.of_follower(FOLLOWER, 20)
-COUNT, LIMIT = len(SPREAD.place), SPREAD.shift_limit
-PRESSED = np.full((SIDE - 2, SIDE - 2), 100)
+SIDE, LIMIT = 46, 700
+GRID = np.stack(np.meshgrid(*2 * [3 + 10 * np.arange(4)]), axis=-1).reshape(-1, 2)
+"""4 × 4 places; the middle is half a pixel beside one."""
 
 
-def sums(contact: np.ndarray, shift: np.ndarray) -> dict[str, int]:
-    """What `DotSpread.bounds` bounds, of one frame."""
-    u, v = (column.tolist() for column in shift[contact].T)
-    x, y = (column.tolist() for column in SPREAD.xy[contact].T)
-    found = {
-        "n": len(u),
-        "u": sum(u),
-        "v": sum(v),
-        "x": sum(x),
-        "y": sum(y),
-        "square": sum(a * a + b * b for a, b in zip(u, v, strict=True)),
-        "turn": sum(c * b - d * a for a, b, c, d in zip(u, v, x, y, strict=True)),
-        "far": sum(c * c + d * d for c, d in zip(x, y, strict=True)),
-    }
-    n = found["n"]
-    found["A"] = n * found["square"] - found["u"] ** 2 - found["v"] ** 2
-    found["B"] = n * found["turn"] - found["x"] * found["v"] + found["y"] * found["u"]
-    found["C"] = n * found["far"] - found["x"] ** 2 - found["y"] ** 2
+@pytest.fixture(scope="module")
+def spread():
+    return DotSpread(GRID, 20, LIMIT)
+
+
+def touching(spread: DotSpread, contact: np.ndarray) -> np.ndarray:
+    """Displacements (..., N, N) of which those of `contact` (..., M) alone are beyond the threshold."""
+    column, row = spread.place.T
+    found = np.zeros((*contact.shape[:-1], SIDE, SIDE), int)
+    found[..., row, column] = spread.threshold + contact
     return found
 
 
-def at_the_limits() -> np.ndarray:
-    """Shifts that reach for the bounds: all alike, away from the middle, about it, and in turns."""
-    alike = np.ones((COUNT, 2), np.int64)
-    outwards = np.where(SPREAD.xy < 0, -1, 1)
-    around = outwards[:, ::-1] * [-1, 1]
-    turns = np.where(np.arange(COUNT) % 2, 1, -1)[:, None] * alike
-    return LIMIT * np.stack([alike, -alike, outwards, around, -around, turns])
+def of_contact(spread: DotSpread, shifts: np.ndarray, contact: np.ndarray):
+    """Spreads and numbers of dots of shifts (..., M, 2), all dots seen."""
+    return spread(shifts, np.ones(contact.shape, bool), touching(spread, contact))
 
 
-def test_it_is_the_mean_square_about_the_best_rigid_motion():
+def sums(spread: DotSpread, shifts: np.ndarray, contact: np.ndarray) -> dict[str, int]:
+    """The sums of the definition, of one frame, in Python's integers."""
+    rows = np.hstack([spread.xy, shifts])[contact].tolist()
+    n, (x, y, u, v) = len(rows), (sum(row[k] for row in rows) for k in range(4))
+    square = sum(r[2] ** 2 + r[3] ** 2 for r in rows)
+    turn = sum(r[0] * r[3] - r[1] * r[2] for r in rows)
+    far = sum(r[0] ** 2 + r[1] ** 2 for r in rows)
+    found = {"n": n, "u": u, "v": v, "x": x, "y": y, "square": square, "turn": turn, "far": far}
+    found["A"] = n * square - u**2 - v**2
+    found["B"] = n * turn - x * v + y * u
+    return found | {"C": n * far - x**2 - y**2}
+
+
+def random_cases(spread: DotSpread, count: int):
+    """Shifts (count, M, 2) and contacts (count, M), of few dots and of many."""
     rng = np.random.default_rng(1)
-    shift = rng.integers(-LIMIT, LIMIT + 1, (50, COUNT, 2))
-    shift[1::2] //= 20
-    seen = rng.random((50, COUNT)) < 0.6
-    found, dots = SPREAD(shift, seen, np.broadcast_to(PRESSED, (50, *PRESSED.shape)))
-    assert dots.tolist() == seen.sum(axis=1).tolist()
-    for words, moved, chosen in zip(found, shift, seen, strict=True):
-        exact = (rigid_spread_px(SPREAD.place[chosen], moved[chosen] * 2.0**-FRACTION) * 2**FRACTION) ** 2
-        assert words == np.floor(exact * (1 + 1e-12))
-    assert found[0] > 0
+    shape = (count, len(spread.place))
+    shifts = rng.integers(-spread.shift_limit, spread.shift_limit + 1, (*shape, 2))
+    return shifts, rng.random(shape) < rng.random((count, 1))
 
 
-def test_rigid_motions_have_no_spread():
-    seen = np.ones(COUNT, bool)
-    for shift in ([LIMIT, -LIMIT], [0, 0], [3, 1]):
-        assert SPREAD(np.tile(shift, (COUNT, 1)), seen, PRESSED) == (0, COUNT)
-    x, y = SPREAD.xy.T
-    turned = np.stack([-7 * y + 5, 7 * x - 9], axis=-1)
-    assert SPREAD(turned, seen, PRESSED) == (0, COUNT)
-    stretched = np.stack([7 * x, 7 * y], axis=-1)
-    assert SPREAD(stretched, seen, PRESSED)[0] > 0, "a stretch is no rigid motion"
+def test_equals_the_least_squares_of_floats_rounded_down(spread):
+    shifts, contact = random_cases(spread, 300)
+    shifts[::3] //= 200
+    found, count = of_contact(spread, shifts, contact)
+    np.testing.assert_array_equal(count, contact.sum(axis=1))
+    px = np.array(
+        [
+            rigid_spread_px(spread.place[touch], shift[touch])
+            for touch, shift in zip(contact, shifts, strict=True)
+        ]
+    )
+    enough = count >= LEAST_DOTS
+    rest = px**2 - found
+    assert (found[enough] > 0).mean() > 0.9
+    assert (rest > -1e-6).all()
+    assert (rest < 1 + 1e-6).all()
+    assert 0.3 < rest[enough].mean() < 0.7, "rounded down, not to the nearest"
+    assert not found[~enough].any()
+    assert not rest[~enough].any()
+    assert {0, 1, 2} < set(count.tolist())
 
 
-def test_contact_is_displacement_beyond_the_threshold_at_a_dot_that_is_seen():
-    displacement = np.zeros_like(PRESSED)
-    values = [20, 21, 100, 100, -100]
-    for (column, row), value in zip(SPREAD.place, values, strict=False):
-        displacement[row, column] = value
-    seen = np.ones(COUNT, bool)
-    seen[3] = False
-    expected = [False, True, True, False, False, *[False] * (COUNT - 5)]
-    assert SPREAD.contact(displacement, seen).tolist() == expected
+def test_a_translation_leaves_nothing(spread):
+    _, contact = random_cases(spread, 20)
+    shifts = np.broadcast_to(np.array((LIMIT, -37)), (*contact.shape, 2))
+    assert not of_contact(spread, shifts, contact)[0].any()
 
 
-def test_fewer_than_three_dots_have_no_spread():
-    shift = np.arange(2 * COUNT).reshape(COUNT, 2) ** 2 % 23
-    for count in range(LEAST_DOTS + 1):
-        seen = np.arange(COUNT) < count
-        spread, dots = SPREAD(shift, seen, PRESSED)
-        assert dots == count
-        assert (spread > 0) == (count >= LEAST_DOTS)
+@pytest.mark.parametrize("centre", [(0, 0), (18, 18), (-900, 400)])
+def test_a_small_rotation_about_any_centre_leaves_nothing(spread, centre):
+    """`turn` sixty-fourths of a pixel for each pixel of distance, so that shifts are whole."""
+    _, contact = random_cases(spread, 20)
+    x, y = (spread.place - centre).T
+    for turn in (1, -3):
+        shifts = np.broadcast_to(np.stack([-turn * y, turn * x], axis=-1), (*contact.shape, 2))
+        assert not of_contact(spread, shifts, contact)[0].any()
 
 
-def test_bounds_hold_and_are_reached():
-    """Of each sum the bound is reached, of A, B and C more than a fifth of it."""
-    rng = np.random.default_rng(2)
-    contacts = [np.ones(COUNT, bool), *(rng.random((20, COUNT)) < rng.random((20, 1)))]
-    contacts += [sign * SPREAD.xy[:, axis] > 0 for axis in (0, 1) for sign in (1, -1)]
-    reached = dict.fromkeys(SPREAD.bounds, 0)
-    for contact in contacts:
-        for shift in at_the_limits():
-            for name, value in sums(contact, shift).items():
-                reached[name] = max(reached[name], abs(value))
-            reached["spread"] = max(reached["spread"], int(SPREAD(shift, contact, PRESSED)[0]))
-    for name, bound in SPREAD.bounds.items():
-        least = 0.2 * bound if name in "ABC" else 0.9 * bound
-        assert least <= reached[name] <= bound, name
+def test_a_rigid_motion_of_all_changes_nothing(spread):
+    shifts, contact = random_cases(spread, 60)
+    shifts //= 4
+    x, y = spread.place.T
+    moved = shifts + (40, -90) + np.stack([-2 * y, 2 * x], axis=-1)
+    expected, _ = of_contact(spread, shifts, contact)
+    assert expected.any()
+    np.testing.assert_array_equal(of_contact(spread, moved, contact)[0], expected)
 
 
-def test_a_dot_on_the_rim_is_looked_up_beside_it():
-    placed = DotSpread.of_follower(FOLLOWER, 0).place
-    assert (placed == FOLLOWER.rest_px - 1).all()
-    moved = FOLLOWER.rest.copy()
-    moved[0], moved[-1] = 0, (SIDE - 1) << FRACTION
-    known = type("Rim", (), {"rest_px": moved >> FRACTION, "windows": FOLLOWER.windows, "bound": LIMIT})
-    assert DotSpread.of_follower(known, 0).place[[0, -1]].tolist() == [[0, 0], [SIDE - 3, SIDE - 3]]
+def test_places_count_from_wherever_one_likes(spread):
+    """From the corner the sums are larger, and what follows from them is the same."""
+    shifts, contact = random_cases(spread, 60)
+    away = DotSpread(GRID + (5, 2), 20, LIMIT)
+    assert (away.xy == spread.xy).all()
+    assert away.bounds == spread.bounds
+    expected = of_contact(spread, shifts, contact)
+    for found, known in zip(of_contact(away, shifts, contact), expected, strict=True):
+        np.testing.assert_array_equal(found, known)
 
 
-def test_what_cannot_be_is_refused():
-    with pytest.raises(ValueError, match="threshold -1: expected at least 0"):
-        DotSpread(SPREAD.place, -1, LIMIT)
-    with pytest.raises(ValueError, match="two dots at one pixel"):
-        DotSpread(SPREAD.place[[0, 1, 0]], 0, LIMIT)
+def test_one_dot_of_four_that_stays_behind(spread):
+    """By hand: of four dots at the corners of a square, one lags by 8 along u. The mean motion is a quarter
+    of that, the rotation takes a part: 8²/4 (1 − 1/4 − 1/8) = 10 is left."""
+    corners = np.isin(np.arange(len(GRID)), (0, 3, 12, 15))
+    shifts = np.full((len(GRID), 2), 100)
+    shifts[0, 0] -= 8
+    found, count = of_contact(spread, shifts, corners)
+    assert (int(found), int(count)) == (10, 4)
 
 
-def test_words_are_squares_of_64ths_of_a_pixel():
-    assert spread_words(1.0) == 4096
-    assert spread_px(np.array([4096, 0, 1024])).tolist() == [1, 0, 0.5]
+def test_dots_that_do_not_touch_or_are_not_seen_have_no_part(spread):
+    shifts, contact = random_cases(spread, 40)
+    expected, count = of_contact(spread, shifts, contact)
+    wild = np.where(contact[..., None], shifts, -shifts // 2 + 5)
+    np.testing.assert_array_equal(of_contact(spread, wild, contact)[0], expected)
+    everywhere = np.full((len(contact), SIDE, SIDE), spread.threshold + 1)
+    for found, known in zip(spread(wild, contact, everywhere), (expected, count), strict=True):
+        np.testing.assert_array_equal(found, known)
+
+
+def test_the_displacement_is_beyond_the_threshold_at_the_dot_s_own_pixel(spread):
+    column, row = GRID[6]
+    displacement = np.full((SIDE, SIDE), spread.threshold)
+    seen = np.ones(len(GRID), bool)
+    assert not spread.contact(displacement, seen).any()
+    displacement[row, column] += 1
+    assert np.flatnonzero(spread.contact(displacement, seen)).tolist() == [6]
+    displacement[row, column] = -100
+    assert not spread.contact(displacement, seen).any()
+
+
+def test_bounds_are_reached(spread):
+    """By all dots or half of them, with the largest shifts, whose signs are chosen for each sum."""
+    bounds, (x, y) = spread.bounds, spread.xy.T
+    every, none = np.ones(len(GRID), bool), np.zeros((len(GRID), 2), int)
+    alike = np.full((len(GRID), 2), LIMIT)
+    turning = LIMIT * np.stack([np.where(y > 0, -1, 1), np.where(x > 0, 1, -1)], axis=-1)
+    checkered = LIMIT * (1 - 2 * (GRID.sum(axis=1, keepdims=True) // 10 % 2)) + none
+    cases = {
+        "n": (none, every),
+        "u": (alike, every),
+        "v": (-alike, every),
+        "x": (none, x < 0),
+        "y": (none, y < 0),
+        "square": (alike, every),
+        "turn": (turning, every),
+        "far": (none, every),
+        "A": (checkered, every),
+    }
+    for name, (shifts, contact) in cases.items():
+        assert abs(sums(spread, shifts, contact)[name]) == bounds[name], name
+    assert of_contact(spread, checkered, every)[0] == bounds["spread"] == 2 * LIMIT**2
+    assert sums(spread, none, every)["C"] > 0.99 * bounds["C"]
+    assert sums(spread, turning, every)["B"] > 0.6 * bounds["B"]
+
+
+def test_bounds_hold():
+    """Over contacts and signs at random, on places that are not symmetric."""
+    follower = dots.follower(48, 48)
+    spread = DotSpread.of_follower(follower, 0)
+    bounds, rng = spread.bounds, np.random.default_rng(2)
+    for _ in range(300):
+        contact = rng.random(len(spread.place)) < rng.random()
+        if rng.random() < 0.5:
+            contact &= spread.xy @ rng.normal(size=2) > 0
+        shifts = follower.bound * rng.choice([-1, 1], (len(contact), 2))
+        found = sums(spread, shifts, contact)
+        found["spread"] = int(of_contact(spread, shifts, contact)[0])
+        assert found.keys() == bounds.keys()
+        assert {name: value for name, value in found.items() if abs(value) > bounds[name]} == {}
+
+
+def test_products_of_more_than_64_bits():
+    """All dots of a large image, also of a single frame."""
+    places = 2 + 4 * np.stack(np.meshgrid(np.arange(40), np.arange(40)), axis=-1).reshape(-1, 2)
+    spread = DotSpread(places, 0, 20_000)
+    assert spread.bounds["A"] * spread.bounds["C"] > 1 << 70
+    displacement = np.ones((2, 162, 162), int)
+    shifts = np.random.default_rng(3).integers(-20_000, 20_001, (2, len(places), 2))
+    seen = np.ones(shifts.shape[:2], bool)
+    both, count = spread(shifts, seen, displacement)
+    assert count.tolist() == 2 * [1600]
+    for k, shift in enumerate(shifts):
+        found = sums(spread, shift, seen[k])
+        a, b, c = (found[name] for name in "ABC")
+        expected = (a * c - b * b) // (1600**2 * c)
+        assert expected == both[k] == spread(shift, seen[k], displacement[k])[0]
+
+
+def test_leading_axes_are_kept(spread):
+    shifts, contact = random_cases(spread, 6)
+    flat = of_contact(spread, shifts, contact)
+    nested = of_contact(spread, shifts.reshape(2, 3, -1, 2), contact.reshape(2, 3, -1))
+    for found, known in zip(nested, flat, strict=True):
+        assert (found.shape, found.dtype) == ((2, 3), np.int64)
+        np.testing.assert_array_equal(found.ravel(), known)
+
+
+def test_dots_of_a_follower_on_the_rim_are_looked_up_beside_it():
+    """The displacement has no values on the image's rim: its first is that of pixel 1, 1."""
+    usual = dots.follower(48, 40)
+    rest = usual.rest.copy()
+    rest[0], rest[-1] = (0, 0), (39 << FRACTION, 47 << FRACTION)
+    follower = replace(usual, rest=rest)
+    spread = DotSpread.of_follower(follower, 3)
+    assert spread.place[[0, -1]].tolist() == [[0, 0], [37, 45]]
+    np.testing.assert_array_equal(spread.place[1:-1], follower.rest_px[1:-1] - 1)
+    assert (spread.threshold, spread.shift_limit) == (3, follower.bound)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_sensor_with_too_few_dots_has_no_spread(count):
+    spread = DotSpread(GRID[:count], 0, LIMIT)
+    shifts = np.array([[LIMIT, -LIMIT], [0, LIMIT]])[:count]
+    found, touched = of_contact(spread, shifts, np.ones(count, bool))
+    assert (int(found), int(touched)) == (0, count)
+
+
+def test_words_and_pixels():
+    assert spread_words(0.5) == (2**FRACTION // 2) ** 2
+    assert spread_words(0.3) == round((0.3 * 2**FRACTION) ** 2)
+    np.testing.assert_allclose(spread_px(np.array([0, 1, spread_words(2.0)])), [0, 2.0**-FRACTION, 2.0])
+
+
+def test_refused():
+    with pytest.raises(ValueError, match="threshold -1: expected at least 0: skin at rest touches nothing"):
+        DotSpread(GRID, -1, LIMIT)
+    with pytest.raises(ValueError, match="place: two dots at one pixel"):
+        DotSpread(np.concatenate([GRID, GRID[3:4]]), 0, LIMIT)
