@@ -104,7 +104,7 @@ class Force(Strict):
 class Slip(Strict):
     """Of the output slip: the spread of the touching dots' shifts about the rigid motion that fits them."""
 
-    contact_mm: Positive = 0.1
+    contact_mm: Positive = 0.06
     """Displacement beyond which the skin at a dot counts as in contact. Around a contact the skin moves, too,
     but less."""
     limit_px: Positive = 0.3

@@ -4,7 +4,7 @@ The fingers, the bottle and the hand are those of fastac/studies/demos/bottle.py
 follows from the contact mechanics. The controller sees only what the bundle's integer model finds in the
 frames. Friction feedback is the paper's: μ_s follows from a slip test, a slow push without feedback until the
 bottle slips. Slip feedback, where the scene has the output slip, knows neither μ nor the force: it closes the
-fingers where the spread of the dots in contact is beyond `slip.limit_px`. Everything is simulated.
+fingers while the spread of the dots in contact is beyond `slip.limit_px` and rises. Everything is simulated.
 """
 
 from collections.abc import Iterable
@@ -30,8 +30,8 @@ from fastac.studies.demos.bottle import Grasp, HeldBottle
 from fastac.studies.demos.grip_control import (
     FrictionFeedback,
     GripControl,
+    SlipFeedback,
     friction_ratio,
-    slip_feedback,
     without_feedback,
 )
 from fastac.studies.demos.records import SLIP_THRESHOLD_MM, GraspTrace, SlipTrace
@@ -73,7 +73,8 @@ def run_control_loop(
         if scene.wants_slip:
             seen = (getattr(found, name)[0] for name in SLIP_OUTPUTS)
             slip_rows.append((*seen, hold.probe.state.sticking_share))
-        angle_deg = control(force_n, scene.wants_slip and bool(found.slipping[0]))
+        flagged = scene.wants_slip and bool(found.slipping[0])
+        angle_deg = control(force_n, float(found.slip_px[0]) if flagged else None)
     slip = SlipTrace(*_columns(slip_rows)) if scene.wants_slip else None
     return GraspTrace(*_columns(rows), slip)
 
@@ -136,7 +137,7 @@ def run(
     delay_frames = 1 + int(latency_s * CAMERA_HZ)
     rules, traces = dict(zip(RUNS, (without_feedback, FrictionFeedback(stable, margin)), strict=False)), {}
     if scene.wants_slip:
-        rules["with_slip_feedback"] = slip_feedback
+        rules["with_slip_feedback"] = SlipFeedback()
     for name, rule in rules.items():
         control = GripControl(rule, grasp.step_deg, grasp.most_deg, delay_frames)
         pushes_n = [grasp.push_n(k / CAMERA_HZ) for k in range(round(grasp.seconds * CAMERA_HZ))]

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-Rule = Callable[[np.ndarray, bool], bool]
-"""Of the force (3,) in N that is found in a frame, and whether the frame is flagged as slipping: whether the
-fingers are to close by a step."""
+Rule = Callable[[np.ndarray, float | None], bool]
+"""Of the force (3,) in N that is found in a frame, and the spread in px if that is flagged as slip, else None:
+whether the fingers are to close by a step."""
 
 
 def friction_ratio(force_n: np.ndarray) -> np.ndarray:
@@ -16,14 +16,24 @@ def friction_ratio(force_n: np.ndarray) -> np.ndarray:
     return np.where(normal > 0, shear / np.where(normal > 0, normal, 1.0), np.inf)
 
 
-def without_feedback(force_n: np.ndarray, slipping: bool) -> bool:
+def without_feedback(force_n: np.ndarray, slip_px: float | None) -> bool:
     """The fingers never close."""
     return False
 
 
-def slip_feedback(force_n: np.ndarray, slipping: bool) -> bool:
-    """The fingers close where the frame is flagged as slipping, whatever the force and μ."""
-    return slipping
+@dataclass
+class SlipFeedback:
+    """The fingers close where a frame is flagged as slipping, whatever the force and μ, and its spread is
+    larger than ever before: skin that slid stays where it slid to, so that a spread stays, too."""
+
+    largest_px: float = 0.0
+    """The largest spread so far."""
+
+    def __call__(self, force_n: np.ndarray, slip_px: float | None) -> bool:
+        if slip_px is None or slip_px <= self.largest_px:
+            return False
+        self.largest_px = slip_px
+        return True
 
 
 @dataclass(frozen=True)
@@ -40,7 +50,7 @@ class FrictionFeedback:
         """μ_s + d, above which the fingers close."""
         return self.stable_ratio + self.margin
 
-    def __call__(self, force_n: np.ndarray, slipping: bool) -> bool:
+    def __call__(self, force_n: np.ndarray, slip_px: float | None) -> bool:
         return bool(friction_ratio(force_n) > self.limit)
 
 
@@ -61,9 +71,9 @@ class GripControl:
         """Commanded decrease of the angle between the fingers since the start."""
         self._pending_deg = [0.0] * (self.delay_frames - 1)
 
-    def __call__(self, force_n: np.ndarray, slipping: bool) -> float:
+    def __call__(self, force_n: np.ndarray, slip_px: float | None) -> float:
         """Take what a rule takes of this frame; return the decrease in degrees that the next frame sees."""
-        if self.rule(force_n, slipping):
+        if self.rule(force_n, slip_px):
             self.tightened_deg = min(self.tightened_deg + self.step_deg, self.most_deg)
         self._pending_deg.append(self.tightened_deg)
         return self._pending_deg.pop(0)

@@ -67,10 +67,10 @@ def test_the_controller_sees_found_forces_only(tiny_rig_bundle, tiny_rig_cache):
     pipeline, seen = tiny_rig_bundle.pipeline, []
 
     class Control(GripControl):
-        def __call__(self, force_n, slipping):
+        def __call__(self, force_n, slip_px):
             seen.append(force_n)
-            assert not slipping  # the scene has no slip
-            return super().__call__(force_n, slipping)
+            assert slip_px is None  # the scene has no slip
+            return super().__call__(force_n, slip_px)
 
     whole = BRIEF.of_scene(tiny_rig_bundle.scene)
     doubled = replace(
@@ -132,7 +132,9 @@ def test_slip_closes_the_fingers_frame_by_frame(written_with_slip):
     assert set(map(len, series.values())) == {one["frames"]}
     flagged = np.array(series["slipping"])
     assert 0 < flagged.sum() == one["slipping_frames"]
-    wanted = np.minimum(BRIEF.step_deg * np.cumsum(flagged), BRIEF.most_deg)
+    spread_px = np.where(flagged, series["slip_px"], 0)
+    rises = np.diff(np.maximum.accumulate([0, *spread_px])) > 0
+    wanted = np.minimum(BRIEF.step_deg * np.cumsum(rises), BRIEF.most_deg)
     assert content["delay_frames"] == 1
     np.testing.assert_allclose(series["tightened_deg"], [0, *wanted[:-1]])
     assert content["without_feedback"]["tightened_deg"] == 0
