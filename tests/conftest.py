@@ -210,28 +210,22 @@ def tiny_rig_bundle(tiny_rig_folder):
 
 
 @pytest.fixture(scope="session")
-def slip_bundle(dotted_bundle, make_scene):
-    """The dotted bundle on finite elements with friction, with the output slip; its forces are made up."""
+def slip_bundle(dotted_bundle):
+    """The dotted bundle on finite elements with friction, with the output slip; its forces are random."""
     from dataclasses import replace
 
     import numpy as np
 
     from fastac.models.integer.assemble import with_force
+    from fastac.models.random_bundle import force_weights
 
-    gel = {"mechanics": "fem", "friction": 0.8, "elements": 12, "layers": 1}
     changes = {
         "name": "slip",
         "outputs": ["force_xyz", "slip"],
         "slip": {"contact_mm": 0.002, "limit_px": 0.1},
     }
-    known = dotted_bundle.scene.model_dump(mode="json")
-    known["sensor"]["elastomer"] |= gel
-    scene = Scene.model_validate(known | changes)
-    size, dots = scene.inner_px, len(dotted_bundle.pipeline.follower.rest)
-    rng = np.random.default_rng(1)
-    pipeline = with_force(
-        dotted_bundle.pipeline.replace(scene=scene),
-        rng.uniform(0.1, 1.0, (3, size, size, 3)),
-        rng.normal(size=(3, dots, 2)),
-    )
-    return replace(dotted_bundle, pipeline=pipeline)
+    content = dotted_bundle.scene.model_dump(mode="json") | changes
+    content["sensor"]["elastomer"] |= {"mechanics": "fem", "friction": 0.8, "elements": 12, "layers": 1}
+    scene, known = Scene.model_validate(content), dotted_bundle.pipeline
+    weights = force_weights(scene, np.random.default_rng(1), known.follower)
+    return replace(dotted_bundle, pipeline=with_force(known.replace(scene=scene), *weights))
