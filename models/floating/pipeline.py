@@ -327,4 +327,4 @@ class _Worker:
                     if name in out:
                         out[name][k] = value
             if self.after is not None:
-                self.after(self.slopes, shift_px, seen, {name: array[k] for name, array in out.items()})
+                self.after(self.slopes, shift_px, seen, {name: array[k, ...] for name, array in out.items()})
