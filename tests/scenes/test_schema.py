@@ -277,7 +277,18 @@ def test_what_dots_are_wanted_for(changes, dots, bridge):
     assert scene.numbers.dot_weight_bits == 16
 
 
+def test_slip_is_wanted_where_it_is_an_output():
+    assert not parse(DOTTED, origin="x").wants_slip
+    scene = parse(DOTTED.replace('"force_z"]', '"force_z", "slip"]'), origin="x")
+    assert (scene.wants_slip, scene.wants_dots, scene.wants_solver) == (True, True, True)
+    assert (scene.slip.contact_mm, scene.slip.limit_px) == (0.06, 0.3)
+    scene = parse(DOTTED + "[slip]\ncontact_mm = 0.02\nlimit_px = 1.5\n", origin="x")
+    assert (scene.slip.contact_mm, scene.slip.limit_px) == (0.02, 1.5)
+    assert not scene.wants_slip, "the table alone asks for nothing"
+
+
 MARKERS = "markers = { spacing_mm = 1.6, radius_mm = 0.3 }\n"
+SLIP = {'"force_z"]': '"force_z", "slip"]'}
 NO_BRIDGE = "[network]\nbridge_dots = false"
 
 
@@ -321,6 +332,29 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
             "force.deep_mm: 0.004 needs a force.band_mm that is smaller",
         ),
         ({"band_mm = 0.004": "deep_mm = 0.2"}, "force.deep_mm: 0.2 needs a force.band_mm that is smaller"),
+        (
+            {'["depth", "force_z"]': '["depth", "slip"]', "dots = true\nkernel": "kernel"},
+            "outputs: slip needs a force beside it and a poisson.solver with depth",
+        ),
+        (
+            {
+                '["depth", "force_z"]': '["force_z", "slip"]',
+                "[network]": '[poisson]\nsolver = "adjoint"\n[network]',
+            },
+            "outputs: slip needs a force beside it and a poisson.solver with depth",
+        ),
+        (
+            SLIP | {"dots = true\nkernel": "kernel"},
+            "outputs: slip needs force.dots = true and a force beside it",
+        ),
+        (
+            {"[network]": "[slip]\ncontact_mm = 0\n[network]"},
+            "slip.contact_mm = 0: Input should be greater than 0",
+        ),
+        (
+            {"[network]": "[slip]\nlimit_px = -1\n[network]"},
+            "slip.limit_px = -1: Input should be greater than 0",
+        ),
         ({"band_mm = 0.004": "band_mm = 0"}, "force.band_mm = 0: Input should be greater than 0"),
         ({'fit = "weights"': 'fit = "weight"'}, "force.fit = 'weight': Input should be"),
         ({"dots = true\nkernel": "dots = 2\nkernel"}, "force.dots = 2: Input should be a valid boolean"),

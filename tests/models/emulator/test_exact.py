@@ -10,12 +10,13 @@ from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exactness import EXACT, NotExactError, require_exact
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.force import PatchForce, terms
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.loops.frames import CHUNK, over_frames
 
-DEPTH, Z, XYZ = "depth", "force_z", "force_xyz"
+DEPTH, Z, XYZ, SLIP = "depth", "force_z", "force_xyz", "slip"
 MAP = ("force_z", "force_map")
 
 
@@ -58,6 +59,10 @@ def defined(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
         shift, seen = pipeline.follower(pipeline.follower.windows(frames))
         found |= {"dot_shift_words": shift, "dots_seen": seen}
         found["force_raw"] = found["force_raw"] + pipeline.dot_force(shift)
+    if pipeline.spread is not None:
+        found["slip_words"], found["slip_dots"] = pipeline.spread(shift, seen, words)
+        found["slip_px"] = np.sqrt(found["slip_words"]) * 2.0**-FRACTION
+        found["slipping"] = found["slip_px"] > np.sqrt(pipeline.slip_limit) * 2.0**-FRACTION
     columns = [np.array([pipeline.validity.of_pixels(frame, pipeline.background) for frame in frames])]
     for name in ("gradient", "displacement"):
         if name in pipeline.validity.names:
@@ -161,6 +166,7 @@ DOTTED = {
     "band": ((XYZ,), {"kernel": "collapsed", "band_mm": 0.002}),
     "bends": ((XYZ,), {"kernel": "collapsed", "band_mm": 0.001, "deep_mm": 0.003}),
     "dots, patches, clamp": ((DEPTH, Z), {"dots": True, "mode": "difference", "channels": "bgr+nir"}),
+    "slip": ((Z, SLIP), {"solver": "tridiagonal", "clamp": False, "dots": True, "size": 36}),
     "all": (
         (DEPTH, XYZ),
         {"solver": "tridiagonal", "kernel": "collapsed", "band_mm": 0.002, "dots": True, "bridge_dots": True},
@@ -173,7 +179,7 @@ DOTTED = {
 @pytest.mark.quick(*(f"{name}-loadable" for name in DOTTED))
 def test_equals_the_integers_with_dots_and_band(tmp_path, name, weights):
     outputs, settings = DOTTED[name]
-    scene = random_bundle.scene(outputs, size=24, weights=weights, **settings)
+    scene = random_bundle.scene(outputs, **{"size": 24, "weights": weights} | settings)
     pipeline = random_bundle.random_bundle(tmp_path / "b", scene, hidden=(7, 5)).pipeline
     frames = frames_with_dots(pipeline)
     found = check(pipeline, frames)
@@ -194,6 +200,23 @@ def test_equals_the_integers_with_dots_and_band(tmp_path, name, weights):
         assert pipeline.bends[0] > 0
         assert pipeline.bends[-1] < words.max()
         assert words.min() < -pipeline.bends[0]
+    if pipeline.spread is not None:
+        assert len(np.unique(found["slip_dots"])) > 3, "few dots touch and many"
+        assert 0 < found["slipping"].mean() < 1
+        assert (found["slip_words"] > 0).sum() > found["slipping"].sum(), "some spread less than the limit"
+
+
+@pytest.mark.parametrize("name", ["slip_px", "slip_words", "slip_dots", "slipping"])
+def test_slip_alone(tmp_path, name):
+    """Nothing else is asked for that finds dots or displacements."""
+    scene = random_bundle.scene((Z, SLIP), size=36, dots=True)
+    pipeline = random_bundle.random_bundle(tmp_path / "b", scene).pipeline
+    frames = frames_with_dots(pipeline)[-6:]
+    found = Emulator(pipeline).run(frames, wanted=[name])
+    assert [key for key, value in vars(found).items() if value is not None] == [name]
+    expected = int64_loop(pipeline, frames)[name]
+    assert expected.any()
+    np.testing.assert_array_equal(getattr(found, name), expected)
 
 
 @pytest.mark.parametrize("name", ["adjoint, dots", "patches", "band and dots"])

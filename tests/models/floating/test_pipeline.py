@@ -12,6 +12,8 @@ from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble
 from fastac.models.integer.features import integer_features
 from fastac.models.loops.frames import CHUNK
+from fastac.models.vision.rigid_spread import rigid_spread_px
+from fastac.scenes.model_schema import Slip
 
 PITCH_MM = 0.25
 
@@ -272,13 +274,44 @@ class TestDots:
         np.testing.assert_array_equal(found, floating.bridge(bare, dark))
         assert (found[dark] != bare[dark]).any()
 
+    def test_slip_is_the_spread_of_the_dots_that_touch(self, both, dotted_data):
+        floating, integer = self.with_slip(*both)
+        frames = dotted_data.frames.copy()
+        frames[:, :14] = np.roll(frames[:, :14], 1, axis=2)  # the upper dots move to the right
+        found = floating.run(frames)
+        rest, contact_mm = floating.dots.rest_px, floating.scene.slip.contact_mm
+        column, row = np.rint(rest).astype(int).T - 1
+        counts = []
+        for k in range(len(frames)):
+            touches = found.dots_seen[k] & (found.displacement_mm[k, row, column] > contact_mm)
+            expected = rigid_spread_px(rest[touches], found.dot_shifts_px[k, touches])
+            assert found.slip_px[k] == pytest.approx(expected, abs=1e-6)
+            counts.append(touches.sum())
+        assert min(counts) < 3 < max(counts)
+        integers = integer.run(frames, wanted=["slip_px", "slip_dots"])
+        assert np.abs(counts - integers.slip_dots).mean() < 0.5
+        beyond = found.slip_px > 0.2
+        assert beyond.sum() > 10
+        difference = found.slip_px - integers.slip_px
+        assert np.abs(np.median(difference[beyond])) < 0.05
+
+    @staticmethod
+    def with_slip(floating, emulator):
+        """Both with the output slip, whose limit of contact is small."""
+        scene = floating.scene
+        changes = {"outputs": (*scene.outputs, "slip"), "slip": Slip(contact_mm=0.01)}
+        wanted = scene.model_copy(update=changes)
+        integer = emulator.pipeline.replace(scene=wanted)
+        return replace(floating, scene=wanted), Emulator(integer)
+
     def test_the_background_has_no_force_and_each_output_is_had_alone(self, both, dotted_data):
-        floating, _ = both
+        floating, _ = self.with_slip(*both)
         at_rest = floating.run(floating.background[None])
         assert np.abs(at_rest.force_n).max() < 1e-12
         assert not at_rest.dot_shifts_px.any()
+        assert not at_rest.slip_px.any()
         whole = floating.run(dotted_data.frames[:3])
-        for name in ("dot_shifts_px", "dots_seen", "force_n"):
+        for name in ("dot_shifts_px", "dots_seen", "force_n", "slip_px"):
             alone = floating.run(dotted_data.frames[:3], wanted=[name])
             assert [key for key, value in vars(alone).items() if value is not None] == [name]
             np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name))

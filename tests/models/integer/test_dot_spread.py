@@ -1,4 +1,4 @@
-"""The spread of touching dots about the rigid motion that fits them: by least squares, bounds, dots."""
+"""The spread of touching dots about the rigid motion that fits them: by least squares, and its bounds."""
 
 from dataclasses import replace
 
@@ -96,7 +96,7 @@ def test_a_rigid_motion_of_all_changes_nothing(spread):
     shifts, contact = random_cases(spread, 60)
     shifts //= 4
     x, y = spread.place.T
-    moved = shifts + np.array([40, -90]) + np.stack([-2 * y, 2 * x], axis=-1)
+    moved = shifts + np.stack([40 - 2 * y, 2 * x - 90], axis=-1)
     expected, _ = of_contact(spread, shifts, contact)
     assert expected.any()
     np.testing.assert_array_equal(of_contact(spread, moved, contact)[0], expected)
@@ -105,7 +105,7 @@ def test_a_rigid_motion_of_all_changes_nothing(spread):
 def test_places_count_from_wherever_one_likes(spread):
     """From the corner the sums are larger, and what follows from them is the same."""
     shifts, contact = random_cases(spread, 60)
-    away = DotSpread(GRID + np.array([5, 2]), 20, LIMIT)
+    away = DotSpread(GRID + np.array((5, 2)), 20, LIMIT)
     assert (away.xy == spread.xy).all()
     assert away.bounds == spread.bounds
     expected = of_contact(spread, shifts, contact)
