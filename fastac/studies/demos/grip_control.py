@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 Rule = Callable[[np.ndarray, float | None], bool]
-"""Of the force (3,) in N that is found in a frame, and its spread in px if that is flagged, else None: whether
-the fingers are to close by a step."""
+"""Of the force (3,) in N that is found in a frame, and its spread in px if that is flagged, else None:
+whether the fingers are to close by a step."""
 
 
 def friction_ratio(force_n: np.ndarray) -> np.ndarray:
