@@ -3,8 +3,8 @@
 
 An image holds the network's parameters, what is computed from them (difference mode: the source offset of the
 slopes at rest; absolute mode with a force: the depth at rest; adjoint: the constants), the limits of the
-plausibility flags, and the bundle's hash. Everything else must equal that of the bundle from which the
-hardware was built.
+plausibility flags, where marker dots are at rest, how dark they are and the skin around them, and the
+bundle's hash. Everything else must equal that of the bundle from which the hardware was built.
 """
 
 import dataclasses
@@ -16,10 +16,11 @@ import numpy as np
 
 from fastac.gateware.bus.calibration_loader import CalibrationLoader, ImageLayout
 from fastac.gateware.datapath import Datapath
-from fastac.models.integer.assemble import with_force_of
+from fastac.models.integer.assemble import order_of_dots, with_force_of
 from fastac.models.integer.bounds import Stage
 from fastac.models.integer.bundle import Bundle, save
 from fastac.models.integer.depth import Depth
+from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_windows import DotWindows
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
@@ -32,6 +33,8 @@ FORMAT_VERSION = 2
 """Version of the image format; part of the hardware identifier."""
 
 
+OF_REST = "dots.rest_px"
+"""Of a bundle's floats: where its dots are at rest, in the order of the integers'."""
 OF_DOTS = ("bridge", "follower", "dot_force", "spread")
 """Stages that only scenes with dots have."""
 
@@ -45,6 +48,7 @@ def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
     fields = {Layer: {"weight", "bias"}, Requantisation: {"multiplier", "shift"}, Stage: {"bound_px"}}
     fields[FrameValidity] = {"low", "high"}
     fields[DotWindows] = {"threshold"}
+    fields[DotFollower] = {"rest", "guides", "low", "high"}
     if pipeline.scene.poisson.mode == "difference":
         fields[PoissonSource] = {"offset"}
     else:
@@ -152,23 +156,36 @@ def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundl
     """`bundle` with the force of the bundle `hardware`, which an image cannot change; saved to `folder`.
 
     Training fits the force weights to the outputs of its own pixel network, so every training run has
-    different ones. Raises CalibrationError if anything else also differs from the hardware.
+    different ones. Dots are brought into the order of the hardware's, see `order_of_dots`. Raises
+    CalibrationError if anything else also differs from the hardware.
     """
     if hardware.pipeline.force is None:
         raise CalibrationError(f"scene.outputs = {hardware.scene.outputs}: the hardware has no force to keep")
-    _require(bundle.pipeline.replace(force=hardware.pipeline.force), hardware.pipeline)
+    known, of_force = hardware.pipeline, dict.fromkeys(("force", "validity", "follower", "dot_force"))
+    _require(bundle.pipeline.replace(**of_force), known.replace(**of_force))
     floats = {k: v for k, v in bundle.floats.items() if "force" not in k}
     floats |= {k: v for k, v in hardware.floats.items() if "force" in k}
-    return save(folder, with_force_of(bundle.pipeline, hardware.pipeline), floats)
+    try:
+        kept = with_force_of(bundle.pipeline, known)
+        if OF_REST in floats:
+            floats[OF_REST] = floats[OF_REST][order_of_dots(bundle.pipeline, known)]
+    except ValueError as error:
+        raise CalibrationError(str(error)) from None
+    _require(kept, known)
+    return save(folder, kept, floats)
 
 
 def calibration_words(bundle: Bundle, hardware: Bundle) -> np.ndarray:
     """The image, uint32 words, that makes hardware built from `hardware` compute as `bundle` does.
 
-    Raises CalibrationError, naming the first difference, if `bundle` differs in something fixed.
+    Raises CalibrationError, naming the first difference, if `bundle` differs in something fixed, or naming a
+    dot that is where the hardware cannot follow it.
     """
     _require(bundle.pipeline, hardware.pipeline)
-    path = Datapath(bundle.pipeline)
+    try:
+        path = Datapath(bundle.pipeline)
+    except ValueError as error:
+        raise CalibrationError(str(error)) from None
     return image_layout(path).image(
         {name: values for name, (_, values) in path.loadable_tables.items()},
         {name: value for name, (_, value) in path.loadable_registers.items()},

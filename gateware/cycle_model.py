@@ -54,7 +54,7 @@ class CycleModel(FrameCycles):
         geometry
 
     follower : of the scene's dots; None: where the virtual fingertip has them, so that the figures may differ
-        from those of a real skin by the clocks between some rows of windows
+        from those of a real skin, or after another calibration, by the clocks between some rows of windows
 
     Nothing else depends on training: the figures are the same for all weights, biases and kernels.
     """
@@ -89,7 +89,8 @@ class CycleModel(FrameCycles):
         if scene.wants_force:
             self.force_stream = self._weighted_sum() if self._sums_words else self._patch_force()
         if scene.wants_dots:
-            follower = follower or expected_follower(scene.sensor)
+            loadable = scene.hardware.weights == "loadable"
+            follower = follower or expected_follower(scene.sensor, loadable=loadable)
             self.dots = self._dots(follower)
         if scene.wants_slip:
             spread = DotSpread.of_follower(follower, 0)  # no figure depends on the threshold

@@ -77,6 +77,7 @@ class Datapath(FrameCycles, wiring.Component):
     constant : the adjoint's constant, one accumulator per axis. Only for the adjoint.
     limits : limits of the flags, see FrameValidity
     threshold : write port of the thresholds of darkness. Only with dots or bridged slopes.
+    dot_records : write port of what is known of each dot, see DotFollowerStream. Only with dots.
 
     The loadable members must not change while a frame is in flight. FrameCycles has latencies and intervals.
     """
@@ -207,6 +208,8 @@ class Datapath(FrameCycles, wiring.Component):
             tables["threshold"] = self.darkness.table, self.darkness.table_values
         if self.wants_displacement and self.displacement.loadable:
             tables["rest"] = self.displacement.table, self.displacement.table_values
+        if self.loadable and scene.wants_dots:
+            tables["dot_records"] = self.dots.table.format, self.dots.table.values
         return tables
 
     def elaborate(self, platform):
@@ -290,6 +293,8 @@ class Datapath(FrameCycles, wiring.Component):
                 connect(m, found, dots.skin)
                 m.d.comb += [validity.dot_lost.eq(dots.lost), validity.dot_taken.eq(dots.taken)]
                 found = dots.o
+                if self.loadable:
+                    connect(m, wiring.flipped(self.dot_records), dots.write)
             connect(m, found, wiring.flipped(self.force))
         if scene.force_from_slopes:
             connect(m, slopes, force.i)

@@ -10,6 +10,7 @@ from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.frame_validity import DOTS_LATENCY
+from fastac.gateware.stream.tables import RecordTable
 from fastac.models.integer.pipeline import IntegerPipeline
 
 VALUES = 2
@@ -28,6 +29,7 @@ class DotForceStream(wiring.Component):
     o : the same of skin and dots, signed(pipeline.force_width)
     shifts : stream of one dot per beat, see `dot_layout`. Only if the scene wants slip.
     lost, taken : a dot is followed, M of them a frame; it is lost
+    write : see `DotFollowerStream`. Only if `pipeline.follower.loadable`.
 
     `latency` counts from the darkness of a frame's last pixels to the dots' sums, without back-pressure; the
     sum of both parts follows `ForceSum.latency` clocks after the later one.
@@ -35,7 +37,13 @@ class DotForceStream(wiring.Component):
 
     def __init__(self, pipeline: IntegerPipeline, *, lanes: int):
         self.dots = DotStream(pipeline.follower, lanes=lanes)
-        self.weighted = WeightedSumStream(pipeline.dot_force.weighted, lanes=1)
+        weighted = pipeline.dot_force.weighted
+        if weighted.input_width != pipeline.follower.width:
+            raise ValueError(
+                f"dot_force of shifts of {weighted.input_width} bits: the follower's have"
+                f" {pipeline.follower.width}"
+            )
+        self.weighted = WeightedSumStream(weighted, lanes=1)
         self.sum = ForceSum(pipeline.dot_force, skin_width=pipeline.force.width, width=pipeline.force_width)
         if self.weighted.latency + self.sum.latency < DOTS_LATENCY:
             raise ValueError(f"flags of dots take {DOTS_LATENCY} clocks: later than the frame's result")
@@ -49,7 +57,15 @@ class DotForceStream(wiring.Component):
         self.wants_shifts = pipeline.spread is not None
         if self.wants_shifts:
             members["shifts"] = Out(self.dots.o.signature)
+        self.loadable = pipeline.follower.loadable
+        if self.loadable:
+            members["write"] = In(self.dots.write.signature.flip())
         super().__init__(members)
+
+    @property
+    def table(self) -> RecordTable:
+        """What is known of each dot."""
+        return self.dots.dots.table
 
     @property
     def followed(self) -> int:
@@ -92,4 +108,6 @@ class DotForceStream(wiring.Component):
         connect(m, wiring.flipped(self.skin), total.skin)
         connect(m, weighted.o, total.dots)
         connect(m, total.o, wiring.flipped(self.o))
+        if self.loadable:
+            connect(m, wiring.flipped(self.write), dots.write)
         return m

@@ -10,7 +10,7 @@ from fastac.models.emulator.pipeline import with_limits
 from fastac.models.integer import bundle
 from fastac.models.integer.assemble import assemble, with_force, with_force_of
 from fastac.models.integer.bundle import Bundle
-from fastac.models.integer.dot_follower import DotFollower, at_rest
+from fastac.models.integer.dot_follower import FRACTION, DotFollower, at_rest, guides_of
 from fastac.models.integer.dot_windows import BLOCK, DotWindows
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.force import terms
@@ -24,6 +24,8 @@ from fastac.scenes.solvers import SOLVERS
 
 DOTS = {"spacing_mm": 1.0, "radius_mm": 0.1}
 """Painted dots; at the default pitch of 0.125 mm, squares of 3 × 3 px."""
+MOVED_PX = 2
+"""How far along u and v a recalibrated bundle's dots are from the known one's, at most."""
 GOOD_FRAME_SPANS = (5, 10, 20, 30, 40)
 """Largest differences from the background, in digital numbers, of the frames from which a bundle's validity
 limits are set; hardware flags frames with larger differences."""
@@ -196,20 +198,36 @@ def brighter(stage):
     return replace(stage, windows=replace(stage.windows, threshold=threshold))
 
 
+def remounted(follower: DotFollower, rng: np.random.Generator, spacing_px: float) -> DotFollower:
+    """The follower after its dots moved by up to MOVED_PX each along u and v, in the order of their new rows
+    and with other limits of what is a dot."""
+    most = MOVED_PX << FRACTION
+    rest = follower.rest + rng.integers(-most, most + 1, follower.rest.shape)
+    order = np.lexsort((rest[:, 0], rest[:, 1]))
+    rest = rest[order]
+    guides = guides_of(rest * 2.0**-FRACTION, spacing_px)
+    low, high = np.maximum(follower.low[order] * 3 // 4, 1), follower.high[order] * 5 // 4
+    return replace(follower, rest=rest, guides=guides, low=low, high=high)
+
+
 def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
     """Save and return a copy of the bundle `known` with another random network and tighter validity limits.
 
-    The tables that follow from the network change with it; everything else stays the same, as after a
-    calibration of the sensor.
+    The tables that follow from the network change with it, dots have moved, and the skin is brighter between
+    them; everything else stays the same, as after a calibration of the sensor.
     """
-    old = known.pipeline
+    old, sensor = known.pipeline, known.scene.sensor
+    stages = {name: brighter(getattr(old, name)) for name in ("bridge", "follower")}
+    if old.follower is not None:
+        spacing_px = sensor.markers.spacing_mm / sensor.pitch_mm
+        stages["follower"] = remounted(stages["follower"], np.random.default_rng(seed), spacing_px)
     hidden = tuple(len(layer.weight) for layer in old.layers[:-1])
     pipeline = assemble(
         old.scene,
         layers=layers(old.scene, old.background, np.random.default_rng(seed), hidden),
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
-        **{name: brighter(getattr(old, name)) for name in ("bridge", "follower")},
+        **stages,
     )
     pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD_FRAME_SPANS[:2]))
     return bundle.save(folder, pipeline, {})

@@ -9,11 +9,12 @@ PATIENT = 0.5
 """As in `sim.benches.stream`: with more pauses than this a reader waits for a beat before it is ready."""
 
 
-def run_streams(dut, inputs, expected, *, start=None, stall=0.0, seed=1, clocks=100_000):
+def run_streams(dut, inputs, expected, *, start=None, tables=None, stall=0.0, seed=1, clocks=100_000):
     """Drive input streams with payloads and record all output streams.
 
     inputs : payloads as integers, of the stream "i", or {input stream: payloads}
     start : {input stream: clocks before its first beat}, 0 where it is not named
+    tables : {write port: words as integers}, written one a clock; all inputs wait until they are
     expected : {output stream: number of beats}; each is watched for 64 more clocks
     stall : probability per clock that a stream pauses, or {stream: probability}; above a half an output is
         ready only once a beat waits
@@ -24,10 +25,13 @@ def run_streams(dut, inputs, expected, *, start=None, stall=0.0, seed=1, clocks=
     stalls = dict.fromkeys([*inputs, *expected], stall) if isinstance(stall, float | int) else stall
     payloads = {name: [] for name in expected}
     taken = {name: [] for name in [*inputs, *expected]}
+    tables = tables or {}
+    loaded = max((len(words) + 1 for words in tables.values()), default=0)
 
     def source(name):
         async def drive(ctx):
-            i, rng, clock = getattr(dut, name), random.Random(seed), (start or {}).get(name, 0)
+            i, rng = getattr(dut, name), random.Random(seed)
+            clock = loaded + (start or {}).get(name, 0)
             for _ in range(clock):
                 await ctx.tick()
             for payload in inputs[name]:
@@ -67,10 +71,24 @@ def run_streams(dut, inputs, expected, *, start=None, stall=0.0, seed=1, clocks=
 
         return take
 
+    def writer(name):
+        async def write(ctx):
+            port = getattr(dut, name)
+            for address, word in enumerate(tables[name]):
+                ctx.set(port.en, 1)
+                ctx.set(port.addr, address)
+                ctx.set(port.data, word)
+                await ctx.tick()
+            ctx.set(port.en, 0)
+
+        return write
+
     simulator = Simulator(dut)
     simulator.add_clock(1e-6)
     for name in inputs:
         simulator.add_testbench(source(name))
+    for name in tables:
+        simulator.add_testbench(writer(name))
     for name, beats in expected.items():
         simulator.add_testbench(sink(name, beats))
     simulator.run()

@@ -18,8 +18,9 @@ class DotStream(wiring.Component):
     -------
     i : stream of the darkness of `lanes` pixels, see `DarknessStream.o`
     o : stream of one dot per beat, see `dot_layout`; M of them a frame, in the order of `follower.rest`
+    write : see `DotFollowerStream`. Only if `follower.loadable`.
 
-    Places and limits stay as built. `latency` clocks from a frame's last pixels to its last dot, without
+    `latency` clocks from a frame's last pixels to its last dot, without
     back-pressure; it is negative where the last dot is known before the frame ends. `interval` = H·W/lanes
     clocks per frame. Raises ValueError where dots are too many for the rate, see `DotFollowerStream`.
     """
@@ -33,9 +34,13 @@ class DotStream(wiring.Component):
         self.windows = DotWindowStream(windows, lanes=lanes)
         row_clocks = CELL * self.width // lanes
         self.dots = DotFollowerStream(follower, per_beat=self.windows.per_beat, row_clocks=row_clocks)
-        super().__init__(
-            {"i": In(self.windows.i.signature.flip()), "o": Out(stream.Signature(dot_layout(follower)))}
-        )
+        members = {
+            "i": In(self.windows.i.signature.flip()),
+            "o": Out(stream.Signature(dot_layout(follower))),
+        }
+        if follower.loadable:
+            members["write"] = In(self.dots.table.format.signature)
+        super().__init__(members)
 
     @property
     def latency(self) -> int:
@@ -52,4 +57,6 @@ class DotStream(wiring.Component):
         wiring.connect(m, wiring.flipped(self.i), windows.i)
         wiring.connect(m, windows.o, dots.i)
         wiring.connect(m, dots.o, wiring.flipped(self.o))
+        if self.follower.loadable:
+            wiring.connect(m, wiring.flipped(self.write), dots.write)
         return m

@@ -8,7 +8,12 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.dots.axis import DotAxis, quotient_bits
 from fastac.gateware.dots.window_stream import window_layout
+from fastac.gateware.stream.tables import RecordTable
 from fastac.models.integer.dot_follower import DotFollower
+
+DISORDER = 2
+"""By how many rows of windows loaded dots may be out of the order of their rows. Rows of windows are kept for
+so many more than a dot needs by itself; where few dots share them, they do for more disorder."""
 
 
 def dot_layout(follower: DotFollower) -> data.StructLayout:
@@ -21,17 +26,21 @@ class DotFollowerStream(wiring.Component):
     """Follow the dots of each frame, bit-exact to `follower(windows)`.
 
     A memory keeps the last `kept_rows` rows of windows. A dot is followed as soon as all rows are complete
-    that it may read, and no row is overwritten before: if need be `i` waits, which costs no values.
+    that it may read, and no row is overwritten before that it or a later one may read: if need be `i` waits,
+    which costs no values.
 
     Members
     -------
     i : stream of `per_beat` windows, see `DotWindowStream.o`
     o : stream of one dot per beat, see `dot_layout`; M of them a frame, in the order of `follower.rest`
+    write : write port of what is known of each dot, see `table`; must not be used while a frame is in flight.
+        Only if `follower.loadable`.
 
     `clocks_per_dot` = 10 + q/2 without back-pressure, where q is the number of bits of a quotient, which the
     divisions find by twos. `latency` counts from a frame's last beat of windows to its last dot. `row_clocks`
-    is how many clocks a row of windows takes at full rate. Raises ValueError where dots are so many, or so
-    close, that `i` could have to wait at that rate.
+    is how many clocks a row of windows takes at full rate. Raises ValueError where dots are so many, so
+    close, or so far from the order of their rows, that `i` could have to wait at that rate. Where dots can be
+    loaded, words and `kept_rows` are the same wherever dots are.
     """
 
     multipliers = 0
@@ -41,11 +50,14 @@ class DotFollowerStream(wiring.Component):
         self.rows, columns = follower.windows.shape
         self.row_beats = columns // per_beat
         self.count = len(follower.rest)
-        first, last = follower.rows
-        self.kept_rows = 1 << int((last - first).max() + 3 - 1).bit_length()
+        self.kept_rows = self._rows_to_keep()
         self._check_rate()
         beat = data.ArrayLayout(window_layout(follower.windows), per_beat)
-        super().__init__({"i": In(stream.Signature(beat)), "o": Out(stream.Signature(dot_layout(follower)))})
+        members = {"i": In(stream.Signature(beat)), "o": Out(stream.Signature(dot_layout(follower)))}
+        self.table = RecordTable(*self._records())
+        if follower.loadable:
+            members["write"] = In(self.table.format.signature)
+        super().__init__(members)
 
     @property
     def clocks_per_dot(self) -> int:
@@ -64,26 +76,42 @@ class DotFollowerStream(wiring.Component):
             found.append(clock)
         return np.array(found)
 
+    def _rows_to_keep(self) -> int:
+        """A power of two, for addresses: rows of a dot and of later ones, and as they come in and go."""
+        follower = self.follower
+        most = 2 * (follower.reach + follower.windows.half) + DISORDER
+        if not follower.loadable:
+            most = int((follower.rows[1] - follower.needed_rows).max())
+        return 1 << (most + 3 - 1).bit_length()
+
     def _check_rate(self) -> None:
-        first, last = self.follower.rows
+        (first, last), needed = self.follower.rows, self.follower.needed_rows
         found = self._found_at()
-        room = (first + self.kept_rows) * self.row_clocks - found
+        room = (needed + self.kept_rows) * self.row_clocks - found
         frame = (self.rows + 2 * self.follower.windows.half) * self.row_clocks
         room[-1] = min(room[-1], frame + (last[0] + 1) * self.row_clocks - found[-1])
-        late = np.flatnonzero(room < 0)
+        # Where there is no room for a row that a later dot needs, there is none for that dot either.
+        late = np.flatnonzero((room < 0) & (needed == first))
         if len(late):
             u, v = self.follower.rest_px[late[0]]
             raise ValueError(
-                f"dot at {u}, {v} px: found {-room[late[0]]} clocks too late, as too many dots share its"
-                f" rows; each takes {self.clocks_per_dot} clocks"
+                f"dot at {u}, {v} px: found {-room[late[0]]} clocks too late, as too many dots share its rows"
+                f" or come before it: {self.kept_rows} rows are kept, a dot takes {self.clocks_per_dot}"
             )
 
-    def records(self) -> tuple[data.StructLayout, list[dict]]:
-        """What is known of each dot, and its layout."""
+    def _records(self) -> tuple[data.StructLayout, list[dict]]:
+        """The layout of what is known of each dot, and that of each dot."""
         follower = self.follower
-        position = unsigned(int(follower.rest.max()).bit_length())
+        position = unsigned(int(follower.possible_rest.max()).bit_length())
         index, row = (unsigned(n.bit_length()) for n in (self.count, max(follower.windows.shape)))
-        mass = unsigned(max(1, int(follower.high.max()).bit_length()))
+        low, high = follower.low, follower.high
+        if follower.loadable:
+            # No sum is beyond `most`, so that all limits beyond it are alike.
+            most = follower.windows.mass_bound + 1
+            low, high = np.minimum(low, most), np.minimum(high, most)
+        else:
+            most = int(high.max())
+        mass = unsigned(max(1, most.bit_length()))
         names = [f"{what}_{axis}" for what in ("low", "high") for axis in "uv"]
         layout = data.StructLayout(
             {
@@ -99,7 +127,7 @@ class DotFollowerStream(wiring.Component):
             }
         )
         columns = [*follower.rest.T, *follower.first_windows[0].T, *follower.first_windows[1].T]
-        columns += [*follower.rows, *follower.guides.T, follower.low, follower.high]
+        columns += [follower.needed_rows, follower.rows[1], *follower.guides.T, low, high]
         fields = list(layout.members)
         return layout, [
             {name: int(value) for name, value in zip(fields, values, strict=True)}
@@ -138,8 +166,7 @@ class DotFollowerStream(wiring.Component):
         with m.If(row_done):
             m.d.sync += slot.eq(slot + 1)
 
-        record_layout, records = self.records()
-        m.submodules.records = table = memory.Memory(shape=record_layout, depth=self.count, init=records)
+        table = self.table.memory(m, "records", self.write if follower.loadable else None)
         fetch = table.read_port()
         dot = Signal(range(self.count))
         base = Signal(range(self.kept_rows))  # slot of the frame's first row

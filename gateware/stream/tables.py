@@ -1,9 +1,9 @@
-"""Per-pixel constants beside a stream: memories read in raster order, which the host may be able to write."""
+"""Constants beside a stream: memories of values or of records, which the host may be able to write."""
 
 from typing import NamedTuple
 
 import numpy as np
-from amaranth import Module, Mux, Signal, signed, unsigned
+from amaranth import Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -26,6 +26,45 @@ class TableFormat(NamedTuple):
                 "data": Out(unsigned(self.fields * self.bits)),
             }
         )
+
+
+FIELD_BITS = 32
+"""A calibration image has so many bits for each field of a table."""
+
+
+class RecordTable:
+    """Records of a layout in a memory, which the host may be able to write.
+
+    Parameters: the layout, and the initial records, each as {name: integer}.
+
+    format : each record is cut into as few fields as a calibration image allows, the first in the LSBs
+    values : the initial records as these fields, (depth, fields)
+    """
+
+    def __init__(self, layout: data.StructLayout, records: list[dict[str, int]]):
+        self.layout, self.records = layout, records
+        fields = 1 << (-(-layout.size // FIELD_BITS) - 1).bit_length()
+        self.format = TableFormat(len(records), fields, -(-layout.size // fields))
+
+    @property
+    def values(self) -> np.ndarray:
+        bits, fields = self.format.bits, self.format.fields
+        words = [Const.cast(self.layout.const(record)).value for record in self.records]
+        cut = [[word >> (k * bits) & ((1 << bits) - 1) for k in range(fields)] for word in words]
+        values = np.array(cut, np.int64)
+        return values - (values >> (bits - 1) << bits)
+
+    def memory(self, m: Module, name: str, write=None) -> Memory:
+        """The memory as submodule `name`; `write` is its write port where the host can write it."""
+        m.submodules[name] = memory = Memory(shape=self.layout, depth=len(self.records), init=self.records)
+        if write is not None:
+            port = memory.write_port()
+            m.d.comb += [
+                port.en.eq(write.en),
+                port.addr.eq(write.addr),
+                port.data.eq(write.data[: self.layout.size]),
+            ]
+        return memory
 
 
 class RasterRom(wiring.Component):

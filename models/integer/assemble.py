@@ -7,6 +7,7 @@ import numpy as np
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_force import DotForce
+from fastac.models.integer.dot_order import in_order, order_like
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.laplacian import STENCILS, boundary_term, divergence_of
@@ -28,17 +29,21 @@ def quantise_weights(weights: np.ndarray, bits: int) -> tuple[np.ndarray, np.nda
 
 
 def with_loadable(pipeline: IntegerPipeline, loadable: bool) -> IntegerPipeline:
-    """The pipeline for hardware whose network and thresholds of darkness can be loaded, or cannot."""
+    """The pipeline for hardware whose network, thresholds of darkness and dots can be loaded, or cannot."""
     layers = tuple(replace(layer, loadable=loadable) for layer in pipeline.layers)
 
     def with_windows(stage):
         return stage and replace(stage, windows=replace(stage.windows, loadable=loadable))
 
+    follower, dot_force = with_windows(pipeline.follower), pipeline.dot_force
+    if dot_force is not None:
+        dot_force = replace(dot_force, weighted=replace(dot_force.weighted, input_width=follower.width))
     return pipeline.replace(
         layers=layers,
         ratio=replace(pipeline.ratio, normal_width=layers[-1].accumulator_width),
         bridge=with_windows(pipeline.bridge),
-        follower=with_windows(pipeline.follower),
+        follower=follower,
+        dot_force=dot_force,
     )
 
 
@@ -173,12 +178,12 @@ def _with_skin_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerP
 def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerPipeline:
     """The pipeline with the integers of another one's force, as the hardware of that one has them.
 
-    Dots are those of `known`, told from the skin by the pipeline's own thresholds. Where these differ, dots
-    at rest can show a small shift.
+    Dots are brought into the order of those of `known`, whose weights they get: each is the one whose place
+    at rest is nearest to its own. Raises ValueError as `order_of_dots`.
     """
-    force, follower = known.force, known.follower
-    if follower is not None:
-        follower = replace(follower, windows=pipeline.follower.windows)
+    force, follower = known.force, pipeline.follower
+    if follower is not None and known.follower is not None:
+        follower = in_order(follower, order_of_dots(pipeline, known), known.follower)
     if pipeline.scene.force_from_slopes:
         force = replace(force, constant=_constant(pipeline, force.weight))
     return pipeline.replace(
@@ -187,6 +192,15 @@ def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerP
         follower=follower,
         dot_force=known.dot_force,
     )
+
+
+def order_of_dots(pipeline: IntegerPipeline, known: IntegerPipeline) -> np.ndarray:
+    """The index of the pipeline's dot that is at each place of those of `known`, (M,).
+
+    Raises ValueError, one line, unless all dots have a partner within half their spacing.
+    """
+    dots, pitch_mm = pipeline.scene.sensor.markers, pipeline.scene.sensor.pitch_mm
+    return order_like(pipeline.follower, known.follower, dots.spacing_mm / pitch_mm / 2)
 
 
 def _constant(pipeline: IntegerPipeline, weight: np.ndarray) -> np.ndarray:

@@ -23,8 +23,10 @@ FRACTION = 6
 class DotFollower:
     """Follows M dots through the windows of a frame.
 
-    Dots are in the order in which their windows are complete: by row of windows. A dot is seen if its second
-    window's sum is within `low` and `high`; a lost dot has a shift of 0.
+    The farther dots are from the order of their rows of windows, the more rows the hardware has to keep. A
+    dot is seen if its second window's sum is within `low` and `high`; a lost dot has a shift of 0. Hardware
+    whose thresholds of darkness can be loaded may also be loaded with other places, guides and limits of as
+    many dots.
     """
 
     windows: DotWindows
@@ -39,8 +41,6 @@ class DotFollower:
         count = len(self.rest)
         if not count:
             raise ValueError("rest: no dots to follow")
-        if (np.diff(self.rest_windows[:, 1]) < 0).any():
-            raise ValueError("rest: expected dots in the order of their rows of windows")
         if self.low.min() < 1:
             raise ValueError(f"low {self.low.min()}: expected at least 1, for nothing is no dot")
         if (self.low > self.high).any():
@@ -54,12 +54,12 @@ class DotFollower:
     @property
     def rest_px(self) -> np.ndarray:
         """The pixels nearest to the dots at rest, (M, 2)."""
-        return (self.rest + (1 << (FRACTION - 1))) >> FRACTION
+        return _nearest(self.rest)
 
     @property
-    def rest_windows(self) -> np.ndarray:
-        """Column and row of the window of each dot at rest, (M, 2)."""
-        return np.clip(self.rest_px // CELL - self.windows.half, 0, self._last)
+    def loadable(self) -> bool:
+        """Whether the hardware may be loaded with other dots."""
+        return self.windows.loadable
 
     @property
     def _last(self) -> np.ndarray:
@@ -69,8 +69,12 @@ class DotFollower:
     @property
     def first_windows(self) -> tuple[np.ndarray, np.ndarray]:
         """The lowest and the highest column and row of each dot's first window, (M, 2) each."""
-        rest = self.rest_windows
-        return np.maximum(rest - self.reach, 0), np.minimum(rest + self.reach, self._last)
+        return self._first_windows(self.rest)
+
+    def _first_windows(self, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """`first_windows` of dots at `rest` (M, 2)."""
+        window = np.clip(_nearest(rest) // CELL - self.windows.half, 0, self._last)
+        return np.maximum(window - self.reach, 0), np.minimum(window + self.reach, self._last)
 
     @property
     def rows(self) -> tuple[np.ndarray, np.ndarray]:
@@ -79,6 +83,21 @@ class DotFollower:
         half = self.windows.half
         return np.maximum(low[:, 1] - half, 0), np.minimum(high[:, 1] + half, self._last[1])
 
+    @property
+    def needed_rows(self) -> np.ndarray:
+        """The first row of windows that each dot or a later one may read, (M,)."""
+        first, _ = self.rows
+        return np.minimum.accumulate(first[::-1])[::-1]
+
+    @property
+    def possible_rest(self) -> np.ndarray:
+        """What `rest` may hold along u and v, (…, 2): what it does or, where other dots can be loaded, all
+        places inside the image."""
+        if not self.loadable:
+            return self.rest
+        ends = (np.array(self.windows.image[::-1]) << FRACTION) - (1 << (FRACTION - 1)) - 1
+        return np.minimum(np.arange(ends.max() + 1)[:, None], ends)
+
     def centre(self, window: np.ndarray) -> np.ndarray:
         """Centres of windows (…, 2) of indices, in px · 2**FRACTION."""
         return (2 * CELL * (window + self.windows.half) + CELL - 1) << (FRACTION - 1)
@@ -86,11 +105,11 @@ class DotFollower:
     @cached_property
     def bound(self) -> int:
         """The largest magnitude of a shift: the farthest window, and darkness at its edge alone."""
-        half = self.windows.half
-        low, high = self.first_windows
+        half, rest = self.windows.half, self.possible_rest
+        low, high = self._first_windows(rest)
         edge = (CELL * (2 * half + 1) - 1) << (FRACTION - 1)
-        lowest = self.centre(np.maximum(low - half, 0)) - edge - self.rest
-        highest = self.centre(np.minimum(high + half, self._last)) + edge - self.rest
+        lowest = self.centre(np.maximum(low - half, 0)) - edge - rest
+        highest = self.centre(np.minimum(high + half, self._last)) + edge - rest
         return int(np.abs([lowest, highest]).max())
 
     @property
@@ -136,6 +155,11 @@ class DotFollower:
             travel[:, j] = np.where(seen[:, j, None], whole, expected)
             shift[:, j] = np.where(seen[:, j, None], moved, 0)
         return shift.reshape(*outer, count, 2), seen.reshape(*outer, count)
+
+
+def _nearest(rest: np.ndarray) -> np.ndarray:
+    """The pixels nearest to places in px · 2**FRACTION."""
+    return (rest + (1 << (FRACTION - 1))) >> FRACTION
 
 
 def guides_of(places: np.ndarray, spacing: float) -> np.ndarray:
@@ -185,7 +209,7 @@ def at_rest(
         raise ValueError(f"dot at {u}, {v} px: the background is not dark there")
     rest, mass = draft.centre(window) + draft.offset(found), found[:, 0]
     # What is found may be in another row of windows than where it was looked for.
-    row = np.clip(((rest + (1 << (FRACTION - 1))) >> FRACTION) // CELL - windows.half, 0, last)
+    row = np.clip(_nearest(rest) // CELL - windows.half, 0, last)
     order = np.lexsort((row[:, 0], row[:, 1]))
     rest, mass = rest[order], mass[order]
     guides = guides_of(rest / (1 << FRACTION), spacing_px)

@@ -77,17 +77,18 @@ def _reach(spacing_px: float) -> int:
     return max(1, int(REACH_SPACINGS * spacing_px / CELL))
 
 
-def expected_follower(sensor: Sensor) -> DotFollower:
+def expected_follower(sensor: Sensor, *, loadable: bool = False) -> DotFollower:
     """What would follow the dots where the scene's virtual fingertip has them, whatever their darkness.
 
-    From it follow latencies and widths of the hardware before there is a background frame.
+    From it follow latencies and widths of the hardware before there is a background frame; `loadable`: of
+    hardware that may be loaded with other dots.
     """
     dots, pitch_mm = sensor.markers, sensor.pitch_mm
     radius_px, spacing_px = dots.radius_mm / pitch_mm, dots.spacing_mm / pitch_mm
     places = marker_pixels(sensor)
     channels = len(sensor.channel_names)
     blocks = (sensor.height_px // BLOCK, sensor.width_px // BLOCK)
-    windows = DotWindows(np.full(blocks, 255 * channels), channels, _half(radius_px))
+    windows = DotWindows(np.full(blocks, 255 * channels), channels, _half(radius_px), loadable)
     none = np.full((len(places), 2), len(places))
     least, most = np.ones(len(places), np.int64), np.full(len(places), windows.mass_bound)
     rest = np.rint(places * 2**FRACTION).astype(np.int64)

@@ -24,7 +24,14 @@ WANTED = {
     "difference": {"outputs": ("depth", "force_z"), "mode": "difference", "solver": "tridiagonal"},
     "adjoint": {"outputs": ("force_xyz",), "mode": "difference", "solver": "adjoint", "lanes": 2},
     "normals": {"outputs": ("normals",)},
-    "dots": {"outputs": ("force_x",), "solver": "adjoint", "dots": True, "bridge_dots": True, "size": 24},
+    "dots": {
+        "outputs": ("force_x",),
+        "solver": "adjoint",
+        "dots": True,
+        "bridge_dots": True,
+        "size": 24,
+        "lanes": 4,
+    },
     "depth": {"outputs": ("depth",), "mode": "absolute"},
 }
 
@@ -52,6 +59,21 @@ def test_rounding_cannot_be_changed_by_a_calibration(bundles):
     assert hardware_identifier(floor) != hardware_identifier(pipeline)
 
 
+def check_records(values, table, follower) -> None:
+    """An image's words of what is known of each dot are the follower's."""
+    bits, fields = table.format.bits, table.format.fields
+    cut = values.reshape(len(follower.rest), fields).tolist()
+    records = [
+        table.layout.from_bits(sum((word & ((1 << bits) - 1)) << (k * bits) for k, word in enumerate(words)))
+        for words in cut
+    ]
+    known = {"rest_u": follower.rest[:, 0], "rest_v": follower.rest[:, 1]}
+    known |= {"guide_0": follower.guides[:, 0], "guide_1": follower.guides[:, 1]}
+    known |= {"least": follower.low, "most": follower.high}
+    for name, expected in known.items():
+        assert [record[name] for record in records] == expected.tolist(), name
+
+
 @pytest.mark.parametrize("name", WANTED)
 def test_content_of_an_image(bundles, name):
     """An image has the tables, the network's parameters, the adjoint's constants, the limits and the hash."""
@@ -60,7 +82,7 @@ def test_content_of_an_image(bundles, name):
     layout = image_layout(Datapath(own.pipeline))
     assert words.shape == (layout.words,)
     assert words[0] == hardware_identifier(own.pipeline) == hardware_identifier(other.pipeline)
-    tables = {"absolute": ["rest"], "difference": ["offset"], "dots": ["threshold"]}
+    tables = {"absolute": ["rest"], "difference": ["offset"], "dots": ["threshold", "dot_records"]}
     assert list(layout.tables) == tables.get(name, [])
     chain = int.from_bytes(words[-layout.chain_words :].astype("<u4").tobytes(), "little")
     assert chain >> (32 * layout.chain_words - 64) == other.hash_word
@@ -86,9 +108,10 @@ def test_content_of_an_image(bundles, name):
         assert np.array_equal(values.reshape(14, 14), other.pipeline.source.offset)
     elif name == "dots":
         windows = other.pipeline.follower.windows
-        assert np.array_equal(values.reshape(6, 6), windows.threshold)
+        assert np.array_equal(values[:36].reshape(6, 6), windows.threshold)
         assert np.array_equal(windows.threshold, other.pipeline.bridge.windows.threshold)
         assert (windows.threshold != own.pipeline.follower.windows.threshold).all()
+        check_records(values[36:], Datapath(own.pipeline).dots.table, other.pipeline.follower)
     else:
         assert not len(values)
 
@@ -111,9 +134,10 @@ def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
         return pipeline.replace(source=replace(pipeline.source, offset=pipeline.source.offset + 1))
     if what == "rest":
         return pipeline.replace(depth=replace(pipeline.depth, rest=pipeline.depth.rest - 1))
-    if what == "place":
-        rest = pipeline.follower.rest + np.array([0, 1])
-        return pipeline.replace(follower=replace(pipeline.follower, rest=rest))
+    if what == "fewer dots":
+        follower = pipeline.follower
+        parts = {name: getattr(follower, name)[:-1] for name in ("rest", "low", "high")}
+        return pipeline.replace(follower=replace(follower, **parts, guides=0 * follower.guides[:-1] + 8))
     if what == "dot weight":
         weighted = pipeline.dot_force.weighted
         weighted = replace(weighted, weight=-weighted.weight)
@@ -154,7 +178,7 @@ def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
         ),
         ("difference", "rest", "depth.rest: 196 of 196 values are not the hardware's"),
         ("difference", "lanes", "scene.hardware.pixels_per_clock = 2: the hardware's is 1"),
-        ("dots", "place", "follower.rest: 9 of 18 values are not the hardware's, the first in (0, 1)"),
+        ("dots", "fewer dots", "follower.rest.shape = (8, 2): the hardware's is (9, 2)"),
         ("dots", "dot weight", "dot_force.weighted.weight: 18 of 18 values are not the hardware's"),
         ("dots", "reach", "bridge.reach = 5: the hardware's is 2"),
         ("normals", "fraction", "ratio.fraction = 7: the hardware's is 8"),
@@ -236,6 +260,73 @@ def test_calibration_with_the_force_of_the_hardware(bundles, tmp_path):
     with pytest.raises(CalibrationError, match=r"scene\.outputs = "):
         with_hardware_force(bundles["absolute"][1], own, tmp_path / "none")
     assert not (tmp_path / "none").exists()
+
+
+@pytest.fixture(scope="module")
+def trained(bundles):
+    """Another gel on the hardware of "dots", with its own order of dots and its own weights, and how far its
+    dots are from the hardware's."""
+    own, _ = bundles["dots"]
+    pipeline, order = own.pipeline, np.array([4, 0, 2, 1, 3, 8, 6, 7, 5])
+    follower, moved = pipeline.follower, np.array([(130, -100), (-90, 77), (5, 128)])[np.arange(9) % 3]
+    parts = {"rest": follower.rest + moved, "low": follower.low + 3, "high": follower.high - 5}
+    parts = {name: values[order] for name, values in parts.items()}
+    other = replace(follower, **parts, guides=0 * follower.guides + 9)
+    weighted = replace(pipeline.dot_force.weighted, weight=-pipeline.dot_force.weighted.weight)
+    dot_force = replace(pipeline.dot_force, weighted=weighted)
+    floats = {"dots.rest_px": other.rest / 64, "force.float_dot_weights": np.ones(9)}
+    return replace(own, pipeline=pipeline.replace(follower=other, dot_force=dot_force), floats=floats), moved
+
+
+def test_dots_come_in_the_order_of_the_hardware(bundles, trained, tmp_path):
+    """Its weights are by dot, so each dot has the weights of the hardware's dot nearest to it."""
+    own, _ = bundles["dots"]
+    new, moved = trained
+    kept = with_hardware_force(new, replace(own, floats={"force.float_dot_weights": np.zeros(9)}), tmp_path)
+    follower = kept.pipeline.follower
+    np.testing.assert_array_equal(follower.rest, own.pipeline.follower.rest + moved)
+    np.testing.assert_array_equal(follower.low, own.pipeline.follower.low + 3)
+    np.testing.assert_array_equal(follower.high, own.pipeline.follower.high - 5)
+    np.testing.assert_array_equal(follower.guides, own.pipeline.follower.guides)
+    np.testing.assert_array_equal(kept.floats["dots.rest_px"], follower.rest / 64)
+    assert not kept.floats["force.float_dot_weights"].any()
+    own_words, words = (calibration_words(bundle, own) for bundle in (own, kept))
+    different = np.flatnonzero(words != own_words)
+    assert different.min() == 1 + 36  # from the records of the dots on
+    assert len(different) <= 9 * 4 + 2
+
+
+@pytest.mark.parametrize(
+    ("places", "message"),
+    [
+        ({0: (12, 4.5)}, "dot at 4, 4 px: followed by the hardware, and nearest to none of the new dots"),
+        ({8: (23.4, 23.4)}, "dot at 23, 23 px: the hardware follows none within 4 px"),
+    ],
+)
+def test_dots_that_are_none_of_the_hardwares_are_refused(bundles, tmp_path, places, message):
+    own, _ = bundles["dots"]
+    follower = own.pipeline.follower
+    rest = follower.rest.copy()
+    for dot, place in places.items():
+        rest[dot] = np.array(place) * 64
+    new = replace(own, pipeline=own.pipeline.replace(follower=replace(follower, rest=rest)))
+    with pytest.raises(CalibrationError) as refusal:
+        with_hardware_force(new, own, tmp_path / "kept")
+    assert str(refusal.value) == message
+    fewer = replace(own, pipeline=changed(own.pipeline, "fewer dots"))
+    with pytest.raises(CalibrationError, match=r"follower\.rest: 8 dots: the hardware follows 9$"):
+        with_hardware_force(fewer, own, tmp_path / "kept")
+    assert not (tmp_path / "kept").exists()
+
+
+def test_dots_beyond_the_rows_that_are_kept_are_refused(bundles):
+    own, _ = bundles["dots"]
+    follower = own.pipeline.follower
+    rest = follower.rest.copy()
+    rest[:3, 1], rest[3:, 1] = 22 << 6, 2 << 6
+    new = replace(own, pipeline=own.pipeline.replace(follower=replace(follower, rest=rest)))
+    with pytest.raises(CalibrationError, match=r"^dot at \d+, 2 px: found \d+ clocks too late, as .*$"):
+        calibration_words(new, own)
 
 
 def test_baked_hardware_accepts_no_calibration(tmp_path):

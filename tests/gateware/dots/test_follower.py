@@ -9,8 +9,9 @@ import pytest
 
 from fastac.gateware.dots.follower import DotFollowerStream
 from fastac.gateware.dots.window_stream import DotWindowStream
+from fastac.models.integer.dot_follower import FRACTION, DotFollower, guides_of
 from fastac.sim.amaranth_simulator import run_streams
-from fastac.sim.check_stream import check
+from fastac.sim.check_stream import check, pack
 
 HEIGHT, WIDTH = 36, 44
 
@@ -126,11 +127,102 @@ def test_too_many_dots_for_the_rate_are_refused():
         DotFollowerStream(follower, per_beat=2, row_clocks=8)
 
 
-def test_the_order_of_dots_is_checked():
+def test_guides_and_limits_are_checked():
     follower = dots.follower(HEIGHT, WIDTH)
-    with pytest.raises(ValueError, match="order of their rows"):
-        replace(follower, rest=follower.rest[::-1])
     with pytest.raises(ValueError, match="guides: expected indices of earlier dots"):
         replace(follower, guides=follower.guides * 0 + 1)
     with pytest.raises(ValueError, match="low 0: expected at least 1"):
         replace(follower, low=follower.low * 0)
+
+
+def loadable(follower):
+    """The same dots, of hardware that can be loaded with others."""
+    return replace(follower, windows=replace(follower.windows, loadable=True))
+
+
+def out_of_order(follower):
+    """The dots in columns, from the right to the left, so that none is in the order of its row."""
+    u, v = follower.rest_px.T
+    order = np.lexsort((v, -(u // 8)))
+    parts = {name: getattr(follower, name)[order] for name in ("rest", "low", "high")}
+    guides = guides_of(parts["rest"] * 2.0**-FRACTION, dots.SPACING_PX)
+    return replace(follower, **parts, guides=guides), order
+
+
+@pytest.mark.parametrize("stall", [0, 0.5])
+def test_dots_in_any_order(stall):
+    """Rows are kept until the last dot that may read them has been followed."""
+    usual = dots.follower(HEIGHT, WIDTH, half=1, reach=1)
+    follower, order = out_of_order(usual)
+    windows = random_windows(follower, 10)
+    shift, seen = follower(windows)
+    plain = replace(follower, guides=0 * follower.guides + len(order))
+    by_row = replace(usual, guides=plain.guides)
+    for found, expected in zip(plain(windows), by_row(windows), strict=True):
+        np.testing.assert_array_equal(found, expected[:, order])
+    dut = stream(follower, 1)
+    assert dut.kept_rows > stream(usual, 1).kept_rows
+    inputs = dots.payloads(usual.windows, windows, dut.per_beat)
+    found, _ = run_streams(dut, inputs, {"o": seen.size}, stall=stall)
+    assert found["o"] == dots.shift_payloads(follower, shift, seen)
+
+
+def moved(follower, px, seed=3):
+    """The dots up to `px` away from where they are at rest, each with other limits."""
+    rng = np.random.default_rng(seed)
+    ends = (np.array(follower.windows.image[::-1]) << FRACTION) - (1 << FRACTION)
+    rest = follower.rest + rng.integers(-px << FRACTION, (px << FRACTION) + 1, follower.rest.shape)
+    return replace(
+        follower,
+        rest=np.clip(rest, 0, ends),
+        low=follower.low + rng.integers(0, 9, len(rest)),
+        high=follower.high * 2 + rng.integers(0, 9, len(rest)),
+    )
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+@pytest.mark.quick("4")
+def test_loaded_dots(lanes):
+    """Hardware with other dots than those it was built with, at rest elsewhere and out of order."""
+    built = loadable(dots.follower(HEIGHT, WIDTH, half=1, reach=2))
+    windows = np.concatenate([built.windows(frames_of()), random_windows(built, 5)])
+    for seed in (3, 4):
+        follower = moved(built, 2, seed)
+        assert (follower.needed_rows != follower.rows[0]).any()
+        shift, seen = follower(windows)
+        dut, other = stream(built, lanes), stream(follower, lanes)
+        assert dut.table.format == other.table.format
+        assert (dut.kept_rows, dut.o.signature) == (other.kept_rows, other.o.signature)
+        found, _ = run_streams(
+            dut,
+            dots.payloads(follower.windows, windows, dut.per_beat),
+            {"o": seen.size},
+            tables={"write": pack(other.table.values, other.table.format.bits)},
+        )
+        assert found["o"] == dots.shift_payloads(follower, shift, seen)
+
+
+def test_words_hold_dots_anywhere():
+    """Where dots can be loaded, shifts and records have the same words wherever dots are, and hold them."""
+    built = loadable(dots.follower(HEIGHT, WIDTH, half=2, reach=2))
+    ends = (np.array([WIDTH, HEIGHT]) << FRACTION) - (1 << FRACTION) // 2 - 1
+    corners = np.array([(0, 0), (1, 0), (0, 1), (1, 1)]) * ends
+    mass = built.windows.mass_bound
+    for rest in (corners, corners // 2, corners[::-1] // 3):
+        none = np.full((4, 2), 4)
+        follower = DotFollower(built.windows, rest, none, np.full(4, mass + 9), np.full(4, 1 << 40), 2)
+        assert follower.bound == built.bound
+        fixed = replace(follower, windows=replace(built.windows, loadable=False))
+        assert fixed.bound <= follower.bound
+        dut = stream(follower, 4)
+        assert dut.table.format.bits == stream(built, 4).table.format.bits
+        records = dut.table.records
+        assert {record["least"] for record in records} == {mass + 1}
+        assert [(record["rest_u"], record["rest_v"]) for record in records] == [tuple(r) for r in rest]
+    assert replace(follower, rest=corners, windows=fixed.windows).bound == built.bound
+
+
+def test_dots_too_far_from_the_order_of_their_rows_are_refused():
+    follower, _ = out_of_order(loadable(dots.follower(96, WIDTH)))
+    with pytest.raises(ValueError, match=r"dot at \d+, \d+ px: found \d+ clocks too late, .* come before it"):
+        stream(follower, 4)
