@@ -21,6 +21,7 @@ from fastac.models.integer.bounds import Stage
 from fastac.models.integer.bundle import Bundle, save
 from fastac.models.integer.depth import Depth
 from fastac.models.integer.dot_follower import DotFollower
+from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.dot_windows import DotWindows
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.frame_validity import FrameValidity
@@ -49,6 +50,7 @@ def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
     fields[FrameValidity] = {"low", "high"}
     fields[DotWindows] = {"threshold"}
     fields[DotFollower] = {"rest", "guides", "low", "high"}
+    fields[DotSpread] = {"place"}
     if pipeline.scene.poisson.mode == "difference":
         fields[PoissonSource] = {"offset"}
     else:
@@ -132,7 +134,10 @@ def first_difference(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> st
 def _require(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> None:
     if not hardware.layers[0].loadable:
         raise CalibrationError("hardware.weights: baked, the hardware takes no calibration")
-    found = first_difference(pipeline, hardware)
+    try:
+        found = first_difference(pipeline, hardware)
+    except ValueError as error:  # of places that slip cannot tell apart
+        raise CalibrationError(str(error)) from None
     if found:
         raise CalibrationError(found)
 

@@ -78,6 +78,7 @@ class Datapath(FrameCycles, wiring.Component):
     limits : limits of the flags, see FrameValidity
     threshold : write port of the thresholds of darkness. Only with dots or bridged slopes.
     dot_records : write port of what is known of each dot, see DotFollowerStream. Only with dots.
+    contact_places, rigid_places : write ports of where dots are, see DotSlip. Only with slip.
 
     The loadable members must not change while a frame is in flight. FrameCycles has latencies and intervals.
     """
@@ -210,6 +211,8 @@ class Datapath(FrameCycles, wiring.Component):
             tables["rest"] = self.displacement.table, self.displacement.table_values
         if self.loadable and scene.wants_dots:
             tables["dot_records"] = self.dots.table.format, self.dots.table.values
+        if self.loadable and scene.wants_slip:
+            tables |= {name: (t.format, t.values) for name, t in self.slip_stream.tables.items()}
         return tables
 
     def elaborate(self, platform):
@@ -322,6 +325,9 @@ class Datapath(FrameCycles, wiring.Component):
                 connect(m, dots.shifts, slip.dots)
                 connect(m, slip.o, wiring.flipped(self.slip))
                 consumers.append(slip.displacement)
+                if self.loadable:
+                    for name in slip.tables:
+                        connect(m, wiring.flipped(getattr(self, name)), getattr(slip, name))
             fan_out(displacement.o, consumers, "displacement_fork")
             m.d.comb += [
                 self.displacement_saturated.eq(displacement.saturated),

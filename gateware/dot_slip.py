@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out, connect
 from fastac.gateware.slip.contact import DotContact
 from fastac.gateware.slip.rigid_sums import RigidSums
 from fastac.gateware.slip.spread_ratio import SpreadRatio
+from fastac.gateware.stream.tables import RecordTable
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.pipeline import IntegerPipeline
 
@@ -20,6 +21,8 @@ class DotSlip(wiring.Component):
     dots : stream of one dot per beat, see `dot_layout`
     displacement : stream of `lanes` displacements, see `Displacement.o`
     o : stream of one beat per frame, see `spread_layout`
+    contact_places, rigid_places : write ports, see `DotContact` and `RigidSums`. Only if
+        `pipeline.follower.loadable`.
 
     `latency` counts from what comes later, a frame's last displacements or its last dot, to its spread:
     contact, sums and ratio.
@@ -31,13 +34,20 @@ class DotSlip(wiring.Component):
         self.contact = DotContact(spread, displacement, rows=rows, lanes=lanes, rows_reversed=rows_reversed)
         self.sums = RigidSums(spread, pipeline.follower, self.contact.order)
         self.ratio = SpreadRatio(spread)
-        super().__init__(
-            {
-                "dots": In(self.sums.dots.signature.flip()),
-                "displacement": In(self.contact.i.signature.flip()),
-                "o": Out(self.ratio.o.signature),
-            }
-        )
+        members = {
+            "dots": In(self.sums.dots.signature.flip()),
+            "displacement": In(self.contact.i.signature.flip()),
+            "o": Out(self.ratio.o.signature),
+        }
+        self.loadable = pipeline.follower.loadable
+        if self.loadable:
+            members |= {name: In(table.format.signature) for name, table in self.tables.items()}
+        super().__init__(members)
+
+    @property
+    def tables(self) -> dict[str, RecordTable]:
+        """What is known of the dots, by the name of its write port."""
+        return {"contact_places": self.contact.table, "rigid_places": self.sums.table}
 
     @staticmethod
     def latency_of(spread: DotSpread) -> int:
@@ -71,4 +81,7 @@ class DotSlip(wiring.Component):
         connect(m, contact.o, sums.contact)
         connect(m, sums.o, ratio.i)
         connect(m, ratio.o, wiring.flipped(self.o))
+        if self.loadable:
+            connect(m, wiring.flipped(self.contact_places), contact.write)
+            connect(m, wiring.flipped(self.rigid_places), sums.write)
         return m

@@ -170,7 +170,7 @@ def dots_works(frame: Frame, follower: DotFollower, dots: DotForce) -> Iterator[
 def slip_works(spread: DotSpread, follower: DotFollower) -> Iterator[Work]:
     """Shifts kept and read, four products a dot, and the ratio's products and quotient a bit at a time."""
     count, bounds = len(follower.rest), spread.bounds
-    shift, place = follower.width, signed_width(int(np.abs(spread.xy).max()))
+    shift, place = follower.width, signed_width(max(spread.largest[:2]))
     kept = KEPT_FRAMES * count
     yield memory(2 * count, 2 * shift + 1, kept)
     yield multiplication(2 * count, shift, shift)

@@ -2,10 +2,11 @@
 
 import numpy as np
 from amaranth import Array, Cat, Module, Mux, Signal, unsigned
-from amaranth.lib import data, memory, stream, wiring
+from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.stream.handshake import check_lanes
+from fastac.gateware.stream.tables import RecordTable
 from fastac.models.integer.dot_spread import DotSpread
 
 
@@ -17,6 +18,8 @@ class DotContact(wiring.Component):
     i : stream of `lanes` displacements of `word` each; a frame is `rows` rows of ceil(rows/lanes) beats, the
         last row first if `rows_reversed`
     o : stream of one beat per frame, M bits; bit k belongs to dot `order[k]`
+    write : write port of the dots' places in the frame, see `table`; must not be used while a frame is in
+        flight. Only if `loadable`.
 
     `latency` = 1 clock from a frame's last beat; initiation interval 1. Raises ValueError for two dots in one
     beat.
@@ -37,23 +40,30 @@ class DotContact(wiring.Component):
         if len(together):
             u, v = spread.place[self.order[together[0]]] + 1
             raise ValueError(f"dot at {u}, {v} px: another is in the same beat of {lanes} pixels")
-        super().__init__(
-            {
-                "i": In(stream.Signature(data.ArrayLayout(word, lanes))),
-                "o": Out(stream.Signature(len(self.order))),
-            }
-        )
+        self.loadable = spread.side is not None
+        self.table = RecordTable(*self._records())
+        members = {
+            "i": In(stream.Signature(data.ArrayLayout(word, lanes))),
+            "o": Out(stream.Signature(len(self.order))),
+        }
+        if self.loadable:
+            members["write"] = In(self.table.format.signature)
+        super().__init__(members)
+
+    def _records(self) -> tuple[data.StructLayout, list[dict]]:
+        """The layout of a dot's place, and the places in `order`; the last is that of no beat."""
+        beats = self.rows * self.row_beats
+        lane_bits = max(1, (self.lanes - 1).bit_length())
+        layout = data.StructLayout({"beat": unsigned(beats.bit_length()), "lane": unsigned(lane_bits)})
+        return layout, [
+            {"beat": int(b), "lane": int(k)}
+            for b, k in zip([*self.beat, beats], [*self.lane, 0], strict=True)
+        ]
 
     def elaborate(self, platform):
         m = Module()
         count, beats = len(self.order), self.rows * self.row_beats
-        lane_bits = max(1, (self.lanes - 1).bit_length())
-        layout = data.StructLayout({"beat": unsigned(beats.bit_length()), "lane": unsigned(lane_bits)})
-        places = [
-            {"beat": int(b), "lane": int(k)}
-            for b, k in zip([*self.beat, beats], [*self.lane, 0], strict=True)  # the last is no beat's
-        ]
-        m.submodules.places = places = memory.Memory(shape=layout, depth=count + 1, init=places)
+        places = self.table.memory(m, "places", self.write if self.loadable else None)
         table = places.read_port(domain="comb")
         index, beat = Signal(range(count + 1)), Signal(range(beats))
         place, touches = table.data, Signal()

@@ -7,6 +7,7 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.product import LATENCY, product
 from fastac.gateware.dots.follower import dot_layout
+from fastac.gateware.stream.tables import RecordTable
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.words import signed_width
@@ -32,6 +33,8 @@ class RigidSums(wiring.Component):
     dots : stream of one dot per beat, see `dot_layout`, M of them a frame in the order of `follower.rest`
     contact : stream of one beat per frame, see `DotContact.o`
     o : stream of one beat per frame, see `sums_layout`
+    write : write port of the dots' indices and places, see `table`; must not be used while a frame is in
+        flight. Only if `loadable`.
 
     The dots of KEPT_FRAMES frames are kept, so that `dots` has not to wait. `latency`
     = M + 5 clocks from a frame's contact to its sums, and one more from its last dot: memory, products and
@@ -42,13 +45,31 @@ class RigidSums(wiring.Component):
 
     def __init__(self, spread: DotSpread, follower: DotFollower, order: np.ndarray):
         self.spread, self.follower, self.order = spread, follower, order
-        super().__init__(
+        self.loadable = spread.side is not None
+        self.table = RecordTable(*self._records())
+        members = {
+            "dots": In(stream.Signature(dot_layout(follower))),
+            "contact": In(stream.Signature(len(order))),
+            "o": Out(stream.Signature(sums_layout(spread))),
+        }
+        if self.loadable:
+            members["write"] = In(self.table.format.signature)
+        super().__init__(members)
+
+    def _records(self) -> tuple[data.StructLayout, list[dict]]:
+        """The layout of what is known of a dot in `order`, and that of each."""
+        xy = self.spread.xy[self.order]
+        x_largest, y_largest, far_largest = self.spread.largest
+        layout = data.StructLayout(
             {
-                "dots": In(stream.Signature(dot_layout(follower))),
-                "contact": In(stream.Signature(len(order))),
-                "o": Out(stream.Signature(sums_layout(spread))),
+                "dot": unsigned(max(1, (len(self.order) - 1).bit_length())),
+                "x": signed(signed_width(x_largest)),
+                "y": signed(signed_width(y_largest)),
+                "far": unsigned(max(1, far_largest.bit_length())),
             }
         )
+        rows = zip(self.order.tolist(), *xy.T.tolist(), (xy**2).sum(axis=1).tolist(), strict=True)
+        return layout, [dict(zip(layout.members, row, strict=True)) for row in rows]
 
     @staticmethod
     def latency_of(count: int) -> int:
@@ -87,26 +108,12 @@ class RigidSums(wiring.Component):
             m.d.sync += come.eq(Mux(stored, 0, come + 1))
         m.d.sync += [whole.eq(whole + stored - done), into.eq(into + stored), out_of.eq(out_of + done)]
 
-        xy = self.spread.xy[self.order]
-        x_bits, y_bits = (signed_width(int(np.abs(values).max())) for values in xy.T)
-        far = (xy**2).sum(axis=1)
-        layout = data.StructLayout(
-            {
-                "dot": unsigned(max(1, (count - 1).bit_length())),
-                "x": signed(x_bits),
-                "y": signed(y_bits),
-                "far": unsigned(max(1, int(far.max()).bit_length())),
-            }
-        )
-        rows = zip(self.order.tolist(), *xy.T.tolist(), far.tolist(), strict=True)
-        m.submodules.places = places = memory.Memory(
-            shape=layout, depth=count, init=[dict(zip(layout.members, row, strict=True)) for row in rows]
-        )
+        places = self.table.memory(m, "places", self.write if self.loadable else None)
         table = places.read_port(domain="comb")
 
         index, bits = Signal(range(count)), Signal(count)
         walking, last = Signal(), Signal()
-        place, touches = Signal(layout), Signal()
+        place, touches = Signal(self.table.layout), Signal()
         flow = Signal(LATENCY + 1)  # the last dot on its way through memory, products and sum
         m.d.comb += [
             table.addr.eq(index),

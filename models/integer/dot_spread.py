@@ -37,19 +37,23 @@ class DotSpread:
     threshold: int
     shift_limit: int
     """The largest magnitude of a shift."""
+    side: int | None = None
+    """N where the hardware may be loaded with any other places; None: it has those alone."""
 
     def __post_init__(self):
         if self.threshold < 0:
             raise ValueError(f"threshold {self.threshold}: expected at least 0: skin at rest touches nothing")
-        if len(np.unique(self.place, axis=0)) != len(self.place):
-            raise ValueError("place: two dots at one pixel")
+        _, index, times = np.unique(self.place, axis=0, return_index=True, return_counts=True)
+        if times.max() > 1:
+            u, v = self.place[index[times.argmax()]] + 1
+            raise ValueError(f"dot at {u}, {v} px: another is at the same pixel")
 
     @classmethod
     def of_follower(cls, follower: DotFollower, threshold: int) -> "DotSpread":
         """Of the dots that `follower` follows; those on the image's rim are looked up beside it."""
         height, width = follower.windows.image
         place = np.clip(follower.rest_px - 1, 0, np.array([width, height]) - 3)
-        return cls(place, threshold, follower.bound)
+        return cls(place, threshold, follower.bound, max(height, width) - 2 if follower.loadable else None)
 
     @cached_property
     def xy(self) -> np.ndarray:
@@ -58,12 +62,22 @@ class DotSpread:
         return self.place - (self.place.min(axis=0) + self.place.max(axis=0)) // 2
 
     @property
+    def largest(self) -> tuple[int, int, int]:
+        """The largest magnitudes of a dot's x, y and x² + y²."""
+        if self.side:
+            return self.side // 2, self.side // 2, 2 * (self.side // 2) ** 2
+        return *np.abs(self.xy).max(axis=0).tolist(), int((self.xy**2).sum(axis=1).max())
+
+    @property
     def bounds(self) -> dict[str, int]:
         """The largest magnitude of each sum, and of A, B, C and the spread, whichever dots are in contact."""
         count, limit = len(self.place), self.shift_limit
-        far = self.xy.clip(0).sum(axis=0), -self.xy.clip(max=0).sum(axis=0)
-        x, y = np.maximum(*far).tolist()
-        turn = int(np.abs(self.xy).sum()) * limit
+        if self.side:
+            x, y, far = (count * value for value in self.largest)
+            away = x + y
+        else:
+            x, y = np.maximum(self.xy.clip(0).sum(axis=0), -self.xy.clip(max=0).sum(axis=0)).tolist()
+            away, far = int(np.abs(self.xy).sum()), int((self.xy**2).sum())
         found = {
             "n": count,
             "u": count * limit,
@@ -71,8 +85,8 @@ class DotSpread:
             "x": x,
             "y": y,
             "square": 2 * count * limit**2,
-            "turn": turn,
-            "far": int((self.xy**2).sum()),
+            "turn": away * limit,
+            "far": far,
         }
         found["A"] = count * found["square"]
         found["B"] = count * found["turn"] + (x + y) * count * limit

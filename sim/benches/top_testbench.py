@@ -19,10 +19,10 @@ ROWS = {"normals": HEIGHT, "depth": HEIGHT - 2, "force_map": HEIGHT - 2}
 COLUMNS = {"normals": WIDTH, "depth": WIDTH - 2, "force_map": WIDTH - 2}
 LINE_BEATS = FRAMES["frames"].shape[2] // SETTINGS["lanes"]
 FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
-RESULT_VALID, LAST_FRAME_BAD, LAST_FRAME_SUSPECT = 2, 4, 16
+RESULT_VALID, LAST_FRAME_BAD, LAST_FRAME_SUSPECT, SLIPS = 2, 4, 16, 32
 BAD, SUSPECT = 1 << 1, 1 << 10
 """Bits of `tuser` in the streams of depth and force maps."""
-MARKS = RESULT_VALID | LAST_FRAME_BAD | LAST_FRAME_SUSPECT
+MARKS = RESULT_VALID | LAST_FRAME_BAD | LAST_FRAME_SUSPECT | SLIPS
 ENABLE, CAPTURE, SOFT_RESET, INTERRUPT = 1, 2, 4, 8
 TEST = {"timeout_time": SETTINGS["timeout_cycles"] * SETTINGS["period_ps"], "timeout_unit": "ps"}
 STALLS = [[0, 0], [0.3, 0.4]]
@@ -181,10 +181,16 @@ class Testbench:
             words, validity = host.registers[self.results_before :], FRAMES["validity"][list(frames)].tolist()
             found = [word["FRAME_VALIDITY"] for word in words]
             assert found == validity, f"FRAME_VALIDITY {found}, expected {validity}"
+            slips = [0] * len(frames)
+            if "slip" in FRAMES:
+                found = [[word["SLIP_SPREAD"], word["SLIP_DOTS"]] for word in words]
+                expected = FRAMES["slip"][list(frames)].tolist()
+                assert found == expected, f"spread and dots in contact {found}, expected {expected}"
+                slips = FRAMES["slipping"][list(frames)].tolist()
             marks = [word["STATUS"] & MARKS for word in words]
             expected = [
-                RESULT_VALID | LAST_FRAME_BAD * b | LAST_FRAME_SUSPECT * bool(flags)
-                for b, flags in zip(bad, validity, strict=True)
+                RESULT_VALID | LAST_FRAME_BAD * b | LAST_FRAME_SUSPECT * bool(flags) | SLIPS * slip
+                for b, flags, slip in zip(bad, validity, slips, strict=True)
             ]
             assert marks == expected, f"STATUS {marks}, expected {expected}"
         assert not await host.read("STATUS") & ~MARKS, "frames are in flight"

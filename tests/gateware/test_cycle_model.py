@@ -118,6 +118,16 @@ def test_dots(tmp_path, lanes, bends_mm):
     assert CycleModel(wanted, hidden=(4,)).multipliers == path.multipliers
 
 
+@pytest.mark.parametrize("weights", ["loadable", "baked"])
+def test_slip(tmp_path, weights):
+    """Words that hold places anywhere may have more bits, and slip takes a clock for each."""
+    wanted = scene(("force_z", "slip"), kernel="collapsed", dots=True, size=24, lanes=2, weights=weights)
+    pipeline = random_bundle(tmp_path, wanted).pipeline
+    path = Datapath(pipeline)
+    check(path, CycleModel(wanted, hidden=(4,), follower=pipeline.follower))
+    assert CycleModel(wanted, hidden=(4,)).multipliers == path.multipliers
+
+
 def test_shifts_of_the_division_by_size():
     for size in range(14, 255):
         exponent = reciprocals(size)[1]

@@ -33,8 +33,16 @@ SPANS = (10, 5, 60)
             "bridge_dots": True,
             "size": 24,
         },
+        {
+            "outputs": ("depth", "force_x", "force_z", "slip"),
+            "solver": "tridiagonal",
+            "kernel": "collapsed",
+            "dots": True,
+            "lanes": 2,
+            "size": 24,
+        },
     ],
-    ids=["absolute depth", "difference from the background", "adjoint", "dots"],
+    ids=["absolute depth", "difference from the background", "adjoint", "dots", "slip"],
 )
 @pytest.mark.quick("difference from the background")
 @pytest.mark.long
@@ -53,6 +61,10 @@ def test_frames_use_the_loaded_calibration(tmp_path, wanted):
         assert found[0] is None or (found[0] != found[1]).any(axis=tuple(range(1, found[0].ndim))).all()
     result = concatenate(results)
     archive = {"frames": np.concatenate([images, images]), **expected_words(top, result)}
+    if top.identity.slip:
+        archive["slip"] = np.stack([result.slip_words, result.slip_dots], axis=1)
+        archive["slipping"] = result.slipping
+        assert (results[0].slip_words != results[1].slip_words).any()
     np.savez(tmp_path / "frames.npz", **archive, force=result.force_raw, validity=result.validity)
     assert (results[0].validity != results[1].validity).any()
     settings = bench_settings(top) | {
