@@ -34,7 +34,7 @@ class RigidSums(wiring.Component):
 
     The dots of as many frames are kept as the datapath holds, so that `dots` has not to wait. `latency`
     = M + 5 clocks from a frame's contact to its sums, and one more from its last dot: memory, products and
-    sums. Initiation interval: as many clocks, if the sums are taken at once.
+    sums. Initiation interval: `latency` + 1, if the sums are taken at once.
     """
 
     multipliers = 4
@@ -57,7 +57,9 @@ class RigidSums(wiring.Component):
     def latency(self) -> int:
         return self.latency_of(len(self.order))
 
-    interval = latency
+    @property
+    def interval(self) -> int:
+        return self.latency + 1
 
     def elaborate(self, platform):
         m = Module()
@@ -88,7 +90,7 @@ class RigidSums(wiring.Component):
         far = (xy**2).sum(axis=1)
         layout = data.StructLayout(
             {
-                "dot": unsigned(max(1, (count - 1).bit_length())),
+                "dot": unsigned((count - 1).bit_length()),
                 "x": signed(x_bits),
                 "y": signed(y_bits),
                 "far": unsigned(max(1, int(far.max()).bit_length())),
