@@ -38,7 +38,7 @@ class RigidSums(wiring.Component):
 
     The dots of KEPT_FRAMES frames are kept, so that `dots` has not to wait. `latency`
     = M + 5 clocks from a frame's contact to its sums, and one more from its last dot: memory, products and
-    sums. Initiation interval: as many clocks, if the sums are taken at once.
+    sums. Initiation interval: `latency` + 1, if the sums are taken at once.
     """
 
     multipliers = 4
@@ -79,7 +79,9 @@ class RigidSums(wiring.Component):
     def latency(self) -> int:
         return self.latency_of(len(self.order))
 
-    interval = latency
+    @property
+    def interval(self) -> int:
+        return self.latency + 1
 
     def elaborate(self, platform):
         m = Module()
@@ -117,7 +119,7 @@ class RigidSums(wiring.Component):
         flow = Signal(LATENCY + 1)  # the last dot on its way through memory, products and sum
         m.d.comb += [
             table.addr.eq(index),
-            read.addr.eq(Cat(table.data.dot, out_of)),
+            read.addr.eq(Cat(table.data.dot[: len(read.addr) - bank_bits], out_of)),
             begun.eq(self.contact.valid & (whole != 0) & ~walking & ~flow.any() & ~self.o.valid),
             self.contact.ready.eq(begun),
             last.eq(walking & (index == count - 1)),

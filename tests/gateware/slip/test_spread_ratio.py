@@ -1,48 +1,59 @@
 # amaranth: UnusedElaboratable=no
-"""The ratio of the sums: by Python's integers, at the bounds of every word."""
+"""The spread from the sums: every value to the last bit, in as many clocks as stated."""
 
+import dots
 import numpy as np
 import pytest
-from dots import follower, packed
-from slip import THRESHOLD
+import slips
+from amaranth.back import rtlil
 
-from fastac.gateware.slip.rigid_sums import sums_layout
 from fastac.gateware.slip.spread_ratio import SpreadRatio, spread_layout
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.sim.amaranth_simulator import run_streams
+from fastac.sim.check_stream import check
 
-SMALL = DotSpread(np.array([[0, 0], [9, 0], [0, 9], [9, 9], [4, 2]]), THRESHOLD, 31)
-SPREADS = {"small": SMALL, "dots": DotSpread.of_follower(follower(48, 48), THRESHOLD)}
+GRID = np.stack(np.meshgrid(*2 * [1 + 5 * np.arange(4)]), axis=-1).reshape(-1, 2)
+LIMIT = 700
+SPREADS = {
+    "square": DotSpread(GRID, 0, LIMIT),
+    "12 at random": DotSpread(np.random.default_rng(3).permutation(400)[:12, None] // (1, 20) % 20, 0, 55),
+    "in a row": DotSpread(np.array([(k, 3) for k in (0, 2, 7, 9)]), 0, 20),
+    "three": DotSpread(np.array([(0, 0), (1, 0), (0, 1)]), 0, 1),
+}
 
 
-def sums(spread: DotSpread, contact: np.ndarray, shift: np.ndarray) -> tuple[int, ...]:
-    """n, Σu, Σv, Σx, Σy, Σ(u² + v²), Σ(x v − y u) and Σ(x² + y²) by name."""
-    (u, v), (x, y) = shift[contact].T, spread.xy[contact].T
-    found = {"n": contact.sum(), "u": u.sum(), "v": v.sum(), "x": x.sum(), "y": y.sum()}
-    found |= {"square": (u * u + v * v).sum(), "turn": (x * v - y * u).sum(), "far": (x * x + y * y).sum()}
-    return tuple(int(found[name]) for name in sums_layout(spread).members)
+def cases(spread: DotSpread, count: int) -> tuple[list[int], list[int]]:
+    shifts, contact = slips.frames(spread, count)
+    displacement = np.zeros((len(shifts), *spread.place.max(axis=0)[::-1] + 1), int)
+    column, row = spread.place.T
+    displacement[:, row, column] = contact
+    found, touching = spread(shifts, np.ones(contact.shape, bool), displacement)
+    layout = spread_layout(spread)
+    expected = [dots.packed(layout, values) for values in zip(found, touching, strict=True)]
+    return slips.sum_payloads(spread, shifts, contact), expected
 
 
-@pytest.mark.parametrize("stall", [0, 0.3])
 @pytest.mark.parametrize("name", SPREADS)
-@pytest.mark.quick("small-0", "dots-0.3")
-def test_spread_of_any_sums(name, stall):
+def test_values_and_clocks(name):
     spread = SPREADS[name]
-    count, limit = len(spread.place), spread.shift_limit
-    rng = np.random.default_rng(5)
-    outwards = np.where(spread.xy < 0, -limit, limit)
-    shifts = [outwards, -outwards, outwards[:, ::-1] * [-1, 1], np.full((count, 2), limit), 0 * outwards]
-    shifts += list(rng.integers(-limit, limit + 1, (12, count, 2)))
-    contacts = [np.ones(count, bool), *(np.arange(count) < few for few in range(5))]
-    contacts += [rng.random(count) < 0.6 for _ in range(6)]
-    cases = [(contact, shift) for contact in contacts for shift in shifts[: 5 if stall else None]]
-    given = [packed(sums_layout(spread), sums(spread, *case)) for case in cases]
-    displacement = np.full((1, 60, 60), THRESHOLD + 1)
-    expected = [spread(shift, contact, displacement[0]) for contact, shift in cases]
-    dut = SpreadRatio(spread)
-    found, taken = run_streams(dut, given, {"o": len(cases)}, stall=stall)
-    assert found["o"] == [packed(spread_layout(spread), values) for values in expected]
-    assert max(int(value) for value, _ in expected) > 0.9 * spread.bounds["spread"]
-    if not stall:
-        assert taken["o"][0] == dut.latency
-        assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(cases) - 1)
+    dut, (inputs, expected) = SpreadRatio(spread), cases(spread, 15)
+    found, taken = run_streams(dut, inputs, {"o": len(expected)})
+    assert found["o"] == expected
+    assert taken["o"][0] == dut.latency
+    assert set(np.diff(taken["o"])) == {dut.interval}
+    assert set(np.subtract(taken["o"], taken["i"])) == {1}, "the sums stay until the spread is found"
+
+
+@pytest.mark.long
+def test_stream_rules_in_verilator(tmp_path):
+    spread = SPREADS["12 at random"]
+    inputs, expected = cases(spread, 80)
+    latencies = [(k, k, 1) for k in range(len(inputs))]
+    check(SpreadRatio(spread), "ratio", tmp_path, inputs=inputs, expected=expected, latencies=latencies)
+
+
+def test_there_is_no_multiplier():
+    text = rtlil.convert(SpreadRatio(SPREADS["square"]))
+    assert "$add" in text
+    assert "$mul" not in text
+    assert "$div" not in text
