@@ -53,11 +53,12 @@ def verilog(bundle, output, progress):
 )
 @output_option("The file to write.", OUTPUT_FILE)
 def calibration(bundle, hardware, with_hardware_force, output):
-    """Write BUNDLE's pixel network and what depends on it as words to load into hardware that already runs.
+    """Write BUNDLE's pixel network, its dots and what depends on them as words for running hardware.
 
     A driver writes the words, 32 bits each, little-endian, one after another into the hardware's register
     CALIBRATION while no frame is in flight. All else must be equal in both bundles: word formats, solver and
-    the force weights, which differ from training to training unless --keep-force takes those of the hardware.
+    the force weights, which differ from training to training unless --keep-force takes those of the hardware
+    (each dot those of the hardware's dot nearest to it).
     The background is not included: let the hardware capture it anew.
 
     \b

@@ -50,6 +50,27 @@ def test_at_full_rate(lanes):
     assert [end - start for start, end in zip(last, ends, strict=True)] == [dut.latency] * len(frames)
 
 
+def test_loaded_dots_at_full_rate():
+    """Nor does the input wait for dots that were loaded, out of the order of their rows."""
+    usual, frames = dots.follower(SIDE, SIDE), frames_of(SIDE)
+    built = replace(usual, windows=replace(usual.windows, loadable=True))
+    away = np.random.default_rng(2).integers(-128, 129, usual.rest.shape)
+    follower = replace(built, rest=built.rest + away)
+    assert (follower.needed_rows != follower.rows[0]).any()
+    dut, other = DotStream(built, lanes=4), DotStream(follower, lanes=4)
+    table, expected = other.dots.table, payloads(follower, frames)
+    found, taken = run_streams(
+        dut,
+        darkness(follower, frames, 4),
+        {"o": len(expected)},
+        tables={"write": pack(table.values, table.format.bits)},
+    )
+    assert found["o"] == expected
+    assert np.diff(taken["i"]).max() == 1, "no pause"
+    last, ends = taken["i"][dut.interval - 1 :: dut.interval], taken["o"][len(away) - 1 :: len(away)]
+    assert [end - start for start, end in zip(last, ends, strict=True)] == [other.latency] * len(frames)
+
+
 def test_dots_of_the_upper_half_are_known_before_the_frame_ends():
     every = dots.follower(SIDE, SIDE)
     kept = every.rest_px[:, 1] < SIDE // 3
