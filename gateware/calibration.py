@@ -82,7 +82,7 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
             yield name, value
 
     stages = ("layers", "ratio", "source", "solver", "depth", "quantiser", "force", "validity")
-    for name in (*stages, "band", *OF_DOTS):
+    for name in (*stages, "band", *OF_DOTS, "spread"):
         stage = getattr(pipeline, name)
         yield from content(name, stage)
         if hasattr(stage, "width"):
@@ -92,14 +92,14 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 def hardware_identifier(pipeline: IntegerPipeline) -> int:
     """32-bit identifier of the hardware: hash of everything that a calibration cannot change.
 
-    Rounding to nearest, and dots and a band that are not there, are left out, so that hardware older than the
-    choice of them keeps its identifier.
+    Rounding to nearest, and dots, a band and slip that are not there, are left out, so that hardware older
+    than the choice of them keeps its identifier.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     for name, value in fixed_content(pipeline):
         if name.endswith(".rounding") and value == NEAREST:
             continue
-        if name in ("validity.dots", "band", *OF_DOTS) and not value:
+        if name in ("validity.dots", "band", *OF_DOTS, "spread") and not value:
             continue
         if isinstance(value, np.ndarray):
             digest.update(f"{name} {value.shape}".encode() + value.astype("<i8").tobytes())
