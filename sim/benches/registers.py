@@ -99,10 +99,12 @@ async def every_address_after_reset(dut, stall):
         "FRAME_TIMEOUT": IDENTITY.frame_timeout,
     }
     counts = {name: getattr(IDENTITY, name) for name in ("channels", "lanes")}
-    outputs = ("depth", "background_capture", "normals", "force_map", "rows_reversed")
+    outputs = ("depth", "background_capture", "normals", "force_map", "rows_reversed", "slip")
     counts |= {name: int(getattr(IDENTITY, name)) for name in outputs}
     counts |= {f"force_{axis}": int(axis in IDENTITY.axes) for axis in "xyz"}
     values["CAPABILITIES"] = bits("CAPABILITIES", **counts)
+    if IDENTITY.slip:
+        values["SLIP_LIMIT"] = IDENTITY.slip_limit
     if IDENTITY.calibration:
         dut.calibration__bundle_hash.value = IDENTITY.bundle_hash
         values["CALIBRATION_WORDS"] = IDENTITY.calibration_words
@@ -206,18 +208,24 @@ async def any_errors_are_cleared_and_others_kept(dut):
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
 async def frame_timeout(dut):
-    """The register's initial value is the identity's; bytes are written by their strobes."""
+    """The register's initial value is the identity's."""
     master = await start(dut)
     assert await level(dut, "timeout_clocks") == IDENTITY.frame_timeout
-    assert await write(master, AT["FRAME_TIMEOUT"], 0x12345678) == OKAY
-    assert await write(master, AT["FRAME_TIMEOUT"] + 1, 0xFF, 1) == OKAY
-    await expect(master, FRAME_TIMEOUT=0x1234FF78, ERRORS=0)
+    async for value in any_bytes(master, "FRAME_TIMEOUT"):
+        assert await level(dut, "timeout_clocks") == value
+
+
+async def any_bytes(master, register):
+    """Write bytes of a register by their strobes, and read it; yields each value."""
+    assert await write(master, AT[register], 0x12345678) == OKAY
+    assert await write(master, AT[register] + 1, 0xFF, 1) == OKAY
+    await expect(master, **{register: 0x1234FF78}, ERRORS=0)
     rng, value = random.Random(1), 0x1234FF78
     for _ in range(20):
         first = rng.randrange(4)
         size, data = rng.randint(1, 4 - first), rng.getrandbits(32)
-        assert await level(dut, "timeout_clocks") == value
         data &= (1 << 8 * size) - 1
-        assert await write(master, AT["FRAME_TIMEOUT"] + first, data, size) == OKAY
+        assert await write(master, AT[register] + first, data, size) == OKAY
         value = value & ~(((1 << 8 * size) - 1) << 8 * first) | data << 8 * first
-        await expect(master, FRAME_TIMEOUT=value)
+        await expect(master, **{register: value})
+        yield value

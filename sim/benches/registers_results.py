@@ -10,6 +10,7 @@ from fastac.sim.benches.registers import (
     FLAGS,
     IDENTITY,
     RESULT,
+    any_bytes,
     bits,
     expect,
     frame,
@@ -36,13 +37,18 @@ async def result_in_the_clock_of_a_soft_reset_is_discarded(dut):
     done = cocotb.start_soon(write(master, AT["CONTROL"], reset))
     await ClockCycles(dut.clk, clocks)
     names = {RESULT, "frame_done", "frame_bad"}
+    spreads = ("spread", "touching") if IDENTITY.slip else ()
+    for name in spreads:
+        getattr(dut, name).value = 0xFFFFFFFF
     for name in names:
         getattr(dut, name).value = 1
     assert await level(dut, "soft_reset")
-    for name in names:
+    for name in (*names, *spreads):
         getattr(dut, name).value = 0
     assert await done == OKAY
     await expect(master, INTERRUPT_STATUS=0, STATUS=0, ERRORS=0, FRAME_COUNT=0, FRAME_ERRORS=0)
+    if spreads:
+        await expect(master, SLIP_SPREAD=0, SLIP_DOTS=0)
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
@@ -112,6 +118,33 @@ async def each_flag_of_a_frame(dut):
         await RisingEdge(dut.clk)
         await expect(master, FRAME_VALIDITY=value, ERRORS=bits("ERRORS", frame_suspect=int(value > 0)))
         await write(master, AT["ERRORS"], 0xFFFFFFFF)
+
+
+@cocotb.test(timeout_time=1, timeout_unit="ms", skip=not IDENTITY.slip)
+async def spread_of_the_last_result(dut):
+    """A frame slips if its spread is beyond the limit of now; without a result nothing is sampled."""
+    master = await start(dut)
+    limit, slips = IDENTITY.slip_limit, bits("STATUS", slip=1)
+    known = bits("STATUS", result_valid=1)
+    for touching, spread in ((3, limit), (100, limit + 1), (1 << 31, 1), (0xFFFFFFFF, 0xFFFFFFFF)):
+        await frame(dut, clocks=3)
+        await pulse(dut, **LAST_PULSES, spread=spread, touching=touching)
+        await pulse(dut, spread=~spread & 0xFFFFFFFF, touching=5)
+        found = {"SLIP_SPREAD": spread, "SLIP_DOTS": touching}
+        await expect(master, **found, STATUS=known | slips * (spread > limit))
+    # Another limit counts at once, for the frame that is known.
+    await frame(dut, clocks=3)
+    await pulse(dut, **LAST_PULSES, spread=0x80000000, touching=4)
+    for value, slipping in ((0x80000000, 0), (0x7FFFFFFF, 1), (0, 1), (0xFFFFFFFF, 0)):
+        assert await write(master, AT["SLIP_LIMIT"], value) == OKAY
+        await expect(master, SLIP_LIMIT=value, STATUS=known | slips * slipping)
+    await write(master, AT["ERRORS"], 0xFFFFFFFF)  # of results that nobody acknowledged
+    async for value in any_bytes(master, "SLIP_LIMIT"):
+        await expect(master, STATUS=known | slips * (value < 0x80000000))
+    # A soft reset leaves the limit and the last frame's registers, as it does FRAME_VALIDITY.
+    assert await write(master, AT["SLIP_LIMIT"], 7) == OKAY
+    await write(master, AT["CONTROL"], bits("CONTROL", enable=1, soft_reset=1))
+    await expect(master, SLIP_LIMIT=7, SLIP_SPREAD=0x80000000, SLIP_DOTS=4, STATUS=slips)
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

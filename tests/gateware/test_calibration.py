@@ -198,6 +198,23 @@ def test_differences_in_fixed_content_are_refused(bundles, tmp_path, name, what,
     assert "\n" not in str(refusal.value)
 
 
+def test_slip_is_of_the_hardware(tmp_path):
+    """Where dots touch is decided by a constant; the limit of their spread is a register's initial value."""
+    wanted = scene(("force_x", "slip"), dots=True, size=24)
+    own = random_bundle(tmp_path / "own", wanted).pipeline
+    slip = wanted.slip
+
+    def other(**changes):
+        return own.replace(scene=wanted.model_copy(update={"slip": slip.model_copy(update=changes)}))
+
+    assert first_difference(other(limit_px=2 * slip.limit_px), own) is None
+    touching = other(contact_mm=2 * slip.contact_mm)
+    assert first_difference(touching, own) == "spread.threshold = 33: the hardware's is 16"
+    assert hardware_identifier(touching) != hardware_identifier(own)
+    without = scene(("force_x",), dots=True, size=24)
+    assert hardware_identifier(own.replace(scene=without)) != hardware_identifier(own)
+
+
 def test_identifiers_of_different_hardware_differ(bundles):
     assert len({hardware_identifier(own.pipeline) for own, _ in bundles.values()}) == len(WANTED)
 

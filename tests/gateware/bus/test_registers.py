@@ -33,6 +33,8 @@ SHAPE = {
             "background_capture": True,
             "force_width": 40,
             "frame_timeout": 15_000_000,
+            "slip": True,
+            "slip_limit": 0x9ABCDEF0,
         },
         {"axes": "z", "depth": False, "background_capture": False, "force_width": 64},
         {"axes": "", "depth": True, "background_capture": False},
@@ -43,9 +45,9 @@ SHAPE = {
             "bus_errors": "respond",
         },
     ],
-    ids=["force xyz, depth, background", "force z", "depth", "force yz, depth, calibration"],
+    ids=["force xyz, depth, background, slip", "force z", "depth", "force yz, depth, calibration"],
 )
-@pytest.mark.quick("force xyz, depth, background", "force yz, depth, calibration")
+@pytest.mark.quick("force xyz, depth, background, slip", "force yz, depth, calibration")
 def test_registers(tmp_path, outputs):
     identity = Identity(**SHAPE, **outputs)
     simulate(
@@ -83,6 +85,12 @@ def test_absent_outputs_have_no_registers_or_ports():
     assert "capture_background" not in block
     assert "calibration" not in block
     assert not [name for name in names if "CALIBRATION" in name]
+    assert not [name for name in names if "SLIP" in name]
+    assert not {"spread", "touching"} & block.keys()
+    slipping = Identity(**SHAPE, axes="z", slip=True)
+    found = [register.name for register in slipping.registers if "SLIP" in register.name]
+    assert found == ["SLIP_SPREAD", "SLIP_DOTS", "SLIP_LIMIT"]
+    assert {"spread", "touching"} < RegisterBlock(slipping).signature.members.keys()
     loadable = Identity(**SHAPE, axes="z", calibration_words=9)
     assert len([register for register in loadable.registers if "CALIBRATION" in register.name]) == 4
     assert "calibration" in RegisterBlock(loadable).signature.members
@@ -96,6 +104,8 @@ def test_absent_outputs_have_no_registers_or_ports():
         ({"bundle_hash": 1 << 64}, "bundle_hash 18446744073709551616: expected 0 to"),
         ({"height": 1 << 16}, "height 65536: expected 1 to 65535"),
         ({"frame_timeout": 1 << 32}, "frame_timeout 4294967296: expected 0 to 4294967295"),
+        ({"slip_limit": 1 << 32}, "slip_limit 4294967296: expected 0 to 4294967295"),
+        ({"axes": "", "slip": True}, "slip True: expected axes of force, with which it is sampled"),
         ({"bus_errors": "ignore"}, r"bus_errors 'ignore': expected one of \('flag', 'respond'\)"),
         ({"force_width": 65}, "force_width 65: expected 1 to 64"),
         ({"calibration_layout": -1}, "calibration_layout -1: expected 0 to 4294967295"),
