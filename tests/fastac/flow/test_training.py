@@ -118,7 +118,7 @@ class TestDots:
 
     def test_they_are_in_the_bundle_as_they_were_trained(self, dotted_folder, dotted_bundle, dotted_data):
         force, found = load_arrays(dotted_folder / "force.npz"), dotted_bundle.pipeline
-        assert force["force.integer_weights"].shape == (1, 30, 30, 3)
+        assert force["force.integer_weights"].shape == (1, 30, 30, 4)
         assert force["force.integer_dot_weights"].shape == force["force.float_dot_weights"].shape == (1, 9, 2)
         for name, array in force.items():
             np.testing.assert_array_equal(dotted_bundle.floats[name], array)
