@@ -19,10 +19,11 @@ ROWS = {"normals": HEIGHT, "depth": HEIGHT - 2, "force_map": HEIGHT - 2}
 COLUMNS = {"normals": WIDTH, "depth": WIDTH - 2, "force_map": WIDTH - 2}
 LINE_BEATS = FRAMES["frames"].shape[2] // SETTINGS["lanes"]
 FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
-RESULT_VALID, LAST_FRAME_BAD, LAST_FRAME_SUSPECT = 2, 4, 16
+RESULT_VALID, LAST_FRAME_BAD, LAST_FRAME_SUSPECT, SLIPS = 2, 4, 16, 32
+SLIP = "SLIP_SPREAD", "SLIP_DOTS"
 BAD, SUSPECT = 1 << 1, 1 << 10
 """Bits of `tuser` in the streams of depth and force maps."""
-MARKS = RESULT_VALID | LAST_FRAME_BAD | LAST_FRAME_SUSPECT
+MARKS = RESULT_VALID | LAST_FRAME_BAD | LAST_FRAME_SUSPECT | SLIPS
 ENABLE, CAPTURE, SOFT_RESET, INTERRUPT = 1, 2, 4, 8
 TEST = {"timeout_time": SETTINGS["timeout_cycles"] * SETTINGS["period_ps"], "timeout_unit": "ps"}
 STALLS = [[0, 0], [0.3, 0.4]]
@@ -182,9 +183,14 @@ class Testbench:
             found = [word["FRAME_VALIDITY"] for word in words]
             assert found == validity, f"FRAME_VALIDITY {found}, expected {validity}"
             marks = [word["STATUS"] & MARKS for word in words]
+            slip = {name: FRAMES[name][list(frames)].tolist() for name in SLIP if name in FRAMES}
+            for name, values in slip.items():
+                found = [word[name] for word in words]
+                assert found == values, f"{name} {found}, expected {values}"
+            slips = FRAMES["slipping"][list(frames)].tolist() if slip else [0] * len(frames)
             expected = [
-                RESULT_VALID | LAST_FRAME_BAD * b | LAST_FRAME_SUSPECT * bool(flags)
-                for b, flags in zip(bad, validity, strict=True)
+                RESULT_VALID | LAST_FRAME_BAD * b | LAST_FRAME_SUSPECT * bool(flags) | SLIPS * slip
+                for b, flags, slip in zip(bad, validity, slips, strict=True)
             ]
             assert marks == expected, f"STATUS {marks}, expected {expected}"
         assert not await host.read("STATUS") & ~MARKS, "frames are in flight"
