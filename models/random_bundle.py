@@ -87,7 +87,7 @@ def scene(
                 "dots": dots,
             }
             | ({"band_mm": band_mm, "deep_mm": deep_mm, "fit": "weights"} if band_mm else {}),
-            "slip": {"contact_mm": 0.001, "limit_px": 1.0},
+            "slip": {"contact_mm": 0.001, "limit_px": 0.04},
             "hardware": {"pixels_per_clock": lanes, "weights": weights, "bus_errors": bus_errors},
         }
     )

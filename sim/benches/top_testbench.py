@@ -20,6 +20,7 @@ COLUMNS = {"normals": WIDTH, "depth": WIDTH - 2, "force_map": WIDTH - 2}
 LINE_BEATS = FRAMES["frames"].shape[2] // SETTINGS["lanes"]
 FRAME_BEATS = FRAMES["frames"].shape[1] * LINE_BEATS
 RESULT_VALID, LAST_FRAME_BAD, LAST_FRAME_SUSPECT, SLIPS = 2, 4, 16, 32
+SLIP = "SLIP_SPREAD", "SLIP_DOTS"
 BAD, SUSPECT = 1 << 1, 1 << 10
 """Bits of `tuser` in the streams of depth and force maps."""
 MARKS = RESULT_VALID | LAST_FRAME_BAD | LAST_FRAME_SUSPECT | SLIPS
@@ -181,13 +182,12 @@ class Testbench:
             words, validity = host.registers[self.results_before :], FRAMES["validity"][list(frames)].tolist()
             found = [word["FRAME_VALIDITY"] for word in words]
             assert found == validity, f"FRAME_VALIDITY {found}, expected {validity}"
-            slips = [0] * len(frames)
-            if "slip" in FRAMES:
-                found = [[word["SLIP_SPREAD"], word["SLIP_DOTS"]] for word in words]
-                expected = FRAMES["slip"][list(frames)].tolist()
-                assert found == expected, f"spread and dots in contact {found}, expected {expected}"
-                slips = FRAMES["slipping"][list(frames)].tolist()
             marks = [word["STATUS"] & MARKS for word in words]
+            slip = {name: FRAMES[name][list(frames)].tolist() for name in SLIP if name in FRAMES}
+            for name, values in slip.items():
+                found = [word[name] for word in words]
+                assert found == values, f"{name} {found}, expected {values}"
+            slips = FRAMES["slipping"][list(frames)].tolist() if slip else [0] * len(frames)
             expected = [
                 RESULT_VALID | LAST_FRAME_BAD * b | LAST_FRAME_SUSPECT * bool(flags) | SLIPS * slip
                 for b, flags, slip in zip(bad, validity, slips, strict=True)

@@ -119,13 +119,40 @@ def test_dots(tmp_path, lanes, bends_mm):
 
 
 @pytest.mark.parametrize("weights", ["loadable", "baked"])
-def test_slip(tmp_path, weights):
+def test_slip_of_words_for_places_anywhere(tmp_path, weights):
     """Words that hold places anywhere may have more bits, and slip takes a clock for each."""
     wanted = scene(("force_z", "slip"), kernel="collapsed", dots=True, size=24, lanes=2, weights=weights)
     pipeline = random_bundle(tmp_path, wanted).pipeline
     path = Datapath(pipeline)
     check(path, CycleModel(wanted, hidden=(4,), follower=pipeline.follower))
     assert CycleModel(wanted, hidden=(4,)).multipliers == path.multipliers
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        {"outputs": ("depth", "force_z", "slip"), "lanes": 1},
+        {
+            "outputs": ("force_xyz", "slip"),
+            "lanes": 2,
+            "solver": "tridiagonal",
+            "kernel": "collapsed",
+            "bridge_dots": True,
+        },
+    ],
+    ids=["rows in order", "last row first"],
+)
+def test_slip(tmp_path, wanted):
+    wanted = scene(**wanted, dots=True, size=24)
+    pipeline = random_bundle(tmp_path, wanted).pipeline
+    path = Datapath(pipeline)
+    model = CycleModel(wanted, hidden=(4,), follower=pipeline.follower)
+    check(path, model)
+    assert model.stages["slip"] > 0
+    assert model.multipliers["slip"] == path.slip_stream.multipliers
+    without = wanted.model_copy(update={"outputs": wanted.outputs[:-1]})
+    bare = CycleModel(without, hidden=(4,), follower=pipeline.follower)
+    assert model.first_pixel_to_force - bare.first_pixel_to_force == model.stages["slip"]
 
 
 def test_shifts_of_the_division_by_size():

@@ -31,17 +31,20 @@ WANTED = {
     "adjoint, loadable": {"outputs": ("normals", "force_x"), "solver": "adjoint"},
     "dots": {"outputs": ("force_xyz",), "solver": "adjoint", "dots": True, "bridge_dots": True, "size": 24},
     "bridged": {"outputs": ("depth",), "bridge_dots": True, **BEYOND},
+    "slip": {"outputs": ("force_z", "slip"), "dots": True, "size": 24, **BEYOND},
 }
 """Scenes that need different parts; below, for each part the scenes that need it."""
 ADJOINT = {"adjoint", "adjoint, loadable", "dots"}
 SLOPES = set(WANTED) - {"normals"}
 SOLVER = SLOPES - ADJOINT
-TRIDIAGONAL = {"force map", "fast", "bridged"}
+TRIDIAGONAL = {"force map", "fast", "bridged", "slip"}
 DEPTH = {"depth", "depth, difference", "normals and depth", "everything", "fast", "bridged"}
 BRIDGED = {"dots", "bridged"}
-DISPLACEMENT = {"force", "force, difference", "everything", "force map", "collapsed", "fast"}
+DOTS = {"dots", "slip"}
+DARK = BRIDGED | DOTS
+DISPLACEMENT = {"force", "force, difference", "everything", "force map", "collapsed", "fast", "slip"}
 FORCE = DISPLACEMENT | ADJOINT
-PATCH = DISPLACEMENT - {"collapsed", "fast"}
+PATCH = DISPLACEMENT - {"collapsed", "fast", "slip"}
 LOADABLE = {name for name, wanted in WANTED.items() if wanted.get("weights") != "baked"}
 NORMALS = {"normals and depth", "normals", "everything", "adjoint, loadable"}
 NEEDED = {
@@ -61,11 +64,11 @@ NEEDED = {
     "datapath.solver.reversal": TRIDIAGONAL,
     "datapath.depth_output": DEPTH,
     "datapath.depth_output.rest": {"depth, difference", "fast"},
-    "datapath.darkness": BRIDGED,
+    "datapath.darkness": DARK,
     "datapath.bridge": BRIDGED,
-    "datapath.dots": {"dots"},
-    "datapath.validity.dots_count": {"dots"},
-    "datapath.pixels_fork": BRIDGED,
+    "datapath.dots": DOTS,
+    "datapath.validity.dots_count": DOTS,
+    "datapath.pixels_fork": DARK,
     "datapath.darkness_fork": {"dots"},
     "depth_tags": DEPTH,
     "force_map_tags": {"force map"},
@@ -76,6 +79,12 @@ NEEDED = {
     "datapath.force_stream.response.kernels": PATCH,
     "datapath.force_stream.weights": FORCE - PATCH,
     "datapath.normals_fork": NORMALS - {"normals"},
+    "datapath.dots.fork": {"slip"},
+    "datapath.displacement_fork": {"slip"},
+    "datapath.slip_stream": {"slip"},
+    "datapath.slip_stream.contact": {"slip"},
+    "datapath.slip_stream.sums": {"slip"},
+    "datapath.slip_stream.ratio": {"slip"},
     "datapath.solution_fork": {"everything", "fast"},
     "registers.timer": set(WANTED),
 }
@@ -93,9 +102,10 @@ ABSENT = {
     "solver": SOLVER,
     "divider": SLOPES,
     "calibration": LOADABLE,
-    "dark": BRIDGED,
+    "dark": DARK,
     "bridge": BRIDGED,
-    "dots": {"dots"},
+    "dots": DOTS,
+    "slip": {"slip"},
 }
 """Words that module names may contain only in these scenes: no remains of a part under another name."""
 PORTS = {
@@ -119,7 +129,7 @@ WORDS = {
 
 @pytest.mark.parametrize("name", WANTED)
 @pytest.mark.quick(
-    "depth, difference", "force", "normals", "everything", "force map", "fast", "adjoint, loadable"
+    "depth, difference", "force", "normals", "everything", "force map", "fast", "adjoint, loadable", "slip"
 )
 def test_only_what_the_scene_requires_is_built(tmp_path, name):
     bundle = random_bundle(tmp_path / "bundle", scene(**WANTED[name]), hidden=(2,))
@@ -143,11 +153,13 @@ def test_only_what_the_scene_requires_is_built(tmp_path, name):
 
     registers = {register.name for register in top.identity.registers}
     needed_by = {"FORCE": FORCE, "DEPTH": DEPTH, "NORMALS": NORMALS, "CALIBRATION": LOADABLE}
+    needed_by["SLIP"] = {"slip"}
     for kind, needed in needed_by.items():
         assert any(kind in register for register in registers) == (name in needed), kind
     multipliers = top.datapath.multipliers
     assert ("depth" in multipliers, "force" in multipliers) == (name in SOLVER, name in FORCE)
     assert bool(multipliers["normals"]) == (name in LOADABLE)
+    assert multipliers.get("slip", 0) == 4 * (name == "slip")
 
 
 SHIPPED = {

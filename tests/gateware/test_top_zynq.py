@@ -14,7 +14,7 @@ from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.random_bundle import frames, random_bundle, scene
 from fastac.models.result import concatenate
-from fastac.sim.check_top import Report, bench_settings, expected_words, simulate
+from fastac.sim.check_top import SLIP, Report, bench_settings, expected_words, simulate
 from fastac.sim.runner import QUICK, build
 
 NAME = "fastac"
@@ -56,6 +56,7 @@ def check_frames(hardware: Hardware) -> None:
         "force_map": count * size**2 * axes if path.wants_force_map else None,
         "normals": count * (size + 2) ** 2 * 3 if path.wants_normals else None,
         "force": count * axes,
+        "slip": count * len(SLIP) if hardware.bundle.scene.wants_slip else None,
     }
     values = {name: number for name, number in values.items() if number}
     result = Emulator(hardware.pipeline).run(images)
@@ -217,6 +218,9 @@ def check_faults(hardware: Hardware) -> None:
     archive = {"frames": images, "validity": result.validity, **expected_words(hardware.top, result)}
     if pipeline.scene.wants_force:
         archive["force"] = result.force_raw
+    if pipeline.scene.wants_slip:
+        words = dict(zip(SLIP, (result.slip_words, result.slip_dots), strict=True))
+        archive |= words | {"slipping": result.slipping}
     folder = hardware.folder / "faults"
     folder.mkdir()
     np.savez(folder / "frames.npz", **archive)
@@ -310,6 +314,34 @@ def test_force_of_displacement_beyond_bends_and_dots(tmp_path):
     )
     assert hardware.top.datapath.stages["dots"] == ForceSum.latency
     check_frames(hardware)
+
+
+SLIPPING = {
+    "outputs": ("depth", "force_x", "force_z", "slip"),
+    "channels": "bgr+nir",
+    "solver": "tridiagonal",
+    "mode": "difference",
+    "kernel": "collapsed",
+    "lanes": 2,
+    "size": 24,
+    "dots": True,
+}
+
+
+@pytest.mark.long
+def test_slip(tmp_path):
+    """Dots wait for the displacement, whose last row comes first, and the force for the spread."""
+    hardware = Hardware(tmp_path, **SLIPPING)
+    assert hardware.top.datapath.stages["slip"] > 0
+    found = Emulator(hardware.pipeline).run(hardware.frames(*MILD, 120, 255))
+    assert len(np.unique(found.slip_words)) == 3
+    assert 0 < found.slipping.sum() < len(found.slipping)
+    check_frames(hardware)
+
+
+@pytest.mark.full
+def test_slip_faults(tmp_path):
+    check_faults(Hardware(tmp_path, **SLIPPING))
 
 
 @pytest.mark.full

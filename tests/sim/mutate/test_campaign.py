@@ -173,6 +173,7 @@ def test_every_file_with_logic_is_mutated():
         "top_zynq",
         "bridged_slopes",
         "dot_force",
+        "dot_slip",
         "dots/dot_stream",
         "poisson/dst2d",
         "target/ecp5",
