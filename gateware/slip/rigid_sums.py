@@ -69,9 +69,11 @@ class RigidSums(wiring.Component):
             shape=dot_layout(self.follower), depth=1 << (bank_bits + (count - 1).bit_length()), init=[]
         )
         write, read = kept.write_port(), kept.read_port()
-        # Frames whose dots are all kept, and whose sums are not begun.
-        whole, room = Signal(range(FRAMES_IN_FLIGHT + 1)), Signal()
-        come, into, out_of = Signal(range(count)), Signal(bank_bits), Signal(bank_bits)
+        whole = Signal(range(FRAMES_IN_FLIGHT + 1))  # frames whose dots are all kept, and not all read
+        room = Signal()
+        come = Signal(range(count))
+        into = Signal(bank_bits)
+        out_of = Signal(bank_bits)
         stored, begun, done = Signal(), Signal(), Signal()
         m.d.comb += [
             room.eq(whole != FRAMES_IN_FLIGHT),
@@ -102,8 +104,10 @@ class RigidSums(wiring.Component):
         )
         table = places.read_port(domain="comb")
 
-        index, bits = Signal(range(count)), Signal(count)
-        walking, last = Signal(), Signal()
+        index = Signal(range(count))
+        bits = Signal(count)
+        walking = Signal()
+        last = Signal()
         place, touches = Signal(layout), Signal()
         flow = Signal(LATENCY + 1)  # the last dot on its way through memory, products and sum
         m.d.comb += [
@@ -123,7 +127,7 @@ class RigidSums(wiring.Component):
         m.d.sync += [
             flow.eq(Cat(last, flow)),
             place.eq(table.data),
-            touches.eq(walking & bits[0]),
+            touches.eq(bits[0]),
         ]
         counts, dot = Signal(), read.data
         m.d.comb += counts.eq(touches & dot.seen)
