@@ -165,7 +165,8 @@ class RegisterBlock(wiring.Component):
 
         slipping = Const(0, 1)
         if identity.slip:
-            spread, touching = Signal(WORD), Signal(WORD)
+            spread = Signal(WORD)
+            touching = Signal(WORD)
             limit = Signal(WORD, init=identity.slip_limit)
             slipping = spread > limit
             with m.If(result):

@@ -94,9 +94,11 @@ class RigidSums(wiring.Component):
             attrs={"ram_style": "block"},
         )
         write, read = kept.write_port(), kept.read_port()
-        # Frames whose dots are all kept, and whose sums are not begun.
-        whole, room = Signal(range(KEPT_FRAMES + 1)), Signal()
-        come, into, out_of = Signal(range(count)), Signal(bank_bits), Signal(bank_bits)
+        whole = Signal(range(KEPT_FRAMES + 1))  # frames whose dots are all kept, and not all read
+        room = Signal()
+        come = Signal(range(count))
+        into = Signal(bank_bits)
+        out_of = Signal(bank_bits)
         stored, begun, done = Signal(), Signal(), Signal()
         m.d.comb += [
             room.eq(whole != KEPT_FRAMES),
@@ -113,8 +115,10 @@ class RigidSums(wiring.Component):
         places = self.table.memory(m, "places", self.write if self.loadable else None)
         table = places.read_port(domain="comb")
 
-        index, bits = Signal(range(count)), Signal(count)
-        walking, last = Signal(), Signal()
+        index = Signal(range(count))
+        bits = Signal(count)
+        walking = Signal()
+        last = Signal()
         place, touches = Signal(self.table.layout), Signal()
         flow = Signal(LATENCY + 1)  # the last dot on its way through memory, products and sum
         m.d.comb += [
@@ -134,7 +138,7 @@ class RigidSums(wiring.Component):
         m.d.sync += [
             flow.eq(Cat(last, flow)),
             place.eq(table.data),
-            touches.eq(walking & bits[0]),
+            touches.eq(bits[0]),
         ]
         counts, dot = Signal(), read.data
         m.d.comb += counts.eq(touches & dot.seen)

@@ -67,14 +67,18 @@ class SpreadRatio(wiring.Component):
         m = Module()
         bounds, phases = self.spread.bounds, self.phases_of(self.spread)
         sums, out = self.i.payload, self.o.payload
-        factor_bits = max(phases)
+        most = {name: bound.bit_length() for name, bound in bounds.items()}
+        sides = max(most["x"], most["y"])
         a_bits, b_bits, c_bits = (signed_width(bounds[name]) for name in "ABC")
         count_bits, quotient_bits = len(sums.n), len(out.spread)
         # Of A and then A C; of B and then B²; of C and then n² C; of n².
-        a = ProductSum("a", Shape(a_bits + c_bits, signed=True), factor_bits=factor_bits)
-        b = ProductSum("b", Shape(2 * b_bits, signed=True), factor_bits=factor_bits)
-        c = ProductSum("c", Shape(c_bits + 2 * count_bits, signed=True), factor_bits=factor_bits)
-        n = ProductSum("n", unsigned(2 * count_bits), factor_bits=factor_bits)
+        a_factor = max(most["n"], most["u"], most["v"], most["C"])
+        b_factor = max(most["n"], sides, most["B"])
+        c_factor = max(sides, 2 * most["n"])
+        a = ProductSum("a", Shape(a_bits + c_bits, signed=True), factor_bits=a_factor)
+        b = ProductSum("b", Shape(2 * b_bits, signed=True), factor_bits=b_factor)
+        c = ProductSum("c", Shape(c_bits + 2 * count_bits, signed=True), factor_bits=c_factor)
+        n = ProductSum("n", unsigned(2 * count_bits), factor_bits=most["n"])
         every = (a, b, c, n)
         n_, u, v, x, y = sums.n, sums.u, sums.v, sums.x, sums.y
         of_a, of_b, of_c = (

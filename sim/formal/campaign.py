@@ -25,6 +25,7 @@ from fastac.sim.formal.proofs import (
     raster_port,
     registers,
     reordering,
+    slip,
     streams,
 )
 from fastac.sim.formal.solve import TOOLS, Answer
@@ -34,7 +35,7 @@ from fastac.store.files import content_hash, read_json, write_json
 MODULES = (
     *(streams, frame_guard, raster_port, frame_validity),
     *(axi_lite, registers, calibration_loader),
-    *(pipelines, engines, reordering, patches, dots),
+    *(pipelines, engines, reordering, patches, dots, slip),
     *(products, divider, accumulators),
 )
 CACHE = Path("build/cache/formal")

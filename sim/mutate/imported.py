@@ -55,7 +55,8 @@ class Netlist(Elaboratable):
     """The design `module` of Yosys' JSON, with the signals in `ports` as its ports.
 
     Registers follow the domain sync, whatever drives the netlist's clock; its input `rst` is that of the
-    domain. Memories must have been mapped to registers.
+    domain. Memories must have been mapped to registers; what lies beyond their depth is driven by nothing
+    and reads as 0, as in Amaranth's simulator.
     """
 
     def __init__(self, module: Mapping, ports: Mapping[str, Value]):
@@ -125,7 +126,7 @@ class Netlist(Elaboratable):
     def _place(self, bit) -> tuple[Value, int]:
         if isinstance(bit, str):
             return (ONE, 0) if bit == "1" else (ZERO, 0)
-        return self._bits[bit]
+        return self._bits.get(bit, (ZERO, 0))
 
     def _operands(self, cell, width: int = 0) -> list[Value]:
         """A, or A and B, signed if all of them are; each extended to `width` bits."""

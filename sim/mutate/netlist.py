@@ -2,8 +2,8 @@
 
 Yosys' `mutate` draws them: at one bit of one port of one cell, the value is inverted, constant, or depends on
 another bit of that port. Left out are clocks, which registers in Amaranth's simulator could not follow,
-the outputs of registers, which would lose their initial values (their inputs are mutated), and the initial
-contents of memories.
+the outputs of registers, which would lose their initial values (their inputs are mutated), and of memories
+the initial contents and the resets, which Yosys wants constant.
 """
 
 import re
@@ -43,7 +43,7 @@ dffunmap
 opt_clean
 write_json mutated.json
 """
-OMITTED_PORTS = re.compile(r"^(Q|\w*CLK)$")
+OMITTED_PORTS = re.compile(r"^(Q|\w*CLK|[AS]RST)$")
 OPTION = re.compile(r"-(\w+) (\S+)")
 
 

@@ -18,6 +18,8 @@ FULL = Identity(
     force_width=FORCE_WIDTH,
     background_capture=True,
     normals=True,
+    slip=True,
+    slip_limit=369,
     frame_timeout=15_000_000,
 )
 LOADABLE = Identity(
@@ -99,6 +101,22 @@ class Rules:
         bench.always("the register interrupt_enable", bench.probe("interrupt_enable") == enabled)
         self.control, self.interrupt_enable = control, enabled
         return {"FRAME_TIMEOUT": timeout}
+
+    def slip(self) -> dict[str, Value]:
+        """The spread of the last result's frame, and whether it is beyond the limit that was last written."""
+        if not self.identity.slip:
+            return {}
+        m, bench = self.m, self.bench
+        spread, touching, limit = Signal(32), Signal(32), Signal(32, init=self.identity.slip_limit)
+        with m.If(self.result):
+            m.d.sync += [spread.eq(self.inputs["spread"]), touching.eq(self.inputs["touching"])]
+        written = (limit & ~self.mask) | self.ones
+        m.d.sync += limit.eq(Mux(self.writes("SLIP_LIMIT"), written, limit))
+        for name, own in (("spread", spread), ("touching", touching), ("limit", limit)):
+            bench.always(f"the register {name}", bench.probe(name, 32) == own)
+        slips = self.read_data[5] == (spread > limit)
+        bench.always("STATUS says whether the frame slips", ~self.reads("STATUS") | slips)
+        return {"SLIP_SPREAD": spread, "SLIP_DOTS": touching, "SLIP_LIMIT": limit}
 
     def results(self) -> dict[str, Value]:
         """What a frame's end leaves: interrupt, validity, and forces whose two halves belong together."""
@@ -191,7 +209,7 @@ class Rules:
 def registers(component: type, identity: Identity) -> FormalBench:
     """Every register reads, is written and answers as the register map says."""
     rules = Rules(component, identity)
-    expected = rules.settings() | rules.results() | rules.errors() | rules.constants()
+    expected = rules.settings() | rules.results() | rules.slip() | rules.errors() | rules.constants()
     for name, value in expected.items():
         wrong = rules.reads(name) & (rules.read_data != value)
         rules.bench.always(f"{name} reads as the register map says", ~wrong)
@@ -202,11 +220,12 @@ PROOFS = (
     Proof(
         "registers_full",
         RegisterBlock,
-        "three axes of force, depth, normals and background capture; errors are flagged",
+        "three axes of force, depth, normals, slip and background capture; errors are flagged",
         partial(registers, identity=FULL),
         depth=2,
         breaks=(
             ("(control & kept) | ones, control)", "ones, control)"),
+            ("spread > limit", "spread >= limit"),
             ("(errors & ~clear_errors)", "(errors & ~ones)"),
             ("unwritable.eq(read_only)", "unwritable.eq(0)"),
             ("(pending & ~clear_pending) | result", "pending & ~clear_pending | result & ~pending"),

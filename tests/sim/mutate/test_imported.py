@@ -29,7 +29,7 @@ class Operators(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         a, b, c, s = self.a, self.b, self.c, self.s
-        m.submodules.memory = memory = Memory(shape=unsigned(6), depth=8, init=range(7, 63, 7))
+        m.submodules.memory = memory = Memory(shape=unsigned(6), depth=6, init=range(7, 49, 7))
         write, read = memory.write_port(), memory.read_port()
         m.d.comb += [write.addr.eq(c), write.data.eq(a), write.en.eq(s[0]), read.addr.eq(s), read.en.eq(1)]
         chosen, count, held = Signal(signed(7)), Signal(5, init=9), Signal(4, init=5, reset_less=True)
