@@ -198,10 +198,13 @@ def test_the_shipped_rig_records_raw10_with_dots_and_tangential_loads(tmp_path):
     text = (Path(__file__).parents[2] / "scenes" / "fingertip.toml").read_text()
     text = text.replace('mechanics = "fem"', 'mechanics = "fem"\nelements = 12\nlayers = 2')
     grids = "train_grid = 1\nvalidation_grid = 1\ntest_grid = 1\nloads_n = [1.0]"
-    small = parse(f"{text}\n[protocol]\n{grids}\n", origin="fingertip", default_name="fingertip")
+    text = text.replace("[protocol]\n", f"[protocol]\n{grids}\n")
+    small = parse(text, origin="fingertip", default_name="fingertip")
     generate(small, tmp_path / "d.h5", store=tmp_path, progress=False, processes=1)
     data = read(tmp_path / "d.h5", small)
-    assert len(data) + data.left_out == 3 * 9
+    # Further balls in train and validation: five stations of a vertical load and eight drags.
+    assert len(data) + data.left_out == 5 * 9
+    assert len(np.unique(data.indenter["ball_mm"])) == 2
     assert data.raw10.shape[1:] == data.background.shape == (512, 512)
     assert data.markers_px.shape[1:] == (81, 2)
     change = np.abs(data.raw10.astype(int) - data.background).reshape(len(data), 128, 4, 128, 4)
