@@ -1,6 +1,6 @@
 """The spread of shifts about the rigid motion that fits them, from the sums over the dots in contact."""
 
-from amaranth import Cat, Module, Mux, Shape, Signal, unsigned
+from amaranth import Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -75,9 +75,9 @@ class SpreadRatio(wiring.Component):
         a_factor = max(most["n"], most["u"], most["v"], most["C"])
         b_factor = max(most["n"], sides, most["B"])
         c_factor = max(sides, 2 * most["n"])
-        a = ProductSum("a", Shape(a_bits + c_bits, signed=True), factor_bits=a_factor)
-        b = ProductSum("b", Shape(2 * b_bits, signed=True), factor_bits=b_factor)
-        c = ProductSum("c", Shape(c_bits + 2 * count_bits, signed=True), factor_bits=c_factor)
+        a = ProductSum("a", signed(signed_width(bounds["A"] * bounds["C"])), factor_bits=a_factor)
+        b = ProductSum("b", signed(signed_width(bounds["B"] ** 2)), factor_bits=b_factor)
+        c = ProductSum("c", signed(signed_width(bounds["C"] * bounds["n"] ** 2)), factor_bits=c_factor)
         n = ProductSum("n", unsigned(2 * count_bits), factor_bits=most["n"])
         every = (a, b, c, n)
         n_, u, v, x, y = sums.n, sums.u, sums.v, sums.x, sums.y
@@ -102,11 +102,11 @@ class SpreadRatio(wiring.Component):
             ],
         )
         step = Signal(range(max(*phases, quotient_bits)))
-        remainder = Signal(len(c.total), reset_less=True)
+        divisor = c.total[:-1]  # more than 0, or of too few dots
+        remainder = Signal(len(divisor), reset_less=True)
         rest = Signal(quotient_bits, reset_less=True)
         left = (a.total - b.total)[: len(a.total)]
         brought = Cat(rest[-1], remainder)
-        divisor = c.total.as_unsigned()
         fits = brought >= divisor
         with m.If(self.o.ready):
             m.d.sync += self.o.valid.eq(0)

@@ -229,7 +229,17 @@ COMPONENTS = (
     Component("poisson/source", ("poisson/test_source.py",), designs=3),
     Component("poisson/transposer", ("poisson/test_transposer.py",)),
     Component("poisson/tridiagonal", ("poisson/test_tridiagonal.py::test_bit_exact_to_golden_model",)),
-    Component("slip/contact", ("slip/test_contact.py::test_stream_rules_in_verilator",)),
+    Component(
+        "slip/contact",
+        ("slip/test_contact.py::test_stream_rules_in_verilator",),
+        allowed=(
+            Allowed(
+                "index.eq(index + 1)",
+                "after the eighth and last dot none is counted",
+                ("A[2] inverted where A[3]",),
+            ),
+        ),
+    ),
     Component("slip/product_sum", ("slip/test_spread_ratio.py::test_stream_rules_in_verilator",)),
     Component("slip/rigid_sums", ("slip/test_rigid_sums.py",)),
     Component("slip/spread_ratio", ("slip/test_spread_ratio.py::test_stream_rules_in_verilator",)),

@@ -10,7 +10,7 @@ from fastac.gateware.slip.rigid_sums import KEPT_FRAMES, RigidSums
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.sim.amaranth_simulator import run_streams
 
-FOLLOWER = dots.follower(28, 40)
+FOLLOWER = dots.follower(24, 28)
 SPREAD = DotSpread.of_follower(FOLLOWER, 3)
 COUNT = len(FOLLOWER.rest)
 ORDER = np.random.default_rng(5).permutation(COUNT)

@@ -18,6 +18,7 @@ SPREADS = {
     "square": DotSpread(GRID, 0, LIMIT),
     "12 at random": DotSpread(np.random.default_rng(3).permutation(400)[:12, None] // (1, 20) % 20, 0, 55),
     "in a row": DotSpread(np.array([(k, 3) for k in (0, 2, 7, 9)]), 0, 20),
+    "one": DotSpread(np.array([(4, 2)]), 0, 9),
     "three": DotSpread(np.array([(0, 0), (1, 0), (0, 1)]), 0, 1),
 }
 
