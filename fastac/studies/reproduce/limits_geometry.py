@@ -112,6 +112,13 @@ def wider(scene: Scene) -> Scene:
     return scene.model_copy(update={"network": network})
 
 
+def shape_alone(scene: Scene, sensor: Sensor) -> Scene:
+    """The scene with depth as its only output; it bridges dots only where the sensor that is drawn has any."""
+    bridged = scene.network.bridge_dots and sensor.markers is not None
+    network = scene.network.model_copy(update={"bridge_dots": bridged})
+    return scene.model_copy(update={"outputs": ("depth",), "network": network})
+
+
 def network_steps(scene: Scene, data: Path, *, store: Path, progress: bool) -> dict[str, dict[str, Step]]:
     """By experiment and channels: the trainings on the scene's dataset in the file `data`."""
     sensors = variants(scene.sensor)
@@ -126,6 +133,7 @@ def network_steps(scene: Scene, data: Path, *, store: Path, progress: bool) -> d
         unkeyed = {"label": f"frames, {name}", "store": store, "progress": progress}
         by_channels = {"bgr": rgb_scene(of)} if name in WITH_RGB else {}
         by_channels["bgr+nir"] = of
+        by_channels = {channels: shape_alone(its, sensor) for channels, its in by_channels.items()}
         steps[name] = {
             channels: Step("limits-network", train, {**known, "trained": its}, (WEIGHTS, ERRORS), unkeyed)
             for channels, its in by_channels.items()

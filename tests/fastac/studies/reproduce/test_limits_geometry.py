@@ -93,6 +93,18 @@ def test_trainings_are_the_same_in_any_number_of_processes(make_scene, tiny_file
             np.testing.assert_array_equal(array, two[key])
 
 
+def test_frames_without_dots_are_judged_where_the_force_follows_dots(dotted_scene, dotted_file, tmp_path):
+    """Neither the force's dots nor the bridge is looked for in frames that have none."""
+    training = dotted_scene.training.model_copy(update={"normals_epochs": 1})
+    scene = dotted_scene.model_copy(update={"training": training})
+    steps = network_steps(scene, dotted_file, store=tmp_path, progress=False)
+    for name, bridged in ((RECORDED, True), ("no dots", False), (IDEAL, False)):
+        for step in steps[name].values():
+            assert step.arguments["trained"].wants_bridge is bridged
+    errors = open_store(tmp_path).perform(steps["no dots"]["bgr+nir"]).path("errors.json")
+    assert json.loads(errors.read_text())["gradient_mae_mm_per_px"] > 0
+
+
 def test_a_training_depends_on_what_it_reads(make_scene, tiny_file, tmp_path):
     def steps(training=None, **changes):
         scene = make_scene(training={"normals_epochs": 1} | (training or {}), **changes)
