@@ -113,7 +113,7 @@ def wider(scene: Scene) -> Scene:
 
 
 def shape_alone(scene: Scene, sensor: Sensor) -> Scene:
-    """The scene with depth as its only output; it bridges dots only where the sensor that is drawn has any."""
+    """The scene with depth alone as output, bridging dots only where the sensor that is drawn has any."""
     bridged = scene.network.bridge_dots and sensor.markers is not None
     network = scene.network.model_copy(update={"bridge_dots": bridged})
     return scene.model_copy(update={"outputs": ("depth",), "network": network})
