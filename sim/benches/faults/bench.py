@@ -19,8 +19,10 @@ from fastac.sim.benches.faults.host import error_names
 
 FOLDER = Path(os.environ["BENCH"])
 SETTINGS = json.loads((FOLDER / "settings.json").read_text())
-CLOCKS = 30_000
-"""Within which a fault and the good frames after it must be over."""
+CLOCKS_PER_BEAT = 120
+"""A fault and the good frames after it must be over within so many clocks for each beat of a whole frame.
+Garbage can start dozens of frames, each of which is padded."""
+CLOCKS = max(30_000, CLOCKS_PER_BEAT * SETTINGS["height"] * SETTINGS["line_beats"])
 RESULT_VALID, LAST_FRAME_BAD, LAST_FRAME_SUSPECT = 2, 4, 16
 
 
