@@ -22,6 +22,7 @@ hierarchy -top {name}
 proc -norom
 flatten
 opt_expr
+opt_clean
 wreduce
 opt_clean
 write_rtlil flat.il

@@ -6,7 +6,7 @@ import random
 from dataclasses import replace
 
 import pytest
-from amaranth import Module, Signal
+from amaranth import Module, Signal, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
@@ -146,3 +146,32 @@ def test_the_seed_draws(tmp_path, ring):
 )
 def test_a_mutation_in_words(ring, options, words):
     assert replace(ring.mutants[0], options=options).what == words
+
+
+class Wider(wiring.Component):
+    """A register of two bits takes one bit and feeds the signed input of a component inside."""
+
+    class Inside(wiring.Component):
+        i: In(signed(2))
+        o: Out(1)
+
+        def elaborate(self, platform):
+            m = Module()
+            m.d.sync += self.o.eq(self.i == 1)
+            return m
+
+    i: In(1)
+    o: Out(1)
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.inside = inside = self.Inside()
+        register = Signal(signed(2), reset_less=True)
+        m.d.sync += register.eq(self.i)
+        m.d.comb += [inside.i.eq(register), self.o.eq(inside.o)]
+        return m
+
+
+def test_a_register_whose_upper_bit_is_always_0_can_be_mutated(tmp_path):
+    design = mutated(to_rtlil(Wider(), name="wider", sources=True), "wider", tmp_path, count=10, seed=1)
+    assert design.mutants
