@@ -32,11 +32,13 @@ def run(
     folder: Path, scene: Scene, bundle: Path, data: Path, geometry: Path, *, store: Path, progress: bool
 ) -> None:
     """Run the experiments, those in a step of their own that train; `geometry` is that section's JSON."""
+    # Before this process reads the frames: each training has them in memory too.
+    networks = limits_geometry.networks(scene, data, store=store, progress=progress)
     build = Finished.read(scene, bundle, data, store=store, progress=progress)
     judged = json.loads(geometry.read_text())["channels"]
     content = {
         "build": {channels: limits_geometry.summary(errors) for channels, errors in judged.items()},
-        "networks": limits_geometry.networks(build),
+        "networks": networks,
         "regions": limits_geometry.regions(build),
         "solver_depth_mae_mm": limits_geometry.solver(build),
     }

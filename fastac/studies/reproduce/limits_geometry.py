@@ -84,8 +84,7 @@ def train(
     trained : what the network is trained by; where it lacks NIR, so do the frames
     sensor : that the presses are drawn for anew; None leaves the frames as they are
     """
-    recorded = frames.read(data, scene, store=store, progress=progress)
-    known = subset(recorded, np.sort(np.concatenate([vertical(recorded, split) for split in SPLITS])))
+    known = _vertical_presses(frames.read(data, scene, store=store, progress=progress))
     if sensor is not None:
         known = seen_by(sensor, known, scene.protocol.seed, label=label, progress=progress)
     if trained.sensor.channels == "bgr":
@@ -96,6 +95,10 @@ def train(
     pipeline = training.float_pipeline(load_arrays(folder / WEIGHTS), known, trained)
     errors, _ = judge(pipeline, known, known.indices("test"), progress=progress)
     write_json(folder / ERRORS, summary(errors))
+
+
+def _vertical_presses(data: Dataset) -> Dataset:
+    return subset(data, np.sort(np.concatenate([vertical(data, split) for split in SPLITS])))
 
 
 def summary(errors: dict) -> dict[str, float]:
@@ -141,15 +144,15 @@ def network_steps(scene: Scene, data: Path, *, store: Path, progress: bool) -> d
     return steps
 
 
-def networks(build: Finished) -> dict[str, dict]:
+def networks(scene: Scene, data: Path, *, store: Path, progress: bool) -> dict[str, dict]:
     """By experiment: errors of networks trained and judged on the vertical presses, by channels."""
-    steps = network_steps(build.scene, build.data_path, store=build.store, progress=build.progress)
+    steps = network_steps(scene, data, store=store, progress=progress)
     everything = [step for by_channels in steps.values() for step in by_channels.values()]
-    perform_all(build.store, everything, os.cpu_count() or 1, label="pixel networks", progress=build.progress)
-    store = open_store(build.store)
+    perform_all(store, everything, os.cpu_count() or 1, label="pixel networks", progress=progress)
+    found = open_store(store)
     return {
         name: {
-            channels: json.loads(store.perform(step).path(ERRORS).read_text())
+            channels: json.loads(found.perform(step).path(ERRORS).read_text())
             for channels, step in by_channels.items()
         }
         for name, by_channels in steps.items()
