@@ -1,17 +1,17 @@
 """Registers of a sum of products that takes a bit of a factor in each clock, where time does not matter."""
 
-from amaranth import Const, Mux, Shape, Signal
+from amaranth import Const, Mux, Signal
 
 
 class ProductSum:
     """Registers of Σ ± a · b, a and b of any sign; the methods give what is assigned to them.
 
-    total : the sum so far
+    total : the sum so far, in `bits` bits and modulo 2**bits
     """
 
-    def __init__(self, name: str, shape: Shape, *, factor_bits: int):
-        self.total = Signal(shape, name=f"{name}_total", reset_less=True)
-        self.shifted = Signal(shape, name=f"{name}_shifted", reset_less=True)
+    def __init__(self, name: str, bits: int, *, factor_bits: int):
+        self.total = Signal(bits, name=f"{name}_total", reset_less=True)
+        self.shifted = Signal(bits, name=f"{name}_shifted", reset_less=True)
         self.factor = Signal(factor_bits, name=f"{name}_factor", reset_less=True)
         self.minus = Signal(name=f"{name}_minus", reset_less=True)
 

@@ -1,6 +1,6 @@
 """The spread of shifts about the rigid motion that fits them, from the sums over the dots in contact."""
 
-from amaranth import Cat, Module, Mux, Signal, signed, unsigned
+from amaranth import Cat, Module, Mux, Signal, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -69,23 +69,21 @@ class SpreadRatio(wiring.Component):
         sums, out = self.i.payload, self.o.payload
         most = {name: bound.bit_length() for name, bound in bounds.items()}
         sides = max(most["x"], most["y"])
-        a_bits, b_bits, c_bits = (signed_width(bounds[name]) for name in "ABC")
+        b_bits = signed_width(bounds["B"])
         count_bits, quotient_bits = len(sums.n), len(out.spread)
-        # Of A and then A C; of B and then B²; of C and then n² C; of n².
+        # Of A and then A C; of B and then B²; of C and then n² C; of n². Only B may be negative.
+        ends = [bounds["A"] * bounds["C"], bounds["B"] ** 2, bounds["C"] * bounds["n"] ** 2]
+        a_bits, square_bits, c_bits = (end.bit_length() for end in ends)
         a_factor = max(most["n"], most["u"], most["v"], most["C"])
         b_factor = max(most["n"], sides, most["B"])
         c_factor = max(sides, 2 * most["n"])
-        a = ProductSum("a", signed(signed_width(bounds["A"] * bounds["C"])), factor_bits=a_factor)
-        b = ProductSum("b", signed(signed_width(bounds["B"] ** 2)), factor_bits=b_factor)
-        c = ProductSum("c", signed(signed_width(bounds["C"] * bounds["n"] ** 2)), factor_bits=c_factor)
-        n = ProductSum("n", unsigned(2 * count_bits), factor_bits=most["n"])
+        a = ProductSum("a", a_bits, factor_bits=a_factor)
+        b = ProductSum("b", max(square_bits, b_bits), factor_bits=b_factor)
+        c = ProductSum("c", c_bits, factor_bits=c_factor)
+        n = ProductSum("n", 2 * count_bits, factor_bits=most["n"])
         every = (a, b, c, n)
         n_, u, v, x, y = sums.n, sums.u, sums.v, sums.x, sums.y
-        of_a, of_b, of_c = (
-            a.total[:a_bits].as_signed(),
-            b.total[:b_bits].as_signed(),
-            c.total[:c_bits].as_signed(),
-        )
+        of_a, of_b, of_c = a.total[: most["A"]], b.total[:b_bits].as_signed(), c.total[: most["C"]]
         loads = (
             [
                 *a.load(sums.square, n_, afresh=True),
@@ -102,12 +100,16 @@ class SpreadRatio(wiring.Component):
             ],
         )
         step = Signal(range(max(*phases, quotient_bits)))
-        divisor = c.total[:-1]  # more than 0, or of too few dots
+        divisor = c.total  # more than 0, or of too few dots
         remainder = Signal(len(divisor), reset_less=True)
         rest = Signal(quotient_bits, reset_less=True)
         left = (a.total - b.total)[: len(a.total)]
         brought = Cat(rest[-1], remainder)
         fits = brought >= divisor
+        multiplying = Signal()
+        m.d.sync += step.eq(step + 1)
+        with m.If(multiplying):
+            m.d.sync += [s for product in every for s in product.step()]
         with m.If(self.o.ready):
             m.d.sync += self.o.valid.eq(0)
         with m.FSM():
@@ -119,7 +121,7 @@ class SpreadRatio(wiring.Component):
                         m.d.sync += [*load, step.eq(0)]
                         m.next = f"MULTIPLY {k}"
                 with m.State(f"MULTIPLY {k}"):
-                    m.d.sync += [*(s for product in every for s in product.step()), step.eq(step + 1)]
+                    m.d.comb += multiplying.eq(1)
                     with m.If(step == bits - 1):
                         m.next = f"LOAD {k + 1}" if k + 1 < len(phases) else "SUBTRACT"
             with m.State("SUBTRACT"):
@@ -136,7 +138,6 @@ class SpreadRatio(wiring.Component):
                     remainder.eq(Mux(fits, brought - divisor, brought)),
                     rest.eq(rest << 1),
                     out.spread.eq(Mux(n_ < LEAST_DOTS, 0, Cat(fits, out.spread))),
-                    step.eq(step + 1),
                 ]
                 with m.If(step == quotient_bits - 1):
                     m.d.comb += self.i.ready.eq(1)

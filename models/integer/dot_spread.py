@@ -98,27 +98,44 @@ class DotSpread:
         column, row = self.place.T
         return (displacement[..., row, column] > self.threshold) & seen
 
+    def sums(self, shifts: np.ndarray, contact: np.ndarray) -> dict[str, np.ndarray]:
+        """Sums over the dots in contact (..., M) of their shifts (..., M, 2), and A, B, C: (...) each, by the
+        names of `bounds`. In Python's integers, for the products have more than 64 bits."""
+        u, v = np.moveaxis(np.where(contact[..., None], shifts, 0).astype(object), -1, 0)
+        x, y = np.moveaxis(np.where(contact[..., None], self.xy, 0).astype(object), -1, 0)
+        terms = {
+            "n": contact.astype(object),
+            "u": u,
+            "v": v,
+            "x": x,
+            "y": y,
+            "square": u * u + v * v,
+            "turn": x * v - y * u,
+            "far": x * x + y * y,
+        }
+        s = {name: values.sum(axis=-1) for name, values in terms.items()}
+        return s | {
+            "A": s["n"] * s["square"] - s["u"] * s["u"] - s["v"] * s["v"],
+            "B": s["n"] * s["turn"] - s["x"] * s["v"] + s["y"] * s["u"],
+            "C": s["n"] * s["far"] - s["x"] * s["x"] - s["y"] * s["y"],
+        }
+
+    @staticmethod
+    def ratio(sums: dict[str, np.ndarray]) -> np.ndarray:
+        """The spread (...) from the sums, rounded down; 0 of fewer than LEAST_DOTS."""
+        n, a, b, c = (np.asarray(sums[name], object) for name in ("n", "A", "B", "C"))
+        enough = n >= LEAST_DOTS
+        # The rest is 0 or more by Cauchy's inequality, and C is more than 0 for dots at different places.
+        spread = (a * c - b * b) // np.where(enough, np.asarray(c * n * n, object), 1)
+        return np.where(enough, spread, 0).astype(np.int64)
+
     def __call__(
         self, shifts: np.ndarray, seen: np.ndarray, displacement: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """Shifts (..., M, 2), whether each dot is seen (..., M) and displacements (..., N, N) to the spread
-        (...) and the number of dots in contact (...). Fewer than LEAST_DOTS have no spread.
-
-        In Python's integers, for the products have more than 64 bits.
-        """
-        contact = self.contact(displacement, seen)
-        u, v = np.moveaxis(np.where(contact[..., None], shifts, 0).astype(object), -1, 0)
-        x, y = np.moveaxis(np.where(contact[..., None], self.xy, 0).astype(object), -1, 0)
-        n = contact.sum(axis=-1)
-        count = n.astype(object)
-        su, sv, sx, sy = (values.sum(axis=-1) for values in (u, v, x, y))
-        a = count * (u * u + v * v).sum(axis=-1) - su * su - sv * sv
-        b = count * (x * v - y * u).sum(axis=-1) - sx * sv + sy * su
-        c = count * (x * x + y * y).sum(axis=-1) - sx * sx - sy * sy
-        enough = n >= LEAST_DOTS
-        # The rest is 0 or more by Cauchy's inequality, and C is more than 0 for dots at different places.
-        spread = (a * c - b * b) // np.where(enough, np.asarray(c * count * count, object), 1)
-        return np.where(enough, spread, 0).astype(np.int64), n
+        (...) and the number of dots in contact (...). Fewer than LEAST_DOTS have no spread."""
+        sums = self.sums(shifts, self.contact(displacement, seen))
+        return self.ratio(sums), np.asarray(sums["n"], np.int64)[()]
 
 
 def spread_px(words: np.ndarray) -> np.ndarray:

@@ -73,7 +73,7 @@ class DotWindows:
         return tuple(side // CELL - 2 * self.half for side in self.image)
 
     @cached_property
-    def _largest(self) -> np.ndarray:
+    def largest(self) -> np.ndarray:
         """The largest darkness of each pixel, (H, W)."""
         threshold = np.full_like(self.threshold, self.darkest) if self.loadable else self.threshold
         return _of_pixels(threshold)
@@ -81,14 +81,14 @@ class DotWindows:
     @cached_property
     def mass_bound(self) -> int:
         """The largest sum of a window."""
-        return int(_box(self._cells(self._largest), self.half).max())
+        return int(_box(self._cells(self.largest), self.half).max())
 
     @cached_property
     def moment_bound(self) -> int:
         """The largest magnitude of a window's moment: all darkness on one side of its centre."""
         side = 2 * (2 * self.half + 1)
         distance = 2 * np.arange(side) - (side - 1)
-        largest = np.lib.stride_tricks.sliding_window_view(self._largest, (side, side))[::CELL, ::CELL]
+        largest = np.lib.stride_tricks.sliding_window_view(self.largest, (side, side))[::CELL, ::CELL]
         one_side = np.maximum(distance, 0)
         across = np.einsum("rcij,j->rc", largest, one_side), np.einsum("rcij,i->rc", largest, one_side)
         back = (

@@ -10,6 +10,7 @@ from fastac.store.progress import progress_bar
 from fastac.store.steps import Step
 from fastac.store.store import open_store
 from fastac.studies.robustness.worst_case import WorstCase, of_pixels
+from fastac.studies.robustness.worst_case_dots import of_dots
 from fastac.studies.robustness.worst_case_hardware import compare
 from fastac.studies.robustness.worst_case_solver import of_solver
 
@@ -19,7 +20,9 @@ class ExtremesError(RuntimeError):
 
 
 def worst_cases(pipeline: IntegerPipeline) -> list[WorstCase]:
-    return of_pixels(pipeline) + (of_solver(pipeline) if pipeline.solver is not None else [])
+    """Of every stage that the pipeline has."""
+    solver = of_solver(pipeline) if pipeline.solver is not None else []
+    return of_pixels(pipeline) + solver + of_dots(pipeline)
 
 
 @lru_cache(1)

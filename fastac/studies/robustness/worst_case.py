@@ -19,6 +19,7 @@ SATURATES = "saturates there, and sets its flag"
 class WorstCase:
     """A word of a stage, and inputs of the stage that drive it to its largest magnitude.
 
+    width : bits of the word, with a sign also where it has none
     bound : the magnitude that the word's width was chosen for
     range_bound : the largest magnitude for inputs in the stage's own range, by interval arithmetic; smaller
         than `bound` where the bound assumes more

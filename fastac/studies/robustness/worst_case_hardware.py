@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac.gateware.dots.follower import DotFollowerStream, dot_layout
+from fastac.gateware.dots.window_stream import DotWindowStream, window_layout
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.mlp_mvm import MvmTile
@@ -12,8 +14,13 @@ from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.poisson.source import PoissonSourceStream
+from fastac.gateware.slip.rigid_sums import sums_layout
+from fastac.gateware.slip.spread_ratio import SpreadRatio, spread_layout
 from fastac.gateware.stream.tables import raster_beats
 from fastac.models.integer.depth import Depth
+from fastac.models.integer.dot_follower import DotFollower
+from fastac.models.integer.dot_spread import DotSpread
+from fastac.models.integer.dot_windows import CELL, DotWindows
 from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.network import GradientRatio, Layer
@@ -83,6 +90,47 @@ def _force(case: WorstCase, lanes: int):
     return dut, pack(beats.reshape(len(beats), -1), bits), pack(case.outputs, force.width), mask
 
 
+def _records(layout, rows: np.ndarray) -> list[int]:
+    """Rows (…, fields) of the values of a layout's fields, in their order, as payloads."""
+    names = list(layout.members)
+    rows = rows.reshape(-1, len(names)).tolist()
+    return [layout.const(dict(zip(names, row, strict=True))).as_bits() for row in rows]
+
+
+def _beats(payloads: list[int], size: int, per_beat: int) -> list[int]:
+    """Payloads of `size` bits, `per_beat` of them a beat, the first in the LSBs."""
+    groups = zip(*per_beat * [iter(payloads)], strict=True)
+    return [sum(word << k * size for k, word in enumerate(group)) for group in groups]
+
+
+def _windows(case: WorstCase, lanes: int):
+    dut = DotWindowStream(case.stage, lanes=lanes)
+    layout = window_layout(case.stage)
+    expected = _beats(_records(layout, case.outputs), layout.size, dut.per_beat)
+    return dut, pack(_rows(case.inputs, lanes), case.stage.darkness_width), expected, None
+
+
+def _shifts(case: WorstCase, lanes: int):
+    follower = case.stage
+    per_beat, layout = max(1, lanes // CELL), window_layout(follower.windows)
+    clocks = CELL * follower.windows.image[1] // lanes
+    dut = DotFollowerStream(follower, per_beat=per_beat, row_clocks=clocks)
+    inputs = _beats(_records(layout, case.inputs), layout.size, per_beat)
+    return dut, inputs, _records(dot_layout(follower), case.outputs), None
+
+
+def _spread(case: WorstCase, lanes: int):
+    dut, layouts = SpreadRatio(case.stage), (sums_layout(case.stage), spread_layout(case.stage))
+    inputs, expected = (
+        _records(layout, rows) for layout, rows in zip(layouts, (case.inputs, case.outputs), strict=True)
+    )
+    return dut, inputs, expected, None
+
+
+DOTS = {DotWindows: _windows, DotFollower: _shifts, DotSpread: _spread}
+"""Stages of the dots."""
+
+
 def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, ...] = (0,)) -> int:
     """Simulate the stage's hardware on the case's inputs; returns how many beats were compared.
 
@@ -96,6 +144,8 @@ def compare(case: WorstCase, folder: Path, *, lanes: int, stalls: tuple[float, .
         dut, inputs, expected, mask = _ratio(case)
     elif isinstance(stage, PatchForce | WeightedSum | BentSum):
         dut, inputs, expected, mask = _force(case, lanes)
+    elif type(stage) in DOTS:
+        dut, inputs, expected, mask = DOTS[type(stage)](case, lanes)
     else:
         if isinstance(stage, PoissonSource):
             dut, inputs, outputs, width = _source(case, lanes)

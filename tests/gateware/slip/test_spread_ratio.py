@@ -49,8 +49,10 @@ def test_values_and_clocks(name):
 def test_stream_rules_in_verilator(tmp_path):
     spread = SPREADS["12 at random"]
     inputs, expected = cases(spread, 80)
+    dut = SpreadRatio(spread)
     latencies = [(k, k, 1) for k in range(len(inputs))]
-    check(SpreadRatio(spread), "ratio", tmp_path, inputs=inputs, expected=expected, latencies=latencies)
+    latencies += [(k, k + 1, 1 + dut.interval) for k in range(len(inputs) - 1)]
+    check(dut, "ratio", tmp_path, inputs=inputs, expected=expected, latencies=latencies)
 
 
 def test_there_is_no_multiplier():

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from fastac.models.random_bundle import NUMBERS, random_bundle, scene
-from fastac.studies.robustness.worst_case import of_pixels
+from fastac.studies.robustness.words import worst_cases
 from fastac.studies.robustness.worst_case_hardware import compare
-from fastac.studies.robustness.worst_case_solver import of_solver
 
 WIDE = NUMBERS | {"gradient_fraction_bits": 12, "coefficient_fraction_bits": 14}
 """Words in which roundings are small."""
@@ -24,6 +23,8 @@ SCENES = {
         "lanes": 2,
     },
     "adjoint": {"outputs": ("force_xyz",), "solver": "adjoint"},
+    "dots": {"outputs": ("force_xyz", "slip"), "size": 32, "dots": True, "weights": "baked", "lanes": 4},
+    "dots, loadable": {"outputs": ("force_xyz", "slip"), "size": 32, "dots": True},
 }
 SCENES |= {f"{name}, cut off": SCENES[name] | {"rounding": "floor"} for name in (*SCENES,)[:2]}
 WORDS = {
@@ -37,6 +38,11 @@ WORDS = {
     },
     "adjoint": {"layer 0", "layer 1", "gradient ratio", "force"},
 }
+DOTS = {"windows of dots", "shifts of dots", "spread of dots"}
+WORDS |= {
+    name: WORDS["the paper's"] - {"pixel response"} | {"force of dots"} | DOTS
+    for name in ("dots", "dots, loadable")
+}
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -44,7 +50,7 @@ WORDS = {
 def test_every_bound_is_reached_and_none_is_exceeded(tmp_path, name, mode):
     wanted = SCENES[name] | {"mode": mode, "numbers": WIDE}
     pipeline = random_bundle(tmp_path / "bundle", scene(**wanted)).pipeline
-    cases = of_pixels(pipeline) + (of_solver(pipeline) if pipeline.solver else [])
+    cases = worst_cases(pipeline)
     assert {case.name for case in cases} == WORDS[name.removesuffix(", cut off")]
     for case in cases:
         assert case.reached <= case.range_bound <= case.bound, case
@@ -69,14 +75,14 @@ def test_every_bound_is_reached_and_none_is_exceeded(tmp_path, name, mode):
 def test_the_hardware_holds_them(tmp_path, name, stages):
     pipeline = random_bundle(tmp_path / "bundle", scene(**SCENES[name])).pipeline
     lanes = pipeline.scene.hardware.pixels_per_clock
-    cases = of_pixels(pipeline) + (of_solver(pipeline) if pipeline.solver else [])
+    cases = worst_cases(pipeline)
     for case in (case for case in cases if case.name in stages):
         assert compare(case, tmp_path, lanes=lanes) >= len(case.outputs)
 
 
 def test_a_word_that_is_one_off_is_found(tmp_path):
     pipeline = random_bundle(tmp_path / "bundle", scene(**SCENES["adjoint"])).pipeline
-    case = of_pixels(pipeline)[1]
+    case = worst_cases(pipeline)[1]
     outputs = case.outputs.copy()
     outputs[-1, -1] += 1
     with pytest.raises((SystemExit, RuntimeError)):
