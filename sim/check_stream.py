@@ -39,7 +39,7 @@ def check(
     latencies: Iterable[tuple[int, int, int]] = (),
     flags: Mapping[str, int] | None = None,
     elastic: bool = False,
-    stalls: Sequence[float] = (0, 0.3, 0.9),
+    stalls: Sequence[float | tuple[float, float]] = (0, 0.3, 0.9),
     seed: int = 1,
     timeout_cycles: int = 1_000_000,
     build_args: tuple[str, ...] = QUICK,
@@ -56,7 +56,8 @@ def check(
     flags : {output port: sum of its words over all transfers at `o`; of one bit: how often it is high}
     elastic : `i` must be ready in every clock in which `o` is empty or taken, and in no other
     stalls : shares of clocks in which the driver and `o.ready` pause, each on its own, for single clocks and
-        in bursts; one run for each, from one build. Above a half, `o.ready` waits for a beat.
+        in bursts, or a pair of both's shares; one run for each, from one build. Above a half, `o.ready` waits
+        for a beat.
     build_args, log_file : further arguments of Verilator; file for the output instead of the terminal
     """
     folder.mkdir(parents=True, exist_ok=True)

@@ -67,8 +67,8 @@ class SlopeBridgeStream(wiring.Component):
         free, move = Signal(), Signal()
         m.d.comb += [
             free.eq(self.o.ready | ~self.o.valid),
-            # Between rows the window may move on without a beat.
-            move.eq(free & (self.i.valid | ((entering == 0) & here.any()))),
+            # Between rows the window may move on without a beat; its oldest beats are then of a row.
+            move.eq(free & (self.i.valid | ((entering == 0) & here[0]))),
             self.i.ready.eq(free),
         ]
         with m.If(self.o.ready):

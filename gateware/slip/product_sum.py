@@ -29,9 +29,13 @@ class ProductSum:
 
     def step(self) -> list:
         """Take one bit of the factor."""
-        added = Mux(self.minus, self.total - self.shifted, self.total + self.shifted)
+        counts = self.factor[0]
+        minus = self.minus & counts
+        bits = len(self.shifted)
+        # To subtract is to add what all bits inverted are, and 1.
+        term = (self.shifted ^ minus.replicate(bits)) & counts.replicate(bits)
         return [
-            self.total.eq(Mux(self.factor[0], added, self.total)),
+            self.total.eq(self.total + term + minus),
             self.shifted.eq(self.shifted << 1),
             self.factor.eq(self.factor >> 1),
         ]

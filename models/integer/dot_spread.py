@@ -74,10 +74,11 @@ class DotSpread:
         count, limit = len(self.place), self.shift_limit
         if self.side:
             x, y, far = (count * value for value in self.largest)
-            away = x + y
+            away, arms = x + y, count * (x + y)
         else:
             x, y = np.maximum(self.xy.clip(0).sum(axis=0), -self.xy.clip(max=0).sum(axis=0)).tolist()
             away, far = int(np.abs(self.xy).sum()), int((self.xy**2).sum())
+            arms = int(np.abs(count * self.xy - self.xy.sum(axis=0)).sum())
         found = {
             "n": count,
             "u": count * limit,
@@ -89,7 +90,8 @@ class DotSpread:
             "far": far,
         }
         found["A"] = count * found["square"]
-        found["B"] = count * found["turn"] + (x + y) * count * limit
+        # B sums shifts by n x − Σx and n y − Σy, whose magnitudes' sum grows with each further dot.
+        found["B"] = arms * limit
         found["C"] = count * found["far"]
         return found | {"spread": 2 * limit**2}
 

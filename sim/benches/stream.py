@@ -38,7 +38,11 @@ class Pauses:
 @cocotb.parametrize(stall=SETTINGS["stalls"])
 async def values_order_latency_flags(dut, stall):
     noise = random.Random(f"{SETTINGS['seed']} noise")
-    source, sink = (Pauses(stall, random.Random(f"{SETTINGS['seed']} {side}")) for side in "io")
+    shares = stall if isinstance(stall, list) else [stall, stall]
+    source, sink = (
+        Pauses(share, random.Random(f"{SETTINGS['seed']} {side}"))
+        for share, side in zip(shares, "io", strict=True)
+    )
     cocotb.start_soon(Clock(dut.clk, 10, unit="ns").start())
     dut.rst.value = 1
     dut.i__valid.value = dut.o__ready.value = 0
@@ -63,7 +67,7 @@ async def values_order_latency_flags(dut, stall):
         if offered == len(accepted_at):  # nobody may look at a payload that is not offered
             dut.i__payload.value = noise.getrandbits(len(dut.i__payload))
         pauses = sink.now()
-        dut.o__ready.value = int(not pauses and (stall <= PATIENT or held is not None))
+        dut.o__ready.value = int(not pauses and (sink.share <= PATIENT or held is not None))
         await ReadOnly()
         if int(dut.i__valid.value) and int(dut.i__ready.value):
             accepted_at.append(cycle)
@@ -93,6 +97,6 @@ async def values_order_latency_flags(dut, stall):
         f" {received[wrong[0]]:#x}, expected {EXPECTED[wrong[0]]:#x}"
     )
     assert flags == SETTINGS["flags"], f"flags {flags}, expected {SETTINGS['flags']}"
-    if not stall:
+    if not any(shares):
         measured = [[i, o, output_at[o] - accepted_at[i]] for i, o, _ in SETTINGS["latencies"]]
         assert measured == SETTINGS["latencies"], f"latencies {measured}, expected {SETTINGS['latencies']}"

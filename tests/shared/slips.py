@@ -42,12 +42,20 @@ def extremes(spread: DotSpread) -> tuple[np.ndarray, np.ndarray]:
 
 
 def frames(spread: DotSpread, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The extremes, and `count` frames at random in which few dots touch, or many."""
+    """The extremes, and `count` frames at random in which few dots touch, or many; of every third all move
+    rigidly, of another third three or four touch, of which every unit of the sums counts."""
     rng, (shifts, contact) = np.random.default_rng(1), extremes(spread)
     shape = (count, len(spread.place))
     limit = spread.shift_limit >> rng.integers(0, spread.shift_limit.bit_length(), (count, 1, 1))
-    more = rng.integers(-limit, limit + 1, (*shape, 2)), rng.random(shape) < rng.random((count, 1))
-    return np.concatenate([shifts, more[0]]), np.concatenate([contact, more[1]])
+    moved, touch = rng.integers(-limit, limit + 1, (*shape, 2)), rng.random(shape) < rng.random((count, 1))
+    x, y = spread.xy.T
+    turns = np.stack([-y, x], axis=-1) * rng.choice([-3, -2, -1, 1, 2, 3], (count, 1, 1))
+    rigid = turns + rng.integers(-limit, limit + 1, (count, 1, 2))
+    fits = np.abs(rigid).max(axis=(1, 2)) <= spread.shift_limit
+    moved[::3] = np.where(fits[:, None, None], rigid, moved)[::3]
+    few = rng.permuted(np.broadcast_to(np.arange(shape[1]), shape), axis=1) < rng.integers(3, 5, (count, 1))
+    touch[1::3] = few[1::3]
+    return np.concatenate([shifts, moved]), np.concatenate([contact, touch])
 
 
 def sum_payloads(spread: DotSpread, shifts: np.ndarray, contact: np.ndarray) -> list[int]:

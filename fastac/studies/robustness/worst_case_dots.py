@@ -78,11 +78,10 @@ def reachable(spread: DotSpread) -> dict[str, int]:
     of two shifts, B a sum of shifts with weights, and C depends on the places alone.
     """
     n, limit = len(spread.place), spread.shift_limit
-    arms = n * spread.xy - spread.xy.sum(axis=0)
     found = spread.sums(np.zeros((n, 2), np.int64), np.ones(n, bool))
     return {
         "A": 2 * limit**2 * (n**2 - n % 2),
-        "B": limit * int(np.abs(arms).sum()),
+        "B": replace(spread, side=None).bounds["B"],
         "C": int(found["C"]),
         "spread": 2 * limit**2,
     }
@@ -115,7 +114,7 @@ def spread_cases(spread: DotSpread) -> list[WorstCase]:
     inputs = np.stack([found[name][kept] for name in sums_layout(spread).members], axis=-1)
     outputs = np.stack([found["spread"][kept], found["n"][kept]], axis=-1)
     widest, bounds = reachable(spread), spread.bounds
-    notes = dict.fromkeys(widest, "") | {"B": "the bound adds the magnitudes of its three products"}
+    notes = dict.fromkeys(widest, "")
     if spread.side:
         notes |= dict.fromkeys("BC", "the bound is of any places that can be loaded")
     return [

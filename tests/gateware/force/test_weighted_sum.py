@@ -187,9 +187,9 @@ def bent_sum(axes, columns, bits, rng, *, bends=1):
     return WeightedSum(weight, rng.integers(-limit, 1, axes) << bits, bits, True)
 
 
-def displacements(weighted, bends, rng):
-    """Frames of each value about the edges, of all of them mixed, of random ones, and those of either sign
-    that give the first axis its largest and its lowest sum."""
+def displacements(weighted, bends, rng, *, count=4):
+    """Frames of each value about the edges, of all of them mixed, `count` random ones, and those of either
+    sign that give the first axis its largest and its lowest sum."""
     limit = weighted.input_limit
     shape = weighted.weight.shape[1:3]
     edges = {0, 1, -1, limit, -limit}
@@ -199,7 +199,7 @@ def displacements(weighted, bends, rng):
     reached = terms(values, bends) @ weighted.weight[0].reshape(-1, 2 + len(bends)).T  # (2, pixels)
     most, least = (values[choice(reached, axis=0)].reshape(shape) for choice in (np.argmax, np.argmin))
     mixed = [rng.choice(sorted(edges), shape) for _ in range(4)]
-    random = list(rng.integers(-limit, limit + 1, (4, *shape)))
+    random = list(rng.integers(-limit, limit + 1, (count, *shape)))
     return np.stack([most, least, *(np.full(shape, value) for value in sorted(edges)), *mixed, *random])
 
 
@@ -238,8 +238,8 @@ def test_bends(lanes, bends):
 @pytest.mark.quick("4")
 def test_bends_in_verilator(tmp_path, lanes):
     rng = np.random.default_rng(lanes)
-    weighted, bends = bent_sum(3, 6, 8, rng, bends=2), (21, 60)
-    x = displacements(weighted, bends, rng)
+    weighted, bends = bent_sum(3, 14, 8, rng, bends=2), (21, 60)
+    x = displacements(weighted, bends, rng, count=16)
     dut = WeightedSumStream(weighted, lanes=lanes, bends=bends)
     check(
         dut,
