@@ -23,7 +23,7 @@ SCENES = {
         "lanes": 2,
     },
     "adjoint": {"outputs": ("force_xyz",), "solver": "adjoint"},
-    "dots": {"outputs": ("force_xyz", "slip"), "size": 32, "dots": True, "weights": "baked", "lanes": 4},
+    "dots": {"outputs": ("force_xyz", "slip"), "size": 32, "dots": True, "weights": "baked", "lanes": 2},
     "dots, loadable": {"outputs": ("force_xyz", "slip"), "size": 32, "dots": True},
 }
 SCENES |= {f"{name}, cut off": SCENES[name] | {"rounding": "floor"} for name in (*SCENES,)[:2]}
