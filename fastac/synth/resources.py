@@ -275,7 +275,7 @@ def model() -> tuple[dict, dict[str, str]]:
     for name, errors in leave_one_out(samples).items():
         origins[name] = (
             f"estimated: sums of adder bits and memories, fitted to Yosys {content['yosys']}'s counts of"
-            f" {len(samples)} designs (fastac/resource_samples.json); leave-one-out error: mean"
+            f" {len(samples)} designs (fastac/synth/resource_samples.json); leave-one-out error: mean"
             f" {np.abs(errors).mean():.1f}%, largest {np.abs(errors).max():.1f}%"
         )
     products = np.array([100 * (s["dsp48e2"] / max(_counted(s, "dsp48e2"), 1) - 1) for s in samples])

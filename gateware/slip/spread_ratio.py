@@ -99,17 +99,14 @@ class SpreadRatio(wiring.Component):
                 *c.load(of_c, n.total, afresh=True),
             ],
         )
-        step = Signal(range(max(*phases, quotient_bits)))
+        phase = Signal(range(len(phases)))
+        step = Signal(range(max(*phases, quotient_bits)))  # counts down to 0
         divisor = c.total  # more than 0, or of too few dots
         remainder = Signal(len(divisor), reset_less=True)
         rest = Signal(quotient_bits, reset_less=True)
         left = (a.total - b.total)[: len(a.total)]
         brought = Cat(rest[-1], remainder)
         fits = brought >= divisor
-        multiplying = Signal()
-        m.d.sync += step.eq(step + 1)
-        with m.If(multiplying):
-            m.d.sync += [s for product in every for s in product.step()]
         with m.If(self.o.ready):
             m.d.sync += self.o.valid.eq(0)
         with m.FSM():
@@ -118,18 +115,20 @@ class SpreadRatio(wiring.Component):
                     begin = (self.i.valid & ~self.o.valid) if k == 0 else 1
                     with m.If(begin):
                         # A product that has none in this phase goes on with the factor 0, to which it came.
-                        m.d.sync += [*load, step.eq(0)]
-                        m.next = f"MULTIPLY {k}"
-                with m.State(f"MULTIPLY {k}"):
-                    m.d.comb += multiplying.eq(1)
-                    with m.If(step == bits - 1):
-                        m.next = f"LOAD {k + 1}" if k + 1 < len(phases) else "SUBTRACT"
+                        m.d.sync += [*load, step.eq(bits - 1), phase.eq(k)]
+                        m.next = "MULTIPLY"
+            with m.State("MULTIPLY"):
+                m.d.sync += [*(s for product in every for s in product.step()), step.eq(step - 1)]
+                with m.If(step == 0), m.Switch(phase):
+                    for k in range(len(phases)):
+                        with m.Case(k):
+                            m.next = f"LOAD {k + 1}" if k + 1 < len(phases) else "SUBTRACT"
             with m.State("SUBTRACT"):
                 # The quotient has no more bits than `rest`, so the upper ones are less than the divisor.
                 m.d.sync += [
                     rest.eq(left[:quotient_bits]),
                     remainder.eq(left[quotient_bits:]),
-                    step.eq(0),
+                    step.eq(quotient_bits - 1),
                     out.dots.eq(n_),
                 ]
                 m.next = "DIVIDE"
@@ -138,8 +137,9 @@ class SpreadRatio(wiring.Component):
                     remainder.eq(Mux(fits, brought - divisor, brought)),
                     rest.eq(rest << 1),
                     out.spread.eq(Mux(n_ < LEAST_DOTS, 0, Cat(fits, out.spread))),
+                    step.eq(step - 1),
                 ]
-                with m.If(step == quotient_bits - 1):
+                with m.If(step == 0):
                     m.d.comb += self.i.ready.eq(1)
                     m.d.sync += self.o.valid.eq(1)
                     m.next = "LOAD 0"
