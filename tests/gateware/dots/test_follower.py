@@ -14,7 +14,7 @@ from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 
 HEIGHT, WIDTH = 36, 44
-A_SLOW_READER = (0, 0.98)
+A_SLOW_READER = (0, 0.96)
 """Shares of pauses: windows come without any, and dots have to wait for long. Rows that they or later ones
 need must not be overwritten."""
 
@@ -112,13 +112,13 @@ def test_shifts_up_to_the_bound():
 @pytest.mark.long
 def test_stream_rules_in_verilator(tmp_path):
     usual = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
-    windows = np.concatenate([usual.windows(frames_of()), random_windows(usual, 150)])
+    windows = np.concatenate([usual.windows(frames_of()), random_windows(usual, 50)])
     # Every fourth dot counts as seen, whatever its darkness; others have limits of any size.
     always = np.arange(len(usual.rest)) % 4 == 1
     most = usual.windows.mass_bound
     low, high = np.sort(np.random.default_rng(4).integers(1, most, (2, len(always))), axis=0)
     follower = replace(usual, low=np.where(always, 1, low), high=np.where(always, most, high))
-    windows = np.concatenate([windows, random_windows(follower, 50)])
+    windows = np.concatenate([windows, random_windows(follower, 30)])
     dut = stream(follower, 4)
     check(
         dut,
