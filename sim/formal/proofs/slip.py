@@ -191,20 +191,30 @@ def spread_ratio(component: type) -> FormalBench:
     bench.always("works while there are sums", (clocks == 0) | (works & (clocks < dut.latency)))
 
     # For the induction: the state that belongs to each clock.
-    state = bench.probe("fsm_state", range(2 * len(dut.phases_of(spread)) + 2))
-    step = bench.probe("step", range(max(*dut.phases_of(spread), len(o.spread))))
-    at, states = 0, []
-    for bits in dut.phases_of(spread):
-        states += [(at, 1), (at + 1, bits)]
+    phases, quotient = dut.phases_of(spread), len(o.spread)
+    state = bench.probe("fsm_state", range(len(phases) + 3))
+    step = bench.probe("step", range(max(*phases, quotient)))
+    phase = bench.probe("phase", range(len(phases)))
+
+    def during(first: int, length: int) -> Value:
+        """Whether the clock is one of `length` from `first`."""
+        return (clocks >= first) & (clocks < first + length)
+
+    at, loads, multiplies = 0, [], []
+    for k, bits in enumerate(phases):
+        loads.append(during(at, 1))
+        multiplies.append(during(at + 1, bits))
+        bench.always(f"phase {k}", ~multiplies[-1] | (phase == k))
+        bench.always(f"phase {k}: the step", ~multiplies[-1] | (step == (at + bits - clocks)[: len(step)]))
         at += 1 + bits
-    states += [(at, 1), (at + 1, len(o.spread))]
-    for k, (first, length) in enumerate(states):
-        here = (clocks >= first) & (clocks < first + length)
-        bench.always(f"state {k} in its clocks", (state == k) == here)
-        if length > 1 or k % 2:
-            bench.always(f"state {k}: the step", ~here | (step == (clocks - first)[: len(step)]))
-    first = states[-1][0]
-    dividing = clocks >= first
+    first = at + 1
+    dividing = during(first, quotient)
+    bench.always("division: the step", ~dividing | (step == (at + quotient - clocks)[: len(step)]))
+    # The hardware's states in the order in which they are named.
+    names = ["load 0", "multiply", *(f"load {k}" for k in range(1, len(phases))), "subtract", "divide"]
+    states = [loads[0], Cat(multiplies).any(), *loads[1:], during(at, 1), dividing]
+    for k, (name, here) in enumerate(zip(names, states, strict=True)):
+        bench.always(f"state {name} in its clocks", (state == k) == here)
     bench.always("the dots while it divides", ~dividing | (o.dots == dut.i.payload.n))
     few = dut.i.payload.n < LEAST_DOTS
     bench.always("nothing so far of too few dots", ~((clocks > first) & few) | (o.spread == 0))
@@ -323,7 +333,7 @@ PROOFS = (
         breaks=(
             ("(self.i.valid & ~self.o.valid) if", "self.i.valid if"),
             ("n_ < LEAST_DOTS", "n_ < LEAST_DOTS - 1"),
-            ("step == bits - 1", "step == bits"),
+            ("step.eq(bits - 1)", "step.eq(bits - 2)"),
             ("self.i.ready.eq(1)", "self.i.ready.eq(self.o.ready)"),
         ),
         broken_depth=30,
