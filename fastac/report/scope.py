@@ -6,6 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -111,9 +112,13 @@ class Scope:
         }
 
     @cached_property
+    def pipeline(self) -> IntegerPipeline:
+        return random_pipeline(self.scene)
+
+    @cached_property
     def stages(self) -> dict[str, dict[str, float]]:
         factors, _ = resources.model()
-        return resources.predict(factors, resources.features(random_pipeline(self.scene)))
+        return resources.predict(factors, resources.features(self.pipeline))
 
     def elaborated(self) -> dict[str, str]:
         """Look-up tables by stage."""
@@ -137,7 +142,9 @@ class Scope:
 
     def area(self) -> dict[str, str]:
         """The estimated area of the design, beside that with every output."""
-        mine, whole = (resources.estimate(random_pipeline(scene)) for scene in (self.scene, self.everything))
+        mine, whole = (
+            resources.estimate(found) for found in (self.pipeline, random_pipeline(self.everything))
+        )
         found = {}
         for name, label in AREAS.items():
             value, most = mine[name]["value"], whole[name]["value"]
@@ -167,7 +174,8 @@ def table(scopes: Sequence[Scope]) -> str:
     names = [scope.scene.name for scope in scopes]
     rows: list[list[str]] = []
     for title, section in sections.items():
-        columns = [section(scope) for scope in scopes]
+        with threadpool_limits(1):  # more are slower: all products are small
+            columns = [section(scope) for scope in scopes]
         rows.append([f"**{title}**", *("" for _ in names)])
         rows += [[key, *(column[key] for column in columns)] for key in columns[0]]
     return "\n\n".join([markdown_table(["", *names], rows), *notes()])

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.dot_follower import DotFollower
@@ -106,15 +107,17 @@ def assemble(
     any_rest = loadable and scene.poisson.mode == "difference"
     source = PoissonSource(divergence, ratio.width, offset, 4 * ratio.limit if any_rest else None)
     slope_limit = ratio.limit * 2.0**-ratio.fraction
-    chosen = SOLVERS[scene.poisson.solver].fitted(
-        offset=np.zeros_like(offset) if any_rest else offset,
-        source=Fixed(source.width, unit.fraction),
-        slope_limit=2 * slope_limit if any_rest else slope_limit,
-        divergence=divergence,
-        coefficient_fraction=numbers.coefficient_fraction_bits,
-        data_bits=numbers.data_bits,
-        rounding=numbers.rounding,
-    )
+    # Its many small products are slower on several threads, and bounds then depend on the machine.
+    with threadpool_limits(1):
+        chosen = SOLVERS[scene.poisson.solver].fitted(
+            offset=np.zeros_like(offset) if any_rest else offset,
+            source=Fixed(source.width, unit.fraction),
+            slope_limit=2 * slope_limit if any_rest else slope_limit,
+            divergence=divergence,
+            coefficient_fraction=numbers.coefficient_fraction_bits,
+            data_bits=numbers.data_bits,
+            rounding=numbers.rounding,
+        )
     if scene.poisson.mode == "difference":
         rest = to_words(rest_depth_mm[1:-1, 1:-1] / pitch, Fixed(62, chosen.depth_format.fraction))
     else:

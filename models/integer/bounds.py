@@ -28,10 +28,12 @@ class Stage:
 
 
 def stencil_norms(matrix: np.ndarray, divergence: str) -> tuple[np.ndarray, np.ndarray]:
-    """L1 norms over a row or column of slopes: (along the derivative, across it), each (N,)."""
-    kernel = STENCILS[divergence].kernel
-    along = np.abs(np.array([np.convolve(row, kernel) for row in matrix])).sum(axis=1)
-    return along, np.abs(matrix).sum(axis=1)
+    """L1 norms over a row or column of slopes: (along the derivative, across it), each (..., N) for matrices
+    (..., N, N)."""
+    stencil = STENCILS[divergence]
+    around = [(0, 0)] * (matrix.ndim - 1) + [(stencil.span, stencil.span)]
+    along = stencil.differences(np.pad(matrix, around), matrix.ndim - 1)
+    return stencil.scale * np.abs(along).sum(axis=-1), np.abs(matrix).sum(axis=-1)
 
 
 def green_norm(matrix: np.ndarray, reciprocal: np.ndarray, divergence: str) -> float:
@@ -47,15 +49,22 @@ def green_norm(matrix: np.ndarray, reciprocal: np.ndarray, divergence: str) -> f
 @lru_cache(maxsize=16)
 def _green_norm(size: int, of_matrix: bytes, of_reciprocal: bytes, divergence: str) -> float:
     matrix, reciprocal = (np.frombuffer(table).reshape(size, size) for table in (of_matrix, of_reciprocal))
-    half, stencil = (size + 1) // 2, STENCILS[divergence]
-    worst = 0.0
+    half, stencil, worst = (size + 1) // 2, STENCILS[divergence], 0.0
+    green = np.zeros((size + 4, size + 4))
     for i in range(half):
         rows = matrix @ (matrix[i][:, None] * reciprocal)
-        green = (rows * matrix[i:half, None, :]) @ matrix
-        padded = np.pad(green, ((0, 0), (2, 2), (2, 2)))
-        norms = [stencil.scale * np.abs(stencil.differences(padded, axis)) for axis in (1, 2)]
-        worst = max(worst, float(sum(x.sum(axis=(1, 2)) for x in norms).max()))
+        # A pixel at a time, whose Green's function fits the processor's cache.
+        for j in range(i, half):
+            np.matmul(rows * matrix[j], matrix, out=green[2:-2, 2:-2])
+            norms = (np.abs(stencil.differences(green, axis)).sum() for axis in (0, 1))
+            worst = max(worst, stencil.scale * float(sum(norms)))
     return worst
+
+
+def between_rows(matrix: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Σ over m of matrix[i, m] · weights[m, n] · matrix[m, k]: an operator from rows k to rows i for each n,
+    (n, i, k)."""
+    return (matrix * weights.T[:, None, :]) @ matrix
 
 
 def coefficients(size: int, fraction: int) -> np.ndarray:

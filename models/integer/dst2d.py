@@ -4,7 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fastac.models.integer.bounds import GUARD_BITS, Stage, coefficients, green_norm, stencil_norms
+from fastac.models.integer.bounds import (
+    GUARD_BITS,
+    Stage,
+    between_rows,
+    coefficients,
+    green_norm,
+    stencil_norms,
+)
 from fastac.models.integer.laplacian import STENCILS, eigenvalues, row_eigenvalues
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.solver_base import IntegerSolver
@@ -135,9 +142,7 @@ class Solver(IntegerSolver):
         e3 = choose("division", (bound + e2) * reciprocal)
         # Inverse columns, (i, n): one N×N operator per mode n, over source rows.
         solution = s @ constant @ s * reciprocal
-        operators = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
-        across_rows = np.abs(operators).sum(axis=2)
-        along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
+        along_rows, across_rows = stencil_norms(between_rows(s, reciprocal), divergence)
         bound = slope_limit * (across_rows * along[:, None] + along_rows * across[:, None]).T + np.abs(
             s @ solution
         )
@@ -176,5 +181,5 @@ class Solver(IntegerSolver):
         forward = np.broadcast_to(s, (len(s), *s.shape))
         reciprocal = self.division.mantissa * 2.0**-self.division.shift
         divided = reciprocal.T[:, :, None] * forward
-        back = np.einsum("im,mn,mk->nik", s, reciprocal, s, optimize=True)
+        back = between_rows(s, reciprocal)
         return {"column_forward": forward, "division": divided, "column_inverse": back}

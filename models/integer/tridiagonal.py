@@ -18,7 +18,14 @@ from typing import ClassVar
 
 import numpy as np
 
-from fastac.models.integer.bounds import GUARD_BITS, Stage, coefficients, green_norm, stencil_norms
+from fastac.models.integer.bounds import (
+    GUARD_BITS,
+    Stage,
+    between_rows,
+    coefficients,
+    green_norm,
+    stencil_norms,
+)
 from fastac.models.integer.laplacian import STENCILS, eigenvalues
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.solver_base import IntegerSolver
@@ -146,11 +153,6 @@ def row_operators(c: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return down, up
 
 
-def _ideal(s: np.ndarray, n: int) -> np.ndarray:
-    """From −r to z by the sines `s` along the columns, as `green_norm` has it, (mode, i, k)."""
-    return np.einsum("im,mn,mk->nik", s, -1 / eigenvalues(n), s, optimize=True)
-
-
 @dataclass(frozen=True, eq=False)
 class TridiagonalSolver(IntegerSolver):
     """The integer solver: two transforms around two recurrences, with each word's worst case."""
@@ -197,8 +199,7 @@ class TridiagonalSolver(IntegerSolver):
 
         def reached(operators: np.ndarray) -> np.ndarray:
             """What slopes and constant reach through operators (n, i, k), (i, n)."""
-            across_rows = np.abs(operators).sum(axis=2)
-            along_rows = np.stack([stencil_norms(o, divergence)[0] for o in operators])
+            along_rows, across_rows = stencil_norms(operators, divergence)
             slopes = across_rows * along[:, None] + along_rows * across[:, None]
             return (slope_limit * slopes + np.abs(np.einsum("nik,kn->ni", operators, constant))).T
 
@@ -231,7 +232,7 @@ class TridiagonalSolver(IntegerSolver):
         disturbed += error * ways(up)
         # Of the way from slopes to solution the ideal one is symmetric, so quick to search; to it comes what
         # the rounded coefficients change at most: both stencils' weights times Σ over modes and rows of it.
-        change = np.abs(solve - _ideal(s, n)).sum(axis=2).T * across
+        change = np.abs(solve - between_rows(s, -1 / eigenvalues(n))).sum(axis=2).T * across
         norm = green_norm(s, -1 / eigenvalues(n), divergence)
         norm += 2 * weight * float((change @ np.abs(s)).max())
         still = np.abs(np.einsum("nik,kn->in", solve, constant) @ s)
