@@ -1,6 +1,6 @@
 """The arithmetic of one axis of a dot: where it is looked for, which window is around it, and its centre."""
 
-from amaranth import Cat, Const, Mux, Signal, signed
+from amaranth import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data
 
 from fastac.gateware.dots.multiple import multiple
@@ -8,9 +8,11 @@ from fastac.models.integer.dot_follower import FRACTION, DotFollower
 from fastac.models.integer.dot_windows import CELL
 
 
-def clipped(value, low, high):
-    """`value`, but not below `low` nor above `high`."""
-    return Mux(value < low, low, Mux(value > high, high, value))
+def clipped(m: Module, value: Value, low, high, *, name: str):
+    """`value`, which gets a name, but not below `low` nor above `high`."""
+    named = Signal(value.shape(), name=name)
+    m.d.comb += named.eq(value)
+    return Mux(named < low, low, Mux(named > high, high, named))
 
 
 def quotient_bits(follower: DotFollower) -> int:
@@ -42,19 +44,21 @@ class DotAxis:
         """The mean of the guides' travels, halves upwards."""
         return [self.expected.eq((guides[0][self.axis] + guides[1][self.axis] + 1) >> 1)]
 
-    def look(self, record: data.View) -> list:
+    def look(self, m: Module, record: data.View) -> list:
         """The window of the expected place, within the dot's reach."""
         pixel = (record[f"rest_{self.axis}"] + (1 << (FRACTION - 1))) >> FRACTION
         near = (pixel + self.expected) // CELL - self.half
-        return [self.place.eq(clipped(near, record[f"low_{self.axis}"], record[f"high_{self.axis}"]))]
+        low, high = (record[f"{end}_{self.axis}"] for end in ("low", "high"))
+        return [self.place.eq(clipped(m, near, low, high, name=f"near_{self.axis}"))]
 
-    def step(self, word: data.View) -> list:
+    def step(self, m: Module, word: data.View) -> list:
         """The window around the centre of darkness in this one; see `DotFollower.step`."""
         mass, moment = word.mass, word[self.axis]
         edges = [2 * CELL * k + CELL for k in range(self.half)]
         beyond = sum((moment > multiple(mass, edge) for edge in edges), Const(0, 1))
         before = sum((moment < multiple(mass, -edge) for edge in edges), Const(0, 1))
-        return [self.place.eq(clipped(self.place + beyond - before, 0, self.last))]
+        stepped = self.place + beyond - before
+        return [self.place.eq(clipped(m, stepped, 0, self.last, name=f"stepped_{self.axis}"))]
 
     def start(self, word: data.View) -> list:
         """Begin |moment| · 2**FRACTION / mass. The upper bits are less than the mass, for |moment| is at most

@@ -194,6 +194,7 @@ class DotFollowerStream(wiring.Component):
             remember.addr.eq(dot),
             *(remember.data[a.axis].eq(a.travel(seen)) for a in axes),
         ]
+        first, second = [a.look(m, record) for a in axes], [a.step(m, word) for a in axes]
         with m.If(self.o.ready):
             m.d.sync += self.o.valid.eq(0)
         with m.FSM():
@@ -204,7 +205,7 @@ class DotFollowerStream(wiring.Component):
                 with m.If(ahead > record.last_row):
                     m.next = "LOOK"
             with m.State("LOOK"):
-                m.d.sync += [a.look(record) for a in axes]
+                m.d.sync += first
                 m.next = "READ FIRST"
             with m.State("READ FIRST"):
                 m.next = "HOLD FIRST"
@@ -212,7 +213,7 @@ class DotFollowerStream(wiring.Component):
                 m.d.sync += word.eq(chosen)
                 m.next = "STEP"
             with m.State("STEP"):
-                m.d.sync += [a.step(word) for a in axes]
+                m.d.sync += second
                 m.next = "READ SECOND"
             with m.State("READ SECOND"):
                 m.next = "HOLD SECOND"
