@@ -208,8 +208,8 @@ PROOFS = (
             partial(slope_bridge, lanes=lanes, reach=reach),
             depth=2,
             breaks=(
-                ("(entering == 0) & here.any()", "here.any()"),
-                ("(self.i.valid | ((entering == 0) & here.any()))", "self.i.valid"),
+                ("(entering == 0) & here[0]", "here[0]"),
+                ("(self.i.valid | ((entering == 0) & here[0]))", "self.i.valid"),
                 ("column >= -beat", "1"),
                 ("for step in (distance, -distance)", "for step in (-distance, distance)"),
             ),
