@@ -11,7 +11,8 @@ import random
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from fastac.gateware.bus.register_map import ERRORS, REGISTERS, Identity
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.register_map import ERRORS, REGISTERS
 from fastac.gateware.bus.registers import ERRORS_DETECTED_HERE
 from fastac.sim.benches.host import DECERR, OKAY, SLVERR, read, start, write
 

@@ -5,8 +5,9 @@ from functools import partial
 from amaranth import Array, Cat, Const, Mux, Signal, Value, signed
 
 from fastac.gateware.bus.axi_lite import Response
-from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID, Identity
-from fastac.gateware.bus.registers import RegisterBlock, capabilities
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID
+from fastac.gateware.bus.registers import RegisterBlock
 from fastac.models.integer.frame_validity import REASONS
 from fastac.sim.formal.bench import FormalBench
 from fastac.sim.formal.proof import Proof
@@ -196,7 +197,7 @@ class Rules:
             "ID": ID,
             "VERSION": identity.version,
             "GEOMETRY": identity.height | identity.width << 16,
-            "CAPABILITIES": capabilities(identity),
+            "CAPABILITIES": identity.capabilities,
         }
         if not identity.calibration:
             found |= {

@@ -4,7 +4,8 @@ from dataclasses import asdict
 
 import pytest
 
-from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, REGISTERS, Identity
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, REGISTERS
 from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.stream import frame_guard
 from fastac.sim.runner import simulate
