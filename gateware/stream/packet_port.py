@@ -30,7 +30,6 @@ class PacketPort(wiring.Component):
         `aborted` as its record; but where the trailer has begun, the packet is complete and ends as it would
         have. Then `i` goes on with the first beat of a frame.
     port : AXI4-Stream master. `tlast`: the packet's last beat; `tkeep`: all ones.
-    done : high in the clock in which the last image beat of a whole frame is taken
 
     `latency` = 0: in an image that is not being completed, `i` and `port` are the same handshake. The trailer
     follows the image without a gap if the record was offered a clock before the image's last beat was taken, or
@@ -62,7 +61,6 @@ class PacketPort(wiring.Component):
                 "record": In(stream.Signature(unsigned(8 * record_octets))),
                 "cut": In(1),
                 "port": Out(packet_signature(octets)),
-                "done": Out(1),
             }
         )
 
@@ -101,10 +99,7 @@ class PacketPort(wiring.Component):
         if self.void_octets:
             with m.If(row_ends):
                 m.d.comb += beat[bits - 8 * self.void_octets :].eq(0)
-        m.d.comb += [
-            port.tkeep.eq((1 << self.octets) - 1),
-            self.done.eq(self.i.valid & self.i.ready & ends),
-        ]
+        m.d.comb += port.tkeep.eq((1 << self.octets) - 1)
         with m.If(behind):
             m.d.comb += [
                 port.tvalid.eq(trailer.o.valid),

@@ -17,7 +17,7 @@ class RecordQueue(wiring.Component):
     enters : high for one clock for each frame that is let in; must be low while `room` is low
     record, record_valid : a frame's record, high for one clock each, in the order of the frames. At most one frame
         more than `enters` has told of may have its record, as that frame may be waiting at the door.
-    o : stream of records
+    o : stream of records, `bits` each
 
     `latency` = 1 clock. At most `frames` − 1 frames have been let in and have their record not taken from `o`, so
     with the one at the door at most `frames` records wait, which is the FIFO's depth: none is lost.
@@ -25,11 +25,11 @@ class RecordQueue(wiring.Component):
 
     latency = 1
 
-    def __init__(self, *, frames: int = FRAMES_IN_FLIGHT, record_octets: int = RECORD_BYTES):
+    def __init__(self, *, frames: int = FRAMES_IN_FLIGHT, bits: int = 8 * RECORD_BYTES):
         if frames < 2:
             raise ValueError(f"frames {frames}: expected at least 2")
-        self.frames, self.record_octets = frames, record_octets
-        record = unsigned(8 * record_octets)
+        self.frames, self.bits = frames, bits
+        record = unsigned(bits)
         super().__init__(
             {
                 "room": Out(1, init=1),
@@ -42,7 +42,7 @@ class RecordQueue(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        m.submodules.queue = queue = fifo.SyncFIFO(width=8 * self.record_octets, depth=self.frames)
+        m.submodules.queue = queue = fifo.SyncFIFO(width=self.bits, depth=self.frames)
         inside = Signal(range(self.frames))
         leaves = self.o.valid & self.o.ready
         following = (inside + self.enters - leaves)[: len(inside)]
