@@ -5,9 +5,9 @@ from functools import cached_property
 from fastac.gateware.bus.record import RECORD_BYTES
 from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.raster_outputs import RasterOutput, scene_outputs
+from fastac.gateware.stream.queues import SkidBuffer
 from fastac.gateware.stream.record_beats import RecordBeats
 from fastac.gateware.stream.record_queue import RecordQueue
-from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.schema import Scene
 
 OF_FORCE = ("force", "dots", "slip")
@@ -151,7 +151,8 @@ class FrameCycles:
 
     @property
     def frame_pause(self) -> int:
-        """Clocks after a frame in which the input is not ready: what the longest packet has over a frame's beats.
+        """Clocks after a frame in which the input is not ready: what the longest packet has over a frame's
+        beats.
 
         Normals fill their stream, so that their trailer needs clocks without a beat. Taken here, before the
         first pixel, they delay no frame that has begun.
@@ -159,11 +160,12 @@ class FrameCycles:
         return max((0, *(output.packet.beats - self.beats for output in self.packets.values())))
 
     def packet_queue(self, name: str) -> int:
-        """Places of the queue for beats of the next image that come before a packet's trailer has ended; 0: none.
+        """Places of the queue for beats of the next image that come before a packet's trailer has ended; 0:
+        none.
 
-        So images flow on while a trailer waits for its record: at full rate they come with `interval` less their
-        own beats between them. No frame makes it longer, as a packet has at most `interval` beats. One more place,
-        as a full queue takes no beat in the clock in which it gives one.
+        So images flow on while a trailer waits for its record: at full rate they come with `interval` less
+        their own beats between them. No frame makes it longer, as a packet has at most `interval` beats. One
+        more place, as a full queue takes no beat in the clock in which it gives one.
         """
         output = self.packets[name]
         waits = self._trailer_at(output) - getattr(self, f"first_pixel_to_{name}") - 1

@@ -19,7 +19,8 @@ from fastac.gateware.stream.record_queue import RecordQueue
 
 
 class PacketStreams:
-    """What stands between the datapath and its AXI4-Streams of packets, to be put into the top level's module.
+    """What stands between the datapath and its AXI4-Streams of packets, to be put into the top level's
+    module.
 
     outputs : the image outputs; without any there is one stream of records alone, RESULTS
     stamped : some packet's record does not wait for the result, so that frames are stamped as they come in
@@ -75,7 +76,10 @@ class PacketStreams:
             m.submodules.frame_stamps = stamps = FrameStamps()
             m.d.comb += [
                 stamps.accepted.eq(registers.accepted),
-                *(getattr(stamps, n).eq(getattr(path, n)) for n in ("frame_started", "frame_done", "frame_bad")),
+                *(
+                    getattr(stamps, n).eq(getattr(path, n))
+                    for n in ("frame_started", "frame_done", "frame_bad")
+                ),
                 stamps.flush.eq(registers.soft_reset),
                 stamps.time.eq(registers.time),
             ]
@@ -94,7 +98,8 @@ class PacketStreams:
         ]
 
     def _image(self, m: Module, registers: RegisterBlock, output: RasterOutput, port) -> RecordQueue:
-        """One image output to its port; returns the queue of its records, whose inputs are to be connected."""
+        """One image output to its port; returns the queue of its records, whose inputs are to be
+        connected."""
         name, source, reset = output.name, getattr(self.path, output.name), registers.soft_reset
         raster = PacketPort(output.rows, output.beats, output.octets, void_octets=output.void_octets)
         m.submodules[f"{name}_port"] = raster

@@ -163,7 +163,7 @@ def scene_outputs(scene: Scene, *, rows_reversed: bool) -> tuple[RasterOutput, .
                 raster.inner and rows_reversed,
                 PacketFormat(name, *shape) if packets else None,
                 # Normals are sent long before any result, unless they are the result.
-                raster.inner or not scene.wants_solver and not scene.wants_force,
+                raster.inner or (not scene.wants_solver and not scene.wants_force),
             )
         )
     return tuple(found)

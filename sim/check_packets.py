@@ -51,11 +51,13 @@ def records_of(words: np.ndarray, packet_words: int, image_words: int = 0) -> tu
     return records.view(record_layout())[:, 0], trailers[:, RECORD_WORDS:]
 
 
-def expected_records(top: TopZynq, result: Result, seen: dict, found: np.ndarray, *, exact: bool) -> np.ndarray:
+def expected_records(
+    top: TopZynq, result: Result, seen: dict, found: np.ndarray, *, exact: bool
+) -> np.ndarray:
     """The complete records of frames that entered whole, in the order of `result`.
 
-    seen : clocks that the testbench counted: `first_at`, `last_at` (first and last beat accepted), `interrupt_at`
-        (rising edges), and `origin`, the clocks since reset at its clock 0
+    seen : clocks that the testbench counted: `first_at`, `last_at` (first and last beat accepted),
+        `interrupt_at` (rising edges), and `origin`, the clocks since reset at its clock 0
     found : the records found. From them comes what no port shows: ERRORS, and the time of a result whose
         interrupt did not rise because the one before was still pending.
     exact : nothing stalled, so that all results come as the formulas say
@@ -100,7 +102,9 @@ def least_errors(top: TopZynq, result: Result) -> np.ndarray:
         flags["gradient_saturated"] = result.gradient_saturated
     if top.datapath.wants_displacement:
         flags["displacement_saturated"] = result.displacement_saturated
-    bits = sum((np.asarray(value) > 0).astype(np.int64) << ERRORS.index(name) for name, value in flags.items())
+    bits = sum(
+        (np.asarray(value) > 0).astype(np.int64) << ERRORS.index(name) for name, value in flags.items()
+    )
     return np.bitwise_or.accumulate(bits)
 
 
@@ -116,7 +120,8 @@ class PacketCheck:
         self.top, self.values, self.markers, self.outputs, self.errors = top, values, markers, outputs, errors
 
     def images(self, expected: dict[str, np.ndarray]) -> dict[str, int]:
-        """Compare the images with {output: words (frames, rows, columns, …)}; returns how many values each has."""
+        """Compare the images with {output: words (frames, rows, columns, …)}; returns how many values each
+        has."""
         counts = {}
         for output in self.top.outputs:
             found, padding = image_of(self._whole(output.name), output)
@@ -126,8 +131,8 @@ class PacketCheck:
         return counts
 
     def records(self, result: Result, in_fifo: np.ndarray, *, exact: bool) -> int:
-        """Compare all records, those of the FIFO behind the registers too; returns how many forces there were."""
-        top, frames = self.top, len(result.validity)
+        """Compare all records, those of the FIFO behind the registers too; returns how many forces."""
+        top = self.top
         outputs = {output.name: output for output in top.outputs}
         for name, size in packet_bytes(top).items():
             output = outputs.get(name)

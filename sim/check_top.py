@@ -280,9 +280,10 @@ def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dic
     for name, stated in path.first_pixel_to_packet.items():
         ends = outputs[f"{name}_at"][outputs[f"{name}_last"] == 1] - outputs["first_at"]
         latency[f"first_pixel_to_{name}_packet"] = int(ends[0])
-        if not stalled and set(ends.tolist()) != {stated}:
+        counted = sorted(set(ends.tolist()))
+        if not stalled and counted != [stated]:
             raise SimulationFailure(
-                f"first_pixel_to_{name}_packet: {sorted(set(ends.tolist()))} cycles counted, {stated} by formula"
+                f"first_pixel_to_{name}_packet: {counted} cycles counted, {stated} by formula"
             )
     if not stalled:
         ends = {"first_pixel_to_force": path.wants_force, "first_pixel_to_depth": path.wants_depth}
@@ -293,9 +294,9 @@ def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dic
                     f"{name}: {latency[name]} cycles counted, {getattr(path, name)} by the stages' formulas"
                 )
     if len(outputs["first_at"]) > 1:
-        latency["initiation_interval"] = int(np.diff(outputs["first_at"]).max())
-        if top.packets and not stalled and latency["initiation_interval"] != path.interval:
+        latency["initiation_interval"] = counted = int(np.diff(outputs["first_at"]).max())
+        if top.packets and not stalled and counted != path.interval:
             raise SimulationFailure(
-                f"initiation_interval: {latency['initiation_interval']} cycles counted, {path.interval} by formula"
+                f"initiation_interval: {counted} cycles counted, {path.interval} by formula"
             )
     return latency

@@ -7,7 +7,8 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.bus.result_registers import flags_word, record_value
 
 STAMP = data.StructLayout({"number": 32, "bad": 1, "time": 64})
-"""number: of the frame, from 1 since reset; bad: its input was repaired; time: when its first beat was accepted."""
+"""number: of the frame, from 1 since reset; bad: its input was repaired; time: when its first beat was
+accepted."""
 
 
 def stamp_record(stamp) -> Value:

@@ -25,26 +25,27 @@ class PacketInput(wiring.Component):
     """Mark the lines of packets, and end the frame of a packet that was too short.
 
     It counts beats of the packet, so it must not be reset together with FrameGuard, but only where the source
-    of the packets is: then the rest of a packet that a reset of FrameGuard has cut bears no start of frame and
-    is dropped there, up to its end.
+    of the packets is: then the rest of a packet that a reset of FrameGuard has cut bears no start of frame
+    and is dropped there, up to its end.
 
     Members
     -------
-    axis : AXI4-Stream slave. `tdata`: `lanes` pixels of `format.bytes_per_pixel` bytes, of which those beyond the
-        channels are ignored; `tlast`: last beat of the packet; `tkeep` is ignored.
+    axis : AXI4-Stream slave. `tdata`: `lanes` pixels of `format.bytes_per_pixel` bytes, of which those beyond
+        the channels are ignored; `tlast`: last beat of the packet; `tkeep` is ignored.
     enable : accept frames
-    o : to FrameGuard.axis. A packet's first beat is a start of frame, and the last beat of each line and of the
-        packet an end of line. Beats beyond a whole frame bear no start of frame, so that FrameGuard drops and
-        reports them (frame_long).
+    o : to FrameGuard.axis. A packet's first beat is a start of frame, and the last beat of each line and of
+        the packet an end of line. Beats beyond a whole frame bear no start of frame, so that FrameGuard drops
+        and reports them (frame_long).
     o_enable : to FrameGuard.enable
     accepted : high in each clock in which `axis` accepts a beat
 
     A packet that ends early inside a line ends that line there (line_short). If it ends before the last line,
-    FrameGuard waits for more, so a start of frame is made up that is not enabled: FrameGuard completes the frame
-    (frame_short), and drops what was made up. So a frame of a packet is complete without any later packet.
+    FrameGuard waits for more, so a start of frame is made up that is not enabled: FrameGuard completes the
+    frame (frame_short), and drops what was made up. So a frame of a packet is complete without any later
+    packet.
 
-    `latency` = 0: while nothing is made up, `axis` and `o` are the same handshake. After a packet `axis` is not
-    ready for `pause` clocks, and after a short one for one more, in which `o` takes what is made up.
+    `latency` = 0: while nothing is made up, `axis` and `o` are the same handshake. After a packet `axis` is
+    not ready for `pause` clocks, and after a short one for one more, in which `o` takes what is made up.
     """
 
     latency = 0

@@ -4,7 +4,14 @@ from amaranth import Module, Mux, Signal, unsigned
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.bus.record import FORMAT_LOW, RECORD_BYTES, RECORD_FORMAT, RECORD_WORDS, WORD_BITS, RecordFlag
+from fastac.gateware.bus.record import (
+    FORMAT_LOW,
+    RECORD_BYTES,
+    RECORD_FORMAT,
+    RECORD_WORDS,
+    WORD_BITS,
+    RecordFlag,
+)
 from fastac.gateware.stream.packet_input import packet_signature
 from fastac.gateware.stream.record_beats import RecordBeats
 
@@ -25,15 +32,15 @@ class PacketPort(wiring.Component):
     i : stream of a beat's bytes, `tdata`. The last `void_octets` of a row's last beat are sent as zeros.
     record : stream of records, 8 · record_octets bits, one for each frame of `i` in their order. A packet's
         trailer waits for it; it may come at any time and depends on no beat behind the frame's own.
-    cut : high in the clock at whose end the sources of `i` and `record` are reset. A beat that is offered and not
-        taken stays offered unchanged. Of a packet that has begun, the rest of the image is sent as zeros, and
-        `aborted` as its record; but where the trailer has begun, the packet is complete and ends as it would
-        have. Then `i` goes on with the first beat of a frame.
+    cut : high in the clock at whose end the sources of `i` and `record` are reset. A beat that is offered and
+        not taken stays offered unchanged. Of a packet that has begun, the rest of the image is sent as zeros,
+        and `aborted` as its record; but where the trailer has begun, the packet is complete and ends as it
+        would have. Then `i` goes on with the first beat of a frame.
     port : AXI4-Stream master. `tlast`: the packet's last beat; `tkeep`: all ones.
 
     `latency` = 0: in an image that is not being completed, `i` and `port` are the same handshake. The trailer
-    follows the image without a gap if the record was offered a clock before the image's last beat was taken, or
-    earlier; else its first beat comes `RecordBeats.latency` clocks after the record.
+    follows the image without a gap if the record was offered a clock before the image's last beat was taken,
+    or earlier; else its first beat comes `RecordBeats.latency` clocks after the record.
     """
 
     latency = 0
@@ -89,7 +96,8 @@ class PacketPort(wiring.Component):
         with m.If(taken & behind & port.tlast):
             m.d.sync += behind.eq(0)
 
-        # Beats of the image: those of `i`, or of what a reset has left open, the first of which may be offered.
+        # Beats of the image: those of `i`, or of what a reset has left open, the first of which may be
+        # offered.
         closing = Signal()
         offered = Signal()
         offer = Signal.like(self.i.payload, reset_less=True)

@@ -1,5 +1,6 @@
 # amaranth: UnusedElaboratable=no
-"""Queues: a skid buffer that cuts the `ready` path, a FIFO that costs no clock, and credits for a whole pipeline."""
+"""Queues: a skid buffer that cuts the `ready` path, a FIFO that costs no clock, and credits for a whole
+pipeline."""
 
 from amaranth import Module, Mux, Signal, Value
 from amaranth.lib import fifo, stream, wiring

@@ -16,8 +16,8 @@ class RecordBeats(wiring.Component):
     drop : forget the record that is held; one that is taken from `i` in this clock too
     o : stream of beats: `bytes`, with zeros behind the record in a beat that is larger, and `last`
 
-    `latency` = 1 clock. A record is taken from `i` while none is held, so that the next one's first beat comes a
-    clock after this one's last. `i.ready`, `o.valid` and `o.payload` come from registers.
+    `latency` = 1 clock. A record is taken from `i` while none is held, so that the next one's first beat
+    comes a clock after this one's last. `i.ready`, `o.valid` and `o.payload` come from registers.
     """
 
     latency = 1

@@ -15,12 +15,12 @@ class RecordQueue(wiring.Component):
     -------
     room : high while another frame may be let in
     enters : high for one clock for each frame that is let in; must be low while `room` is low
-    record, record_valid : a frame's record, high for one clock each, in the order of the frames. At most one frame
-        more than `enters` has told of may have its record, as that frame may be waiting at the door.
+    record, record_valid : a frame's record, high for one clock each, in the order of the frames. At most one
+        frame more than `enters` has told of may have its record, as that frame may be waiting at the door.
     o : stream of records, `bits` each
 
-    `latency` = 1 clock. At most `frames` − 1 frames have been let in and have their record not taken from `o`, so
-    with the one at the door at most `frames` records wait, which is the FIFO's depth: none is lost.
+    `latency` = 1 clock. At most `frames` − 1 frames have been let in and have their record not taken from
+    `o`, so with the one at the door at most `frames` records wait, which is the FIFO's depth: none is lost.
     """
 
     latency = 1
