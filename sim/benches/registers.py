@@ -112,11 +112,13 @@ async def every_address_after_reset(dut, stall):
         values["CALIBRATION_WORDS"] = IDENTITY.calibration_words
         values["CALIBRATION_LAYOUT"] = IDENTITY.calibration_layout
         values["CAPABILITIES"] |= bits("CAPABILITIES", calibration=1)
+    resets = IDENTITY.resets
+    assert resets == {name: values[name] if resets[name] is not None else None for name in AT}
     if IDENTITY.packets:
         del values["TIME_LOW"]  # the time goes on
     await expect(master, **values)
     registers = {register.offset: register for register in IDENTITY.registers}
-    resets = pulses_of(dut, "soft_reset")
+    soft_resets = pulses_of(dut, "soft_reset")
     refused = bits("ERRORS", access_refused=1)
     for address in range(0, 256, 4):
         if address not in registers:
@@ -133,7 +135,7 @@ async def every_address_after_reset(dut, stall):
     if IDENTITY.packets:
         del values["TIME_HIGH"]
     await expect(master, **values)
-    assert not resets
+    assert not soft_resets
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")

@@ -1,4 +1,4 @@
-"""Proof of the register block with packets: the time, and the record of each result on its way to the FIFO."""
+"""Proof of the register block with packets: the time, and each result's record on its way to the FIFO."""
 
 from functools import partial
 
@@ -91,7 +91,7 @@ def records(rules: Rules, known: dict[str, Value]) -> dict[str, Value]:
 
 
 def registers(component: type, identity: Identity) -> FormalBench:
-    """Every register reads, is written and answers as the register map says, and each result gives a record."""
+    """Every register reads, is written and answers as the register map says; each result gives a record."""
     rules = Rules(component, identity)
     expected = rules.expected()
     rules.read_as(expected | records(rules, expected))
