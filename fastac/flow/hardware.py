@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
+from fastac.gateware.host_interface import host_interface
+from fastac.gateware.target.device import DEVICE, DeviceError, check_block_rams, check_multipliers
 from fastac.gateware.target.elaboration import LINT_WAIVERS, to_rtlil, verilog_of
 from fastac.gateware.target.vivado import write_vivado_project
 from fastac.gateware.top_zynq import TopZynq
@@ -67,7 +68,7 @@ def lint(source: Path) -> None:
 
 
 def describe(top: TopZynq, rtlil: str) -> dict:
-    """What the design says of itself: formulas' values, ports, registers, and the hash of its netlist."""
+    """What the design says of itself: formulas' values, the host's interface, and the hash of its netlist."""
     path = top.datapath
     latency = {"stage": path.stages, "initiation_interval": path.interval}
     if path.wants_force:
@@ -82,10 +83,8 @@ def describe(top: TopZynq, rtlil: str) -> dict:
         "rtlil_sha256": hashlib.sha256(rtlil.encode()).hexdigest(),
         "latency_cycles_by_formula": latency,
         "multipliers": path.multipliers,
-        "registers": [
-            {"name": r.name, "offset": r.offset, "access": r.access, "meaning": r.meaning}
-            for r in top.identity.registers
-        ],
+        "part": DEVICE["part"],
+        **host_interface(top),
     }
 
 

@@ -28,7 +28,7 @@ class FrameTimer(wiring.Component):
     first_to_normals, normals_bad : the same for the last normal map
     last_to_depth, depth_number or last_to_normals, normals_number : as for a force, for the map that is the
         result: the depth if there is no force, the normals if there is neither. Only with `packets`.
-    time : unsigned(64), clocks since reset. Only with `packets`.
+    time : unsigned(64), a count of clocks, by which all times are taken. Only with `packets`.
     result_time : unsigned(64), `time` when the first beat of the last result's frame was accepted. Only with
         `packets`.
 
@@ -55,10 +55,11 @@ class FrameTimer(wiring.Component):
             outputs |= {f"first_to_{name}": 32, f"{name}_bad": 1}
         if packets:
             outputs |= {f"last_to_{self.result}": 32, f"{self.result}_number": 32}
-            outputs |= {"time": 64, "result_time": 64}
+            outputs["result_time"] = 64
         super().__init__(
             {
                 **{name: In(1) for name in inputs},
+                **({"time": In(64)} if packets else {}),
                 **{name: Out(unsigned(width)) for name, width in outputs.items()},
             }
         )
@@ -83,11 +84,13 @@ class FrameTimer(wiring.Component):
         m = Module()
 
         # FrameGuard registers one beat: the beat that starts or ends a frame is the last one accepted.
-        width = 64 if self.packets else 32
-        now = Signal(width)
+        if self.packets:
+            width, now = 64, self.time
+        else:
+            width, now = 32, Signal(32, name="now")
+            m.d.sync += now.eq(now + 1)
         accepted_at = Signal(width, reset_less=True)
         first = Signal(width, reset_less=True)
-        m.d.sync += now.eq(now + 1)
         with m.If(self.accepted):
             m.d.sync += accepted_at.eq(now)
 
@@ -143,6 +146,4 @@ class FrameTimer(wiring.Component):
         for count in waiting[1:]:
             most = Mux(count > most, count, most)
         m.d.comb += self.in_flight.eq(most + started)
-        if self.packets:
-            m.d.comb += self.time.eq(now)
         return m

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from fastac.gateware.bus.register_map import AXES, ERRORS, REGISTERS, Register
+from fastac.gateware.bus.register_map import AXES, ERRORS, ID, REGISTERS, Register
 
 BUS_ERRORS = ("flag", "respond")
 """How a refused access is reported: by ERRORS.access_refused alone, or by an AXI error response too."""
@@ -82,6 +82,30 @@ class Identity:
         register = next(register for register in REGISTERS if register.name == "CAPABILITIES")
         values |= {f.name: getattr(self, f.name) for f in register.fields if f.name not in values}
         return sum(int(values[field.name]) << field.low for field in register.fields)
+
+    @property
+    def resets(self) -> dict[str, int | None]:
+        """The registers' values after reset; None where they depend on more, such as on the time."""
+        found = {register.name: 0 for register in self.registers}
+        constants = {
+            "ID": ID,
+            "VERSION": self.version,
+            "GEOMETRY": self.height | self.width << 16,
+            "CAPABILITIES": self.capabilities,
+            "CONTROL": 1,  # enable
+            "BUNDLE_HASH_LOW": self.bundle_hash & 0xFFFFFFFF,
+            "BUNDLE_HASH_HIGH": self.bundle_hash >> 32,
+            "FRAME_TIMEOUT": self.frame_timeout,
+            "SLIP_LIMIT": self.slip_limit,
+            "CALIBRATION_WORDS": self.calibration_words,
+            "CALIBRATION_LAYOUT": self.calibration_layout,
+            "TIME_LOW": None,
+        }
+        if self.calibration:  # which no reset touches
+            constants |= dict.fromkeys(
+                ("BUNDLE_HASH_LOW", "BUNDLE_HASH_HIGH", "CALIBRATION_RECEIVED", "STATUS")
+            )
+        return found | {name: value for name, value in constants.items() if name in found}
 
     @property
     def registers(self) -> tuple[Register, ...]:

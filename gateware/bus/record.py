@@ -56,7 +56,7 @@ class RecordFlag(enum.IntFlag):
     SLIP = 1 << 2
     """SLIP_SPREAD was beyond SLIP_LIMIT."""
     COMPLETE = 1 << 3
-    """The record holds the frame's result. Without it only FRAME, TIME and FLAGS' bad, aborted and format count.
+    """The record holds the frame's result. Without it only FRAME, TIME, bad, aborted and the format count.
 
     A trailer of normals has none where the force or the depth of the same frame is not known yet."""
     ABORTED = 1 << 4

@@ -179,6 +179,7 @@ class RegisterBlock(wiring.Component):
 
         if identity.packets:
             kind = timer.result
+            m.d.sync += self.time.eq(self.time + 1)
             seen["results_lost"] = results.lost
             m.d.comb += [
                 results.frame.eq(getattr(timer, f"{kind}_number")),
@@ -186,7 +187,7 @@ class RegisterBlock(wiring.Component):
                 results.first_to_result.eq(getattr(timer, f"first_to_{kind}")),
                 results.last_to_result.eq(getattr(timer, f"last_to_{kind}")),
                 results.result_time.eq(timer.result_time),
-                results.time.eq(timer.time),
+                results.time.eq(self.time),
                 results.slipping.eq(slipping),
                 results.errors.eq(errors),
                 results.read_time.eq(read("TIME_LOW")),
@@ -194,7 +195,7 @@ class RegisterBlock(wiring.Component):
                 results.clear.eq(written("CONTROL") & ones[5]),
                 self.record.eq(results.record),
                 self.record_valid.eq(results.record_valid),
-                self.time.eq(timer.time),
+                timer.time.eq(self.time),
             ]
 
         m.d.sync += errors.eq((errors & ~clear_errors) | Cat(seen.get(name, 0) for name in ERRORS))
