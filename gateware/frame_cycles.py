@@ -4,10 +4,10 @@ from functools import cached_property
 
 from fastac.gateware.bus.record import RECORD_BYTES
 from fastac.gateware.force.force_sum import ForceSum
+from fastac.gateware.packets.record_beats import RecordBeats
+from fastac.gateware.packets.record_queue import RecordQueue
 from fastac.gateware.raster_outputs import RasterOutput, scene_outputs
 from fastac.gateware.stream.queues import SkidBuffer
-from fastac.gateware.stream.record_beats import RecordBeats
-from fastac.gateware.stream.record_queue import RecordQueue
 from fastac.scenes.schema import Scene
 
 OF_FORCE = ("force", "dots", "slip")

@@ -8,14 +8,14 @@ from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.frame_cycles import RESULTS, RESULTS_WORD_BYTES
 from fastac.gateware.packet_format import FrameFormat
+from fastac.gateware.packets.frame_stamps import STAMP, FrameStamps, stamp_record
+from fastac.gateware.packets.packet_input import PacketInput, packet_signature
+from fastac.gateware.packets.packet_port import PacketPort
+from fastac.gateware.packets.record_beats import RecordBeats
+from fastac.gateware.packets.record_queue import RecordQueue
 from fastac.gateware.raster_outputs import RASTERS, WORD, RasterOutput
 from fastac.gateware.stream.frame_end import FrameEnd
-from fastac.gateware.stream.frame_stamps import STAMP, FrameStamps, stamp_record
-from fastac.gateware.stream.packet_input import PacketInput, packet_signature
-from fastac.gateware.stream.packet_port import PacketPort
 from fastac.gateware.stream.queues import BypassQueue
-from fastac.gateware.stream.record_beats import RecordBeats
-from fastac.gateware.stream.record_queue import RecordQueue
 
 
 class PacketStreams:

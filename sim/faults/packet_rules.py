@@ -24,7 +24,8 @@ class PacketRules:
         self.place = 0
 
     def beat(self, index: int, *, last: bool) -> list[Marked]:
-        """What goes to FrameGuard for a beat: itself, and behind a packet that is too short what ends its frame.
+        """What goes to FrameGuard for a beat: itself, and behind a packet that is too short what ends its
+        frame.
 
         last : `tlast`, the packet's end
         """

@@ -4,7 +4,7 @@ import random
 import pytest
 from amaranth.sim import Simulator
 
-from fastac.gateware.stream.record_beats import RecordBeats
+from fastac.gateware.packets.record_beats import RecordBeats
 
 
 @pytest.mark.parametrize("octets", [1, 4, 8, 16])

@@ -2,6 +2,7 @@
 """PacketInput in front of FrameGuard, with packets of any length, against the plain loops of both."""
 
 import random
+from itertools import pairwise
 
 import pytest
 from amaranth import Module, ResetInserter, Signal
@@ -9,8 +10,8 @@ from amaranth.lib import wiring
 from amaranth.sim import Simulator
 
 from fastac.gateware.packet_format import FrameFormat
+from fastac.gateware.packets.packet_input import PacketInput
 from fastac.gateware.stream.frame_guard import FRAME_FAULTS, FrameGuard
-from fastac.gateware.stream.packet_input import PacketInput
 from fastac.sim.faults.packet_rules import PacketRules
 from tests.gateware.stream.test_frame_guard import reference
 
@@ -113,7 +114,10 @@ CASES = {
     "one beat first": ([(1, 1), GOOD], {"line_short": 1, "frame_short": 1}),
     "one beat too many": ([GOOD, (BEATS + 1, 1), GOOD], {"frame_long": 1}),
     "two frames in one": ([(2 * BEATS, 1), GOOD], {"frame_long": 1}),
-    "short, then long": ([(3, 1), (BEATS + 5, 1), GOOD], {"line_short": 1, "frame_short": 1, "frame_long": 1}),
+    "short, then long": (
+        [(3, 1), (BEATS + 5, 1), GOOD],
+        {"line_short": 1, "frame_short": 1, "frame_long": 1},
+    ),
     "disabled": ([GOOD, (BEATS, 0), (5, 0), (BEATS + 2, 0), GOOD], {}),
 }
 
@@ -151,7 +155,7 @@ def test_a_short_packet_s_frame_is_complete_without_a_later_packet():
 def test_pauses_and_latency(pause):
     run = Run([GOOD] * 4, pause=pause)
     first = run.accepted_at[::BEATS]
-    assert [b - a for a, b in zip(first, first[1:], strict=False)] == [BEATS + pause] * 3
+    assert [b - a for a, b in pairwise(first)] == [BEATS + pause] * 3
     assert [b - a for a, b in zip(run.accepted_at, run.left_at, strict=True)] == [2] * 4 * BEATS
 
 

@@ -4,7 +4,7 @@ import random
 import pytest
 from amaranth.sim import Simulator
 
-from fastac.gateware.stream.record_queue import RecordQueue
+from fastac.gateware.packets.record_queue import RecordQueue
 
 
 @pytest.mark.parametrize("frames", [2, 3, 8])

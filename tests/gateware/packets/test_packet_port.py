@@ -8,7 +8,7 @@ import pytest
 from amaranth.sim import Simulator
 
 from fastac.gateware.bus.record import RECORD_BYTES, record_layout
-from fastac.gateware.stream.packet_port import ABORTED, PacketPort
+from fastac.gateware.packets.packet_port import ABORTED, PacketPort
 
 CLOCKS = 4000
 ROWS, BEATS, OCTETS = 3, 4, 4
@@ -20,8 +20,8 @@ FIRST = 1000
 class Source:
     """Numbered frames and their records; begins another frame after a reset.
 
-    Beat k of frame n has the word 64 n + k + 1, and its record n in its lowest bits. The record comes with the
-    beat before the frame's last one, or up to 30 clocks later.
+    Beat k of frame n has the word 64 n + k + 1, and its record n in its lowest bits. The record comes with
+    the beat before the frame's last one, or up to 30 clocks later.
     """
 
     def __init__(self, rng: random.Random):
@@ -53,7 +53,8 @@ def run(dut: PacketPort, *, rest: float, stall: float, cut: float, seed: int, cl
     """Check each clock for the rules of AXI; returns (packets, records, fate).
 
     packets : lists of words; records : {frame: its record}
-    fate : {frame: "whole" or "aborted"} of those that a packet must come of, but for those under way at the end
+    fate : {frame: "whole" or "aborted"} of those that a packet must come of, but for those under way at the
+        end
     """
     packets, fate, begun, loaded, complete = [[]], {}, set(), set(), set()
     rng = random.Random(seed)

@@ -12,8 +12,8 @@ from fastac.gateware.bus.record import (
     WORD_BITS,
     RecordFlag,
 )
-from fastac.gateware.stream.packet_input import packet_signature
-from fastac.gateware.stream.record_beats import RecordBeats
+from fastac.gateware.packets.packet_input import packet_signature
+from fastac.gateware.packets.record_beats import RecordBeats
 
 ABORTED = (int(RecordFlag.BAD | RecordFlag.ABORTED) | RECORD_FORMAT << FORMAT_LOW) << (
     WORD_BITS * RECORD_WORDS.index("FLAGS")

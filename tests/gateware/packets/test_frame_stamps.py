@@ -6,7 +6,7 @@ from amaranth import Module, Signal
 from amaranth.sim import Simulator
 
 from fastac.gateware.bus.record import RECORD_BYTES, record_layout
-from fastac.gateware.stream.frame_stamps import FrameStamps, stamp_record
+from fastac.gateware.packets.frame_stamps import FrameStamps, stamp_record
 
 
 def test_stamps_of_frames_and_their_records():
