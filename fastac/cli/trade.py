@@ -33,8 +33,9 @@ def sweep(spec, output, store, workers, scheduler, progress):
 
     SPEC is a TOML file: `scene`, a base scene; [axes], scene keys with lists of values, such as
     "numbers.data_bits" = [18, 22, 26] (several tables with [[axes]]; keys with commas between them move
-    together); `method`, "grid" or "optuna" with `trials`, `seed` and `objectives`; `frames` and `split` to
-    evaluate on; `data`, a dataset, for recorded sensors. Paths are relative to SPEC.
+    together; "unset" gives a key its default); `method`, "grid" or "optuna" with `trials`, `seed` and
+    `objectives`; `frames` and `split` to evaluate on; `data`, a dataset, for recorded sensors. Paths are
+    relative to SPEC.
 
     Errors are those of the bit-exact emulator on held-out frames; cycles follow from the design's formulas;
     resources and energy are estimates. Nothing is simulated in RTL: `fastac trade --confirm` does that.

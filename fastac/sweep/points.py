@@ -51,8 +51,10 @@ class PointModels:
         quiet, found = store | {"progress": False}, {}
         data = self.setting.data and Path(self.setting.data)
         if data is None:
-            # With everything that any point might want: they all learn from the same presses.
-            pressed = {"scene": scene.model_copy(update={"outputs": ("depth",)})}
+            # With everything that any point might want, drags included where friction carries them: they all
+            # learn from the same presses.
+            wanted = ("depth", "force_xyz") if scene.sensor.elastomer.friction else ("depth",)
+            pressed = {"scene": scene.model_copy(update={"outputs": wanted})}
             found["data"] = Step("data", build_steps.data, pressed, (build_steps.DATA,), quiet)
             data = found["data"].output(build_steps.DATA)
         known = {"scene": scene, "data": data}

@@ -18,6 +18,9 @@ FileName = Annotated[str, Field(pattern=r"^[^\x00-\x1f]+$")]
 Values = Annotated[list, Field(min_length=1)]
 Axes = Annotated[dict[str, Values], Field(min_length=1)]
 
+UNSET = "unset"
+"""Value of an axis with which a key has its default, as if no scene had set it: TOML has no word for none."""
+
 
 class SpecError(ValueError):
     """A specification that cannot be used; the message is one line that names file, key and value."""
@@ -28,7 +31,8 @@ class Spec(Strict):
 
     An axis is a scene's key with its values: "numbers.data_bits" = [18, 22, 26]. Several keys separated by
     commas form one axis: a value applies to all of them or, if it is a list with one entry per key, entry by
-    entry. The axis "scene" takes the files of other base scenes.
+    entry. The value "unset" gives a key its default, as that of `force.band_mm`, which is none. The axis
+    "scene" takes the files of other base scenes.
     """
 
     scene: FileName
@@ -148,7 +152,10 @@ def point_of(base: Scene, choice: dict, folder: Path) -> Point:
         inner, (*outer, last) = content, key.split(".")
         for name in outer:
             inner = inner[name]
-        inner[last] = value
+        if value == UNSET:
+            inner.pop(last, None)
+        else:
+            inner[last] = value
     try:
         return Point(choice, Scene.model_validate(content))
     except ValidationError as error:

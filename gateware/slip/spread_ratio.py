@@ -80,7 +80,7 @@ class SpreadRatio(wiring.Component):
         a = ProductSum("a", a_bits, factor_bits=a_factor)
         b = ProductSum("b", max(square_bits, b_bits), factor_bits=b_factor)
         c = ProductSum("c", c_bits, factor_bits=c_factor)
-        n = ProductSum("n", 2 * count_bits, factor_bits=most["n"])
+        n = ProductSum("n", 2 * count_bits, factor_bits=most["n"], only_adds=True)
         every = (a, b, c, n)
         n_, u, v, x, y = sums.n, sums.u, sums.v, sums.x, sums.y
         of_a, of_b, of_c = a.total[: most["A"]], b.total[:b_bits].as_signed(), c.total[: most["C"]]

@@ -13,6 +13,8 @@ SETTINGS = json.loads(Path(os.environ["BENCH"]).read_text())
 INPUTS, EXPECTED, MASKS = ([int(x, 16) for x in SETTINGS[key]] for key in ("inputs", "expected", "masks"))
 
 LONGEST_PAUSE = 24
+LINGER = 64
+"""Clocks that show that nothing more happens."""
 PATIENT = 0.5
 """With a larger share of pauses `o` is ready only once a beat waits: `valid` must not wait for `ready`."""
 
@@ -53,24 +55,35 @@ async def values_order_latency_flags(dut, stall):
     offered, accepted_at, output_at, received = 0, [], [], []
     flags = dict.fromkeys(SETTINGS["flags"], 0)
     held = None  # what was offered at `o` and not taken
-    idle = cycle = 0
-    # Go on for 64 clocks after the last expected beat: no more may come.
-    while idle < 64:
+    idle = cycle = refused = 0
+    full = SETTINGS["places"] is None or sink.share <= PATIENT
+    needed, places = SETTINGS["places"] or (0, 0)
+    # After the last expected beat no more may come.
+    while idle < LINGER:
         assert cycle < SETTINGS["timeout_cycles"], (
             f"hang: {len(received)} of {len(EXPECTED)} after {cycle} cycles"
         )
         # A valid beat must not be withdrawn, so a pause is decided before the beat is offered.
-        if offered == len(accepted_at) and not source.now() and offered < len(INPUTS):
+        pauses = source.now() if full else offered == needed and held is None
+        if offered == len(accepted_at) and not pauses and offered < len(INPUTS):
             dut.i__payload.value = INPUTS[offered]
             offered += 1
         dut.i__valid.value = int(offered > len(accepted_at))
         if offered == len(accepted_at):  # nobody may look at a payload that is not offered
             dut.i__payload.value = noise.getrandbits(len(dut.i__payload))
         pauses = sink.now()
-        dut.o__ready.value = int(not pauses and (sink.share <= PATIENT or held is not None))
+        dut.o__ready.value = int(full and not pauses and (sink.share <= PATIENT or held is not None))
         await ReadOnly()
         if int(dut.i__valid.value) and int(dut.i__ready.value):
             accepted_at.append(cycle)
+            refused = 0
+        else:
+            refused += int(dut.i__valid.value)
+        if not full and refused == LINGER:
+            full = True
+            assert len(accepted_at) == needed + places, (
+                f"{len(accepted_at)} beats taken before the first one left, expected {needed + places}"
+            )
         offer = int(dut.o__payload.value) if int(dut.o__valid.value) else None
         assert held in (None, offer), f"clock {cycle}: beat {len(received)} was withdrawn or changed at `o`"
         held = None if int(dut.o__ready.value) else offer

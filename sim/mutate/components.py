@@ -141,7 +141,6 @@ COMPONENTS = (
             "force/test_weighted_sum.py::test_bends_in_verilator",
         ),
         designs=2,
-        allowed=(Allowed("advance.eq(products.ready | ~products.valid)", NO_FILLING),),
     ),
     Component("fz_stream", ("test_fz_stream.py::test_force_of_every_frame",)),
     Component("mlp_mvm", ("test_mlp_mvm.py",), designs=2),

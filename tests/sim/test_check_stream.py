@@ -89,6 +89,10 @@ WRONG = {
         {"inputs": [STUCK, *WORDS], "expected": [STUCK, *WORDS], "elastic": True},
         "clock 1: `i` ready: 0, `o` waits: False",
     ),
+    "a place too few": (
+        {"places": (1, 1), "stalls": (0.9,)},
+        "1 beats taken before the first one left, expected 2",
+    ),
     "an input that is not taken": (
         {"inputs": [*WORDS, STUCK, 0], "expected": [*WORDS, STUCK]},
         "hang: 8 of 8",
@@ -98,7 +102,7 @@ WRONG = {
 
 def test_a_correct_component_passes(tmp_path, capfd):
     """Latencies are checked on a component of known delay; bits that are not compared may differ."""
-    check(Delay(LATENCY), "delay", tmp_path, elastic=True, **RIGHT)
+    check(Delay(LATENCY), "delay", tmp_path, elastic=True, places=(1, 0), **RIGHT)
     assert capfd.readouterr().out.count("PASS=3 FAIL=0") == 1
     changes = {"expected": [word ^ 1 for word in WORDS], "mask": 0xFE}
     check(Delay(LATENCY), "delay", tmp_path, stalls=(0,), **RIGHT | changes)
@@ -106,12 +110,17 @@ def test_a_correct_component_passes(tmp_path, capfd):
 
 @pytest.mark.parametrize("name", WRONG)
 @pytest.mark.quick(
-    "a wrong value", "an extra beat", "a longer latency", "an extra flag", "an input that is not taken"
+    "a wrong value",
+    "an extra beat",
+    "a longer latency",
+    "an extra flag",
+    "a place too few",
+    "an input that is not taken",
 )
 def test_each_error_is_detected(tmp_path, capfd, name):
     changes, message = WRONG[name]
     with pytest.raises((RuntimeError, SystemExit)):
-        check(Delay(LATENCY), "delay", tmp_path, stalls=(0,), **RIGHT | changes)
+        check(Delay(LATENCY), "delay", tmp_path, **{"stalls": (0,)} | RIGHT | changes)
     assert message in capfd.readouterr().out
 
 

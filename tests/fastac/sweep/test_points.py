@@ -9,6 +9,7 @@ from fastac.flow.build import Build
 from fastac.gateware.cycle_model import cycles
 from fastac.models import accuracy
 from fastac.models.integer.force import PatchForce
+from fastac.scenes.schema import TANGENTIAL_SHARES
 from fastac.sensor import samples
 from fastac.store.likeness import likeness
 from fastac.store.steps import needed_steps
@@ -27,6 +28,16 @@ def tiny(tiny_scene, setting):
     models = PointModels(tiny_scene, setting)
     open_store(Path(setting.store)).perform(models.point)
     return models
+
+
+@pytest.mark.parametrize(("friction", "shares"), [(0.0, ()), (1.0, TANGENTIAL_SHARES)])
+def test_points_learn_from_drags_where_friction_carries_them(tiny_scene, friction, shares):
+    rubber = tiny_scene.sensor.elastomer.model_copy(update={"friction": friction, "mechanics": "fem"})
+    scene = tiny_scene.model_copy(
+        update={"sensor": tiny_scene.sensor.model_copy(update={"elastomer": rubber})}
+    )
+    models = PointModels(scene, Setting("unused", None, "test", 5))
+    assert models.shared["data"].arguments["scene"].tangential_shares == shares
 
 
 def test_the_integers_are_those_of_the_build(tiny, tiny_bundle):

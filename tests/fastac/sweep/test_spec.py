@@ -1,5 +1,6 @@
 import pytest
 
+from fastac.scenes.model_schema import Numbers
 from fastac.scenes.schema import SceneError
 from fastac.sweep import spec as sweep_spec
 from fastac.sweep.spec import SpecError, expand, grid, point_of
@@ -50,6 +51,18 @@ def test_keys_that_move_together(write):
     found = [(p.scene.numbers, p.scene.training) for p in points(path)]
     assert [(n.weight_bits, n.activation_bits) for n, _ in found] == [(8, 8), (8, 8), (4, 4), (4, 4)]
     assert [(t.finetune_epochs, t.finetune_weights) for _, t in found] == [(0, False), (3, True)] * 2
+
+
+def test_an_unset_key_has_its_default(write):
+    path = write(
+        '[[axes]]\n"numbers.kernel_bits" = [6]\n"protocol.tangential_shares, numbers.data_bits" ='
+        ' [["unset", "unset"], ["unset", 18]]'
+    )
+    default = Numbers()
+    found = [(p.scene.protocol.tangential_shares, p.scene.numbers.data_bits) for p in points(path)]
+    assert found == [(None, default.data_bits), (None, 18)]
+    [point] = points(write('[axes]\n"outputs" = ["unset"]'))
+    assert point.error == "outputs: missing"
 
 
 def test_a_list_may_be_one_value(write):

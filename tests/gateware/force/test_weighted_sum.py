@@ -8,10 +8,12 @@ from amaranth import Const, Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.poisson.depth import Displacement
+from fastac.gateware.stream.tables import RasterRom
 from fastac.models.integer.depth import Depth, DisplacementQuantiser
 from fastac.models.integer.force import PatchForce, WeightedSum, terms
 from fastac.models.integer.network import GradientRatio
@@ -77,6 +79,7 @@ def test_force_of_every_frame(tmp_path, axes, rows, columns, terms, lanes, bits,
         inputs=beats(x, lanes, bits, rng),
         expected=pack(expected, weighted.width),
         mask=(1 << axes * weighted.width) - 1,
+        places=(dut.interval, RasterRom.latency + PRODUCT_LATENCY),
         latencies=[(b, f, dut.latency) for f, b in enumerate(last)]
         + [(0, f, dut.latency + b) for f, b in enumerate(last)],
     )
@@ -127,9 +130,8 @@ def test_back_pressure_stalls_without_loss():
     dut = WeightedSumStream(weighted, lanes=2)
     payloads, taken = run_streams(dut, beats(x, 2, 6, rng), {"o": len(x)}, stall={"i": 0, "o": 0.98})
     assert payloads["o"] == pack(weighted(x), weighted.width)
-    for k, clock in enumerate(taken["o"]):
-        waiting = sum(t < clock for t in taken["i"]) - k * dut.interval
-        assert waiting <= dut.interval + dut.latency
+    waiting = [sum(t < clock for t in taken["i"]) - k * dut.interval for k, clock in enumerate(taken["o"])]
+    assert max(waiting) == dut.interval + dut.latency - 1, "every place fills while a result waits"
 
 
 class WithConstant(wiring.Component):
@@ -248,6 +250,7 @@ def test_bends_in_verilator(tmp_path, lanes):
         inputs=beats(x[..., None], lanes, 8, rng),
         expected=pack(weighted(terms(x, bends)), weighted.width),
         latencies=[((f + 1) * dut.interval - 1, f, dut.latency) for f in range(len(x))],
+        places=(dut.interval, RasterRom.latency + PRODUCT_LATENCY),
     )
 
 
