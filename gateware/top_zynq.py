@@ -6,7 +6,8 @@ from amaranth.lib import fifo, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.bus.axi_lite import axi_lite_signature
-from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, Identity
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES
 from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.calibration import image_layout, make_loader
 from fastac.gateware.datapath import Datapath
@@ -15,7 +16,7 @@ from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FRAMES_IN_F
 from fastac.gateware.stream.raster_port import RasterPort, raster_members
 from fastac.models.integer.bundle import Bundle
 
-VERSION = 6
+VERSION = 7
 """Version of the hardware and of its register map, in the register VERSION."""
 FRAME_TIMEOUT_S = 0.1
 """Initial value of FRAME_TIMEOUT: three frames of a camera with 30 frames a second."""

@@ -42,6 +42,28 @@ def verilog(bundle, output, progress):
 
 @click.command()
 @click.argument("bundle", type=INPUT)
+@output_option("Folder to write the files to.", OUTPUT_FOLDER, "BUNDLE/registers")
+def registers(bundle, output):
+    """Write the registers of BUNDLE's hardware for other tools, with the record of a result and all scales.
+
+    fastac_registers.h for C and C++; fastac.svd (CMSIS-SVD) for debuggers and Rust; fastac.rdl (SystemRDL
+    2.0); fastac.dtso, a device-tree overlay for user-space I/O of core, DMAs and a
+    buffer; registers.md, a page to read. `fastac verilog` writes them too, into its folder `registers`.
+
+    \b
+    Example: fastac registers build/paper -o registers
+    """
+    from fastac.flow.hardware import interface
+    from fastac.gateware.target.register_files.write import FILES, write_register_files
+    from fastac.gateware.top_zynq import TopZynq
+
+    output = output or bundle / "registers"
+    write_register_files(interface(TopZynq(load_bundle(bundle))), output)
+    click.echo(f"{output}: {', '.join(FILES.values())}")
+
+
+@click.command()
+@click.argument("bundle", type=INPUT)
 @click.option(
     "--for", "hardware", type=INPUT, required=True, help="Bundle that the running hardware was made from."
 )

@@ -8,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.target.device import DeviceError, check_block_rams, check_multipliers
+from fastac.gateware.host_interface import host_interface
+from fastac.gateware.target.device import DEVICE, DeviceError, check_block_rams, check_multipliers
 from fastac.gateware.target.elaboration import LINT_WAIVERS, to_rtlil, verilog_of
+from fastac.gateware.target.register_files.write import write_register_files
 from fastac.gateware.target.vivado import write_vivado_project
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
@@ -22,6 +24,8 @@ from fastac.store.progress import watched
 from fastac.synth import resources
 
 NAME = "fastac"
+REGISTERS = "registers"
+"""Folder, beside the Verilog, of the register map in the forms that other tools read."""
 SHORT_RUN_PX = 1 << 13
 """Runs with fewer pixels in all take less time with a simulator that is built without optimisation."""
 
@@ -31,7 +35,7 @@ class HardwareError(RuntimeError):
 
 
 def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
-    """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, the map.
+    """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, registers.
 
     The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
     waivers in gateware/target/lint.vlt. Raises HardwareError with its first finding otherwise, and, before
@@ -49,6 +53,7 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
     with write_folder_atomically(folder) as temporary:
         write_vivado_project(text, temporary, bundle.scene.hardware.clock_mhz, name=NAME)
         write_json(temporary / "hardware.json", describe(top, rtlil))
+        write_register_files(interface(top), temporary / REGISTERS)
         with watched("linting", enabled=progress):
             lint(temporary / f"{NAME}.v")
 
@@ -66,8 +71,18 @@ def lint(source: Path) -> None:
         raise HardwareError(f"{source}: lint: {(done.stderr.splitlines() or ['failed'])[0]}")
 
 
+def interface(top: TopZynq) -> dict:
+    """Which design this is, for which part, and all that a host's driver must know of it."""
+    return {
+        "top": NAME,
+        "bundle_sha256": top.bundle.digest,
+        "part": DEVICE["part"],
+        **host_interface(top),
+    }
+
+
 def describe(top: TopZynq, rtlil: str) -> dict:
-    """What the design says of itself: formulas' values, ports, registers, and the hash of its netlist."""
+    """What the design says of itself: formulas' values, the host's interface, and the hash of its netlist."""
     path = top.datapath
     latency = {"stage": path.stages, "initiation_interval": path.interval}
     if path.wants_force:
@@ -77,15 +92,10 @@ def describe(top: TopZynq, rtlil: str) -> dict:
     if path.wants_normals:
         latency["first_pixel_to_normals"] = path.first_pixel_to_normals
     return {
-        "top": NAME,
-        "bundle_sha256": top.bundle.digest,
+        **interface(top),
         "rtlil_sha256": hashlib.sha256(rtlil.encode()).hexdigest(),
         "latency_cycles_by_formula": latency,
         "multipliers": path.multipliers,
-        "registers": [
-            {"name": r.name, "offset": r.offset, "access": r.access, "meaning": r.meaning}
-            for r in top.identity.registers
-        ],
     }
 
 

@@ -26,17 +26,24 @@ class FrameTimer(wiring.Component):
     force_bad : that frame was bad
     first_to_depth, depth_bad : the same for the last depth map
     first_to_normals, normals_bad : the same for the last normal map
+    last_to_depth, depth_number or last_to_normals, normals_number : as for a force, for the map that is the
+        result: the depth if there is no force, the normals if there is neither. Only with `packets`.
+    time : unsigned(64), a count of clocks, by which all times are taken. Only with `packets`.
+    result_time : unsigned(64), `time` when the first beat of the last result's frame was accepted. Only with
+        `packets`.
 
-    Outputs change one clock after the pulse. Times are modulo 2**32. With more than `frames` frames in flight
-    some times are wrong, but counts, numbers and order stay right.
+    Outputs change one clock after the pulse. Latencies are modulo 2**32. With more than `frames` frames in
+    flight some times are wrong, but counts, numbers and order stay right.
     """
 
-    def __init__(self, *, force: bool, depth: bool, normals: bool = False, frames: int = 8):
+    def __init__(
+        self, *, force: bool, depth: bool, normals: bool = False, packets: bool = False, frames: int = 8
+    ):
         if not force and not depth and not normals:
             raise ValueError("force False, depth False, normals False: expected at least one")
         if not 2 <= frames <= 128 or frames & (frames - 1):
             raise ValueError(f"frames {frames}: expected a power of two, 2 to 128")
-        self.force, self.frames = force, frames
+        self.force, self.packets, self.frames = force, packets, frames
         self.maps = tuple(name for name, wanted in (("depth", depth), ("normals", normals)) if wanted)
         inputs = ["accepted", "frame_started", "frame_done", "frame_bad", "flush"]
         outputs = {"frame_count": 32, "in_flight": 8, "interval": 32}
@@ -46,26 +53,49 @@ class FrameTimer(wiring.Component):
         for name in self.maps:
             inputs.append(f"{name}_done")
             outputs |= {f"first_to_{name}": 32, f"{name}_bad": 1}
+        if packets:
+            outputs |= {f"last_to_{self.result}": 32, f"{self.result}_number": 32}
+            outputs["result_time"] = 64
         super().__init__(
             {
                 **{name: In(1) for name in inputs},
+                **({"time": In(64)} if packets else {}),
                 **{name: Out(unsigned(width)) for name, width in outputs.items()},
             }
         )
+
+    @property
+    def values(self) -> dict[str, Signal]:
+        """The values of registers, by their names in the register map."""
+        found = {"FRAME_COUNT": self.frame_count, "INTERVAL": self.interval}
+        if self.force:
+            found["LATENCY_LAST_PIXEL_TO_FORCE"] = self.last_to_force
+            found["FORCE_SEQUENCE"] = self.force_number
+        for name in (*(("force",) if self.force else ()), *self.maps):
+            found[f"LATENCY_FIRST_PIXEL_TO_{name.upper()}"] = getattr(self, f"first_to_{name}")
+        return found
+
+    @property
+    def result(self) -> str:
+        """What counts as a frame's result: "force", else "depth", else "normals"."""
+        return "force" if self.force else self.maps[0]
 
     def elaborate(self, platform):
         m = Module()
 
         # FrameGuard registers one beat: the beat that starts or ends a frame is the last one accepted.
-        now = Signal(32)
-        accepted_at = Signal(32, reset_less=True)
-        first = Signal(32, reset_less=True)
-        m.d.sync += now.eq(now + 1)
+        if self.packets:
+            width, now = 64, self.time
+        else:
+            width, now = 32, Signal(32, name="now")
+            m.d.sync += now.eq(now + 1)
+        accepted_at = Signal(width, reset_less=True)
+        first = Signal(width, reset_less=True)
         with m.If(self.accepted):
             m.d.sync += accepted_at.eq(now)
 
         # Frame k's time stamps are at address k modulo `frames`; each kind of result has its own counter.
-        stamp = data.StructLayout({"first": 32, "last": 32, "bad": 1})
+        stamp = data.StructLayout({"first": width, "last": 32, "bad": 1})
         m.submodules.stamps = stamps = memory.Memory(shape=stamp, depth=self.frames, init=[])
         write = stamps.write_port()
         m.d.comb += [
@@ -104,11 +134,13 @@ class FrameTimer(wiring.Component):
                     getattr(self, f"first_to_{name}").eq(now - entry.data.first),
                     getattr(self, f"{name}_bad").eq(entry.data.bad),
                 ]
-                if name == "force":
+                if name == "force" or (self.packets and name == self.result):
                     m.d.sync += [
-                        self.last_to_force.eq(now - entry.data.last),
-                        self.force_number.eq(given + 1),
+                        getattr(self, f"last_to_{name}").eq(now - entry.data.last),
+                        getattr(self, f"{name}_number").eq(given + 1),
                     ]
+                if self.packets and name == self.result:
+                    m.d.sync += self.result_time.eq(entry.data.first)
             waiting.append(behind)
         most = waiting[0]
         for count in waiting[1:]:

@@ -1,8 +1,8 @@
 """The register map, from which hardware, tests, hardware.json and documentation are made."""
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
+from fastac.gateware.bus.record import FIFO_RECORDS, RECORD_WORDS
 from fastac.models.integer.frame_validity import REASONS
 
 ADDRESS_WIDTH = 8
@@ -21,11 +21,10 @@ ERRORS = (
     "frame_suspect",
     "frame_timeout",
     "access_refused",
+    "results_lost",
 )
 """Bits of the register ERRORS, from bit 0."""
 AXES = "xyz"
-BUS_ERRORS = ("flag", "respond")
-"""How a refused access is reported: by ERRORS.access_refused alone, or by an AXI error response too."""
 
 
 class Field(NamedTuple):
@@ -41,7 +40,8 @@ class Register(NamedTuple):
 
     access : ro read-only, rw read and write, w1c read and write 1 to clear, wo write-only (reads as 0)
     needs : what the hardware must have for the register to exist: "" (always), "force", "force_x" and so on,
-        "depth", "normals", "slip" or "calibration"
+        "depth", "normals", "slip", "calibration", or "results" (results in records: frames in packets)
+    read_changes : reading it changes what it, or its other half, reads as next
     """
 
     name: str
@@ -50,10 +50,18 @@ class Register(NamedTuple):
     meaning: str
     fields: tuple[Field, ...] = ()
     needs: str = ""
+    read_changes: bool = False
 
 
 _FORCE = [
-    Register(f"FORCE_{axis.upper()}_{half}", 0x50 + 8 * k + 4 * upper, "ro", meaning, needs=f"force_{axis}")
+    Register(
+        f"FORCE_{axis.upper()}_{half}",
+        0x50 + 8 * k + 4 * upper,
+        "ro",
+        meaning,
+        needs=f"force_{axis}",
+        read_changes=half == "LOW",
+    )
     for k, axis in enumerate(AXES)
     for upper, half, meaning in (
         (0, "LOW", f"last force, axis {axis}: bits 31:0 of the raw accumulator; reading it latches HIGH"),
@@ -74,7 +82,8 @@ REGISTERS = (
         0x14,
         "ro",
         "channels: per pixel. lanes: pixels per beat. rows_reversed: depth and force map are sent last row"
-        " first. The others: this output or function exists",
+        " first. packets: a frame and an image are one packet each, and each result is a record: the"
+        " registers from TIME_LOW on exist. The others: this output or function exists",
         (
             Field("channels", 0, 8),
             Field("lanes", 8, 8),
@@ -88,6 +97,7 @@ REGISTERS = (
             Field("rows_reversed", 23),
             Field("calibration", 24),
             Field("slip", 25),
+            Field("packets", 26),
         ),
     ),
     Register(
@@ -97,11 +107,15 @@ REGISTERS = (
         "enable: accept frames; 1 after reset. capture_background: store the next whole frame as background;"
         " reads as 1 until that is done, and writing 0 does not cancel it. soft_reset: reset the datapath and"
         " discard the frames in it; reads as 0. interrupt_enable: drive the interrupt output with"
-        " INTERRUPT_STATUS. restart_calibration: discard the words of CALIBRATION received; reads as 0",
+        " INTERRUPT_STATUS. restart_calibration: discard the words of CALIBRATION received; reads as 0."
+        " clear_results: discard the records that RESULTS_WORD has not given; reads as 0",
         tuple(
             Field(name, k)
             for k, name in enumerate(
-                ("enable", "capture_background", "soft_reset", "interrupt_enable", "restart_calibration")
+                (
+                    *("enable", "capture_background", "soft_reset", "interrupt_enable"),
+                    *("restart_calibration", "clear_results"),
+                )
             )
         ),
     ),
@@ -133,7 +147,7 @@ REGISTERS = (
         " result_overrun: a result came while the interrupt of the previous one was pending."
         " calibration_refused: a word of CALIBRATION was refused. frame_suspect: a frame's FRAME_VALIDITY was"
         " not 0. frame_timeout: the camera stopped inside a frame for FRAME_TIMEOUT clocks. access_refused: a"
-        " read without a register, or a write that was refused",
+        " read without a register, or a write that was refused. results_lost: RESULTS_LOST has grown",
         tuple(Field(name, k) for k, name in enumerate(ERRORS)),
     ),
     Register("INTERRUPT_STATUS", 0x24, "w1c", "result: there is a new result", (Field("result", 0),)),
@@ -235,80 +249,37 @@ REGISTERS = (
         "SLIP_SPREAD beyond which STATUS.slip is set, in the same unit",
         needs="slip",
     ),
+    Register(
+        "TIME_LOW",
+        0x8C,
+        "ro",
+        "clocks since reset, which a soft reset is not: bits 31:0; reading it latches TIME_HIGH",
+        needs="results",
+        read_changes=True,
+    ),
+    Register("TIME_HIGH", 0x90, "ro", "bits 63:32, latched when TIME_LOW was last read", needs="results"),
+    Register(
+        "RESULTS_WAITING",
+        0x94,
+        "ro",
+        f"records that wait to be read from RESULTS_WORD, at most {FIFO_RECORDS}; a record counts until its"
+        " last word is read",
+        needs="results",
+    ),
+    Register(
+        "RESULTS_WORD",
+        0x98,
+        "ro",
+        f"the next 32-bit word of the oldest result's record, {len(RECORD_WORDS)} words a record; reading"
+        " takes it. 0 if none waits. A soft reset leaves the records; CONTROL.clear_results discards them",
+        needs="results",
+        read_changes=True,
+    ),
+    Register(
+        "RESULTS_LOST",
+        0x9C,
+        "ro",
+        f"results since reset that came while {FIFO_RECORDS} records waited, and were not kept",
+        needs="results",
+    ),
 )
-
-
-@dataclass(frozen=True)
-class Identity:
-    """The constants that the registers report about the hardware; they also decide which registers exist."""
-
-    bundle_hash: int
-    version: int
-    height: int
-    width: int
-    channels: int
-    lanes: int
-    axes: str  # axes of the force: a subsequence of "xyz", "" without force
-    force_width: int = 64  # bits of one raw accumulator
-    depth: bool = True  # has a depth output
-    background_capture: bool = False
-    normals: bool = False
-    force_map: bool = False
-    rows_reversed: bool = False
-    slip: bool = False  # has the spread of the touching dots, beside a force
-    slip_limit: int = 0  # SLIP_LIMIT after reset
-    calibration_words: int = 0  # words of a calibration image; 0: no calibration can be loaded
-    calibration_layout: int = 0  # first word of an image
-    frame_timeout: int = 0  # clocks, FRAME_TIMEOUT after reset
-    bus_errors: str = "flag"  # a refused access: "flag" sets ERRORS.access_refused, "respond" also answers so
-
-    def __post_init__(self):
-        for name, low, high in (
-            ("bundle_hash", 0, (1 << 64) - 1),
-            ("version", 0, (1 << 32) - 1),
-            ("height", 1, (1 << 16) - 1),
-            ("width", 1, (1 << 16) - 1),
-            ("channels", 1, 255),
-            ("lanes", 1, 255),
-            ("force_width", 1, 64),
-            ("calibration_words", 0, (1 << 32) - 1),
-            ("calibration_layout", 0, (1 << 32) - 1),
-            ("frame_timeout", 0, (1 << 32) - 1),
-            ("slip_limit", 0, (1 << 32) - 1),
-        ):
-            if not low <= getattr(self, name) <= high:
-                raise ValueError(f"{name} {getattr(self, name)}: expected {low} to {high}")
-        if self.axes != "".join(axis for axis in AXES if axis in self.axes):
-            raise ValueError(f"axes {self.axes!r}: expected some of {AXES!r}, in this order")
-        if self.bus_errors not in BUS_ERRORS:
-            raise ValueError(f"bus_errors {self.bus_errors!r}: expected one of {BUS_ERRORS}")
-        if self.slip and not self.axes:
-            raise ValueError("slip True: expected axes of force, with which it is sampled")
-        if not self.axes and not self.depth and not self.normals:
-            raise ValueError("axes '', depth False, normals False: expected at least one output")
-
-    @property
-    def result(self) -> str:
-        """The output that raises the interrupt: force; without it depth; without both normals."""
-        return "force" if self.axes else "depth" if self.depth else "normals"
-
-    @property
-    def calibration(self) -> bool:
-        """Whether calibrations can be loaded."""
-        return self.calibration_words > 0
-
-    @property
-    def errors(self) -> tuple[str, ...]:
-        """The errors that this hardware can report, in the order of ERRORS."""
-        return tuple(name for name in ERRORS if name != "calibration_refused" or self.calibration)
-
-    @property
-    def registers(self) -> tuple[Register, ...]:
-        """The registers of this hardware; accesses to other addresses are refused."""
-        present = {"", *(f"force_{axis}" for axis in self.axes)}
-        present |= {"force"} if self.axes else set()
-        present |= {"depth"} if self.depth else set()
-        present |= {"normals"} if self.normals else set()
-        present |= {"slip"} if self.slip else set()
-        present |= {"calibration"} if self.calibration else set()
-        return tuple(register for register in REGISTERS if register.needs in present)

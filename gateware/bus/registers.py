@@ -7,22 +7,18 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.bus.axi_lite import AxiLiteSlave, Response, axi_lite_signature
 from fastac.gateware.bus.calibration_loader import calibration_signature
 from fastac.gateware.bus.frame_timer import FrameTimer
-from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, ERRORS, ID, REGISTERS, Identity
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID
+from fastac.gateware.bus.result_registers import RECORD_BITS, ResultRegisters
 from fastac.gateware.stream.frame_guard import EVENTS, TIMEOUT_BITS
 from fastac.models.integer.frame_validity import REASONS
 
 WORD = 32
 """Bits of a register."""
-ERRORS_DETECTED_HERE = ("result_overrun", "calibration_refused", "frame_suspect", "access_refused")
+ERRORS_DETECTED_HERE = (
+    *("result_overrun", "calibration_refused", "frame_suspect", "access_refused", "results_lost"),
+)
 """Errors that the register block detects itself; the others are inputs."""
-
-
-def capabilities(identity: Identity) -> int:
-    """The constant value of the register CAPABILITIES."""
-    values = {f"force_{axis}": axis in identity.axes for axis in AXES}
-    register = next(register for register in REGISTERS if register.name == "CAPABILITIES")
-    values |= {f.name: getattr(identity, f.name) for f in register.fields if f.name not in values}
-    return sum(int(values[field.name]) << field.low for field in register.fields)
 
 
 class RegisterBlock(wiring.Component):
@@ -47,6 +43,9 @@ class RegisterBlock(wiring.Component):
     enable : accept frames
     capture_background : the next frame shall become the background. Only with background_capture.
     calibration : see `calibration_signature`. Only if a calibration can be loaded.
+    record, record_valid : the record of a result (gateware/bus/record.py), valid in the clock of its pulse;
+        one a result, in the order of the frames, a clock after it. Only with packets.
+    time : unsigned(64), clocks since reset. Only with packets.
     soft_reset : high for one clock: reset the datapath including FrameGuard
     interrupt : level interrupt, high while INTERRUPT_STATUS and CONTROL.interrupt_enable are set
 
@@ -74,6 +73,9 @@ class RegisterBlock(wiring.Component):
         if identity.background_capture:
             inputs.append("background_taken")
             outputs.append("capture_background")
+        if identity.packets:
+            outputs.append("record_valid")
+            members |= {"record": Out(RECORD_BITS), "time": Out(64)}
         if identity.calibration:
             members["calibration"] = Out(calibration_signature())
         members |= {name: In(1) for name in inputs} | {name: Out(1) for name in outputs}
@@ -97,7 +99,10 @@ class RegisterBlock(wiring.Component):
             return bus.read & (bus.read_word == offsets[name] >> 2)
 
         m.submodules.timer = timer = FrameTimer(
-            force=bool(identity.axes), depth=identity.depth, normals=identity.normals
+            force=bool(identity.axes),
+            depth=identity.depth,
+            normals=identity.normals,
+            packets=identity.packets,
         )
         for name in EVENTS:
             m.d.comb += getattr(timer, name).eq(getattr(self, name))
@@ -127,7 +132,6 @@ class RegisterBlock(wiring.Component):
         )
 
         errors = Signal(len(ERRORS))
-        frame_validity = Signal(len(REASONS))
         pending = Signal()
         result_valid = Signal()
         clear_errors = Signal.like(errors)
@@ -137,8 +141,12 @@ class RegisterBlock(wiring.Component):
         seen["frame_suspect"] = result & self.validity.any()
         access_refused = Signal()
         seen["access_refused"] = access_refused
-        with m.If(result):
-            m.d.sync += frame_validity.eq(self.validity)
+        m.submodules.results = results = ResultRegisters(identity)
+        m.d.comb += [results.result.eq(result), results.validity.eq(self.validity)]
+        for axis in identity.axes:
+            m.d.comb += getattr(results, f"read_force_{axis}").eq(read(f"FORCE_{axis.upper()}_LOW"))
+        if identity.axes:
+            m.d.comb += results.force.eq(self.force)
         loading, refused = Const(0, 1), Const(0, 1)
         bundle_hash = Const(identity.bundle_hash, 64)
         if identity.calibration:
@@ -158,20 +166,39 @@ class RegisterBlock(wiring.Component):
             self.interrupt.eq(pending & interrupt_enable),
         ]
         m.d.sync += [
-            errors.eq((errors & ~clear_errors) | Cat(seen.get(name, 0) for name in ERRORS)),
             pending.eq((pending & ~clear_pending) | result),
             result_valid.eq((result_valid | result) & ~self.soft_reset),
         ]
 
         slipping = Const(0, 1)
         if identity.slip:
-            spread = Signal(WORD)
-            touching = Signal(WORD)
             limit = Signal(WORD, init=identity.slip_limit)
-            slipping = spread > limit
-            with m.If(result):
-                m.d.sync += [spread.eq(self.spread), touching.eq(self.touching)]
+            slipping = results.last_spread > limit
+            m.d.comb += [results.spread.eq(self.spread), results.touching.eq(self.touching)]
             m.d.sync += limit.eq(Mux(written("SLIP_LIMIT"), (limit & kept) | ones, limit))
+
+        if identity.packets:
+            kind = timer.result
+            m.d.sync += self.time.eq(self.time + 1)
+            seen["results_lost"] = results.lost
+            m.d.comb += [
+                results.frame.eq(getattr(timer, f"{kind}_number")),
+                results.bad.eq(getattr(timer, f"{kind}_bad")),
+                results.first_to_result.eq(getattr(timer, f"first_to_{kind}")),
+                results.last_to_result.eq(getattr(timer, f"last_to_{kind}")),
+                results.result_time.eq(timer.result_time),
+                results.time.eq(self.time),
+                results.slipping.eq(slipping),
+                results.errors.eq(errors),
+                results.read_time.eq(read("TIME_LOW")),
+                results.read.eq(read("RESULTS_WORD")),
+                results.clear.eq(written("CONTROL") & ones[5]),
+                self.record.eq(results.record),
+                self.record_valid.eq(results.record_valid),
+                timer.time.eq(self.time),
+            ]
+
+        m.d.sync += errors.eq((errors & ~clear_errors) | Cat(seen.get(name, 0) for name in ERRORS))
 
         frame_errors = Signal(32)
         m.d.sync += frame_errors.eq(frame_errors + (self.frame_done & self.frame_bad & ~self.soft_reset))
@@ -182,28 +209,27 @@ class RegisterBlock(wiring.Component):
             "BUNDLE_HASH_LOW": bundle_hash[:32],
             "BUNDLE_HASH_HIGH": bundle_hash[32:],
             "GEOMETRY": identity.height | identity.width << 16,
-            "CAPABILITIES": capabilities(identity),
+            "CAPABILITIES": identity.capabilities,
             "CONTROL": control,
             "STATUS": Cat(
                 timer.in_flight.any(),
                 result_valid,
                 getattr(timer, f"{identity.result}_bad"),
                 loading,
-                frame_validity.any(),
+                results.frame_validity.any(),
                 slipping,
                 Const(0, 2),
                 timer.in_flight,
             ),
             "ERRORS": errors,
             "INTERRUPT_STATUS": pending,
-            "FRAME_COUNT": timer.frame_count,
             "FRAME_ERRORS": frame_errors,
-            "INTERVAL": timer.interval,
-            "FRAME_VALIDITY": frame_validity,
             "FRAME_TIMEOUT": self.timeout_clocks,
+            **timer.values,
+            **results.values,
         }
         if identity.slip:
-            values |= {"SLIP_SPREAD": spread, "SLIP_DOTS": touching, "SLIP_LIMIT": limit}
+            values["SLIP_LIMIT"] = limit
         if identity.calibration:
             values |= {
                 "CALIBRATION": Const(0, 32),
@@ -211,25 +237,6 @@ class RegisterBlock(wiring.Component):
                 "CALIBRATION_WORDS": identity.calibration_words,
                 "CALIBRATION_RECEIVED": self.calibration.received,
             }
-        if identity.axes:
-            values |= {
-                "LATENCY_FIRST_PIXEL_TO_FORCE": timer.first_to_force,
-                "LATENCY_LAST_PIXEL_TO_FORCE": timer.last_to_force,
-                "FORCE_SEQUENCE": timer.force_number,
-            }
-        if identity.depth:
-            values["LATENCY_FIRST_PIXEL_TO_DEPTH"] = timer.first_to_depth
-        if identity.normals:
-            values["LATENCY_FIRST_PIXEL_TO_NORMALS"] = timer.first_to_normals
-        for axis, accumulator in zip(identity.axes, self.force if identity.axes else (), strict=True):
-            force = Signal(signed(64), name=f"force_{axis}")
-            held = Signal(32, name=f"force_{axis}_high")
-            low, high = f"FORCE_{axis.upper()}_LOW", f"FORCE_{axis.upper()}_HIGH"
-            with m.If(result):
-                m.d.sync += force.eq(accumulator)
-            with m.If(read(low)):
-                m.d.sync += held.eq(force[32:])
-            values |= {low: force[:32], high: held}
 
         responds = identity.bus_errors == "respond"
         no_register = Response.DECERR if responds else Response.OKAY

@@ -1,7 +1,9 @@
 """cocotb testbench of FrameTimer: random overlapping frames, all outputs compared in every clock.
 
 No simulation lasts until 32-bit counters wrap: now and then the bench sets the clock to what it would hold
-after any number of clocks, and the frames' counter begins with the value in the variable FRAME_COUNT.
+after any number of clocks, and the frames' counter begins with the value in the variable FRAME_COUNT. The
+variable RESULTS names the kinds of results, the first of which is the one with a number and a last beat; with
+PACKETS the bench gives the time, of 64 bits.
 """
 
 import os
@@ -12,15 +14,21 @@ import cocotb
 from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
-INPUTS = ("accepted", "frame_started", "frame_done", "frame_bad", "flush", "result_valid", "depth_done")
+RESULTS = tuple(os.environ["RESULTS"].split(","))
+PACKETS = os.environ["PACKETS"] == "True"
+PULSES = {name: "result_valid" if name == "force" else f"{name}_done" for name in RESULTS}
+INPUTS = ("accepted", "frame_started", "frame_done", "frame_bad", "flush", *PULSES.values())
+NUMBERED = RESULTS[0] if PACKETS or RESULTS[0] == "force" else None
+"""The kind of result that has a number and a last beat."""
 WRAP = 1 << 32
+TIME_BITS = 64 if PACKETS else 32
 FRAMES = 8
 """Frames in flight whose times are right."""
 
 
 def late(rng):
-    """A 32-bit clock, often shortly before a carry into one of its upper bits."""
-    return rng.choice((rng.getrandbits(32), (1 << rng.randint(2, 32)) - rng.randint(1, 3)))
+    """A clock, often shortly before a carry into one of its upper bits."""
+    return rng.choice((rng.getrandbits(TIME_BITS), (1 << rng.randint(2, TIME_BITS)) - rng.randint(1, 3)))
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
@@ -40,17 +48,21 @@ async def overlapping_frames(dut, most, hurry):
 
     frames, ended, now = int(os.environ["FRAME_COUNT"]), 0, 0
     open_frame, previous_first, accepted_at = None, None, None
-    waiting = {"force": deque(), "depth": deque()}
+    waiting = {name: deque() for name in RESULTS}
     expected = {"frame_count": frames, "in_flight": 0, "interval": 0}
     for cycle in range(4000):
         if cycle % 300 == 0:
-            leave = {"force": 0.5 * rng.choice(hurry), "depth": rng.choice(hurry)}
+            leave = {name: rng.choice(hurry) for name in RESULTS}
+            leave[RESULTS[0]] *= 0.5
         pulses = dict.fromkeys(INPUTS, 0)
         # The first one tells the results' counters where the frames' counter begins.
         flush = pulses["flush"] = int(cycle == 0 or rng.random() < 0.016 / most)
         if rng.random() < 0.02:
             now = late(rng)
-            dut.now.value = now
+            if not PACKETS:
+                dut.now.value = now
+        if PACKETS:
+            dut.time.value = now
         pulses["accepted"] = int(rng.random() < 0.6)
         kind = None
         full = max(map(len, waiting.values())) >= most
@@ -63,7 +75,7 @@ async def overlapping_frames(dut, most, hurry):
             pulses[kind] = 1
         pulses["frame_bad"] = rng.getrandbits(1)
         leaving = {name: int(bool(queue) and rng.random() < leave[name]) for name, queue in waiting.items()}
-        pulses["result_valid"], pulses["depth_done"] = leaving["force"], leaving["depth"]
+        pulses |= {PULSES[name]: left for name, left in leaving.items()}
         for name, value in pulses.items():
             getattr(dut, name).value = value
 
@@ -82,10 +94,12 @@ async def overlapping_frames(dut, most, hurry):
                     number, first, last, bad = queue.popleft()
                     if most == FRAMES:
                         expected |= {f"first_to_{name}": (now - first) % WRAP, f"{name}_bad": bad}
-                    if name == "force":
-                        expected["force_number"] = number
-                    if name == "force" and most == FRAMES:
-                        expected["last_to_force"] = (now - last) % WRAP
+                    if name == NUMBERED:
+                        expected[f"{name}_number"] = number
+                    if name == NUMBERED and most == FRAMES:
+                        expected[f"last_to_{name}"] = (now - last) % WRAP
+                    if PACKETS and name == NUMBERED and most == FRAMES:
+                        expected["result_time"] = first
             if kind == "frame_started":
                 open_frame = accepted_at
                 if previous_first is not None:
@@ -100,6 +114,6 @@ async def overlapping_frames(dut, most, hurry):
         expected["in_flight"] = max(map(len, waiting.values())) + (open_frame is not None)
         if pulses["accepted"]:
             accepted_at = now
-        now = (now + 1) % WRAP
+        now = (now + 1) % (1 << TIME_BITS)
         await RisingEdge(dut.clk)
     assert ended > 20

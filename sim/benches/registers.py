@@ -11,7 +11,9 @@ import random
 import cocotb
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from fastac.gateware.bus.register_map import ERRORS, REGISTERS, Identity
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.record import FIFO_RECORDS
+from fastac.gateware.bus.register_map import ERRORS, REGISTERS
 from fastac.gateware.bus.registers import ERRORS_DETECTED_HERE
 from fastac.sim.benches.host import DECERR, OKAY, SLVERR, read, start, write
 
@@ -99,7 +101,7 @@ async def every_address_after_reset(dut, stall):
         "FRAME_TIMEOUT": IDENTITY.frame_timeout,
     }
     counts = {name: getattr(IDENTITY, name) for name in ("channels", "lanes")}
-    outputs = ("depth", "background_capture", "normals", "force_map", "rows_reversed", "slip")
+    outputs = ("depth", "background_capture", "normals", "force_map", "rows_reversed", "slip", "packets")
     counts |= {name: int(getattr(IDENTITY, name)) for name in outputs}
     counts |= {f"force_{axis}": int(axis in IDENTITY.axes) for axis in "xyz"}
     values["CAPABILITIES"] = bits("CAPABILITIES", **counts)
@@ -110,9 +112,13 @@ async def every_address_after_reset(dut, stall):
         values["CALIBRATION_WORDS"] = IDENTITY.calibration_words
         values["CALIBRATION_LAYOUT"] = IDENTITY.calibration_layout
         values["CAPABILITIES"] |= bits("CAPABILITIES", calibration=1)
+    resets = IDENTITY.resets
+    assert resets == {name: values[name] if resets[name] is not None else None for name in AT}
+    if IDENTITY.packets:
+        del values["TIME_LOW"]  # the time goes on
     await expect(master, **values)
     registers = {register.offset: register for register in IDENTITY.registers}
-    resets = pulses_of(dut, "soft_reset")
+    soft_resets = pulses_of(dut, "soft_reset")
     refused = bits("ERRORS", access_refused=1)
     for address in range(0, 256, 4):
         if address not in registers:
@@ -126,8 +132,10 @@ async def every_address_after_reset(dut, stall):
             continue
         await expect(master, ERRORS=refused)
         assert await write(master, AT["ERRORS"], refused) == OKAY
+    if IDENTITY.packets:
+        del values["TIME_HIGH"]
     await expect(master, **values)
-    assert not resets
+    assert not soft_resets
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms")
@@ -187,6 +195,7 @@ async def any_errors_are_cleared_and_others_kept(dut):
     if IDENTITY.calibration:
         dut.calibration__taken.value = 0
     await pulse(dut, **{RESULT: 1})  # nobody acknowledges it: every later one is an overrun
+    waiting = 1
     for _ in range(40):
         seen = rng.sample(inputs, rng.randint(0, len(inputs)))
         await pulse(dut, **dict.fromkeys(seen, 1))
@@ -194,6 +203,8 @@ async def any_errors_are_cleared_and_others_kept(dut):
         if result:
             await pulse(dut, **{RESULT: 1}, validity=suspect)
             seen += ["result_overrun", *["frame_suspect"] * suspect]
+            seen += ["results_lost"] * (IDENTITY.packets and waiting == FIFO_RECORDS)
+            waiting = min(waiting + 1, FIFO_RECORDS)
         if unmapped:
             await read(master, nowhere)
             seen.append("access_refused")

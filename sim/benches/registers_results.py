@@ -118,6 +118,7 @@ async def each_flag_of_a_frame(dut):
         await RisingEdge(dut.clk)
         await expect(master, FRAME_VALIDITY=value, ERRORS=bits("ERRORS", frame_suspect=int(value > 0)))
         await write(master, AT["ERRORS"], 0xFFFFFFFF)
+        await write(master, AT["CONTROL"], bits("CONTROL", enable=1, clear_results=1))
 
 
 @cocotb.test(timeout_time=1, timeout_unit="ms", skip=not IDENTITY.slip)

@@ -24,7 +24,9 @@ from fastac.sim.formal.proofs import (
     products,
     raster_port,
     registers,
+    registers_packets,
     reordering,
+    result_fifo,
     slip,
     streams,
 )
@@ -34,7 +36,7 @@ from fastac.store.files import content_hash, read_json, write_json
 
 MODULES = (
     *(streams, frame_guard, raster_port, frame_validity),
-    *(axi_lite, registers, calibration_loader),
+    *(axi_lite, registers, registers_packets, result_fifo, calibration_loader),
     *(pipelines, engines, reordering, patches, dots, slip),
     *(products, divider, accumulators),
 )

@@ -16,6 +16,7 @@ class InOrder:
     enters, payload : a beat enters in this clock, with this payload
     leaves, leaving : the same for beats that leave; a beat may leave in the clock in which it enters
     capacity : number of beats that can be inside between two clocks
+    clear : the beats inside are discarded; one that enters in this clock stays
 
     Attributes
     ----------
@@ -24,7 +25,14 @@ class InOrder:
     """
 
     def __init__(
-        self, bench: FormalBench, enters: Value, payload: Value, leaves: Value, leaving: Value, capacity: int
+        self,
+        bench: FormalBench,
+        enters: Value,
+        payload: Value,
+        leaves: Value,
+        leaving: Value,
+        capacity: int,
+        clear: Value | None = None,
     ):
         m = bench.m
         self.inside = Signal(range(capacity + 2))
@@ -44,6 +52,9 @@ class InOrder:
             m.d.sync += [self.caught.eq(payload), self.ahead.eq(self.inside - leaves)]
         with m.Elif(leaves):
             m.d.sync += self.ahead.eq(self.ahead - 1)
+        if clear is not None:
+            with m.If(clear):
+                m.d.sync += [self.inside.eq(enters), self.chosen.eq(now), self.ahead.eq(0)]
         bench.always("no beat out of nothing", ~leaves | enters | (self.inside != 0))
         bench.always(f"at most {capacity} beats inside", self.inside <= capacity)
         bench.always("the chosen beat is inside", ~self.chosen | (self.ahead < self.inside))

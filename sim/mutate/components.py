@@ -80,6 +80,8 @@ COMPONENTS = (
         ),
     ),
     Component("bus/registers", ("bus/test_registers.py",), datapath=False, designs=2),
+    Component("bus/result_fifo", ("bus/test_result_fifo.py",), designs=2),
+    Component("bus/result_registers", ("bus/test_registers.py",), designs=2),
     Component("dots/axis", ("dots/test_follower.py::test_stream_rules_in_verilator",)),
     Component("dots/dark_queue", ("dots/test_dark_queue.py",)),
     Component("dots/darkness", ("dots/test_darkness.py",)),

@@ -5,8 +5,9 @@ from functools import partial
 from amaranth import Array, Cat, Const, Mux, Signal, Value, signed
 
 from fastac.gateware.bus.axi_lite import Response
-from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID, Identity
-from fastac.gateware.bus.registers import RegisterBlock, capabilities
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID
+from fastac.gateware.bus.registers import RegisterBlock
 from fastac.models.integer.frame_validity import REASONS
 from fastac.sim.formal.bench import FormalBench
 from fastac.sim.formal.proof import Proof
@@ -112,8 +113,9 @@ class Rules:
             m.d.sync += [spread.eq(self.inputs["spread"]), touching.eq(self.inputs["touching"])]
         written = (limit & ~self.mask) | self.ones
         m.d.sync += limit.eq(Mux(self.writes("SLIP_LIMIT"), written, limit))
+        inner = {"spread": "results.last_spread", "touching": "results.last_touching", "limit": "limit"}
         for name, own in (("spread", spread), ("touching", touching), ("limit", limit)):
-            bench.always(f"the register {name}", bench.probe(name, 32) == own)
+            bench.always(f"the register {name}", bench.probe(inner[name], 32) == own)
         slips = self.read_data[5] == (spread > limit)
         bench.always("STATUS says whether the frame slips", ~self.reads("STATUS") | slips)
         return {"SLIP_SPREAD": spread, "SLIP_DOTS": touching, "SLIP_LIMIT": limit}
@@ -131,18 +133,22 @@ class Rules:
         self.pending = pending
         found = {"INTERRUPT_STATUS": pending, "FRAME_VALIDITY": validity}
         width = self.identity.force_width
+        self.high_halves = {}
         for k, axis in enumerate(self.identity.axes):
             force, high = Signal(signed(64), name=f"{axis}_force"), Signal(32, name=f"{axis}_high")
             with m.If(self.result):
                 m.d.sync += force.eq(self.inputs["force"].word_select(k, width).as_signed())
             with m.If(self.reads(f"FORCE_{axis.upper()}_LOW")):  # latches the other half
                 m.d.sync += high.eq(force[32:])
-            inner, latched = bench.probe(f"force_{axis}", 64), bench.probe(f"force_{axis}_high", 32)
+            inner = bench.probe(f"results.force_{axis}", 64)
+            latched = bench.probe(f"results.force_{axis}_high", 32)
+            self.high_halves[axis] = force[32:]
             right = (inner == force.as_unsigned()) & (latched == high)
             bench.always(f"the registers of force {axis}", right)
             found |= {f"FORCE_{axis.upper()}_LOW": force[:32], f"FORCE_{axis.upper()}_HIGH": high}
-        for name, inner in (("pending", pending), ("frame_validity", validity)):
-            bench.always(f"the register {name}", bench.probe(name, len(inner)) == inner)
+        for name, inner in (("pending", pending), ("results.frame_validity", validity)):
+            own = bench.probe(name, len(inner))
+            bench.always(f"the register {name.removeprefix('results.')}", own == inner)
         return found
 
     def calibration(self) -> Value:
@@ -170,6 +176,8 @@ class Rules:
         events["result_overrun"] = self.result & self.pending & ~self.cleared
         events["frame_suspect"] = self.result & self.inputs["validity"].any()
         events["access_refused"] = unmapped_read | unmapped_write | refused_write
+        if self.identity.packets:
+            events["results_lost"] = self.bench.probe("results.fifo.lost")
         word_refused = Const(0)
         if self.identity.calibration:
             word_refused = events["calibration_refused"] = self.calibration()
@@ -196,7 +204,7 @@ class Rules:
             "ID": ID,
             "VERSION": identity.version,
             "GEOMETRY": identity.height | identity.width << 16,
-            "CAPABILITIES": capabilities(identity),
+            "CAPABILITIES": identity.capabilities,
         }
         if not identity.calibration:
             found |= {
@@ -205,14 +213,21 @@ class Rules:
             }
         return {name: Const(value, 32) for name, value in found.items()}
 
+    def expected(self) -> dict[str, Value]:
+        """What registers must read as, by their names."""
+        return self.settings() | self.results() | self.slip() | self.errors() | self.constants()
+
+    def read_as(self, expected: dict[str, Value]) -> None:
+        """Assert that each of these registers reads as expected."""
+        for name, value in expected.items():
+            wrong = self.reads(name) & (self.read_data != value)
+            self.bench.always(f"{name} reads as the register map says", ~wrong)
+
 
 def registers(component: type, identity: Identity) -> FormalBench:
     """Every register reads, is written and answers as the register map says."""
     rules = Rules(component, identity)
-    expected = rules.settings() | rules.results() | rules.slip() | rules.errors() | rules.constants()
-    for name, value in expected.items():
-        wrong = rules.reads(name) & (rules.read_data != value)
-        rules.bench.always(f"{name} reads as the register map says", ~wrong)
+    rules.read_as(rules.expected())
     return rules.bench
 
 
@@ -225,11 +240,11 @@ PROOFS = (
         depth=2,
         breaks=(
             ("(control & kept) | ones, control)", "ones, control)"),
-            ("spread > limit", "spread >= limit"),
+            ("last_spread > limit", "last_spread >= limit"),
             ("(errors & ~clear_errors)", "(errors & ~ones)"),
             ("unwritable.eq(read_only)", "unwritable.eq(0)"),
             ("(pending & ~clear_pending) | result", "pending & ~clear_pending | result & ~pending"),
-            ("with m.If(read(low)):", "with m.If(read(high)):"),
+            ('read(f"FORCE_{axis.upper()}_LOW")', 'read(f"FORCE_{axis.upper()}_HIGH")'),
             ("result &= ~self.soft_reset", "result &= 1"),
         ),
         quick=True,

@@ -8,6 +8,7 @@ import pytest
 from fastac.flow import hardware
 from fastac.flow.hardware import HardwareError, check_verilog, lint, write_verilog
 from fastac.gateware.target.device import DEVICE
+from fastac.gateware.target.register_files.write import FILES
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.random_bundle import random_bundle, scene
@@ -38,6 +39,7 @@ def one_line(error: pytest.ExceptionInfo) -> str:
 def test_everything_that_vivado_and_a_driver_need_is_there(bundle, written):
     """And it is linted: see below what the linter finds."""
     assert {"fastac.v", "fastac.xdc", "build.tcl", "hardware.json"} <= {f.name for f in written.iterdir()}
+    assert {f.name for f in (written / "registers").iterdir()} == set(FILES.values())
     assert not [file.name for file in written.iterdir() if file.name.startswith(".")]
     assert written.stat().st_mode & 0o777 == 0o755
     period = 1000 / bundle.scene.hardware.clock_mhz
@@ -56,6 +58,8 @@ def test_everything_that_vivado_and_a_driver_need_is_there(bundle, written):
     assert registers["FORCE_Z_LOW"]["offset"] == 0x60
     assert registers["ERRORS"]["access"] == "w1c"
     assert all(register["meaning"] for register in registers.values())
+    assert (content["part"], content["streams"], content["force"]["axes"]) == (DEVICE["part"], "video", ["z"])
+    assert [output["name"] for output in content["outputs"]] == ["normals", "depth"]
 
 
 @pytest.mark.parametrize(("frames", "arguments"), [(31, QUICK), (32, ())])

@@ -3,8 +3,10 @@ import json
 from dataclasses import asdict
 
 import pytest
+from amaranth import Signal
 
-from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, REGISTERS, Identity
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, REGISTERS
 from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.stream import frame_guard
 from fastac.sim.runner import simulate
@@ -13,7 +15,10 @@ BENCHES = (
     "fastac.sim.benches.registers",
     "fastac.sim.benches.registers_results",
     "fastac.sim.benches.registers_calibration",
+    "fastac.sim.benches.registers_records",
 )
+TIME = 0xA5C3_96FF_FFFF_FE00
+"""The time at the beginning: 512 clocks before a carry into its upper half."""
 SHAPE = {
     "bundle_hash": 0xFEDCBA9876543210,
     "version": 3,
@@ -35,9 +40,10 @@ SHAPE = {
             "frame_timeout": 15_000_000,
             "slip": True,
             "slip_limit": 0x9ABCDEF0,
+            "packets": True,
         },
         {"axes": "z", "depth": False, "background_capture": False, "force_width": 64},
-        {"axes": "", "depth": True, "background_capture": False},
+        {"axes": "", "depth": True, "background_capture": False, "packets": True},
         {
             "axes": "yz",
             "calibration_words": 70_000,
@@ -45,17 +51,21 @@ SHAPE = {
             "bus_errors": "respond",
         },
     ],
-    ids=["force xyz, depth, background, slip", "force z", "depth", "force yz, depth, calibration"],
+    ids=["all but calibration, packets", "force z", "depth, packets", "force yz, depth, calibration"],
 )
-@pytest.mark.quick("force xyz, depth, background, slip", "force yz, depth, calibration")
+@pytest.mark.quick("all but calibration, packets", "force yz, depth, calibration")
 def test_registers(tmp_path, outputs):
     identity = Identity(**SHAPE, **outputs)
+    block = RegisterBlock(identity)
+    if identity.packets:
+        block.time = Signal(64, init=TIME)
     simulate(
-        RegisterBlock(identity),
+        block,
         "registers",
         ",".join(BENCHES),
         tmp_path,
         IDENTITY=json.dumps(asdict(identity)),
+        TIME=str(TIME),
     )
 
 

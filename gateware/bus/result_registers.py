@@ -1,0 +1,158 @@
+"""What a result leaves for the host: the registers of the last one, and for packets a record of each."""
+
+from amaranth import Cat, Const, Module, Value, signed, unsigned
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+
+from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.record import FORMAT_LOW, RECORD_FORMAT, RECORD_WORDS, WORD_BITS, RecordFlag
+from fastac.gateware.bus.register_map import ERRORS
+from fastac.gateware.bus.result_fifo import ResultFifo
+from fastac.models.integer.frame_validity import REASONS
+
+RECORD_BITS = len(RECORD_WORDS) * WORD_BITS
+
+
+def flags_word(**flags: Value) -> Value:
+    """The word FLAGS of a record, with its format, from flags by their names in lower case; others are 0."""
+    places = {flag.name.lower(): flag.bit_length() - 1 for flag in RecordFlag}
+    bits = [Const(0, 1)] * FORMAT_LOW
+    for name, value in flags.items():
+        bits[places[name]] = value
+    return Cat(bits, Const(RECORD_FORMAT, WORD_BITS - FORMAT_LOW))
+
+
+def record_value(**words: Value) -> Value:
+    """A record, word 0 in the least significant bits, from words of up to 32 bits by name; others are 0.
+
+    Raises ValueError for a name that a record lacks, and for a word of more bits.
+    """
+    if unknown := set(words) - set(RECORD_WORDS):
+        raise ValueError(f"{min(unknown)}: expected one of {RECORD_WORDS}")
+    padded = []
+    for name in RECORD_WORDS:
+        word = Value.cast(words.get(name, 0))
+        if len(word) > WORD_BITS:
+            raise ValueError(f"{name} of {len(word)} bits: expected at most {WORD_BITS}")
+        padded.append(Cat(word, Const(0, WORD_BITS - len(word))))
+    return Cat(padded)
+
+
+class ResultRegisters(wiring.Component):
+    """Keep what comes with a result until the next one; with `identity.packets` make its record too.
+
+    Members
+    -------
+    result : pulse: a frame's result is there
+    validity : flags of the result's frame, sampled with it
+    frame_validity : those of the last result
+    force, spread, touching : see RegisterBlock, sampled with `result`. Force only with axes, the others only
+        with slip.
+    force_x and so on : signed(64), the last accumulator. Only for the axes there are.
+    read_force_x and so on : the low half of that force is read, which latches the high half
+    force_x_high and so on : the latched halves
+    last_spread, last_touching : those of the last result. Only with slip.
+
+    Only with packets:
+
+    frame, bad, first_to_result, last_to_result, result_time, time : outputs of FrameTimer
+    slipping : the spread of the last result is beyond the limit
+    errors : the register ERRORS
+    read_time, time_high : the low half of `time` is read, which latches the high half
+    clear, read : discard the records in the FIFO; take `word`, see ResultFifo
+    word, waiting, lost, lost_count : see ResultFifo
+    record : the record of the last result, valid while `record_valid` is high
+    record_valid : pulse, once for each result, a clock after it: then FrameTimer has its times
+    """
+
+    def __init__(self, identity: Identity):
+        self.identity = identity
+        members = {"result": In(1), "validity": In(len(REASONS)), "frame_validity": Out(len(REASONS))}
+        if identity.axes:
+            members["force"] = In(data.ArrayLayout(signed(identity.force_width), len(identity.axes)))
+        for axis in identity.axes:
+            members |= {
+                f"read_force_{axis}": In(1),
+                f"force_{axis}_high": Out(32),
+                f"force_{axis}": Out(signed(64)),
+            }
+        if identity.slip:
+            members |= {
+                "spread": In(32),
+                "touching": In(32),
+                "last_spread": Out(32),
+                "last_touching": Out(32),
+            }
+        if identity.packets:
+            self.fifo = ResultFifo()
+            members |= {name: In(1) for name in ("bad", "slipping", "read_time", "clear", "read")}
+            members |= {name: In(32) for name in ("frame", "first_to_result", "last_to_result")}
+            members |= {name: In(64) for name in ("result_time", "time")}
+            members |= {"errors": In(len(ERRORS)), "time_high": Out(32)}
+            members |= {"record": Out(unsigned(RECORD_BITS)), "record_valid": Out(1)}
+            for name in ("word", "waiting", "lost", "lost_count"):
+                members[name] = self.fifo.signature.members[name]
+        super().__init__(members)
+
+    @property
+    def values(self) -> dict[str, Value]:
+        """The values of registers, by their names in the register map."""
+        found = {"FRAME_VALIDITY": self.frame_validity}
+        for axis in self.identity.axes:
+            found[f"FORCE_{axis.upper()}_LOW"] = getattr(self, f"force_{axis}")[:32]
+            found[f"FORCE_{axis.upper()}_HIGH"] = getattr(self, f"force_{axis}_high")
+        if self.identity.slip:
+            found |= {"SLIP_SPREAD": self.last_spread, "SLIP_DOTS": self.last_touching}
+        if self.identity.packets:
+            found |= {"TIME_LOW": self.time[:32], "TIME_HIGH": self.time_high}
+            found |= {"RESULTS_WAITING": self.waiting, "RESULTS_WORD": self.word}
+            found["RESULTS_LOST"] = self.lost_count
+        return found
+
+    def elaborate(self, platform):
+        m = Module()
+        identity = self.identity
+        with m.If(self.result):
+            m.d.sync += self.frame_validity.eq(self.validity)
+            if identity.slip:
+                m.d.sync += [self.last_spread.eq(self.spread), self.last_touching.eq(self.touching)]
+        for k, axis in enumerate(identity.axes):
+            force, high = getattr(self, f"force_{axis}"), getattr(self, f"force_{axis}_high")
+            with m.If(self.result):
+                m.d.sync += force.eq(self.force[k])
+            with m.If(getattr(self, f"read_force_{axis}")):
+                m.d.sync += high.eq(force[32:])
+        if identity.packets:
+            self._records(m)
+        return m
+
+    def _records(self, m: Module) -> None:
+        m.d.sync += self.record_valid.eq(self.result)
+        with m.If(self.read_time):
+            m.d.sync += self.time_high.eq(self.time[32:])
+        words = {
+            "FRAME": self.frame,
+            "FLAGS": flags_word(
+                bad=self.bad, suspect=self.frame_validity.any(), slip=self.slipping, complete=Const(1, 1)
+            ),
+            "VALIDITY": self.frame_validity,
+            "ERRORS": self.errors,
+            "TIME_LOW": self.result_time[:32],
+            "TIME_HIGH": self.result_time[32:],
+            "FIRST_TO_RESULT": self.first_to_result,
+            "LAST_TO_RESULT": self.last_to_result,
+        }
+        for axis in self.identity.axes:
+            force = getattr(self, f"force_{axis}")
+            words |= {f"FORCE_{axis.upper()}_LOW": force[:32], f"FORCE_{axis.upper()}_HIGH": force[32:]}
+        if self.identity.slip:
+            words |= {"SLIP_SPREAD": self.last_spread, "SLIP_DOTS": self.last_touching}
+        m.submodules.fifo = fifo = self.fifo
+        m.d.comb += [
+            self.record.eq(record_value(**words)),
+            fifo.record.eq(self.record),
+            fifo.record_valid.eq(self.record_valid),
+            fifo.read.eq(self.read),
+            fifo.clear.eq(self.clear),
+            *(getattr(self, n).eq(getattr(fifo, n)) for n in ("word", "waiting", "lost", "lost_count")),
+        ]
