@@ -43,6 +43,7 @@ class Figures:
     interval: int = 0
     multipliers: int = 0
     followed: int = 0
+    map_latency: int = 0
     stages: dict[str, int] = field(default_factory=dict)
 
 
@@ -176,6 +177,7 @@ class CycleModel(FrameCycles):
             kind.latency_of(size, scene.force.kernel_size, self.lanes),
             beats_per_frame(size, size, self.lanes),
             multipliers,
+            map_latency=kind.map_latency_of(size, scene.force.kernel_size, self.lanes),
         )
 
 
@@ -189,7 +191,8 @@ def cycles(
     """Clock cycles of the scene's hardware without back-pressure, as the report's `latency_cycles`.
 
     `stage`: shares of normals, depth and force; `part`: those of each stage; `first_pixel_to_…` for each
-    output of the scene; `last_pixel_to_force`; `initiation_interval`. Parameters as for `CycleModel`.
+    output of the scene, and to the last beat of its packet; `last_pixel_to_force`; `initiation_interval`.
+    Parameters as for `CycleModel`.
     """
     model = CycleModel(scene, hidden=hidden, flat=flat, follower=follower)
     found = {"stage": model.modules, "part": model.stages, "initiation_interval": model.interval}
@@ -199,7 +202,7 @@ def cycles(
     for name in ("depth", "normals"):
         if name in scene.outputs:
             found[f"first_pixel_to_{name}"] = getattr(model, f"first_pixel_to_{name}")
-    return found
+    return found | {f"first_pixel_to_{k}_packet": v for k, v in model.first_pixel_to_packet.items()}
 
 
 def multipliers(scene: Scene, *, hidden: Sequence[int] | None = None) -> dict[str, int]:

@@ -1,11 +1,25 @@
 """Latency, interval and multipliers of a whole datapath from those of its stages."""
 
+from functools import cached_property
+
+from fastac.gateware.bus.record import RECORD_BYTES
 from fastac.gateware.force.force_sum import ForceSum
+from fastac.gateware.packets.record_beats import RecordBeats
+from fastac.gateware.packets.record_queue import RecordQueue
+from fastac.gateware.raster_outputs import RasterOutput, scene_outputs
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.schema import Scene
 
 OF_FORCE = ("force", "dots", "slip")
 """Stages that only the force, and slip beside it, pass."""
+RESULTS = "results"
+"""Name of the stream of records without images, of scenes that have no image output."""
+RECORD_LATENCY = 1
+"""Clocks from a result to its record at the outputs of RegisterBlock."""
+RESULT_TO_RECORD = RECORD_LATENCY + RecordQueue.latency + RecordBeats.latency
+"""Clocks from a result to the first beat of its record, if that need not wait for an image."""
+RESULTS_WORD_BYTES = 4
+"""Bytes per beat of the stream of records without images."""
 
 
 class FrameCycles:
@@ -14,7 +28,8 @@ class FrameCycles:
     The inheriting class has `scene`, `lanes` and, as far as the scene needs them, `guard`, `background`,
     `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`, `displacement`,
     `force_stream`, `bridge`, `darkness`, `dots` and `slip_stream`, each with `latency`, `interval` and
-    `multipliers`; `dots` is as `DotForceStream`, which also has `followed`.
+    `multipliers`; `dots` is as `DotForceStream`, which also has `followed`, and the force of a map has its
+    `map_latency`.
 
     All times are in clocks, without back-pressure and with no other frame in the way. `stages` has each
     stage's share of the time from a frame's first pixel to its last result.
@@ -98,9 +113,70 @@ class FrameCycles:
         return self.first_pixel_to_force - (self.beats - 1)
 
     @property
+    def first_pixel_to_force_map(self) -> int:
+        """Clocks from a frame's first accepted pixel to its last beat of the force map."""
+        return self.first_pixel_to_force - (self.force_stream.latency - self.force_stream.map_latency)
+
+    @property
+    def first_pixel_to_result(self) -> int:
+        """Clocks from a frame's first accepted pixel to its force, or without one to its depth or normals."""
+        if self.scene.wants_force:
+            return self.first_pixel_to_force
+        return self.first_pixel_to_depth if self.scene.wants_solver else self.first_pixel_to_normals
+
+    @cached_property
+    def packets(self) -> dict[str, RasterOutput]:
+        """The image outputs by name with hardware.streams "packets", else none."""
+        if self.scene.hardware.streams != "packets":
+            return {}
+        return {output.name: output for output in scene_outputs(self.scene, rows_reversed=False)}
+
+    @property
+    def first_pixel_to_packet(self) -> dict[str, int]:
+        """Clocks from a frame's first accepted pixel to the last beat of each packet, trailer included."""
+        if self.scene.hardware.streams != "packets":
+            return {}
+        if not self.packets:
+            beats = RECORD_BYTES // RESULTS_WORD_BYTES
+            return {RESULTS: self.first_pixel_to_result + RESULT_TO_RECORD + beats - 1}
+        return {
+            name: self._trailer_at(output) + output.packet.trailer_beats - 1
+            for name, output in self.packets.items()
+        }
+
+    def _trailer_at(self, output: RasterOutput) -> int:
+        """Clocks to the first beat of the trailer: behind the image, and not before the record is there."""
+        behind = getattr(self, f"first_pixel_to_{output.name}") + 1
+        return max(behind, self.first_pixel_to_result + RESULT_TO_RECORD) if output.complete else behind
+
+    @property
+    def frame_pause(self) -> int:
+        """Clocks after a frame in which the input is not ready: what the longest packet has over a frame's
+        beats.
+
+        Normals fill their stream, so that their trailer needs clocks without a beat. Taken here, before the
+        first pixel, they delay no frame that has begun.
+        """
+        return max((0, *(output.packet.beats - self.beats for output in self.packets.values())))
+
+    def packet_queue(self, name: str) -> int:
+        """Places of the queue for beats of the next image that come before a packet's trailer has ended; 0:
+        none.
+
+        So images flow on while a trailer waits for its record: at full rate they come with `interval` less
+        their own beats between them. No frame makes it longer, as a packet has at most `interval` beats. One
+        more place, as a full queue takes no beat in the clock in which it gives one.
+        """
+        output = self.packets[name]
+        waits = self._trailer_at(output) - getattr(self, f"first_pixel_to_{name}") - 1
+        gap = self.interval - output.rows * output.beats
+        kept = waits + output.packet.trailer_beats - gap
+        return kept + 1 if kept > 0 else 0
+
+    @property
     def interval(self) -> int:
         """Initiation interval: clocks from frame to frame at full rate."""
-        intervals = [self.beats]
+        intervals = [self.beats + self.frame_pause]
         if self.scene.wants_solver:
             intervals.append(self.solver.interval)
         if self.scene.wants_force:

@@ -7,8 +7,10 @@ add one.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from fastac.gateware.packet_format import PacketFormat
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.outputs import OUTPUTS
+from fastac.scenes.schema import Scene
 from fastac.store.kinds import Kinds
 
 WORD = 32
@@ -89,6 +91,8 @@ class RasterOutput:
     """Format of an output stream: `rows` × `columns` pixels of `words` values, `lanes` pixels per beat.
 
     tagged : see `Raster`; rows_reversed : the last row is sent first
+    packet : layout of the packets, or None in the form of video
+    complete : a packet's record has the frame's result
     """
 
     name: str
@@ -98,6 +102,8 @@ class RasterOutput:
     lanes: int
     tagged: bool = False
     rows_reversed: bool = False
+    packet: PacketFormat | None = None
+    complete: bool = True
 
     @property
     def beats(self) -> int:
@@ -105,14 +111,19 @@ class RasterOutput:
         return -(-self.columns // self.lanes)
 
     @property
+    def padding(self) -> int:
+        """Words of zeros behind those of each pixel."""
+        return self.packet.words_padded - self.words if self.packet else 0
+
+    @property
     def octets(self) -> int:
         """Bytes per beat."""
-        return WORD // 8 * self.words * self.lanes
+        return WORD // 8 * (self.words + self.padding) * self.lanes
 
     @property
     def void_octets(self) -> int:
         """Unused bytes in a row's last beat."""
-        return WORD // 8 * self.words * (self.beats * self.lanes - self.columns)
+        return self.octets // self.lanes * (self.beats * self.lanes - self.columns)
 
     @property
     def row_order(self) -> list[int]:
@@ -126,23 +137,33 @@ def raster_outputs(pipeline: IntegerPipeline, *, rows_reversed: bool) -> tuple[R
     rows_reversed : the Poisson solver outputs the last row first
     Raises ValueError if a value has more bits than a word of the stream.
     """
-    scene, found = pipeline.scene, []
+    outputs = scene_outputs(pipeline.scene, rows_reversed=rows_reversed)
+    for name, width in ((output.name, RASTERS[output.name].width(pipeline)) for output in outputs):
+        if width > WORD:
+            raise ValueError(f"{name} of {width} bits: expected at most {WORD}, a word of the stream")
+    return outputs
+
+
+def scene_outputs(scene: Scene, *, rows_reversed: bool) -> tuple[RasterOutput, ...]:
+    """The same for a scene alone, whatever the words' widths."""
+    found = []
+    packets = scene.hardware.streams == "packets"
     images = {name: RASTERS[name] for name in scene.outputs if OUTPUTS[name].is_image}
     for name, raster in sorted(images.items(), key=lambda item: item[1].order):
-        if raster.width(pipeline) > WORD:
-            raise ValueError(
-                f"{name} of {raster.width(pipeline)} bits: expected at most {WORD}, a word of the stream"
-            )
         margin = 2 if raster.inner else 0
+        shape = (
+            *(scene.sensor.height_px - margin, scene.sensor.width_px - margin),
+            *(raster.words(len(scene.force_axes)), scene.hardware.pixels_per_clock),
+        )
         found.append(
             RasterOutput(
                 name,
-                scene.sensor.height_px - margin,
-                scene.sensor.width_px - margin,
-                raster.words(len(scene.force_axes)),
-                scene.hardware.pixels_per_clock,
-                raster.tagged,
+                *shape,
+                raster.tagged and not packets,
                 raster.inner and rows_reversed,
+                PacketFormat(name, *shape) if packets else None,
+                # Normals are sent long before any result, unless they are the result.
+                raster.inner or (not scene.wants_solver and not scene.wants_force),
             )
         )
     return tuple(found)

@@ -11,6 +11,8 @@ from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES
 from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.calibration import image_layout, make_loader
 from fastac.gateware.datapath import Datapath
+from fastac.gateware.frame_cycles import RESULTS
+from fastac.gateware.packet_streams import PacketStreams
 from fastac.gateware.raster_outputs import RASTERS, WORD, RasterOutput, raster_outputs
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, FRAMES_IN_FLIGHT
 from fastac.gateware.stream.raster_port import RasterPort, raster_members
@@ -67,6 +69,7 @@ class TopZynq(wiring.Component):
         self.lanes = self.datapath.lanes
         path = self.datapath
         self.outputs = raster_outputs(pipeline, rows_reversed=path.rows_reversed)
+        self.packets = PacketStreams(path, self.outputs) if scene.hardware.streams == "packets" else None
         layout = image_layout(path) if path.loadable else None
         self.identity = Identity(
             bundle_hash=bundle.hash_word,
@@ -85,16 +88,23 @@ class TopZynq(wiring.Component):
             slip=scene.wants_slip,
             slip_limit=min(pipeline.slip_limit, WORD_LIMIT) if scene.wants_slip else 0,
             frame_timeout=round(FRAME_TIMEOUT_S * scene.hardware.clock_mhz * 1e6),
+            packets=self.packets is not None,
             bus_errors=scene.hardware.bus_errors,
         )
+        frames, self.sent = self.datapath.axis.signature.flip(), {}
+        if self.packets:
+            frames, self.sent = self.packets.input.axis.signature.flip(), self.packets.signatures
+        else:
+            for output in self.outputs:
+                port = wiring.Signature(raster_members(output.octets, tagged=output.tagged))
+                self.sent[f"m_axis_{output.name}"] = port
         members = {
-            **flattened_ports("s_axis", self.datapath.axis.signature.flip(), In),
+            **flattened_ports("s_axis", frames, In),
             **flattened_ports("s_axil", axi_lite_signature(ADDRESS_WIDTH), In),
             "interrupt": Out(1),
         }
-        for output in self.outputs:
-            port = wiring.Signature(raster_members(output.octets, tagged=output.tagged))
-            members |= flattened_ports(f"m_axis_{output.name}", port, Out)
+        for prefix, signature in self.sent.items():
+            members |= flattened_ports(prefix, signature, Out)
         super().__init__(members)
 
     def elaborate(self, platform):
@@ -103,19 +113,23 @@ class TopZynq(wiring.Component):
         path = self.datapath
         m.submodules.datapath = ResetInserter(registers.soft_reset)(path)
 
-        for prefix, bus in (("s_axis", path.axis), ("s_axil", registers.axil)):
+        if self.packets:
+            self.packets.connect_input(m, registers)
+        else:
+            m.d.comb += [path.enable.eq(registers.enable), registers.accepted.eq(path.accepted)]
+        frames = self.packets.input.axis if self.packets else path.axis
+        for prefix, bus in (("s_axis", frames), ("s_axil", registers.axil)):
             for name, member in bus.signature.members.items():
                 port, signal = getattr(self, f"{prefix}_{name}"), getattr(bus, name)
                 m.d.comb += signal.eq(port) if member.flow == In else port.eq(signal)
         m.d.comb += [
-            path.enable.eq(registers.enable),
             path.timeout.eq(registers.timeout_clocks),
             path.capture.eq(registers.capture_background),
             self.interrupt.eq(registers.interrupt),
             registers.gradient_saturated.eq(path.gradient_saturated),
             registers.displacement_saturated.eq(path.displacement_saturated),
-            Cat(getattr(registers, n) for n in (*EVENTS, *FRAME_FAULTS)).eq(
-                Cat(getattr(path, n) for n in (*EVENTS, *FRAME_FAULTS))
+            Cat(getattr(registers, n) for n in (*EVENTS[1:], *FRAME_FAULTS)).eq(
+                Cat(getattr(path, n) for n in (*EVENTS[1:], *FRAME_FAULTS))
             ),
         ]
         if path.loadable:
@@ -137,6 +151,8 @@ class TopZynq(wiring.Component):
                     registers.spread.eq(path.slip.payload.spread),
                     registers.touching.eq(path.slip.payload.dots),
                 ]
+            if self.packets and self.packets.results:
+                found &= self.packets.results.room
             m.d.comb += [
                 path.force.ready.eq(found),
                 registers.result_valid.eq(found),
@@ -146,7 +162,29 @@ class TopZynq(wiring.Component):
             registers.validity.eq(path.verdict.payload),
             path.verdict.ready.eq(getattr(registers, RESULT[self.identity.result])),
         ]
-        tags = []
+        if self.packets:
+            self._packets(m, registers)
+        else:
+            self._video(m, registers)
+        return m
+
+    def _packets(self, m, registers) -> None:
+        """Connect the packet streams to their ports."""
+        ports = {}
+        for prefix, signature in self.sent.items():
+            bus = signature.flip().create(path=(prefix,))
+            for name, member in signature.members.items():
+                port, signal = getattr(self, f"{prefix}_{name}"), getattr(bus, name)
+                m.d.comb += port.eq(signal) if member.flow == Out else signal.eq(port)
+            ports[prefix.removeprefix("m_axis_")] = bus
+        if self.outputs:
+            self.packets.connect_images(m, registers, ports)
+        else:
+            self.packets.connect_results(m, registers, registers.result_valid, ports[RESULTS])
+
+    def _video(self, m, registers) -> None:
+        """Connect the image outputs, a packet a row, to their ports."""
+        path, tags = self.datapath, []
         for output in self.outputs:
             done, tag = self._raster(m, output, registers.soft_reset)
             if output.tagged:
@@ -160,7 +198,6 @@ class TopZynq(wiring.Component):
                 tag.w_data.eq(path.tag.payload),
                 tag.w_en.eq(path.tag.valid & path.tag.ready),
             ]
-        return m
 
     def _raster(self, m, output: RasterOutput, reset) -> tuple[Signal, fifo.SyncFIFO | None]:
         """Connect an output to its ports; returns (last beat of a frame is taken, FIFO of its tags)."""

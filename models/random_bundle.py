@@ -61,6 +61,7 @@ def scene(
     band_mm: float | None = None,
     deep_mm: float | None = None,
     bridge_dots: bool = False,
+    streams: str = "video",
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -88,7 +89,12 @@ def scene(
             }
             | ({"band_mm": band_mm, "deep_mm": deep_mm, "fit": "weights"} if band_mm else {}),
             "slip": {"contact_mm": 0.001, "limit_px": 0.04},
-            "hardware": {"pixels_per_clock": lanes, "weights": weights, "bus_errors": bus_errors},
+            "hardware": {
+                "pixels_per_clock": lanes,
+                "weights": weights,
+                "bus_errors": bus_errors,
+                "streams": streams,
+            },
         }
     )
 

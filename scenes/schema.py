@@ -61,6 +61,10 @@ class Hardware(Strict):
     bus_errors: Literal["flag", "respond"] = "flag"
     """How the registers refuse an access: by ERRORS.access_refused alone, or by an AXI error response too,
     which stops or crashes the software on most processors."""
+    streams: Literal["video", "packets"] = "video"
+    """How frames come in and images go out. video: lines with a start of frame, as video parts send and take
+    them. packets: each frame and image is one packet, in widths that DMAs take, and images end with a record
+    of the frame's result."""
 
 
 class Simulation(Strict):

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac.gateware.bus.record import record_layout
 from fastac.gateware.bus.register_map import ID
 from fastac.gateware.raster_outputs import RASTERS, RasterOutput
 from fastac.gateware.top_zynq import TopZynq
@@ -15,6 +16,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import suspects
 from fastac.models.result import Result
 from fastac.scenes.outputs import OUTPUTS
+from fastac.sim.check_packets import PacketCheck, beat_bytes, packet_bytes
 from fastac.sim.runner import build
 from fastac.store.progress import watched
 
@@ -89,11 +91,13 @@ def bench_settings(top: TopZynq) -> dict:
     """The settings of the top level's testbenches that follow from its bundle."""
     sensor = top.bundle.scene.sensor
     measured = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
-    return {
+    beats = {output.name: output.octets for output in top.outputs}
+    packets = {"pixel_octets": top.packets.input.frame.bytes_per_pixel} if top.packets else {}
+    return packets | {
         "period_ps": 2 * round(0.5e6 / top.bundle.scene.hardware.clock_mhz),  # an even number of ps
         "linger_cycles": LINGER,
         "lanes": top.lanes,
-        "outputs": {output.name: output.octets for output in top.outputs},
+        "outputs": beat_bytes(top) if top.packets else beats,
         "axes": list(top.identity.axes),
         "registers": [*measured, "FRAME_VALIDITY", "STATUS", *(SLIP if top.identity.slip else ())],
         "identity": {
@@ -143,7 +147,10 @@ def simulate(
     folder.mkdir(parents=True, exist_ok=True)
     np.save(folder / "frames.npy", frames)
     octets = {o.name: len(frames) * o.rows * o.beats * o.octets for o in top.outputs}
+    if top.packets:
+        octets = {name: len(frames) * size for name, size in packet_bytes(top).items()}
     latency = max(
+        *path.first_pixel_to_packet.values(),
         path.first_pixel_to_force if path.wants_force else 0,
         path.first_pixel_to_depth if path.wants_depth else 0,
         path.beats,
@@ -197,7 +204,13 @@ def simulate(
     comparison, markers = Comparison(), Comparison()
     per_output = {}
     expected = expected_words(top, result)
-    for output in top.outputs:
+    if top.packets:
+        check = PacketCheck(top, comparison, markers, outputs, seen["errors"])
+        per_output = check.images(expected)
+        in_fifo = outputs["in_fifo"].view(record_layout())
+        check.records(result, in_fifo, exact=not any(stall))
+        check.framing(len(frames))
+    for output in () if top.packets else top.outputs:
         words = expected[output.name]
         comparison.add(output.name, _without_void(outputs[f"{output.name}_words"], output), words)
         per_output[output.name] = int(words.size)
@@ -210,7 +223,8 @@ def simulate(
             comparison.add(name, found[name], values)
         per_output["slip"] = len(SLIP) * len(frames)
         markers.add("STATUS.slip", found["STATUS"] >> SLIP_BIT & 1, result.slipping)
-    _check_markers(markers, outputs, top, result.validity)
+    if not top.packets:
+        _check_markers(markers, outputs, top, result.validity)
     flags = [frame["FRAME_VALIDITY"] for frame in seen["frames"]]
     markers.add("FRAME_VALIDITY", np.array(flags), result.validity)
     return Report(
@@ -254,14 +268,23 @@ def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dic
     if path.wants_force:
         latency["first_pixel_to_force"] = registers["LATENCY_FIRST_PIXEL_TO_FORCE"]
         latency["last_pixel_to_force"] = registers["LATENCY_LAST_PIXEL_TO_FORCE"]
+    images = {output.name: output.rows * output.beats for output in top.outputs}
     if path.wants_depth:
         depth_at = outputs["depth_at"]
         latency["first_pixel_to_first_depth"] = int(depth_at[0]) - first
-        latency["first_pixel_to_depth"] = int(depth_at[len(depth_at) // len(outputs["first_at"]) - 1]) - first
+        latency["first_pixel_to_depth"] = int(depth_at[images["depth"] - 1]) - first
     if path.wants_normals:
         normals_at = outputs["normals_at"]
         latency["first_pixel_to_first_normal"] = int(normals_at[0]) - first
-        latency["first_pixel_to_normals"] = int(normals_at[path.beats - 1]) - first
+        latency["first_pixel_to_normals"] = int(normals_at[images["normals"] - 1]) - first
+    for name, stated in path.first_pixel_to_packet.items():
+        ends = outputs[f"{name}_at"][outputs[f"{name}_last"] == 1] - outputs["first_at"]
+        latency[f"first_pixel_to_{name}_packet"] = int(ends[0])
+        counted = sorted(set(ends.tolist()))
+        if not stalled and counted != [stated]:
+            raise SimulationFailure(
+                f"first_pixel_to_{name}_packet: {counted} cycles counted, {stated} by formula"
+            )
     if not stalled:
         ends = {"first_pixel_to_force": path.wants_force, "first_pixel_to_depth": path.wants_depth}
         ends["first_pixel_to_normals"] = path.wants_normals
@@ -271,5 +294,9 @@ def _latencies(top: TopZynq, outputs: dict, seen: dict, *, stalled: bool) -> dic
                     f"{name}: {latency[name]} cycles counted, {getattr(path, name)} by the stages' formulas"
                 )
     if len(outputs["first_at"]) > 1:
-        latency["initiation_interval"] = int(np.diff(outputs["first_at"]).max())
+        latency["initiation_interval"] = counted = int(np.diff(outputs["first_at"]).max())
+        if top.packets and not stalled and counted != path.interval:
+            raise SimulationFailure(
+                f"initiation_interval: {counted} cycles counted, {path.interval} by formula"
+            )
     return latency

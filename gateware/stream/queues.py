@@ -1,5 +1,6 @@
 # amaranth: UnusedElaboratable=no
-"""Queues: a skid buffer that cuts the `ready` path, and credit-based flow control for a whole pipeline."""
+"""Queues: a skid buffer that cuts the `ready` path, a FIFO that costs no clock, and credits for a whole
+pipeline."""
 
 from amaranth import Module, Mux, Signal, Value
 from amaranth.lib import fifo, stream, wiring
@@ -31,6 +32,38 @@ class SkidBuffer(wiring.Component):
             self.o.payload.eq(queue.r_data),
             self.o.valid.eq(queue.r_rdy),
             queue.r_en.eq(self.o.ready),
+        ]
+        return m
+
+
+class BypassQueue(wiring.Component):
+    """FIFO of `depth` beats that a beat passes in the same clock while it is empty and `o` is ready.
+
+    Members
+    -------
+    i, o : streams of `payload`
+
+    `latency` = 0, initiation interval 1; `i.ready` comes from a register.
+    """
+
+    latency = 0
+
+    def __init__(self, payload, *, depth: int):
+        if depth < 1:
+            raise ValueError(f"depth {depth}: expected at least 1")
+        self.depth = depth
+        super().__init__({"i": In(stream.Signature(payload)), "o": Out(stream.Signature(payload))})
+
+    def elaborate(self, platform):
+        m = Module()
+        m.submodules.queue = queue = fifo.SyncFIFO(width=len(Value.cast(self.i.payload)), depth=self.depth)
+        m.d.comb += [
+            queue.w_data.eq(self.i.payload),
+            queue.w_en.eq(self.i.valid & (queue.r_rdy | ~self.o.ready)),
+            queue.r_en.eq(self.o.ready),
+            self.i.ready.eq(queue.w_rdy),
+            self.o.valid.eq(queue.r_rdy | self.i.valid),
+            self.o.payload.eq(Mux(queue.r_rdy, queue.r_data, self.i.payload)),
         ]
         return m
 

@@ -1,5 +1,7 @@
 """cocotb testbench of the top level: frames in through AXI4-Stream; normals, depth and force out.
 
+The streams are video, or packets where the settings have `pixel_octets`, the bytes of a padded pixel.
+
 Reads `settings.json` and `frames.npy` in the folder BENCH (an environment variable) and writes all outputs to
 `outputs.npz` and `registers.json` there, which `fastac.sim.check_top` compares with the golden model. The AXI
 handshake rules are asserted here, and exact clock cycles are recorded here. The drivers and monitors serve
@@ -16,6 +18,7 @@ import cocotb
 import numpy as np
 from cocotb.clock import Clock
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
+from cocotb.utils import get_sim_time
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
 from fastac.gateware.bus.register_map import REGISTERS
@@ -24,20 +27,31 @@ from fastac.sim.benches.host import read, write
 FOLDER = Path(os.environ["BENCH"])
 SETTINGS = json.loads((FOLDER / "settings.json").read_text())
 ADDRESS = {register.name: register.offset for register in REGISTERS}
+PIXEL_OCTETS = SETTINGS.get("pixel_octets")
+"""Bytes of a padded pixel; None where the streams are video."""
+RECORD_WORDS = 16
 LINGER = SETTINGS["linger_cycles"]
 """Clocks after the last expected beat in which no further beat may come."""
 
 
 def frame_words(frame: np.ndarray, lanes: int) -> list[int]:
-    """One image (H, W, C) as `tdata` words, lane 0 and channel 0 in the least significant bits."""
+    """One image (H, W, C) as `tdata` words, lane 0 and channel 0 in the least significant bits.
+
+    What pads a pixel is 0xA5, which the hardware must ignore.
+    """
+    if PIXEL_OCTETS:
+        padding = [(0, 0), (0, 0), (0, PIXEL_OCTETS - frame.shape[-1])]
+        frame = np.pad(frame, padding, constant_values=0xA5)
     octets = frame.reshape(-1, lanes * frame.shape[-1])
     return [int.from_bytes(beat.tobytes(), "little") for beat in octets]
 
 
 def frame_beats(frame: np.ndarray, lanes: int) -> list[tuple[int, int, int]]:
-    """One image (H, W, C) as beats (tdata, tlast: end of line, tuser: start of frame)."""
+    """One image (H, W, C) as beats (tdata, tlast: end of line or packet, tuser: start of frame)."""
     line = frame.shape[1] // lanes
     words = frame_words(frame, lanes)
+    if PIXEL_OCTETS:
+        return [(word, int(k == len(words) - 1), 0) for k, word in enumerate(words)]
     return [(word, int(k % line == line - 1), int(k == 0)) for k, word in enumerate(words)]
 
 
@@ -78,7 +92,7 @@ class Sink:
         if self._open:
             self.data += offer["tdata"].to_bytes(self.octets, "little")
             self.last.append(offer["tlast"])
-            self.user.append(offer["tuser"])
+            self.user.append(offer.get("tuser", 0))
             self.keep.append(offer.get("tkeep", 0))
             self.cycles.append(cycle)
 
@@ -88,7 +102,7 @@ class Sink:
             f"{name}_words": np.frombuffer(bytes(self.data), dtype="<i4"),
             f"{name}_last": np.array(self.last, np.int8),
             f"{name}_user": np.array(self.user, np.int32),
-            f"{name}_keep": np.array(self.keep, np.int64),
+            f"{name}_keep": np.array(self.keep, np.uint64),
             f"{name}_at": np.array(self.cycles, np.int64),
         }
 
@@ -111,8 +125,10 @@ class Streams:
         self.sinks = {
             name: Sink(dut, f"m_axis_{name}", octets) for name, octets in SETTINGS["outputs"].items()
         }
-        for name in ("tdata", "tvalid", "tlast", "tuser"):
-            getattr(dut, f"s_axis_{name}").value = 0
+        self.origin = 0  # clocks since reset at clock 0
+        self.user = dut.s_axis_tkeep if PIXEL_OCTETS else dut.s_axis_tuser  # packets have no start of frame
+        for signal in (dut.s_axis_tdata, dut.s_axis_tvalid, dut.s_axis_tlast, self.user):
+            signal.value = 0
 
     async def run(self) -> None:
         """Drive and monitor until the test ends; start it as a background task."""
@@ -127,7 +143,7 @@ class Streams:
                     word, last, start = self.beats[offered]
                     dut.s_axis_tdata.value = word
                     dut.s_axis_tlast.value = last
-                    dut.s_axis_tuser.value = start
+                    self.user.value = start
                     offered += 1
                 if offer != valid:
                     valid = offer
@@ -181,6 +197,11 @@ class Host:
             self.forces.append(force)
             await self.write("INTERRUPT_STATUS", 1)
 
+    async def records(self) -> list[int]:
+        """The words of all records that wait behind the registers."""
+        waiting = await self.read("RESULTS_WAITING")
+        return [await self.read("RESULTS_WORD") for _ in range(RECORD_WORDS * waiting)]
+
 
 async def start(dut, stall: tuple[float, float] = (0, 0)) -> tuple[Streams, Host]:
     """Start clock, reset, streams and host; enable frames, and check that the identity is the bundle's."""
@@ -190,10 +211,12 @@ async def start(dut, stall: tuple[float, float] = (0, 0)) -> tuple[Streams, Host
     host = Host(dut, AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axil"), dut.clk, dut.rst))
     await ClockCycles(dut.clk, 3)
     dut.rst.value = 0
+    released = get_sim_time("ps")
     await RisingEdge(dut.clk)
     await host.write("CONTROL", 0b1001)
     identity = {name: await host.read(name) for name in SETTINGS["identity"]}
     assert identity == SETTINGS["identity"], f"identity {identity}: not that of the bundle"
+    streams.origin = round((get_sim_time("ps") - released) / SETTINGS["period_ps"])
     cocotb.start_soon(streams.run())
     return streams, host
 
@@ -217,7 +240,10 @@ async def frames_back_to_back(dut):
         "last_at": np.array(streams.accepted_at[per_frame - 1 :: per_frame], np.int64),
         "interrupt_at": np.array(streams.interrupt_at, np.int64),
         "force_raw": np.array(host.forces, np.int64),
+        "origin": np.array(streams.origin, np.int64),
     }
+    if PIXEL_OCTETS:
+        outputs["in_fifo"] = np.array(await host.records(), "<u4")
     for name, sink in streams.sinks.items():
         outputs |= sink.arrays(name)
     np.savez(FOLDER / "outputs.npz", **outputs)

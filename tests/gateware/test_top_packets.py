@@ -1,0 +1,186 @@
+# amaranth: UnusedElaboratable=no
+"""The top level with packets: bit-exact images and records, cycles by formula, and faults of the host's
+side."""
+
+import json
+
+import numpy as np
+import pytest
+
+from fastac.gateware.cycle_model import CycleModel
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.random_bundle import scene
+from fastac.models.result import concatenate
+from fastac.scenes.schema import SceneError, parse
+from fastac.sim.check_packets import packet_bytes
+from fastac.sim.check_top import bench_settings, expected_words
+from fastac.sim.runner import QUICK, build
+from tests.gateware.test_top_zynq import MILD, NAME, Hardware
+
+CASES = {
+    "normals, depth, force": {"outputs": ("normals", "depth", "force_z"), "channels": "bgr+nir"},
+    "records alone": {"outputs": ("force_xyz",), "solver": "adjoint", "lanes": 2},
+    "normals alone": {"outputs": ("normals",), "lanes": 4, "channels": "bgr+nir"},
+    "depth alone": {"outputs": ("depth",), "lanes": 4},
+    "slip": {
+        "outputs": ("depth", "force_x", "force_z", "slip"),
+        "channels": "bgr+nir",
+        "solver": "tridiagonal",
+        "mode": "difference",
+        "kernel": "collapsed",
+        "lanes": 2,
+        "size": 24,
+        "dots": True,
+    },
+    "force map": {
+        "outputs": ("depth", "force_xyz", "force_map"),
+        "channels": "bgr+nir",
+        "solver": "tridiagonal",
+        "mode": "difference",
+        "weights": "baked",
+        "lanes": 4,
+        "size": 20,
+    },
+}
+"""Together: every kind of stream; three words of four; void lanes; queues before the ports and none."""
+
+
+@pytest.fixture(scope="module")
+def hardware(tmp_path_factory):
+    """Hardware by the names of `CASES`, each made once."""
+    made = {}
+
+    def make(case: str) -> Hardware:
+        if case not in made:
+            made[case] = Hardware(tmp_path_factory.mktemp("packets"), streams="packets", **CASES[case])
+        return made[case]
+
+    return make
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.quick("records alone", "force map")
+@pytest.mark.long
+def test_every_word_of_images_and_records(hardware, case):
+    """All images, paddings, records and marks; every frame's latency and the interval are the formulas'."""
+    made = hardware(case)
+    path, images = made.top.datapath, made.frames(*MILD, 120, 255)
+    for stall in ((0, 0), (0.5, 0.3), (0, 0.8)):
+        found = made.run(images, stall)
+        assert found.mismatches == 0, f"stall {stall}: {found.first_mismatch}"
+        assert found.markers_compared > 100
+        if stall != (0, 0):
+            continue
+        assert found.latency_cycles["initiation_interval"] == path.interval
+        for name, stated in path.first_pixel_to_packet.items():
+            assert found.latency_cycles[f"first_pixel_to_{name}_packet"] == stated
+        if path.wants_force:
+            assert found.latency_cycles["first_pixel_to_force"] == path.first_pixel_to_force
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_packets_leave_the_force_s_latency_as_it_is(case):
+    video, path = (CycleModel(scene(streams=kind, **CASES[case])) for kind in ("video", "packets"))
+    assert path.first_pixel_to_result == video.first_pixel_to_result
+    assert path.stages == video.stages
+    trailer = {"normals, depth, force": 4, "normals alone": 1}.get(case, 0)
+    assert path.interval - video.interval == path.frame_pause == trailer
+
+
+def repaired(image: np.ndarray, beats: int, lanes: int) -> np.ndarray:
+    """The image that FrameGuard makes of a packet's first `beats` beats: padded with the last pixel."""
+    pixels = image.reshape(-1, image.shape[-1]).copy()
+    pixels[beats * lanes :] = pixels[beats * lanes - 1]
+    return pixels.reshape(image.shape)
+
+
+def padded_images(output, words: np.ndarray) -> np.ndarray:
+    """(frames, words of the image in a packet), with zeros in all that is padded."""
+    frames = len(words)
+    pixels = np.zeros(
+        (frames, output.rows, output.beats * output.lanes, output.packet.words_padded), np.int32
+    )
+    pixels[:, :, : output.columns, : output.words] = words.reshape(
+        frames, output.rows, output.columns, output.words
+    )
+    return pixels.reshape(frames, -1)
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.quick("force map")
+@pytest.mark.long
+def test_packets_of_the_wrong_length_and_resets(hardware, case):
+    made = hardware(case)
+    top, pipeline = made.top, made.pipeline
+    lanes, line = top.lanes, top.bundle.scene.sensor.width_px // top.lanes
+    images = list(made.frames(*MILD))
+    total = line * top.bundle.scene.sensor.height_px
+
+    def add(image: np.ndarray) -> int:
+        images.append(image)
+        return len(images) - 1
+
+    scenarios = {}
+    for name, beats, errors in (
+        ("inside a line", 5 * line + 1, ("line_short", "frame_short")),
+        ("at the end of a line", 7 * line, ("frame_short",)),
+        ("inside the last line", total - 1, ("line_short",)),
+        ("one beat", 1, ("line_short", "frame_short")),
+    ):
+        short = add(repaired(images[1], beats, lanes))
+        scenarios[name] = {
+            "packets": [[0, None], [1, beats], [2, None]],
+            "frames": [0, short, 2],
+            "bad": [0, 1, 0],
+            "errors": errors,
+        }
+    scenarios["one beat too many"] = {
+        "packets": [[0, None], [1, total + 1], [2, None]],
+        "frames": [0, 1, 2],
+        "bad": [0, 0, 0],
+        "errors": ("frame_long",),
+    }
+    scenarios["two frames in one"] = scenarios["one beat too many"] | {
+        "packets": [[0, None], [1, 2 * total], [2, None]]
+    }
+    # After a hard reset the rest of a packet is a short one: its first beats are those behind the cut.
+    rest = images[3].reshape(-1, images[3].shape[-1])[(total // 2 + 1) * lanes :]
+    remainder = np.concatenate([rest, np.broadcast_to(rest[-1], (total * lanes - len(rest), rest.shape[1]))])
+    remainder_repaired = add(remainder.reshape(images[3].shape))
+    stops = {"beats": 3 * line + 2, "frame": add(repaired(images[0], 3 * line + 2, lanes))}
+
+    bank = np.array(images)
+    result = concatenate([Emulator(pipeline).run(bank)])
+    folder = made.folder / "faults"
+    folder.mkdir()
+    archive = {"frames": bank, "validity": result.validity}
+    words = expected_words(top, result)
+    archive |= {f"{o.name}_image": padded_images(o, words[o.name]) for o in top.outputs}
+    if pipeline.scene.wants_force:
+        archive["force"] = result.force_raw
+    np.savez(folder / "frames.npz", **archive)
+    settings = bench_settings(top) | {
+        "timeout_cycles": 40 * total + 40_000,
+        "packet_bytes": packet_bytes(top),
+        "image_bytes": {o.name: o.packet.image_bytes for o in top.outputs},
+        "complete": {o.name: o.complete for o in top.outputs},
+        "scenarios": scenarios,
+        "saturations": ["gradient_saturated", "displacement_saturated"],
+        "remainder": 3,
+        "remainder_repaired": remainder_repaired,
+        "stops": stops,
+    }
+    (folder / "settings.json").write_text(json.dumps(settings))
+    build_folder = made.folder / "sim" / "build"
+    runner = build(made.source, NAME, build_folder, build_args=QUICK)
+    runner.test(
+        hdl_toplevel=NAME,
+        test_module="fastac.sim.benches.top_packets",
+        build_dir=build_folder,
+        extra_env={"BENCH": str(folder)},
+    )
+
+
+def test_an_unknown_kind_of_streams_is_refused(tiny_toml):
+    with pytest.raises(SceneError, match=r"^tiny\.toml: hardware\.streams = 'frames': "):
+        parse(f'{tiny_toml}\n[hardware]\nstreams = "frames"\n', origin="tiny.toml")
