@@ -239,6 +239,8 @@ def cycles(
 
 
 def multipliers(scene: Scene, *, hidden: Sequence[int] | None = None) -> dict[str, int]:
-    """Number of DSP slices of the scene's hardware by module: `Datapath.multipliers`, or with DSP48E1 and long
-    words at least as many, see CycleModel."""
+    """Number of DSP slices of the scene's hardware by module.
+
+    As many as `Datapath.multipliers`; with DSP48E1 and long words at least as many, see CycleModel.
+    """
     return CycleModel(scene, hidden=hidden).multipliers

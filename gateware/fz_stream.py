@@ -119,9 +119,7 @@ class PatchForceStream(wiring.Component):
     is not taken stalls the whole pipeline before it.
     """
 
-    def __init__(
-        self, force: PatchForce, *, lanes: int, wants_map: bool = False, dsp: DspSlice = DSP48E2
-    ):
+    def __init__(self, force: PatchForce, *, lanes: int, wants_map: bool = False, dsp: DspSlice = DSP48E2):
         shape = force.kernel.shape
         if len(shape) != 5 or shape[1] != shape[2] or shape[3] != shape[4]:
             raise ValueError(f"kernel {shape}: expected (axes, N, N, K, K)")

@@ -42,8 +42,7 @@ XCZU19EG = PartFacts((), "zynquplus", "-2", 775, 738, "DS925, 0.85 V")
 XCK26 = PartFacts(("kv260", "kr260"), "zynquplus", "-2LV", 644, 585, "DS925, -2 at 0.72 V")
 XCZU7EV = PartFacts(("zcu104",), "zynquplus", "-2", 775, 738, "DS925, 0.85 V")
 XC7Z020 = PartFacts(("pynq-z2", "arty-z7-20"), "zynq7000", "-1", 464.25, 388.2, "DS187")
-"""The Kria K26's -2LV is taken at the lower of the two voltages that DS925 has for -2, so that the limit holds
-at either."""
+"""The K26's -2LV is taken at the lower of the two voltages that DS925 has for -2: that holds at either."""
 PARTS = Kinds(
     "hardware.part",
     {

@@ -54,9 +54,7 @@ class NormalMlp(wiring.Component):
     loadable or baked; initiation interval 1.
     """
 
-    def __init__(
-        self, layers: Sequence[Layer], *, input_width: int, lanes: int, dsp: DspSlice = DSP48E2
-    ):
+    def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int, dsp: DspSlice = DSP48E2):
         check_lanes(lanes)
         _check_chain(layers)
         self.layers, self.input_width, self.lanes = tuple(layers), input_width, lanes
@@ -126,9 +124,7 @@ class NormalMlp(wiring.Component):
         """One lane's cores by submodule name, in the order of the data."""
         cores, width, signed_input = {}, self.input_width, True
         for k, layer in enumerate(self.layers):
-            cores[f"fc{k}"] = MvmCore(
-                layer, input_width=width, input_signed=signed_input, dsp=self.dsp
-            )
+            cores[f"fc{k}"] = MvmCore(layer, input_width=width, input_signed=signed_input, dsp=self.dsp)
             if layer.requantisation is not None:
                 scale = layer.requantisation
                 cores[f"requantise{k}"] = RequantiseCore(

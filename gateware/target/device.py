@@ -1,15 +1,14 @@
 """What each part holds, by the names of `hardware.part`, and the checks that a design fits.
 
-Numbers of resources are those of AMD's selection guides: Zynq UltraScale+ MPSoC (DS891, table "Zynq UltraScale+
-MPSoC: EV/EG Device-Package Feature Summary"), K26 SOM (DS987, table "Programmable Logic"), Zynq-7000 (DS190,
-table "Device Resources"). CARRY8 and CARRY4 are one for each CLB of UltraScale+ (UG574) and each slice of the
-7 series (UG474), of 8 and 4 look-up tables.
+Numbers of resources are those of AMD's overviews: Zynq UltraScale+ MPSoC (DS891, tables of the EG and EV
+devices' features; the K26's XCK26 has the numbers of the ZU5EV there, as in DS987) and Zynq-7000 (DS190,
+table of the devices' features). CARRY8 is one for each CLB of UltraScale+ (UG574), of 8 look-up tables,
+CARRY4 one for each slice of the 7 series (UG474), of 4.
 """
 
 from dataclasses import dataclass
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E1, DSP48E2, DspSlice
-from fastac.scenes.parts import PARTS
 from fastac.scenes.schema import Scene
 from fastac.store.kinds import Kinds
 
@@ -40,10 +39,6 @@ class Device:
     uram288: int = 0
     dsp: DspSlice = DSP48E2
     carry: str = "carry8"
-
-    @property
-    def family(self) -> str:
-        return PARTS[self.part].family
 
     @property
     def dsp_key(self) -> str:
@@ -108,14 +103,10 @@ class Device:
             )
 
 
-XCZU19EG = Device(
-    "xczu19eg-ffvc1760-2-i", lut=522_720, ff=1_045_440, dsps=1968, ramb36=984, uram288=128
-)
+XCZU19EG = Device("xczu19eg-ffvc1760-2-i", lut=522_720, ff=1_045_440, dsps=1968, ramb36=984, uram288=128)
 XCK26 = Device("xck26-sfvc784-2LV-c", lut=117_120, ff=234_240, dsps=1248, ramb36=144, uram288=64)
 XCZU7EV = Device("xczu7ev-ffvc1156-2-e", lut=230_400, ff=460_800, dsps=1728, ramb36=312, uram288=96)
-XC7Z020 = Device(
-    "xc7z020clg400-1", lut=53_200, ff=106_400, dsps=220, ramb36=140, dsp=DSP48E1, carry="carry4"
-)
+XC7Z020 = Device("xc7z020clg400-1", lut=53_200, ff=106_400, dsps=220, ramb36=140, dsp=DSP48E1, carry="carry4")
 DEVICES = Kinds(
     "hardware.part",
     {
