@@ -31,6 +31,7 @@ from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.features import WIDTH, limits
 from fastac.models.integer.laplacian import STENCILS, boundary_term
+from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed, signed_width, to_words
 from fastac.models.vision.dots import bridge_reach, expected_follower
@@ -62,10 +63,10 @@ class CycleModel(FrameCycles):
     follower : of the scene's dots; None: where the virtual fingertip has them, so that the figures may differ
         from those of a real skin, or after another calibration, by the clocks between some rows of windows
 
-    Nothing else depends on training: the figures are the same for all weights, biases and kernels. Of the
-    solver's words it is known that they have no more than `numbers.data_bits`: where one is shorter, and so
-    fits a DSP slice that the longest would not, the design has fewer DSP slices than is said here. That can
-    be so for words of 25 and 26 bits on parts with DSP48E1.
+    solver : with its words, whose lengths decide how many DSP48E1 a product takes; None: words as long as
+        `numbers.data_bits` allows, so that there may be fewer multipliers than the figures say
+
+    Nothing else depends on training: the figures are the same for all weights, biases and kernels.
     """
 
     def __init__(
@@ -75,6 +76,7 @@ class CycleModel(FrameCycles):
         hidden: Sequence[int] | None = None,
         flat: bool | None = None,
         follower: DotFollower | None = None,
+        solver: IntegerSolver | None = None,
     ):
         self.scene, self.lanes = scene, scene.hardware.pixels_per_clock
         self.dsp = device_of(scene).dsp
@@ -92,7 +94,7 @@ class CycleModel(FrameCycles):
         if scene.wants_darkness:
             self.darkness = Figures(DarknessStream.latency_of(len(scene.sensor.channel_names)))
         if scene.wants_solver:
-            self.solver = self._solver()
+            self.solver = self._solver(solver)
             difference = scene.poisson.mode == "difference"
             self.depth_output = Figures(DepthOutput.latency_of(has_rom=difference and not flat))
             self.displacement = Figures(Displacement.latency_of(has_rom=not difference))
@@ -124,19 +126,26 @@ class CycleModel(FrameCycles):
             count += tile_multipliers(neurons, inputs, packed=packed)
         return self.lanes * count
 
-    def _solver(self) -> Figures:
+    def _solver(self, solver: IntegerSolver | None) -> Figures:
         sensor, poisson, size = self.scene.sensor, self.scene.poisson, self.scene.inner_px
         kind = SOLVERS[poisson.solver]
         stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence)
         interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes)
-        multipliers = kind.multipliers_of(
-            size,
-            self.lanes,
-            source_width=self._source_width,
-            data_bits=self.scene.numbers.data_bits,
-            coefficient_width=self.scene.numbers.coefficient_fraction_bits + 1,
-            dsp=self.dsp,
-        )
+        if solver is None:
+            multipliers = kind.multipliers_of(
+                size,
+                self.lanes,
+                source_width=self._source_width,
+                data_bits=self.scene.numbers.data_bits,
+                coefficient_width=self.scene.numbers.coefficient_fraction_bits + 1,
+                dsp=self.dsp,
+            )
+        else:
+            engines = (
+                kind.engines[type(stage)](stage, lanes=self.lanes, dsp=self.dsp)
+                for stage in solver.parts.values()
+            )
+            multipliers = sum(engine.multipliers for engine in engines)
         return Figures(interval=interval, multipliers=multipliers, stages=stages)
 
     @property
@@ -238,9 +247,11 @@ def cycles(
     return found
 
 
-def multipliers(scene: Scene, *, hidden: Sequence[int] | None = None) -> dict[str, int]:
-    """Number of DSP slices of the scene's hardware by module.
+def multipliers(
+    scene: Scene, *, hidden: Sequence[int] | None = None, solver: IntegerSolver | None = None
+) -> dict[str, int]:
+    """Number of DSP slices of the scene's hardware by module, equal to `Datapath.multipliers`.
 
-    As many as `Datapath.multipliers`; with DSP48E1 and long words at least as many, see CycleModel.
+    Parameters as for `CycleModel`.
     """
-    return CycleModel(scene, hidden=hidden).multipliers
+    return CycleModel(scene, hidden=hidden, solver=solver).multipliers

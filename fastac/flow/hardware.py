@@ -4,7 +4,6 @@
 import hashlib
 import json
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -41,7 +40,7 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
     """
     top = TopZynq(bundle)
     try:
-        replace(fits.area(bundle.pipeline), multipliers=top.datapath.multipliers).check()
+        fits.area(bundle.pipeline).check()
     except DeviceError as error:
         raise HardwareError(f"{bundle.scene.name}: {error}") from None
     with watched("elaborating Verilog", enabled=progress):

@@ -47,9 +47,14 @@ def random_pipeline(scene: Scene) -> IntegerPipeline:
 
 def check_products(scene: Scene) -> None:
     """Raise DeviceError where the scene alone says that its part lacks DSP slices, or block RAMs for the
-    force's kernels; takes no time."""
+    force's kernels; takes no time.
+
+    How long the solver's words are, only their worst cases tell: here each fits one slice.
+    """
     device = device_of(scene)
-    device.check_multipliers(multipliers(scene))
+    bits = min(scene.numbers.data_bits, device.dsp.wide_port - 1)
+    numbers = scene.numbers.model_copy(update={"data_bits": bits})
+    device.check_multipliers(multipliers(scene.model_copy(update={"numbers": numbers})))
     device.check_block_rams(resources.block_rams(resources.kernel_memory(scene)))
 
 
@@ -97,7 +102,7 @@ def area(pipeline: IntegerPipeline) -> Area:
     """What the pipeline's hardware takes of its scene's part."""
     return Area(
         device_of(pipeline.scene),
-        multipliers(pipeline.scene),
+        resources.dsp_slices(pipeline),
         resources.block_rams(resources.memories(pipeline)),
         resources.luts(pipeline),
     )

@@ -304,12 +304,18 @@ def luts(pipeline: IntegerPipeline) -> dict[str, float]:
     return {stage: found["lut"] for stage, found in predict(factors, features(pipeline)).items()}
 
 
+def dsp_slices(pipeline: IntegerPipeline) -> dict[str, int]:
+    """DSP slices of the scene's part by module, by formula."""
+    hidden = [len(layer.weight) for layer in pipeline.layers[:-1]]
+    return multipliers(pipeline.scene, hidden=hidden, solver=pipeline.solver)
+
+
 def estimate(pipeline: IntegerPipeline) -> dict[str, dict]:
     """lut, ramb36 and the part's DSP slices, dsp48e2 or dsp48e1, as {"value", "origin"}."""
     factors, origins = model()
     stages = predict(factors, features(pipeline))
     key = device_of(pipeline.scene).dsp_key
-    found = {key: sum(multipliers(pipeline.scene).values())}
+    found = {key: sum(dsp_slices(pipeline).values())}
     found["lut"] = round(sum(stage["lut"] for stage in stages.values()))
     found["ramb36"] = round(2 * sum(stage["ramb36"] for stage in stages.values())) / 2
     return {name: {"value": value, "origin": origins[name]} for name, value in found.items()}

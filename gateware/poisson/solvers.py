@@ -13,7 +13,8 @@ the keywords `height`, `width`, `lanes`, `loadable` and `dsp` (the part's DSP sl
                         the stages by formula, without tables, for gateware/cycle_model.py
     multipliers_of(size, lanes, source_width=, data_bits=, coefficient_width=, dsp=)
                         what the multipliers are at most, from the widths of the words alone, for the same
-    engines             {class of an integer stage: its component, constructed from the stage and `lanes`}
+    engines             {class of an integer stage: its component, constructed from the stage, `lanes` and
+                        `dsp`}
 """
 
 from fastac.gateware.poisson.dst2d import PoissonSolver

@@ -17,7 +17,7 @@ def pipeline(tmp_path_factory):
     """A network whose 10-bit activations are packed into DSP48E2 but not into DSP48E1."""
     numbers = {"weight_bits": 8, "activation_bits": 10, "last_weight_bits": 12, "gradient_fraction_bits": 8}
     wanted = scene(("normals", "depth", "force_z"), numbers=numbers, lanes=2)
-    return random_bundle(tmp_path_factory.mktemp("fits") / "bundle", wanted).pipeline
+    return random_bundle(tmp_path_factory.mktemp("fits") / "bundle", wanted, hidden=(4, 4)).pipeline
 
 
 def test_an_area_is_of_the_scenes_part(pipeline):
@@ -64,24 +64,20 @@ def test_what_the_scene_alone_says(make_scene):
 
 
 def test_what_random_weights_say(make_scene):
-    collapsed = {"kernel": "collapsed"}
+    collapsed, tridiagonal = {"kernel": "collapsed"}, {"solver": "tridiagonal"}
     large = {"height_px": 128, "width_px": 128, "geometry": "flat", "pitch_mm": 0.125}
     small = {"part": ZYNQ7020, "weights": "baked"}
-    wanted = make_scene(sensor=large, force=collapsed, numbers={"data_bits": 24}, hardware=small)
-    check_products(wanted)
-    with pytest.raises(DeviceError, match=r"^2\d\d DSP48E1"):
-        check_scene(wanted)
-    tridiagonal = {"solver": "tridiagonal"}
-    wanted = make_scene(
-        sensor=large, force=collapsed, poisson=tridiagonal, numbers={"data_bits": 24}, hardware=small
-    )
+    # 63 products of two transforms, of words of 26 bits twice as many in the second one.
+    wanted = make_scene(sensor=large, force=collapsed, poisson=tridiagonal, hardware=small)
     check_scene(wanted)
+    assert area(random_pipeline(wanted)).multipliers["depth"] == 63 + 2 * (63 + 2)
     found = area(random_pipeline(wanted))
     assert found.fits
     assert found.percent["LUT"] < 100
-    wide = wanted.model_copy(update={"hardware": wanted.hardware.model_copy(update={"pixels_per_clock": 4})})
-    # Two lanes more would fit neither products nor look-up tables; only the latter are an estimate.
-    with pytest.raises(DeviceError, match=r"DSP48E1"):
+    # With two lanes they are too many.
+    hardware = wanted.hardware.model_copy(update={"pixels_per_clock": 2})
+    wide = wanted.model_copy(update={"hardware": hardware})
+    with pytest.raises(DeviceError, match=r"^3\d\d DSP48E1 .*; choose numbers.data_bits of 24 or fewer"):
         check_scene(wide)
     no_solver = make_scene(
         outputs=["force_xyz"],
