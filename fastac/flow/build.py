@@ -120,7 +120,7 @@ class Build:
         announce : called with a step's name and "kept", "running" or, for another process, "waiting"
         """
         store, record, performed = open_store(self.store), read_record(self.folder), {}
-        if until != "data" and not store.is_current(self.steps["bundle"]):
+        if not store.is_current(self.steps["bundle"]):
             self._check(fits.check_scene)
         for name, step in self.steps.items():
             entry = store.perform(step, announce, performed)
