@@ -27,7 +27,7 @@ from fastac.sensor import samples as sensor_samples
 @output_option("Folder to write; an older one is replaced at the end.", OUTPUT_FOLDER, "BUNDLE/verilog")
 @progress_option
 def verilog(bundle, output, progress):
-    """Write and lint the Verilog of BUNDLE for its scene's part, with a script and constraints for Vivado.
+    """Write and lint the Verilog of BUNDLE for its hardware.part, with a script and constraints for Vivado.
 
     \b
     Example: fastac verilog build/paper/bundle -o rtl
