@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.gateware.host_interface import host_interface
-from fastac.gateware.target.device import DEVICE, DeviceError, check_block_rams, check_multipliers
+from fastac.gateware.target.device import DeviceError
 from fastac.gateware.target.elaboration import LINT_WAIVERS, to_rtlil, verilog_of
 from fastac.gateware.target.register_files.write import write_register_files
 from fastac.gateware.target.vivado import write_vivado_project
@@ -21,7 +21,7 @@ from fastac.sim import check_top as simulation
 from fastac.sim.runner import EXECUTABLE, QUICK, use_verilator
 from fastac.store.files import write_folder_atomically, write_json
 from fastac.store.progress import watched
-from fastac.synth import resources
+from fastac.synth import fits
 
 NAME = "fastac"
 REGISTERS = "registers"
@@ -39,19 +39,20 @@ def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
 
     The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
     waivers in gateware/target/lint.vlt. Raises HardwareError with its first finding otherwise, and, before
-    anything is elaborated, where the device has fewer multipliers or block RAMs than the design needs.
+    anything is elaborated, where the part has fewer DSP slices or block RAMs than the design needs, or by
+    estimate clearly fewer look-up tables.
     """
     top = TopZynq(bundle)
     try:
-        check_multipliers(top.datapath.multipliers)
-        check_block_rams(resources.block_rams(resources.memories(bundle.pipeline)))
+        fits.area(bundle.pipeline).check()
     except DeviceError as error:
         raise HardwareError(f"{bundle.scene.name}: {error}") from None
     with watched("elaborating Verilog", enabled=progress):
         rtlil = to_rtlil(top, name=NAME)
         text = verilog_of(rtlil)
     with write_folder_atomically(folder) as temporary:
-        write_vivado_project(text, temporary, bundle.scene.hardware.clock_mhz, name=NAME)
+        hardware = bundle.scene.hardware
+        write_vivado_project(text, temporary, hardware.clock_mhz, part=hardware.part, name=NAME)
         write_json(temporary / "hardware.json", describe(top, rtlil))
         write_register_files(interface(top), temporary / REGISTERS)
         with watched("linting", enabled=progress):
@@ -76,7 +77,7 @@ def interface(top: TopZynq) -> dict:
     return {
         "top": NAME,
         "bundle_sha256": top.bundle.digest,
-        "part": DEVICE["part"],
+        "part": top.bundle.scene.hardware.part,
         **host_interface(top),
     }
 
