@@ -1,4 +1,4 @@
-"""A pipelined product that synthesis maps to DSP slices, one with all its registers where the operands fit."""
+"""A pipelined product that synthesis maps to DSP slices: one, with all its registers, where operands fit."""
 
 from amaranth import Signal
 
