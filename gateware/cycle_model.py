@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+import numpy as np
+
 from fastac.gateware.arithmetic.frame_sum import beats_per_frame
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.dot_force import VALUES
@@ -24,12 +26,17 @@ from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.poisson.stages import frame_interval
 from fastac.gateware.slip.rigid_sums import RigidSums
 from fastac.gateware.stream.frame_guard import FrameGuard
+from fastac.gateware.target.device import device_of
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.features import WIDTH, limits
-from fastac.models.integer.words import signed_width
+from fastac.models.integer.laplacian import STENCILS, boundary_term
+from fastac.models.integer.solver_base import IntegerSolver
+from fastac.models.integer.source import PoissonSource
+from fastac.models.integer.words import Fixed, signed_width, to_words
 from fastac.models.vision.dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
+from fastac.sensor.geometry import rest_depth_mm
 
 NORMAL, SLOPES, DISPLACEMENT = 3, 2, 1
 """Values per pixel: of a normal, and of the inputs of a weighted sum (two slopes or one displacement)."""
@@ -57,6 +64,9 @@ class CycleModel(FrameCycles):
     follower : of the scene's dots; None: where the virtual fingertip has them, so that the figures may differ
         from those of a real skin, or after another calibration, by the clocks between some rows of windows
 
+    solver : with its words, whose lengths decide how many DSP48E1 a product takes; None: words as long as
+        `numbers.data_bits` allows, so that there may be fewer multipliers than the figures say
+
     Nothing else depends on training: the figures are the same for all weights, biases and kernels.
     """
 
@@ -67,8 +77,10 @@ class CycleModel(FrameCycles):
         hidden: Sequence[int] | None = None,
         flat: bool | None = None,
         follower: DotFollower | None = None,
+        solver: IntegerSolver | None = None,
     ):
         self.scene, self.lanes = scene, scene.hardware.pixels_per_clock
+        self.dsp = device_of(scene).dsp
         if flat is None:
             flat = scene.sensor.geometry == "flat"
         if hidden is None:
@@ -83,7 +95,7 @@ class CycleModel(FrameCycles):
         if scene.wants_darkness:
             self.darkness = Figures(DarknessStream.latency_of(len(scene.sensor.channel_names)))
         if scene.wants_solver:
-            self.solver = self._solver()
+            self.solver = self._solver(solver)
             difference = scene.poisson.mode == "difference"
             self.depth_output = Figures(DepthOutput.latency_of(has_rom=difference and not flat))
             self.displacement = Figures(Displacement.latency_of(has_rom=not difference))
@@ -111,16 +123,42 @@ class CycleModel(FrameCycles):
             if k:
                 input_limit = [(1 << numbers.activation_bits) - 1] * inputs
                 width = numbers.activation_bits + 1
-            packed = best_packing((1 << (bits - 1)) - 1, input_limit, width) is not None
+            packed = best_packing((1 << (bits - 1)) - 1, input_limit, width, self.dsp) is not None
             count += tile_multipliers(neurons, inputs, packed=packed)
         return self.lanes * count
 
-    def _solver(self) -> Figures:
+    def _solver(self, solver: IntegerSolver | None) -> Figures:
         sensor, poisson, size = self.scene.sensor, self.scene.poisson, self.scene.inner_px
         kind = SOLVERS[poisson.solver]
         stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence)
         interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes)
-        return Figures(interval=interval, multipliers=kind.multipliers_of(size, self.lanes), stages=stages)
+        if solver is None:
+            multipliers = kind.multipliers_of(
+                size,
+                self.lanes,
+                source_width=self._source_width,
+                data_bits=self.scene.numbers.data_bits,
+                coefficient_width=self.scene.numbers.coefficient_fraction_bits + 1,
+                dsp=self.dsp,
+            )
+        else:
+            engines = (
+                kind.engines[type(stage)](stage, lanes=self.lanes, dsp=self.dsp)
+                for stage in solver.parts.values()
+            )
+            multipliers = sum(engine.multipliers for engine in engines)
+        return Figures(interval=interval, multipliers=multipliers, stages=stages)
+
+    @property
+    def _source_width(self) -> int:
+        """Bits of the source at most: with any slopes at rest, or with the depth at rest of the geometry."""
+        numbers, sensor, poisson = self.scene.numbers, self.scene.sensor, self.scene.poisson
+        fraction = numbers.gradient_fraction_bits + STENCILS[poisson.divergence].fraction_bits
+        offset, limit = np.zeros((1, 1), int), 4 * ((1 << (numbers.slope_bits - 1)) - 1)
+        if poisson.mode == "absolute":
+            rest = boundary_term(rest_depth_mm(sensor) / sensor.pitch_mm)
+            offset, limit = to_words(rest, Fixed(62, fraction)), None
+        return PoissonSource(poisson.divergence, numbers.slope_bits, offset, limit).width
 
     @property
     def _sums_words(self) -> bool:
@@ -145,7 +183,12 @@ class CycleModel(FrameCycles):
             values, input_bits = SLOPES, scene.numbers.slope_bits
             weight_bits = scene.numbers.slope_weight_bits
         multipliers = kind.multipliers_of(
-            len(scene.force_axes), values, self.lanes, input_bits=input_bits, weight_bits=weight_bits
+            len(scene.force_axes),
+            values,
+            self.lanes,
+            input_bits=input_bits,
+            weight_bits=weight_bits,
+            dsp=self.dsp,
         )
         return Figures(
             kind.latency_of(values, self.lanes), beats_per_frame(rows, columns, self.lanes), multipliers
@@ -160,6 +203,7 @@ class CycleModel(FrameCycles):
             1,
             input_bits=follower.width,
             weight_bits=scene.numbers.dot_weight_bits,
+            dsp=self.dsp,
         )
         interval = max(dots.interval, len(follower.rest))
         return Figures(dots.latency + kind.latency_of(VALUES, 1), interval, multipliers, dots.latency)
@@ -172,6 +216,7 @@ class CycleModel(FrameCycles):
             self.lanes,
             input_bits=self._displacement_bits,
             kernel_bits=scene.numbers.kernel_bits,
+            dsp=self.dsp,
         )
         return Figures(
             kind.latency_of(size, scene.force.kernel_size, self.lanes),
@@ -205,6 +250,11 @@ def cycles(
     return found | {f"first_pixel_to_{k}_packet": v for k, v in model.first_pixel_to_packet.items()}
 
 
-def multipliers(scene: Scene, *, hidden: Sequence[int] | None = None) -> dict[str, int]:
-    """Number of multipliers of the scene's hardware by module, equal to `Datapath.multipliers`."""
-    return CycleModel(scene, hidden=hidden).multipliers
+def multipliers(
+    scene: Scene, *, hidden: Sequence[int] | None = None, solver: IntegerSolver | None = None
+) -> dict[str, int]:
+    """Number of DSP slices of the scene's hardware by module, equal to `Datapath.multipliers`.
+
+    Parameters as for `CycleModel`.
+    """
+    return CycleModel(scene, hidden=hidden, solver=solver).multipliers

@@ -25,6 +25,7 @@ from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, TIMEOUT_BIT
 from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.gateware.stream.tables import TableFormat
+from fastac.gateware.target.device import device_of
 from fastac.models.integer.features import WIDTH, coordinate_codes
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -51,7 +52,7 @@ class Datapath(FrameCycles, wiring.Component):
 
     Only what `pipeline.scene` needs is built: no slopes without depth and force, no solver for the adjoint,
     no transposer for the tridiagonal solver, no patches for the collapsed kernel, no dots unless the
-    force is of them too.
+    force is of them too. Products are packed for the DSP slices of the scene's part.
 
     Members
     -------
@@ -87,6 +88,7 @@ class Datapath(FrameCycles, wiring.Component):
         scene = pipeline.scene
         sensor, lanes = scene.sensor, scene.hardware.pixels_per_clock
         height, width, channels = sensor.height_px, sensor.width_px, len(sensor.channel_names)
+        dsp = device_of(scene).dsp
         self.pipeline, self.scene, self.lanes = pipeline, scene, lanes
         self.guard = FrameGuard(height, width, channels, lanes=lanes)
         self.background = BackgroundSubtraction(
@@ -98,7 +100,7 @@ class Datapath(FrameCycles, wiring.Component):
             pipeline.background,
             lanes=lanes,
         )
-        self.mlp = NormalMlp(pipeline.layers, input_width=WIDTH, lanes=lanes)
+        self.mlp = NormalMlp(pipeline.layers, input_width=WIDTH, lanes=lanes, dsp=dsp)
         normal_width = pipeline.layers[-1].accumulator_width
         self.loadable = pipeline.layers[0].loadable
         self.validity = FrameValidity(pipeline.validity, lanes=lanes, loadable=self.loadable)
@@ -143,6 +145,7 @@ class Datapath(FrameCycles, wiring.Component):
                 width=width,
                 lanes=lanes,
                 loadable=self.loadable and scene.poisson.mode == "difference",
+                dsp=dsp,
             )
         if self.wants_depth:
             self.depth_output = DepthOutput(in_order(pipeline.depth), lanes=lanes)
@@ -154,7 +157,7 @@ class Datapath(FrameCycles, wiring.Component):
         if self.wants_force:
             if isinstance(pipeline.force, PatchForce):
                 self.force_stream = PatchForceStream(
-                    in_order(pipeline.force), lanes=lanes, wants_map=self.wants_force_map
+                    in_order(pipeline.force), lanes=lanes, wants_map=self.wants_force_map, dsp=dsp
                 )
             else:
                 self.force_stream = WeightedSumStream(
@@ -162,10 +165,11 @@ class Datapath(FrameCycles, wiring.Component):
                     lanes=lanes,
                     loadable=self.loadable and scene.force_from_slopes,
                     bends=pipeline.bends,
+                    dsp=dsp,
                 )
             members["force"] = Out(self.force_stream.o.signature)
         if scene.wants_dots:
-            self.dots = DotForceStream(pipeline, lanes=lanes)
+            self.dots = DotForceStream(pipeline, lanes=lanes, dsp=dsp)
             members["force"] = Out(self.dots.o.signature)
         if scene.wants_slip:
             word = self.displacement.o.payload.shape().elem_shape

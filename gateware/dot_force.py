@@ -5,6 +5,7 @@ from amaranth import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out, connect
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
@@ -35,7 +36,7 @@ class DotForceStream(wiring.Component):
     sum of both parts follows `ForceSum.latency` clocks after the later one.
     """
 
-    def __init__(self, pipeline: IntegerPipeline, *, lanes: int):
+    def __init__(self, pipeline: IntegerPipeline, *, lanes: int, dsp: DspSlice = DSP48E2):
         self.dots = DotStream(pipeline.follower, lanes=lanes)
         weighted = pipeline.dot_force.weighted
         if weighted.input_width != pipeline.follower.width:
@@ -43,7 +44,7 @@ class DotForceStream(wiring.Component):
                 f"dot_force of shifts of {weighted.input_width} bits: the follower's have"
                 f" {pipeline.follower.width}"
             )
-        self.weighted = WeightedSumStream(weighted, lanes=1)
+        self.weighted = WeightedSumStream(weighted, lanes=1, dsp=dsp)
         self.sum = ForceSum(pipeline.dot_force, skin_width=pipeline.force.width, width=pipeline.force_width)
         if self.weighted.latency + self.sum.latency < DOTS_LATENCY:
             raise ValueError(f"flags of dots take {DOTS_LATENCY} clocks: later than the frame's result")

@@ -6,6 +6,7 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.arithmetic.product import LATENCY, product
 from fastac.gateware.stream.queues import CreditQueue
 from fastac.models.integer.sine_transform import SineTransform
@@ -16,8 +17,9 @@ class Dst1Engine(wiring.Component):
 
     Even and odd symmetry halve the products: with u_n = x_n + x_{N+1−n} for odd k and v_n = x_n − x_{N+1−n}
     for even k (n, k from 1), each output is a sum of `half` = ceil(N/2) products. Each lane has `half`
-    multipliers and an adder tree and completes one output per clock, so outputs leave in natural order. A
-    multiplier is one DSP48E2 if input_width <= 26 and coefficient_width <= 18.
+    products and an adder tree and completes one output per clock, so outputs leave in natural order. A
+    product takes one DSP48E2 if input_width <= 26 and coefficient_width <= 18, one DSP48E1 if
+    input_width <= 24, and else two.
 
     Members
     -------
@@ -32,7 +34,7 @@ class Dst1Engine(wiring.Component):
     registers.
     """
 
-    def __init__(self, transform: SineTransform, *, lanes: int):
+    def __init__(self, transform: SineTransform, *, lanes: int, dsp: DspSlice = DSP48E2):
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
         if transform.size <= lanes:
@@ -40,7 +42,7 @@ class Dst1Engine(wiring.Component):
         parity = 1 - 2 * (np.arange(transform.size)[:, None] % 2)
         if not np.array_equal(transform.matrix, parity * transform.matrix[:, ::-1]):
             raise ValueError("matrix: expected rows even and odd about the middle in turn, as a sine's are")
-        self.transform, self.lanes = transform, lanes
+        self.transform, self.lanes, self.dsp = transform, lanes, dsp
         self.half = self.half_of(transform.size)
         self.interval = -(-transform.size // lanes)
         super().__init__(
@@ -66,8 +68,11 @@ class Dst1Engine(wiring.Component):
         return 2 + LATENCY + cls.levels_of(size)
 
     @classmethod
-    def multipliers_of(cls, size: int, lanes: int) -> int:
-        return cls.half_of(size) * lanes
+    def multipliers_of(
+        cls, size: int, lanes: int, *, input_width: int, coefficient_width: int, dsp: DspSlice
+    ) -> int:
+        """DSP slices: `half_of(size)` products a lane, of sums of two inputs with coefficients."""
+        return cls.half_of(size) * lanes * dsp.slices(input_width + 1, coefficient_width)
 
     @property
     def levels(self) -> int:
@@ -79,7 +84,13 @@ class Dst1Engine(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        return self.multipliers_of(self.transform.size, self.lanes)
+        return self.multipliers_of(
+            self.transform.size,
+            self.lanes,
+            input_width=self.transform.input_width,
+            coefficient_width=self.transform.coefficient_width,
+            dsp=self.dsp,
+        )
 
     def elaborate(self, platform):
         m = Module()

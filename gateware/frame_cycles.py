@@ -187,7 +187,7 @@ class FrameCycles:
 
     @property
     def multipliers(self) -> dict[str, int]:
-        """Number of multipliers by module, as in the architecture, before synthesis."""
+        """Number of DSP slices of the scene's part by module, as in the architecture, before synthesis."""
         count = {"normals": self.mlp.multipliers}
         if self.scene.wants_solver:
             count["depth"] = self.solver.multipliers

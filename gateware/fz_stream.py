@@ -9,11 +9,11 @@ from amaranth import Module, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.arithmetic.frame_sum import (
     FrameAccumulator,
     adder_tree,
     beats_per_frame,
-    dsp_slices,
     tree_levels,
 )
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
@@ -119,12 +119,13 @@ class PatchForceStream(wiring.Component):
     is not taken stalls the whole pipeline before it.
     """
 
-    def __init__(self, force: PatchForce, *, lanes: int, wants_map: bool = False):
+    def __init__(self, force: PatchForce, *, lanes: int, wants_map: bool = False, dsp: DspSlice = DSP48E2):
         shape = force.kernel.shape
         if len(shape) != 5 or shape[1] != shape[2] or shape[3] != shape[4]:
             raise ValueError(f"kernel {shape}: expected (axes, N, N, K, K)")
         check_patch_size(shape[1], force.size, force.displacement_bits, lanes)
         self.force, self.lanes, self.size, self.wants_map = force, lanes, shape[1], wants_map
+        self.dsp = dsp
         words = data.ArrayLayout(Shape(force.displacement_bits, force.signed), lanes)
         members = {
             "i": In(stream.Signature(words)),
@@ -150,9 +151,11 @@ class PatchForceStream(wiring.Component):
         return cls.map_latency_of(size, kernel_size, lanes) + tree_levels(lanes) + 1
 
     @staticmethod
-    def multipliers_of(axes: int, kernel_size: int, lanes: int, *, input_bits: int, kernel_bits: int) -> int:
-        """DSP48E2 slices: axes · lanes · K² products of `dsp_slices(input_bits, kernel_bits)` slices each."""
-        return axes * lanes * kernel_size**2 * dsp_slices(input_bits, kernel_bits)
+    def multipliers_of(
+        axes: int, kernel_size: int, lanes: int, *, input_bits: int, kernel_bits: int, dsp: DspSlice
+    ) -> int:
+        """DSP slices: axes · lanes · K² products of `dsp.slices(input_bits, kernel_bits)` slices each."""
+        return axes * lanes * kernel_size**2 * dsp.slices(input_bits, kernel_bits)
 
     @property
     def map_latency(self) -> int:
@@ -176,6 +179,7 @@ class PatchForceStream(wiring.Component):
             self.lanes,
             input_bits=force.displacement_bits + (not force.signed),
             kernel_bits=force.kernel_bits,
+            dsp=self.dsp,
         )
 
     def elaborate(self, platform):

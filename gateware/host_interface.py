@@ -58,6 +58,7 @@ def registers(identity: Identity) -> list[dict]:
             "access": r.access,
             "meaning": r.meaning,
             "reset": resets[r.name],
+            "read_changes": r.read_changes,
             "fields": [field._asdict() for field in r.fields],
         }
         for r in identity.registers

@@ -8,6 +8,7 @@ from amaranth import Cat, Const, Module, Shape, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.arithmetic.packed_products import Packing, best_packing
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_STAGES
 from fastac.gateware.arithmetic.product import product
@@ -57,7 +58,7 @@ class MvmCore(wiring.Component):
     parameters : weights and biases, unsigned(parameter_bits), as `parameter_image` packs them; constant while
         data is in flight. Only if `layer.loadable`.
 
-    Loadable: two neurons share a 27×18-bit multiplier if `best_packing` finds that both products fit;
+    Loadable: two neurons share a multiplier of `dsp` if `best_packing` finds that both products fit;
     otherwise, and for an odd neuron, there is one multiplier per weight. Operands (A, B), products (M, P) and
     every sum are registered. Packed products are summed as long as the sums fit their fields, then split into
     the two neurons' sums, which get the biases, and then summed on for each neuron.
@@ -68,8 +69,8 @@ class MvmCore(wiring.Component):
     `latency` = 5 + ceil(log2(inputs)) clocks with `advance` high in either mode.
     """
 
-    def __init__(self, layer: Layer, *, input_width: int, input_signed: bool):
-        self.layer = layer
+    def __init__(self, layer: Layer, *, input_width: int, input_signed: bool, dsp: DspSlice = DSP48E2):
+        self.layer, self.dsp = layer, dsp
         self.input_width, self.input_signed = input_width, input_signed
         self.latency = tile_latency(layer.weight.shape[1])
         i, o = tile_layouts(layer, input_width=input_width, input_signed=input_signed)
@@ -82,7 +83,7 @@ class MvmCore(wiring.Component):
     def packing(self) -> Packing | None:
         """How pairs of neurons share multipliers; None if two products do not fit."""
         width = self.input_width if self.input_signed else self.input_width + 1
-        return best_packing(self.layer.weight_limit, self.layer.input_limit, width)
+        return best_packing(self.layer.weight_limit, self.layer.input_limit, width, self.dsp)
 
     @property
     def units(self) -> list[tuple[int, ...]]:
@@ -101,7 +102,7 @@ class MvmCore(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        """DSP48E2 slices; 0 if the weights are baked in."""
+        """DSP slices; 0 if the weights are baked in."""
         if not self.layer.loadable:
             return 0
         return tile_multipliers(*self.layer.weight.shape, packed=self.packing is not None)
@@ -244,8 +245,8 @@ class MvmTile(wiring.Component):
     `latency` = 5 + ceil(log2(inputs)) clocks without back-pressure; initiation interval 1.
     """
 
-    def __init__(self, layer: Layer, *, input_width: int, input_signed: bool):
-        self.core = MvmCore(layer, input_width=input_width, input_signed=input_signed)
+    def __init__(self, layer: Layer, *, input_width: int, input_signed: bool, dsp: DspSlice = DSP48E2):
+        self.core = MvmCore(layer, input_width=input_width, input_signed=input_signed, dsp=dsp)
         self.latency = self.core.latency
         i, o = tile_layouts(layer, input_width=input_width, input_signed=input_signed)
         members = {"i": In(stream.Signature(i)), "o": Out(stream.Signature(o))}

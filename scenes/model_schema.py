@@ -29,7 +29,8 @@ class Numbers(Strict):
     """Of the layer whose outputs are kept wide."""
     activation_bits: Annotated[int, Field(ge=3, le=10)] = 7
     """Of the hidden layers, unsigned. 7 are the paper's; up to 10, a product with an 8-bit weight still has
-    the 18 bits that let a DSP48E2 hold two."""
+    the 18 bits that let a DSP48E2 hold two. In a DSP48E1, on Zynq-7000, two fit up to 9 bits, or 10 with
+    weights of 7 bits."""
     gradient_fraction_bits: Annotated[int, Field(ge=6, le=16)] = 14
     slope_limit: Literal[1, 2, 4, 8] = 4
     coefficient_fraction_bits: Annotated[int, Field(ge=8, le=17)] = 17

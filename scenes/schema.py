@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 from fastac.scenes.force_fits import FITS, FitFacts
 from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Slip, Training
 from fastac.scenes.outputs import OUTPUTS, OutputFacts
+from fastac.scenes.parts import DEFAULT_PART, check_part
 from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS, SolverFacts
 from fastac.scenes.strict import Count, Point, Positive, Strict, listed, require_known
@@ -54,10 +55,14 @@ class Protocol(Strict):
 class Hardware(Strict):
     pixels_per_clock: Literal[1, 2, 4] = 1
     weights: Literal["loadable", "baked"] = "loadable"
-    """Of the pixel network. loadable: in registers, written through AXI4-Lite, two products in a DSP48E2.
-    baked: constants as shifts and additions, which need no DSP."""
-    clock_mhz: Annotated[float, Field(gt=0, le=775)] = 150.0
-    """The clock that latencies are converted with; an assumption until a board confirms it."""
+    """Of the pixel network. loadable: in registers, written through AXI4-Lite, two products in a DSP slice
+    where they fit. baked: constants as shifts and additions, which need no DSP."""
+    part: str = DEFAULT_PART
+    """The FPGA, an entry of scenes/parts.py. It decides how products are packed, and designs that are too
+    large for it are refused; what the hardware computes is the same on each."""
+    clock_mhz: Annotated[float, Field(gt=0)] = 150.0
+    """The clock that latencies are converted with; an assumption until a board confirms it. At most what the
+    part's DSP slices and block RAMs reach."""
     bus_errors: Literal["flag", "respond"] = "flag"
     """How the registers refuse an access: by ERRORS.access_refused alone, or by an AXI error response too,
     which stops or crashes the software on most processors."""
@@ -93,6 +98,7 @@ class Scene(Strict):
             require_known(f"outputs.{place}", name, OUTPUTS)
         require_known("poisson.solver", self.poisson.solver, SOLVERS)
         require_known("force.fit", self.force.fit, FITS)
+        check_part(self.hardware.part, self.hardware.clock_mhz)
         self._check_dots()
         self._check_outputs()
         self._check_solver()

@@ -27,7 +27,7 @@ from fastac.sensor import samples as sensor_samples
 @output_option("Folder to write; an older one is replaced at the end.", OUTPUT_FOLDER, "BUNDLE/verilog")
 @progress_option
 def verilog(bundle, output, progress):
-    """Write and lint the Verilog of BUNDLE for the XCZU19EG, with a script and constraints for Vivado.
+    """Write and lint the Verilog of BUNDLE for its hardware.part, with a script and constraints for Vivado.
 
     \b
     Example: fastac verilog build/paper/bundle -o rtl
@@ -38,6 +38,28 @@ def verilog(bundle, output, progress):
     hardware.write_verilog(load_bundle(bundle), output, progress=progress)
     file = output / f"{hardware.NAME}.v"
     click.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB")
+
+
+@click.command()
+@click.argument("bundle", type=INPUT)
+@output_option("Folder to write the files to.", OUTPUT_FOLDER, "BUNDLE/registers")
+def registers(bundle, output):
+    """Write the registers of BUNDLE's hardware for other tools, with the record of a result and all scales.
+
+    fastac_registers.h for C and C++; fastac.svd (CMSIS-SVD) for debuggers and Rust; fastac.rdl (SystemRDL
+    2.0); fastac.dtso, a device-tree overlay for user-space I/O of core, DMAs and a
+    buffer; registers.md, a page to read. `fastac verilog` writes them too, into its folder `registers`.
+
+    \b
+    Example: fastac registers build/paper -o registers
+    """
+    from fastac.flow.hardware import interface
+    from fastac.gateware.target.register_files.write import FILES, write_register_files
+    from fastac.gateware.top_zynq import TopZynq
+
+    output = output or bundle / "registers"
+    write_register_files(interface(TopZynq(load_bundle(bundle))), output)
+    click.echo(f"{output}: {', '.join(FILES.values())}")
 
 
 @click.command()
@@ -158,15 +180,15 @@ def synth(source, data, output, place_and_route, modules, jobs, store, progress)
 
     A SCENE is trained first, unless its build folder holds the bundle.
 
-    Yosys counts DSP48E2, block RAM, URAM, shift registers and look-up tables; nextpnr places and routes each
-    module on a 40 nm ECP5, whose clock is a conservative bound for the XCZU19EG. Unchanged modules are not
-    counted again. `fastac report` then shows these figures in place of estimates. Needs the extra
-    `synth`: pip install -e '.[synth]'.
+    Yosys counts DSP slices, block RAM, URAM, shift registers and look-up tables of the scene's part; nextpnr
+    places and routes each module on a 40 nm ECP5, whose clock is a conservative bound for the XCZU19EG.
+    Unchanged modules are not counted again. `fastac report` then shows these figures in place of estimates.
+    Needs the extra `synth`: pip install -e '.[synth]'.
 
     \b
     Example: fastac synth scenes/paper.toml
     """
-    from fastac.gateware.target.device import DEVICE
+    from fastac.gateware.target.device import device_of
     from fastac.synth import synthesis
 
     if source.suffix == ".toml":
@@ -174,15 +196,17 @@ def synth(source, data, output, place_and_route, modules, jobs, store, progress)
         source = build_folder(scene, None)
         run_build(scene, source, data, progress, until="bundle")
     output = output or source
+    bundle = load_bundle(source)
+    device = device_of(bundle.scene)
     content = synthesis.synthesise(
-        load_bundle(source),
+        bundle,
         output,
-        device=DEVICE,
+        device=device,
         store=store,
         place_and_route=place_and_route,
         modules=modules,
         jobs=jobs,
         progress=progress,
     )
-    click.echo(synthesis_table.table(content, DEVICE))
+    click.echo(synthesis_table.table(content, device))
     click.echo(f"{output / synthesis.FILE}")

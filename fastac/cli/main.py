@@ -7,7 +7,7 @@ from fastac.cli.build import build, report, reproduce
 from fastac.cli.common import Group
 from fastac.cli.data import data, protocol
 from fastac.cli.demos import grasp, vibration
-from fastac.cli.hardware import calibration, sim, synth, verilog
+from fastac.cli.hardware import calibration, registers, sim, synth, verilog
 from fastac.cli.models import evaluate, objects, predict, train
 from fastac.cli.prove import prove
 from fastac.cli.recordings import import_
@@ -35,7 +35,7 @@ def main():
 COMMANDS = (
     *(build, reproduce, report, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
-    *(verilog, calibration, sim, verify, synth, sweep, trade, scope, study, prove, bench),
+    *(verilog, registers, calibration, sim, verify, synth, sweep, trade, scope, study, prove, bench),
 )
 for command in COMMANDS:
     main.add_command(command)

@@ -6,8 +6,7 @@ from functools import cached_property
 from pathlib import Path
 
 from fastac.flow import frames, steps
-from fastac.gateware.cycle_model import multipliers
-from fastac.gateware.target.device import check_block_rams, check_multipliers
+from fastac.gateware.target.device import DeviceError
 from fastac.models.integer import bundle
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -15,7 +14,7 @@ from fastac.store.files import write_json
 from fastac.store.record import RECORD, described, read_record
 from fastac.store.steps import Output, Step
 from fastac.store.store import open_store
-from fastac.synth import resources, synthesis
+from fastac.synth import fits, synthesis
 
 
 class BuildError(ValueError):
@@ -39,12 +38,15 @@ class Build:
             raise BuildError(
                 f"scene {self.scene.name}: sensor.source = 'recorded': give the recording with --data FILE"
             )
-        try:
-            check_multipliers(multipliers(self.scene))
-            check_block_rams(resources.block_rams(resources.kernel_memory(self.scene)))
-        except ValueError as error:
-            raise BuildError(f"scene {self.scene.name}: {error}") from None
+        self._check(fits.check_products)
         self.folder.mkdir(parents=True, exist_ok=True)
+
+    def _check(self, fit: Callable[[Scene], None]) -> None:
+        """Raise BuildError where the scene's hardware does not fit its part."""
+        try:
+            fit(self.scene)
+        except DeviceError as error:
+            raise BuildError(f"scene {self.scene.name}: {error}") from None
 
     @property
     def store(self) -> Path:
@@ -112,9 +114,14 @@ class Build:
     def run(self, announce: Callable[[str, str], None], *, until: str | None = None) -> None:
         """Perform the steps in order, those that are up to date excepted; `until` names the last one.
 
+        Raises BuildError before anything is trained where, as far as can be known without training, the
+        hardware does not fit the scene's part.
+
         announce : called with a step's name and "kept", "running" or, for another process, "waiting"
         """
         store, record, performed = open_store(self.store), read_record(self.folder), {}
+        if not store.is_current(self.steps["bundle"]):
+            self._check(fits.check_scene)
         for name, step in self.steps.items():
             entry = store.perform(step, announce, performed)
             entry.place(self.folder)

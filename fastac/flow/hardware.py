@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from fastac.gateware.host_interface import host_interface
-from fastac.gateware.target.device import DEVICE, DeviceError, check_block_rams, check_multipliers
+from fastac.gateware.target.device import DeviceError
 from fastac.gateware.target.elaboration import LINT_WAIVERS, to_rtlil, verilog_of
+from fastac.gateware.target.register_files.write import write_register_files
 from fastac.gateware.target.vivado import write_vivado_project
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
@@ -20,9 +21,11 @@ from fastac.sim import check_top as simulation
 from fastac.sim.runner import EXECUTABLE, QUICK, use_verilator
 from fastac.store.files import write_folder_atomically, write_json
 from fastac.store.progress import watched
-from fastac.synth import resources
+from fastac.synth import fits
 
 NAME = "fastac"
+REGISTERS = "registers"
+"""Folder, beside the Verilog, of the register map in the forms that other tools read."""
 SHORT_RUN_PX = 1 << 13
 """Runs with fewer pixels in all take less time with a simulator that is built without optimisation."""
 
@@ -32,24 +35,26 @@ class HardwareError(RuntimeError):
 
 
 def write_verilog(bundle: Bundle, folder: Path, *, progress: bool) -> None:
-    """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, the map.
+    """Elaborate the bundle's top-level into `folder`: Verilog, Vivado's script and constraints, registers.
 
     The folder appears whole or not at all. Verilator must lint the Verilog clean with -Wall but for the
     waivers in gateware/target/lint.vlt. Raises HardwareError with its first finding otherwise, and, before
-    anything is elaborated, where the device has fewer multipliers or block RAMs than the design needs.
+    anything is elaborated, where the part has fewer DSP slices or block RAMs than the design needs, or by
+    estimate clearly fewer look-up tables.
     """
     top = TopZynq(bundle)
     try:
-        check_multipliers(top.datapath.multipliers)
-        check_block_rams(resources.block_rams(resources.memories(bundle.pipeline)))
+        fits.area(bundle.pipeline).check()
     except DeviceError as error:
         raise HardwareError(f"{bundle.scene.name}: {error}") from None
     with watched("elaborating Verilog", enabled=progress):
         rtlil = to_rtlil(top, name=NAME)
         text = verilog_of(rtlil)
     with write_folder_atomically(folder) as temporary:
-        write_vivado_project(text, temporary, bundle.scene.hardware.clock_mhz, name=NAME)
+        hardware = bundle.scene.hardware
+        write_vivado_project(text, temporary, hardware.clock_mhz, part=hardware.part, name=NAME)
         write_json(temporary / "hardware.json", describe(top, rtlil))
+        write_register_files(interface(top), temporary / REGISTERS)
         with watched("linting", enabled=progress):
             lint(temporary / f"{NAME}.v")
 
@@ -67,6 +72,16 @@ def lint(source: Path) -> None:
         raise HardwareError(f"{source}: lint: {(done.stderr.splitlines() or ['failed'])[0]}")
 
 
+def interface(top: TopZynq) -> dict:
+    """Which design this is, for which part, and all that a host's driver must know of it."""
+    return {
+        "top": NAME,
+        "bundle_sha256": top.bundle.digest,
+        "part": top.bundle.scene.hardware.part,
+        **host_interface(top),
+    }
+
+
 def describe(top: TopZynq, rtlil: str) -> dict:
     """What the design says of itself: formulas' values, the host's interface, and the hash of its netlist."""
     path = top.datapath
@@ -78,13 +93,10 @@ def describe(top: TopZynq, rtlil: str) -> dict:
     if path.wants_normals:
         latency["first_pixel_to_normals"] = path.first_pixel_to_normals
     return {
-        "top": NAME,
-        "bundle_sha256": top.bundle.digest,
+        **interface(top),
         "rtlil_sha256": hashlib.sha256(rtlil.encode()).hexdigest(),
         "latency_cycles_by_formula": latency,
         "multipliers": path.multipliers,
-        "part": DEVICE["part"],
-        **host_interface(top),
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from fastac.flow.hardware import NAME
-from fastac.gateware.target.device import DEVICE
+from fastac.gateware.target.device import device_of
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
@@ -62,11 +62,11 @@ def fit(bundle: Bundle, folder: Path, lanes: int) -> tuple[Bundle, str]:
     And a word on why they are not as the scene has them, or empty.
     """
     derived = derive(bundle, folder, lanes=lanes)
-    available = DEVICE["dsp48e2"]
+    device = device_of(derived.scene)
     needed = sum(TopZynq(derived).datapath.multipliers.values())
-    if needed <= available or not derived.pipeline.layers[0].loadable:
+    if needed <= device.dsps or not derived.pipeline.layers[0].loadable:
         return derived, ""
-    note = f"baked: loadable weights need {needed} of {available} DSP48E2"
+    note = f"baked: loadable weights need {needed} of {device.dsps} {device.dsp.name}"
     return derive(bundle, folder, lanes=lanes, weights="baked"), note
 
 

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fastac.gateware.target.device import DEVICE
+from fastac.gateware.target.device import device_of
 from fastac.models.integer.bundle import Bundle
 from fastac.report import build_files
 from fastac.report import paper as paper_figures
@@ -12,6 +12,10 @@ LATENCY_ORIGIN = (
     "counted in the Verilator simulation of the top-level; stages: the design's formulas, whose"
     " sum the simulation confirms"
 )
+PRODUCTS = {
+    "DSP48E2": "one per product, or per two that are packed",
+    "DSP48E1": "one per product of 25 × 18 bits, or per two that are packed, and more for wider ones",
+}
 
 
 def estimated(value: float, formula: str) -> dict:
@@ -34,12 +38,13 @@ def content(folder: Path, bundle: Bundle) -> dict:
         if key in latency
     }
     multipliers = hardware["multipliers"]
+    device = device_of(scene)
     resources = {
-        "dsp48e2": estimated(
+        device.dsp_key: estimated(
             sum(multipliers.values()),
-            "DSP48E2 of the architecture: one per product, or per two that are packed; synthesis may differ",
+            f"{device.dsp.name} of the architecture: {PRODUCTS[device.dsp.name]}; synthesis may differ",
         ),
-        "dsp48e2_by_module": estimated(multipliers, "as dsp48e2"),
+        f"{device.dsp_key}_by_module": estimated(multipliers, f"as {device.dsp_key}"),
     }
     resources |= synthesis_figures.resources(folder, hardware)
     return {
@@ -63,7 +68,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
         "bounds": bounds(bundle),
         "resources": resources,
         **energy.estimate(bundle.pipeline),
-        "device": DEVICE,
+        "device": device.totals,
         "paper": paper_figures.EDGE,
     }
 
@@ -140,7 +145,7 @@ def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
             stated = f"{paper['float'][of_paper]} → {paper['integer'][of_paper]}"
         rows.append((f"{key}, float → integer", f"{value:.5g} → {whole:.5g}{change}", stated, frames))
     resources = report["resources"]
-    for key in ("lut", "dsp48e2", "ramb36", "uram288"):
+    for key in ("lut", "dsp48e2", "dsp48e1", "ramb36", "uram288"):
         if key in resources:
             value = resources[key]["value"]
             share = 100 * value / report["device"][key]

@@ -5,24 +5,20 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
-import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fastac.models.integer import assemble
+from fastac.gateware.target.device import LUT_MARGIN, device_of
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.random_bundle import force_weights, layers
-from fastac.models.vision.dots import bridge_reach, expected_follower
 from fastac.report.tables import markdown_table
 from fastac.scenes.force_fits import FITS
+from fastac.scenes.parts import PARTS
 from fastac.scenes.schema import Scene
-from fastac.sensor.geometry import rest_depth_mm
 from fastac.store.record import read_record
-from fastac.synth import resources
+from fastac.synth import fits, resources
+from fastac.synth.fits import random_pipeline
 
 ABSENT = "–"
-SEED = 1
-AREAS = {"dsp48e2": "DSP48E2", "lut": "look-up tables", "ramb36": "RAMB36"}
+AREAS = {"lut": "look-up tables", "ramb36": "RAMB36"}
 STEPS = {
     "data": "presses",
     "normals": "pixel network, float",
@@ -32,32 +28,6 @@ STEPS = {
     "sim": "RTL simulation",
 }
 """The build's steps whose wall time is shown, with their labels."""
-
-
-def random_pipeline(scene: Scene) -> IntegerPipeline:
-    """The scene's pipeline with random weights, to estimate its area.
-
-    The area follows from word widths and sizes and, where the network is baked in, from the number of
-    non-zero digits of its weights.
-    """
-    rng, sensor = np.random.default_rng(SEED), scene.sensor
-    shape = (sensor.height_px, sensor.width_px)
-    background = rng.integers(80, 170, (*shape, len(sensor.channel_names))).astype(np.uint8)
-    bridge = follower = None
-    if scene.wants_darkness:
-        follower = expected_follower(sensor)
-        bridge = SlopeBridge(follower.windows, bridge_reach(sensor))
-    pipeline = assemble.assemble(
-        scene,
-        bridge=bridge if scene.wants_bridge else None,
-        follower=follower if scene.wants_dots else None,
-        layers=layers(scene, background, rng, scene.network.hidden),
-        background=background,
-        rest_depth_mm=rest_depth_mm(sensor),
-    )
-    if not scene.wants_force:
-        return pipeline
-    return assemble.with_force(pipeline, *force_weights(scene, rng, follower))
 
 
 @dataclass(frozen=True)
@@ -145,10 +115,23 @@ class Scope:
         mine, whole = (
             resources.estimate(found) for found in (self.pipeline, random_pipeline(self.everything))
         )
+        dsp = device_of(self.scene).dsp_key
         found = {}
-        for name, label in AREAS.items():
+        for name, label in ({dsp: "DSP slices"} | AREAS).items():
             value, most = mine[name]["value"], whole[name]["value"]
             found[label] = f"{value:,g} of {most:,g}: {100 * (value / most - 1):+.0f}%"
+        return found
+
+    def parts(self) -> dict[str, str]:
+        """Of each part, whether the design fits it: the shares that it takes, or what there is too little of.
+
+        The pixel network, say, may be packed otherwise on each, but computes the same.
+        """
+        found = {}
+        for name in PARTS:
+            area = fits.area(fits.on_part(self.pipeline, name))
+            shares = ", ".join(f"{block} {percent:.0f}%" for block, percent in area.percent.items())
+            found[label(name)] = shares if area.fits else f"no: {shares}"
         return found
 
     def seconds(self) -> dict[str, str]:
@@ -161,6 +144,12 @@ class Scope:
         return known
 
 
+def label(part: str) -> str:
+    """A part's device and the boards that carry it."""
+    device = part.split("-")[0].removesuffix("clg400").upper()
+    return ", ".join([device, *PARTS[part].boards])
+
+
 def table(scopes: Sequence[Scope]) -> str:
     """A Markdown table with a column for each scene."""
     sections = {
@@ -169,6 +158,7 @@ def table(scopes: Sequence[Scope]) -> str:
         "elaborated, look-up tables": Scope.elaborated,
         "compared in RTL, values a frame": Scope.verified,
         "area, of that with everything": Scope.area,
+        "fits, and takes of the part": Scope.parts,
         "wall time": Scope.seconds,
     }
     names = [scope.scene.name for scope in scopes]
@@ -184,9 +174,13 @@ def table(scopes: Sequence[Scope]) -> str:
 def notes() -> list[str]:
     """Where the figures come from."""
     _, origins = resources.model()
+    labels = AREAS | {"dsp48e2": "DSP48E2", "dsp48e1": "DSP48E1"}
     return [
         f"“{ABSENT}”: not needed, so not there. Everything: the same sensor, words and lanes with normals,"
         " depth, three-axis force and force map, by the paper's architecture.",
-        *(f"{AREAS[name]}: {origin}." for name, origin in origins.items()),
+        *(f"{labels[name]}: {origin}." for name, origin in origins.items()),
+        "Parts: the same integers at the scene's words and lanes. “no”: `fastac build` refuses the scene with"
+        f" this hardware.part, for DSP slices or block RAM, or for look-up tables that by estimate are more"
+        f" than {100 * LUT_MARGIN:.0f}% too many. Block RAM here is what the memories need by formula.",
         "Wall time: measured when the build's step last ran, on whatever machine that was.",
     ]

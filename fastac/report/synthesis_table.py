@@ -1,25 +1,22 @@
 """The table that `fastac synth` prints: what each module needs and the clock that it reached."""
 
+from fastac.gateware.target.device import Device
 from fastac.report.tables import text_table
 from fastac.synth import yosys
 from fastac.synth.synthesis import COUNT, LUTS, PLACE, REGISTERS
 
-BLOCKS = ("dsp48e2", "ramb36e2", "ramb18e2", "uram288", "srl16e", "srlc32e")
-MAPPED = ("lut", "carry8")
-HEAD = (
-    *("module", "n", "DSP48E2", "RAMB36", "RAMB18", "URAM288", "SRL16E", "SRLC32E", "LUT", "CARRY8"),
-    *("A/B/M/P on 7-series", "MHz", "critical path on ECP5"),
-)
+LAST = ("A/B/M/P on 7-series", "MHz", "critical path on ECP5")
+"""Columns that are the same for every device."""
 
 
-def _row(name: str, times: int, entry: dict) -> list:
+def _row(name: str, times: int, entry: dict, target: yosys.Target) -> list:
     """The cells of one module; what was not counted is "?"."""
     counted = entry.get(COUNT.name, {}).get("value")
     registers = entry.get(REGISTERS.name, {}).get("value")
     mapped = entry.get(LUTS.name, {}).get("value")
     placed = entry.get(PLACE.name, {}).get("value", {})
-    cells = [counted[block] or "" if counted else "?" for block in BLOCKS]
-    cells += [mapped[block] or "" if mapped else "?" for block in MAPPED]
+    cells = [counted[block.lower()] or "" if counted else "?" for block in target.blocks]
+    cells += [mapped[name] or "" if mapped else "?" for name in ("lut", target.carry)]
     absorbed = ""
     if registers and registers["dsp"]:
         absorbed = "{a}/{b}/{m}/{p} of {dsp}".format(**registers)
@@ -34,15 +31,16 @@ def _row(name: str, times: int, entry: dict) -> list:
     return [name, times, *cells, absorbed, clock, "; ".join(remarks)]
 
 
-def table(content: dict, device: dict) -> str:
-    """The content of synth.json as text; `device` gives the part's name and its totals.
+def table(content: dict, device: Device) -> str:
+    """The content of synth.json as text, as it was counted for `device`.
 
     A row for each module, one for their sum and one for the device. The column A/B/M/P counts the registers
     that DSP slices have absorbed at those places.
     """
-    rows = [_row(name, len(entry["instances"]), entry) for name, entry in content["modules"].items()]
+    target = yosys.TARGETS[device.dsp.name]
+    rows = [_row(name, len(entry["instances"]), entry, target) for name, entry in content["modules"].items()]
     totals = content["totals"]
-    if "dsp48e2" in totals:
+    if device.dsp_key in totals:
         instances = sum(len(entry["instances"]) for entry in content["modules"].values())
         entry = {COUNT.name: {"value": {name: total["value"] for name, total in totals.items()}}}
         if "lut" in totals:
@@ -50,11 +48,13 @@ def table(content: dict, device: dict) -> str:
         if "dsp48e1_dsp" in totals:
             registers = {name: totals[f"dsp48e1_{name}"]["value"] for name in ("dsp", *yosys.REGISTERS)}
             entry[REGISTERS.name] = {"value": registers}
-        rows.append(_row("sum of modules", instances, entry))
-    held = {"DSP48E2": device["dsp48e2"], "RAMB36": device["ramb36"], "RAMB18": 2 * device["ramb36"]}
-    held |= {"URAM288": device["uram288"], "LUT": device["lut"], "CARRY8": device["carry8"]}
-    rows.append([device["part"], *(held.get(name, "") for name in HEAD[1:])])
-    lines = [text_table(HEAD, rows)]
+        rows.append(_row("sum of modules", instances, entry, target))
+    held = {name.upper(): number for name, number in device.totals.items()}
+    held["RAMB18"] = 2 * device.ramb36
+    blocks = (name[:-2] if name.startswith("RAMB") else name for name in target.blocks)
+    head = ("module", "n", *blocks, "LUT", target.carry.upper(), *LAST)
+    rows.append([device.part, *(held.get(name, "") for name in head[1:])])
+    lines = [text_table(head, rows)]
     if "lut_share_percent" in totals:
         share = totals["lut_share_percent"]
         lines.append(f"LUT: {share['value']:g}%, {share['origin']}")

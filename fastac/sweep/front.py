@@ -22,7 +22,7 @@ ERRORS = {
 }
 COSTS = {
     "latency_cycles": "cycles from first pixel to result",
-    "dsp": "DSP48E2",
+    "dsp": "DSP slices",
     "energy_uj": "energy of a frame, estimate, µJ",
 }
 """Metrics that the fronts weigh against the errors, with their labels."""

@@ -7,8 +7,8 @@ import torch
 
 from fastac.flow import training
 from fastac.flow.steps import training_data
-from fastac.gateware.cycle_model import cycles, multipliers
-from fastac.gateware.target.device import check_block_rams, check_multipliers
+from fastac.gateware.cycle_model import cycles
+from fastac.gateware.target.device import device_of
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
@@ -18,7 +18,7 @@ from fastac.scenes.schema import Scene
 from fastac.sensor import samples
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import load_arrays, read_json, save_arrays, write_json
-from fastac.synth import energy, resources
+from fastac.synth import energy, fits, resources
 
 START_FILE, FLOAT_FILE = "force_start.npz", "float_errors.json"
 START = "start."
@@ -67,10 +67,10 @@ def measure(
 
     Raises DeviceError, or ValueError where a word cannot hold its worst case.
     """
-    check_multipliers(multipliers(scene))
+    fits.check_products(scene)
     known = training_data(data, scene, store)
     pipeline = integer_model(known, scene, integers, force)
-    check_block_rams(resources.block_rams(resources.memories(pipeline)))
+    fits.area(pipeline).check()
     found = errors(Emulator(pipeline), known, evaluated(known, split, count, data), scene)
     found |= {f"float_{name}": value for name, value in read_json(floats).items()}
     for prefix in ("", "float_"):
@@ -79,7 +79,8 @@ def measure(
             found[f"{prefix}force_{axis}_mae_n"] = found[f"{prefix}force_mae_n"]
     found |= latency(pipeline)
     estimated = resources.estimate(pipeline)
-    found |= {name: estimated[key]["value"] for name, key in RESOURCES.items()}
+    names = RESOURCES | {"dsp": device_of(scene).dsp_key}
+    found |= {name: estimated[key]["value"] for name, key in names.items()}
     return found | {"energy_uj": energy.estimate(pipeline)["energy_estimate_uj_per_frame"]["value"]}
 
 
@@ -120,7 +121,7 @@ def errors(pipeline, data: Dataset, index: np.ndarray, scene: Scene) -> dict[str
 
 
 RESOURCES = {"dsp": "dsp48e2", "lut": "lut", "ramb36": "ramb36"}
-"""Metrics by the name that the report has for them."""
+"""Metrics by the name that the report has for them; "dsp" on a part with DSP48E1 by their name."""
 
 
 def cycles_of(pipeline: IntegerPipeline) -> dict:

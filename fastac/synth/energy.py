@@ -59,7 +59,7 @@ def layer_works(frame: Frame, layer: Layer, input_width: int) -> Iterator[Work]:
         digits = [sum(len(canonical_signed_digits(w)) for w in row) for row in layer.weight.tolist()]
         yield addition(pixels * sum(digits), width)  # those of a neuron, and its bias, less one
     else:
-        pack = best_packing(layer.weight_limit, layer.input_limit, input_width)
+        pack = best_packing(layer.weight_limit, layer.input_limit, input_width, frame.dsp)
         pairs = neurons // 2 if pack else 0
         single = neurons - 2 * pairs
         if pairs:

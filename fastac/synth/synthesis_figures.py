@@ -54,20 +54,25 @@ def resources(folder: Path, hardware: dict) -> dict:
 def _figures(content: dict) -> dict:
     totals, modules = content["totals"], content["modules"]
     found = {}
-    if "dsp48e2" in totals:
+    for target in yosys.TARGETS.values():
+        dsp, whole, half = (name.lower() for name in target.blocks[:3])
+        if dsp not in totals:
+            continue
         by_module = {
-            name: entry[COUNT.name]["value"]["dsp48e2"] * len(entry["instances"])
+            name: entry[COUNT.name]["value"][dsp] * len(entry["instances"])
             for name, entry in modules.items()
-            if entry[COUNT.name]["value"]["dsp48e2"]
+            if entry[COUNT.name]["value"][dsp]
         }
-        found["dsp48e2"] = totals["dsp48e2"]
-        found["dsp48e2_by_module"] = stated(by_module, yosys.COUNT_ORIGIN)
-        half, origin = totals["ramb18e2"]["value"] / 2, totals["ramb36e2"]["origin"]
-        found["ramb36"] = stated(totals["ramb36e2"]["value"] + half, f"{origin}; two RAMB18E2 are one RAMB36")
-        found["uram288"] = totals["uram288"]
+        found[dsp] = totals[dsp]
+        origin = yosys.COUNT_ORIGIN.format(options=target.options)
+        found[f"{dsp}_by_module"] = stated(by_module, origin)
+        number, origin = totals[whole]["value"] + totals[half]["value"] / 2, totals[whole]["origin"]
+        found["ramb36"] = stated(number, f"{origin}; two {half.upper()} are one RAMB36")
+        if "uram288" in totals:
+            found["uram288"] = totals["uram288"]
         shifts = totals["srl16e"]["value"] + totals["srlc32e"]["value"]
         found["shift_register_luts"] = stated(shifts, totals["srl16e"]["origin"])
-    for name in ("lut", "lut_share_percent", "carry8"):
+    for name in ("lut", "lut_share_percent", "carry8", "carry4"):
         if name in totals:
             found[name] = totals[name]
     registers = {k: totals[k]["value"] for k in totals if k.startswith("dsp48e1_")}

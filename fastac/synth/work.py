@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from fastac.gateware.target.device import device_of
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.words import FLOOR
@@ -52,12 +53,13 @@ def register(count: int, bits: int) -> Work:
 
 
 class Frame:
-    """The sizes that every count follows from: image, inner region, lanes."""
+    """The sizes that every count follows from: image, inner region, lanes, the part's DSP slice."""
 
     def __init__(self, pipeline: IntegerPipeline):
         scene = pipeline.scene
         self.height, self.width, self.channels = pipeline.background.shape
         self.lanes = scene.hardware.pixels_per_clock
+        self.dsp = device_of(scene).dsp
         self.pixels = self.height * self.width
         self.size = self.width - 2
         self.inner = self.size**2

@@ -1,7 +1,8 @@
-"""Yosys's counts of a part: UltraScale+ blocks and look-up tables, and registers absorbed into DSP blocks."""
+"""Yosys's counts of a part: blocks and look-up tables of a family, and registers absorbed into DSP blocks."""
 
 import json
 import re
+from dataclasses import dataclass
 from pathlib import Path
 
 from fastac.gateware.target import tools
@@ -10,17 +11,17 @@ from fastac.synth.netlist import UNIT, Part
 MAPPING = "-flatten -noiopad -noclkbuf"
 COUNT_SCRIPT = f"""\
 read_rtlil part.il
-synth_xilinx -family xcup -uram {MAPPING} -top {UNIT} -run begin:map_luts
+synth_xilinx {{family}} {MAPPING} -top {UNIT} -run begin:map_luts
 opt_clean
 xilinx_srl -fixed -minlen 3
 techmap -map +/xilinx/cells_map.v
 clean
 tee -q -o count.json stat -json
 """
-"""`synth_xilinx` up to the mapping of look-up tables, which changes none of `BLOCKS`."""
+"""`synth_xilinx` up to the mapping of look-up tables, which changes none of a target's blocks."""
 LUT_SCRIPT = f"""\
 read_rtlil part.il
-synth_xilinx -family xcup -uram {MAPPING} -top {UNIT} -run begin:check
+synth_xilinx {{family}} {MAPPING} -top {UNIT} -run begin:check
 tee -q -o count.json stat -json
 """
 REGISTERS = {"a": "AREG", "b": "BREG", "m": "MREG", "p": "PREG"}
@@ -36,20 +37,47 @@ expose -evert {UNIT}/c:*
 delete =A:blackbox
 write_rtlil cut.il
 """
-BLOCKS = ("DSP48E2", "RAMB36E2", "RAMB18E2", "URAM288", "SRL16E", "SRLC32E")
+
+
+@dataclass(frozen=True)
+class Target:
+    """A family of parts as Yosys knows it.
+
+    options : of `synth_xilinx`
+    blocks : what it counts: DSP slices, RAMB36, RAMB18, UltraRAM if there is any, shift registers
+    carry, carry4s : kind of the carry chains, and how many of Yosys's CARRY4 one holds
+    """
+
+    options: str
+    blocks: tuple[str, ...]
+    carry: str
+    carry4s: int
+
+
+TARGETS = {
+    "DSP48E2": Target(
+        "-family xcup -uram",
+        ("DSP48E2", "RAMB36E2", "RAMB18E2", "URAM288", "SRL16E", "SRLC32E"),
+        "carry8",
+        2,
+    ),
+    "DSP48E1": Target("-family xc7", ("DSP48E1", "RAMB36E1", "RAMB18E1", "SRL16E", "SRLC32E"), "carry4", 1),
+}
+"""By the kind of DSP slice that the family has."""
 LOGIC_LUTS = ("INV", "LUT1", "LUT2", "LUT3", "LUT4", "LUT5", "LUT6")
 MEMORY_LUTS = {
-    **dict.fromkeys(("SRL16E", "SRLC32E", "RAM64X1S"), 1),
-    **dict.fromkeys(("RAM128X1S", "RAM64X1D"), 2),
+    **dict.fromkeys(("SRL16E", "SRLC32E", "RAM32X1S", "RAM64X1S"), 1),
+    **dict.fromkeys(("RAM128X1S", "RAM32X1D", "RAM64X1D"), 2),
     **dict.fromkeys(("RAM256X1S", "RAM128X1D", "RAM32M", "RAM64M"), 4),
     **dict.fromkeys(("RAM512X1S", "RAM256X1D", "RAM32M16", "RAM64M8", "RAM32X16DR8", "RAM64X8SW"), 8),
 }
-"""Look-up tables per shift register and distributed RAM (Xilinx UG974)."""
-COUNT_ORIGIN = "counted by synthesis: Yosys synth_xilinx -family xcup, the module by itself"
+"""Look-up tables per shift register and distributed RAM (Xilinx UG974; UG474)."""
+COUNT_ORIGIN = "counted by synthesis: Yosys synth_xilinx {options}, the module by itself"
 LUT_ORIGIN = (
-    "estimated: look-up tables of Yosys synth_xilinx -family xcup, the module by itself, with shift registers"
-    " and distributed RAM; not Vivado's: Yosys packs no registers or sums into DSP48E2 and shares less"
+    "estimated: look-up tables of Yosys synth_xilinx {options}, the module by itself, with shift registers"
+    " and distributed RAM; not Vivado's, which packs and shares more"
 )
+"""For the options of a target."""
 REGISTER_ORIGIN = (
     "counted by synthesis: Yosys synth_xilinx -family xc7, DSP48E1 of 25×18 bits, as Yosys packs no registers"
     " into DSP48E2; constant operands need no register"
@@ -75,33 +103,35 @@ def cells(path: Path) -> dict[str, int]:
     return json.loads(path.read_text())["design"]["num_cells_by_type"]
 
 
-def count(part: Part, folder: Path) -> dict[str, int]:
-    """`BLOCKS` of one instance on UltraScale+, by name in lower case.
+def count(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[str, int]:
+    """The target's blocks that one instance takes, by name in lower case.
 
     Flip-flops and timing are omitted: Yosys's are not the device's (it packs no register into DSP48E2).
     """
-    _run(COUNT_SCRIPT, netlist(part, folder), folder)
+    _run(COUNT_SCRIPT.format(family=target.options), netlist(part, folder), folder)
     found = cells(folder / "count.json")
-    return {name.lower(): found.get(name, 0) for name in BLOCKS}
+    return {name.lower(): found.get(name, 0) for name in target.blocks}
 
 
-def luts(part: Part, folder: Path) -> dict[str, int]:
-    """Look-up tables of one instance on UltraScale+, how many of them are memory, and its CARRY8.
+def luts(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[str, int]:
+    """Look-up tables of one instance, how many of them are memory, and its carry chains.
 
-    A CARRY8 holds two of Yosys's CARRY4. Raises ToolError for a distributed RAM of unknown size.
+    Raises ToolError for a distributed RAM of unknown size.
     """
-    _run(LUT_SCRIPT, netlist(part, folder), folder)
+    _run(LUT_SCRIPT.format(family=target.options), netlist(part, folder), folder)
     found = cells(folder / "count.json")
     for name in found:
         if re.match(r"(RAM\d|SRL)", name) and name not in MEMORY_LUTS:
             raise tools.ToolError(f"{name}: its look-up tables are not known")
     memory = sum(each * found.get(name, 0) for name, each in MEMORY_LUTS.items())
     logic = sum(found.get(name, 0) for name in LOGIC_LUTS)
-    return {"lut": logic + memory, "lut_as_memory": memory, "carry8": -(-found.get("CARRY4", 0) // 2)}
+    chains = -(-found.get("CARRY4", 0) // target.carry4s)
+    return {"lut": logic + memory, "lut_as_memory": memory, target.carry: chains}
 
 
 def everything(part: Part, folder: Path) -> dict[str, float]:
-    """The counts of `luts` and `dsp48e2`, `ramb36` and `uram288` of one instance, from one run of Yosys."""
+    """The counts of `luts` and `dsp48e2`, `ramb36` and `uram288` of one instance on UltraScale+, from one run
+    of Yosys."""
     found = luts(part, folder)
     blocks = cells(folder / "count.json")
     found["ramb36"] = blocks.get("RAMB36E2", 0) + blocks.get("RAMB18E2", 0) / 2

@@ -40,19 +40,6 @@ def beats_per_frame(rows: int, columns: int, lanes: int) -> int:
     return rows * -(-columns // lanes)
 
 
-def dsp_slices(a: int, b: int) -> int:
-    """Number of DSP48E2 slices, each a signed 27×18-bit multiplier, for a product of signed `a` × `b` bits.
-
-    A wider operand is cut into a signed upper part and unsigned lower parts one bit narrower than the port:
-    ceil((a − 1)/26) · ceil((b − 1)/17), or with the ports exchanged if that is less (Xilinx UG579).
-    """
-
-    def parts(width: int, port: int) -> int:
-        return max(1, -(-(width - 1) // (port - 1)))
-
-    return min(parts(a, 27) * parts(b, 18), parts(b, 27) * parts(a, 18))
-
-
 class FrameAccumulator(wiring.Component):
     """Sum all words of a frame for each axis: A = constant + Σ words.
 

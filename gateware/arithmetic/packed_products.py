@@ -8,10 +8,8 @@ from dataclasses import dataclass
 
 from amaranth import Cat, Const, Value, unsigned
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.models.integer.words import signed_width
-
-WIDE_PORT, NARROW_PORT = 27, 18
-"""Bits of the two signed operands of a DSP48E2's multiplier (Xilinx UG579)."""
 
 
 @dataclass(frozen=True)
@@ -51,14 +49,19 @@ class Packing:
         return lower + lower_bias, carry >> 1
 
 
-def best_packing(weight_limit: int, input_limit: Sequence[int], input_width: int) -> Packing | None:
-    """The packing that sums the most products per word, or None if two products do not fit in a DSP48E2.
+def best_packing(
+    weight_limit: int, input_limit: Sequence[int], input_width: int, dsp: DspSlice = DSP48E2
+) -> Packing | None:
+    """The packing that sums the most products per word, or None if two products do not fit in a DSP slice.
 
     weight_limit : largest magnitude of a weight
     input_limit : largest magnitude of each input, in the order in which their products are summed
     input_width : bits of an input including its sign
+
+    A word of two weights of w bits, for products of p bits, has p + w bits. With 8-bit weights, 27 bits hold
+    inputs of 11 bits, sign included, and 25 bits inputs of 10.
     """
-    if input_width > NARROW_PORT:
+    if input_width > dsp.narrow_port:
         return None
     limits = [int(limit) for limit in input_limit]
     for levels in range((len(limits) - 1).bit_length(), -1, -1):
@@ -66,6 +69,6 @@ def best_packing(weight_limit: int, input_limit: Sequence[int], input_width: int
             sum(limits[start : start + (1 << levels)]) for start in range(0, len(limits), 1 << levels)
         )
         found = Packing(weight_limit, signed_width(weight_limit * reached), levels)
-        if found.width <= WIDE_PORT:
+        if found.width <= dsp.wide_port:
             return found
     return None

@@ -1,4 +1,4 @@
-"""A pipelined product that synthesis maps to one DSP slice with all its registers."""
+"""A pipelined product that synthesis maps to DSP slices: one, with all its registers, where operands fit."""
 
 from amaranth import Signal
 
@@ -12,8 +12,10 @@ def product(m, platform, advance, a, b, *, name: str) -> Signal:
     advance : clock enable of all registers; they have no reset
     name : prefix of the registers' names
 
-    Fits one DSP48E2 if one operand has at most 27 bits including its sign and the other at most 18. For a
-    device with narrower multipliers, `platform` has a method `product` with these parameters and the same
+    Fits one DSP48E2 if one operand has at most 27 bits including its sign and the other at most 18, one
+    DSP48E1 if one has at most 25. A wider product takes several (`DspSlice.slices`), whose results are added
+    without a register between them: it is as exact, but not as fast. For a device with multipliers that no
+    tool puts together, `platform` has a method `product` with these parameters and the same
     latency (see Ecp5).
     """
     if hasattr(platform, "product"):

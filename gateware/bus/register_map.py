@@ -41,6 +41,7 @@ class Register(NamedTuple):
     access : ro read-only, rw read and write, w1c read and write 1 to clear, wo write-only (reads as 0)
     needs : what the hardware must have for the register to exist: "" (always), "force", "force_x" and so on,
         "depth", "normals", "slip", "calibration", or "results" (results in records: frames in packets)
+    read_changes : reading it changes what it, or its other half, reads as next
     """
 
     name: str
@@ -49,10 +50,18 @@ class Register(NamedTuple):
     meaning: str
     fields: tuple[Field, ...] = ()
     needs: str = ""
+    read_changes: bool = False
 
 
 _FORCE = [
-    Register(f"FORCE_{axis.upper()}_{half}", 0x50 + 8 * k + 4 * upper, "ro", meaning, needs=f"force_{axis}")
+    Register(
+        f"FORCE_{axis.upper()}_{half}",
+        0x50 + 8 * k + 4 * upper,
+        "ro",
+        meaning,
+        needs=f"force_{axis}",
+        read_changes=half == "LOW",
+    )
     for k, axis in enumerate(AXES)
     for upper, half, meaning in (
         (0, "LOW", f"last force, axis {axis}: bits 31:0 of the raw accumulator; reading it latches HIGH"),
@@ -246,6 +255,7 @@ REGISTERS = (
         "ro",
         "clocks since reset, which a soft reset is not: bits 31:0; reading it latches TIME_HIGH",
         needs="results",
+        read_changes=True,
     ),
     Register("TIME_HIGH", 0x90, "ro", "bits 63:32, latched when TIME_LOW was last read", needs="results"),
     Register(
@@ -263,6 +273,7 @@ REGISTERS = (
         f"the next 32-bit word of the oldest result's record, {len(RECORD_WORDS)} words a record; reading"
         " takes it. 0 if none waits. A soft reset leaves the records; CONTROL.clear_results discards them",
         needs="results",
+        read_changes=True,
     ),
     Register(
         "RESULTS_LOST",

@@ -5,7 +5,8 @@ from amaranth import Cat, Module, Mux, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, beats_per_frame, dsp_slices, tree_levels
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
+from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, beats_per_frame, tree_levels
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
 from fastac.gateware.stream.handshake import check_lanes
@@ -47,11 +48,17 @@ class WeightedSumStream(wiring.Component):
     """
 
     def __init__(
-        self, weighted: WeightedSum, *, lanes: int, loadable: bool = False, bends: tuple[int, ...] = ()
+        self,
+        weighted: WeightedSum,
+        *,
+        lanes: int,
+        loadable: bool = False,
+        bends: tuple[int, ...] = (),
+        dsp: DspSlice = DSP48E2,
     ):
         check_lanes(lanes)
         self.weighted, self.lanes, self.loadable = weighted, lanes, loadable
-        self.bends = bends
+        self.bends, self.dsp = bends, dsp
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
         if bends and (self.terms != len(bends) + 2 or not weighted.input_signed):
             raise ValueError(
@@ -77,9 +84,11 @@ class WeightedSumStream(wiring.Component):
         return RasterRom.latency + PRODUCT_LATENCY + tree_levels(lanes * values) + 1
 
     @staticmethod
-    def multipliers_of(axes: int, values: int, lanes: int, *, input_bits: int, weight_bits: int) -> int:
-        """DSP48E2 slices: axes · lanes · values products of `dsp_slices(…)` slices each."""
-        return axes * lanes * values * dsp_slices(input_bits, weight_bits)
+    def multipliers_of(
+        axes: int, values: int, lanes: int, *, input_bits: int, weight_bits: int, dsp: DspSlice
+    ) -> int:
+        """DSP slices: axes · lanes · values products of `dsp.slices(…)` slices each."""
+        return axes * lanes * values * dsp.slices(input_bits, weight_bits)
 
     @property
     def latency(self) -> int:
@@ -98,6 +107,7 @@ class WeightedSumStream(wiring.Component):
             self.lanes,
             input_bits=weighted.input_width + (not weighted.input_signed),
             weight_bits=weighted.weight_width,
+            dsp=self.dsp,
         )
 
     def elaborate(self, platform):

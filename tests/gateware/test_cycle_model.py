@@ -86,6 +86,37 @@ def test_random_scenes(tmp_path, count):
         check(path, CycleModel(wanted, hidden=hidden))
 
 
+def for_part(wanted, part):
+    hardware = wanted.hardware.model_copy(update={"part": part})
+    return wanted.model_copy(update={"hardware": hardware})
+
+
+def test_random_scenes_with_dsp48e1(tmp_path):
+    """As many slices as the design has; without the solver's words, which may be short, never fewer."""
+    fewer = packed_otherwise = 0
+    for k, (_, wanted, hidden) in enumerate(drawn(20)):
+        small = for_part(wanted, "xc7z020clg400-1")
+        pipeline = random_bundle(tmp_path / f"{k}", small, hidden=hidden).pipeline
+        path, model = Datapath(pipeline), CycleModel(small, hidden=hidden)
+        check(path, CycleModel(small, hidden=hidden, solver=pipeline.solver))
+        assert all(model.multipliers[stage] >= number for stage, number in path.multipliers.items())
+        fewer += model.multipliers != path.multipliers
+        packed_otherwise += path.multipliers != multipliers(wanted, hidden=hidden)
+    assert fewer
+    assert packed_otherwise
+
+
+def test_slices_of_long_words_on_25_bits(tmp_path):
+    """Of words of 26 bits all products take two slices but those of the source, whose words are short."""
+    numbers = {"gradient_fraction_bits": 14, "coefficient_fraction_bits": 17, "data_bits": 26}
+    for solver, two in (("dst2d", 3 * 11 + 1), ("tridiagonal", 11 + 2)):
+        wanted = for_part(scene(("depth",), size=24, solver=solver, numbers=numbers), "xc7z020clg400-1")
+        pipeline = random_bundle(tmp_path / solver, wanted).pipeline
+        assert {part.input_width for part in list(pipeline.solver.parts.values())[1:]} == {26}
+        check(Datapath(pipeline), CycleModel(wanted, hidden=(4,)))
+        assert Datapath(pipeline).multipliers["depth"] == 11 + 2 * two
+
+
 def test_flat_rest_needs_no_table(tmp_path):
     wanted = scene(("depth", "force_z"), mode="difference")
     pipeline = random_bundle(tmp_path, wanted).pipeline

@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E1, DSP48E2
 from fastac.gateware.mlp_mvm import MvmCore, MvmTile
 from fastac.gateware.target.elaboration import to_rtlil
 from fastac.models.integer.network import Layer
@@ -89,21 +90,39 @@ def extreme_layer(layer, rng):
     return replace(layer, weight=weight, bias=bias)
 
 
-LOADABLE = [
-    # Two neurons per multiplier, with and without a single one left; sums of 2, 8 and 16 packed products.
-    (5, 16, 10, False, 8, 3),
-    (4, 6, 9, True, 8, 2),
-    (3, 16, 7, False, 8, 2),
-    # A single input.
-    (5, 1, 3, False, 8, 3),
-    # Two products do not fit in one multiplier.
-    (3, 5, 10, False, 12, 3),
-]
+LOADABLE = {
+    DSP48E2: [
+        # Two neurons per multiplier, with and without a single one left; sums of 2, 8 and 16 packed products.
+        (5, 16, 10, False, 8, 3),
+        (4, 6, 9, True, 8, 2),
+        (3, 16, 7, False, 8, 2),
+        # A single input.
+        (5, 1, 3, False, 8, 3),
+        # Two products do not fit in one multiplier.
+        (3, 5, 10, False, 12, 3),
+    ],
+    DSP48E1: [
+        # Sums of 1, 2, 2 and 4 packed products.
+        (5, 16, 9, False, 8, 3),
+        (4, 6, 9, True, 8, 2),
+        (3, 16, 10, False, 7, 2),
+        (3, 16, 7, False, 8, 2),
+        # Two products do not fit in one multiplier, though they would in a DSP48E2's.
+        (3, 6, 10, False, 8, 3),
+    ],
+}
 
 
-@pytest.mark.parametrize(("neurons", "inputs", "width", "input_signed", "bits", "units"), LOADABLE)
-@pytest.mark.quick("5-16-10-False-8-3", "3-5-10-False-12-3")
-def test_loadable_weights(tmp_path, with_parameters, neurons, inputs, width, input_signed, bits, units):
+@pytest.mark.parametrize(
+    ("dsp", "neurons", "inputs", "width", "input_signed", "bits", "units"),
+    [(dsp, *case) for dsp, cases in LOADABLE.items() for case in cases],
+    ids=lambda value: getattr(value, "name", str(value)),
+)
+@pytest.mark.quick(
+    *("DSP48E2-5-16-10-False-8-3", "DSP48E2-3-5-10-False-12-3"),
+    *("DSP48E1-5-16-9-False-8-3", "DSP48E1-3-6-10-False-8-3"),
+)
+def test_loadable_weights(tmp_path, with_parameters, dsp, neurons, inputs, width, input_signed, bits, units):
     rng = np.random.default_rng(3)
     limit = np.full(inputs, (1 << (width - input_signed)) - 1)
     top = (1 << (bits - 1)) - 1
@@ -118,7 +137,7 @@ def test_loadable_weights(tmp_path, with_parameters, neurons, inputs, width, inp
     low = -limit if input_signed else 0 * limit
 
     def tile():
-        return MvmTile(built, input_width=width, input_signed=input_signed)
+        return MvmTile(built, input_width=width, input_signed=input_signed, dsp=dsp)
 
     assert tile().core.multipliers == units * inputs
     assert multiplications(tile().core) == units * inputs
@@ -137,10 +156,10 @@ def test_loadable_weights(tmp_path, with_parameters, neurons, inputs, width, inp
 
 
 def test_multipliers_of_the_papers_tiles():
-    def multipliers(inputs, neurons, weight_bits, limit, signed):
+    def multipliers(inputs, neurons, weight_bits, limit, signed, dsp=DSP48E2):
         weight, bias = np.zeros((neurons, inputs), int), np.zeros(neurons, int)
         layer = Layer(weight, bias, np.full(inputs, limit), weight_bits, loadable=True)
-        core = MvmCore(layer, input_width=9 if signed else 10, input_signed=signed)
+        core = MvmCore(layer, input_width=9 if signed else 10, input_signed=signed, dsp=dsp)
         return core.multipliers
 
     assert multipliers(6, 16, 8, 255, True) == 48
@@ -148,6 +167,12 @@ def test_multipliers_of_the_papers_tiles():
     assert multipliers(16, 3, 12, 1023, False) == 48
     # Two and one neuron.
     assert multipliers(16, 3, 8, 1023, False) == 32
+    # On 25 × 18 bits the features' products still share slices, those of 10-bit activations only with 7-bit
+    # weights, and those of 9-bit ones with 8-bit weights.
+    assert multipliers(6, 16, 8, 255, True, DSP48E1) == 48
+    assert multipliers(16, 16, 8, 1023, False, DSP48E1) == 256
+    assert multipliers(16, 16, 7, 1023, False, DSP48E1) == 128
+    assert multipliers(16, 16, 8, 511, False, DSP48E1) == 128
 
 
 def test_latency_grows_with_the_logarithm_of_the_inputs():

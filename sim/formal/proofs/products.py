@@ -14,6 +14,7 @@ from amaranth import Cat, Const, Module, Signal, Value, signed
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E1, DSP48E2, DspSlice
 from fastac.gateware.arithmetic.packed_products import Packing, best_packing
 from fastac.gateware.mlp_mvm import MvmCore
 from fastac.models.integer.network import Layer
@@ -125,9 +126,11 @@ class SplitSums(wiring.Component):
         return m
 
 
-def split(packing: type, weight_limit: int, input_limit: list[int], input_width: int) -> FormalBench:
+def split(
+    packing: type, weight_limit: int, input_limit: list[int], input_width: int, dsp: DspSlice
+) -> FormalBench:
     """The two sums come out of a packed sum, with their biases, whatever they are."""
-    best = best_packing(weight_limit, input_limit, input_width)
+    best = best_packing(weight_limit, input_limit, input_width, dsp)
     group = 1 << best.levels
     inputs = max(sum(input_limit[k : k + group]) for k in range(0, len(input_limit), group))
     dut = SplitSums(packing(best.weight_limit, best.shift, best.levels), inputs)
@@ -174,18 +177,22 @@ PROOFS = (
     ),
     *(
         Proof(
-            f"packed_sums_{len(input_limit)}_{input_width}",
+            f"packed_sums_{len(input_limit)}_{input_width}" + suffix,
             Packing,
-            f"sums of {len(input_limit)} products, weights to {weight_limit}, inputs of {input_width} bits",
-            partial(split, weight_limit=weight_limit, input_limit=input_limit, input_width=input_width),
+            f"sums of {len(input_limit)} products, weights to {weight_limit}, inputs of {input_width} bits,"
+            f" {dsp.name}",
+            partial(
+                split, weight_limit=weight_limit, input_limit=input_limit, input_width=input_width, dsp=dsp
+            ),
             depth=1,
             breaks=(UNCORRECTED, ("total[: self.shift].as_signed()", "total[: self.shift]")),
             broken_depth=2,
             quick=True,
         )
-        for weight_limit, input_limit, input_width in (
-            (127, [255] * 4 + [127] * 2, 9),
-            (127, [127] * 16, 8),
+        for weight_limit, input_limit, input_width, dsp, suffix in (
+            (127, [255] * 4 + [127] * 2, 9, DSP48E2, ""),
+            (127, [127] * 16, 8, DSP48E2, ""),
+            (127, [127] * 16, 8, DSP48E1, "_dsp48e1"),
         )
     ),
 )

@@ -32,6 +32,15 @@ class TestHardware:
         assert f"{words[-1]:08x}{words[-2]:08x}" == digest[:16]
         assert list(output.parent.iterdir()) == [output]
 
+    def test_registers_for_other_tools(self, tiny_folder, tmp_path):
+        printed = succeed("registers", tiny_folder, "-o", tmp_path / "registers").output
+        names = ["fastac_registers.h", "fastac.svd", "fastac.rdl", "registers.md", "fastac.dtso"]
+        assert printed.strip() == f"{tmp_path / 'registers'}: {', '.join(names)}"
+        assert sorted(file.name for file in (tmp_path / "registers").iterdir()) == sorted(names)
+        header = (tmp_path / "registers" / "fastac_registers.h").read_text()
+        assert header.startswith("/* tiny: registers")
+        assert "FASTAC_FORCE_Z_N_PER_LSB" in header
+
     def test_calibration_that_does_not_fit(self, tiny_folder, tiny_bundle, tmp_path):
         pipeline = tiny_bundle.pipeline
         force = replace(pipeline.force, kernel=-pipeline.force.kernel)

@@ -76,7 +76,7 @@ class TestHelp:
             (("objects",), ["BUNDLE...", "--load-n", "--output", "strawberry", "objects.html", "simulated"]),
             (("evaluate",), ["BUNDLE", "--data", "--split", "--json", "[train|validation|test|all]"]),
             (("predict",), ["BUNDLE", "DATA", "--float", "--split", "--output", "HDF5"]),
-            (("verilog",), ["BUNDLE", "--output", "XCZU19EG"]),
+            (("verilog",), ["BUNDLE", "--output", "hardware.part"]),
             (
                 ("sim",),
                 ["BUNDLE", "--data", "--split", "--frames", "--verilog", "--output", "[saif|fst]", "reset"],

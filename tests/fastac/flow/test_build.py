@@ -178,6 +178,33 @@ def test_kernels_that_the_device_cannot_hold_are_refused_before_anything_is_trai
     Build(make_scene(**changes, numbers={"kernel_bits": 12}), tmp_path / "b")
 
 
+def test_hardware_that_the_part_cannot_hold_is_refused_before_anything_is_trained(make_scene, tmp_path):
+    """What the scene alone does not say: memories but the kernels', and look-up tables."""
+    large = {"height_px": 128, "width_px": 128, "geometry": "flat"}
+    # The paper's transposers and transforms beside kernels of 3 × 3.
+    wide = make_scene(
+        sensor=large,
+        numbers={"kernel_bits": 12},
+        force={"kernel_size": 3},
+        hardware={"part": "xck26-sfvc784-2LV-c"},
+    )
+    build = Build(wide, tmp_path / "b", progress=False)
+    announced = []
+    with pytest.raises(BuildError, match=r"scene tiny: 1\d\d(\.5)? RAMB36 \(.*transposition .* has 144; ch"):
+        build.run(lambda *step: announced.append(step))
+    assert announced == []
+    baked = make_scene(
+        outputs=["force_xyz"],
+        sensor=large,
+        poisson={"mode": "difference", "solver": "adjoint"},
+        force={"clamp": False, "fit": "slopes"},
+        hardware={"part": "xc7z020clg400-1", "weights": "baked", "pixels_per_clock": 4},
+    )
+    with pytest.raises(BuildError, match=r"scene tiny: [\d,]+ look-up tables by estimate .* has 53,200; ch"):
+        Build(baked, tmp_path / "b", progress=False).run(lambda *step: announced.append(step))
+    assert announced == []
+
+
 class TestOnlyWhatIsWanted:
     def test_normals_alone(self, make_scene, tiny_file, tmp_path, monkeypatch):
         def refuse(*_, **__):

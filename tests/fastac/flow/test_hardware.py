@@ -1,19 +1,22 @@
 # amaranth: UnusedElaboratable=no
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from fastac.flow import hardware
 from fastac.flow.hardware import HardwareError, check_verilog, lint, write_verilog
-from fastac.gateware.target.device import DEVICE
+from fastac.gateware.target.device import XCZU19EG
+from fastac.gateware.target.register_files.write import FILES
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.random_bundle import random_bundle, scene
 from fastac.sim.check_top import Report
 from fastac.sim.runner import QUICK
-from fastac.synth.resources import block_rams, memories
+from fastac.synth import fits
+from fastac.synth.resources import block_rams, luts, memories
 
 
 @pytest.fixture(scope="module")
@@ -38,6 +41,7 @@ def one_line(error: pytest.ExceptionInfo) -> str:
 def test_everything_that_vivado_and_a_driver_need_is_there(bundle, written):
     """And it is linted: see below what the linter finds."""
     assert {"fastac.v", "fastac.xdc", "build.tcl", "hardware.json"} <= {f.name for f in written.iterdir()}
+    assert {f.name for f in (written / "registers").iterdir()} == set(FILES.values())
     assert not [file.name for file in written.iterdir() if file.name.startswith(".")]
     assert written.stat().st_mode & 0o777 == 0o755
     period = 1000 / bundle.scene.hardware.clock_mhz
@@ -56,6 +60,8 @@ def test_everything_that_vivado_and_a_driver_need_is_there(bundle, written):
     assert registers["FORCE_Z_LOW"]["offset"] == 0x60
     assert registers["ERRORS"]["access"] == "w1c"
     assert all(register["meaning"] for register in registers.values())
+    assert (content["part"], content["streams"], content["force"]["axes"]) == (XCZU19EG.part, "video", ["z"])
+    assert [output["name"] for output in content["outputs"]] == ["normals", "depth"]
 
 
 @pytest.mark.parametrize(("frames", "arguments"), [(31, QUICK), (32, ())])
@@ -79,7 +85,7 @@ def test_the_simulator_of_a_short_run_is_built_without_optimisation(
 
 def test_more_multipliers_than_the_device_has_are_refused(bundle, tmp_path, monkeypatch):
     needed = sum(TopZynq(bundle).datapath.multipliers.values())
-    monkeypatch.setitem(DEVICE, "dsp48e2", needed - 1)
+    monkeypatch.setattr(fits, "device_of", lambda scene: replace(XCZU19EG, dsps=needed - 1))
     monkeypatch.setattr(hardware, "to_rtlil", lambda top, name: pytest.fail("elaborated"))
     with pytest.raises(
         HardwareError, match=rf"{bundle.scene.name}: {needed} DSP48E2 \(normals \d+,"
@@ -92,12 +98,23 @@ def test_more_multipliers_than_the_device_has_are_refused(bundle, tmp_path, monk
 def test_more_memory_than_the_device_has_is_refused(bundle, tmp_path, monkeypatch):
     needed = sum(block_rams(memories(bundle.pipeline)).values())
     assert needed > 0
-    monkeypatch.setitem(DEVICE, "ramb36", needed - 0.5)
+    monkeypatch.setattr(fits, "device_of", lambda scene: replace(XCZU19EG, ramb36=needed - 0.5))
     with pytest.raises(
         HardwareError, match=rf"{bundle.scene.name}: {needed:g} RAMB36 \(background \d"
     ) as error:
         write_verilog(bundle, tmp_path / "verilog", progress=False)
     one_line(error)
+    assert not list(tmp_path.iterdir())
+
+
+def test_clearly_more_look_up_tables_than_the_device_has_are_refused(bundle, tmp_path, monkeypatch):
+    """An estimate may be off by a quarter."""
+    needed = sum(map(round, luts(bundle.pipeline).values()))
+    monkeypatch.setattr(fits, "device_of", lambda scene: replace(XCZU19EG, lut=int(needed / 1.25) - 1))
+    message = rf"{bundle.scene.name}: {needed:,} look-up tables by estimate \(control [\d,]+, .* has"
+    with pytest.raises(HardwareError, match=message) as error:
+        write_verilog(bundle, tmp_path / "verilog", progress=False)
+    assert "hardware.pixels_per_clock" in one_line(error)
     assert not list(tmp_path.iterdir())
 
 

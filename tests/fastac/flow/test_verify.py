@@ -1,11 +1,13 @@
 # amaranth: UnusedElaboratable=no
 import json
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from fastac.flow import verify
+from fastac.gateware.target.device import XCZU19EG
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle as bundles
 from fastac.models.random_bundle import frames, random_bundle, scene
@@ -69,6 +71,11 @@ class TestDerive:
         assert not (tmp_path / "bundle").exists()
 
 
+def hold(monkeypatch, dsps: int) -> None:
+    """Let every part have so many DSP slices."""
+    monkeypatch.setattr(verify, "device_of", lambda scene: replace(XCZU19EG, dsps=dsps))
+
+
 class TestFit:
     """With as many DSP slices as loadable weights need, and with one fewer."""
 
@@ -79,13 +86,13 @@ class TestFit:
 
     def test_what_fits_stays(self, needed, tmp_path, monkeypatch):
         loadable, count = needed
-        monkeypatch.setitem(verify.DEVICE, "dsp48e2", count)
+        hold(monkeypatch, count)
         derived, note = verify.fit(loadable, tmp_path / "fit", 1)
         assert (derived.digest, note) == (loadable.digest, "")
 
     def test_what_does_not_is_baked_and_says_so(self, needed, tmp_path, monkeypatch):
         loadable, count = needed
-        monkeypatch.setitem(verify.DEVICE, "dsp48e2", count - 1)
+        hold(monkeypatch, count - 1)
         derived, note = verify.fit(loadable, tmp_path / "fit", 1)
         assert note == f"baked: loadable weights need {count} of {count - 1} DSP48E2"
         assert not derived.pipeline.layers[0].loadable
@@ -93,7 +100,7 @@ class TestFit:
 
     def test_baked_weights_stay(self, bundle, tmp_path, monkeypatch):
         baked = with_weights(bundle, tmp_path, "baked")
-        monkeypatch.setitem(verify.DEVICE, "dsp48e2", -1)
+        hold(monkeypatch, -1)
         derived, note = verify.fit(baked, tmp_path / "fit", 1)
         assert (derived.digest, note) == (baked.digest, "")
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from fastac.gateware.target.device import XC7Z020
 from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle
 from fastac.report import content as report_content
@@ -96,6 +97,18 @@ class TestContent:
         assert content["resources"]["dsp48e2"]["value"] == 197
         for resource in content["resources"].values():
             assert resource["origin"].startswith("estimated: ")
+
+    def test_the_part_is_the_scene_s(self, tiny_bundle, make_scene, tmp_path):
+        scene = make_scene(hardware={"part": "xc7z020clg400-1"})
+        small = replace(tiny_bundle, pipeline=tiny_bundle.pipeline.replace(scene=scene))
+        found = report_content.content(fill(tmp_path), small)
+        assert found["device"] == XC7Z020.totals
+        resources = found["resources"]
+        assert "dsp48e2" not in resources
+        assert resources["dsp48e1"]["value"] == 197
+        assert resources["dsp48e1"]["origin"].startswith("estimated: DSP48E1 of the architecture: one per")
+        assert resources["dsp48e1_by_module"]["value"] == HARDWARE["multipliers"]
+        assert rows(found)["dsp48e1"][0] == "197 (89.5%)"
 
     def test_energy_is_called_an_estimate(self, content, tiny_bundle):
         assert content["energy_estimate_uj_per_frame"] == {

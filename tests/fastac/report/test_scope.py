@@ -73,4 +73,4 @@ def test_a_column_for_each_scene(make_scene, tmp_path):
     ).splitlines()
     assert lines[0].replace(" ", "") == "||tiny|two|"
     assert {line.count("|") for line in lines if line.startswith("|")} == {4}
-    assert sum("estimated: " in line for line in lines) == 3
+    assert sum("estimated: " in line for line in lines) == 4

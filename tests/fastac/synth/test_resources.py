@@ -7,8 +7,8 @@ import pytest
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.datapath import Datapath
 from fastac.models.random_bundle import random_bundle, scene
-from fastac.report.scope import random_pipeline
 from fastac.synth import resources
+from fastac.synth.fits import random_pipeline
 
 SAMPLES = json.loads(resources.SAMPLES.read_text())["samples"]
 

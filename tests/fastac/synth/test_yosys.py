@@ -1,12 +1,26 @@
+# amaranth: UnusedElaboratable=no
 """Counts known by hand."""
 
 import json
 
+import numpy as np
 import pytest
+from amaranth import Const, Module, signed
+from amaranth.lib import wiring
+from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E1, DSP48E2
+from fastac.gateware.arithmetic.product import product
+from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.gateware.mlp_mvm import MvmCore
+from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.gateware.target import tools
+from fastac.gateware.target.elaboration import to_rtlil
 from fastac.gateware.target.tools import ToolError
+from fastac.models import random_bundle
+from fastac.models.integer.network import Layer
 from fastac.synth import yosys
+from fastac.synth.netlist import Part
 
 
 @pytest.mark.usefixtures("synthesis_tools")
@@ -51,3 +65,68 @@ def test_distributed_ram_of_unknown_size_is_refused(modules, tmp_path, monkeypat
     kinds["RAM7"] = 1
     with pytest.raises(ToolError, match=r"^RAM7: its look-up tables are not known$"):
         yosys.luts(part, tmp_path)
+
+
+class Products(wiring.Component):
+    """Products of signed operands of these widths."""
+
+    def __init__(self, widths):
+        self.widths = widths
+        members = {}
+        for k, (a, b) in enumerate(widths):
+            members |= {f"a{k}": In(signed(a)), f"b{k}": In(signed(b)), f"o{k}": Out(signed(a + b))}
+        super().__init__(members)
+
+    def elaborate(self, platform):
+        m = Module()
+        for k in range(len(self.widths)):
+            a, b = getattr(self, f"a{k}"), getattr(self, f"b{k}")
+            m.d.comb += getattr(self, f"o{k}").eq(product(m, platform, Const(1), a, b, name=f"product_{k}"))
+        return m
+
+
+WIDTHS = [(27, 18), (26, 18), (25, 18), (18, 27), (28, 18), (19, 19), (35, 18), (9, 8)]
+
+
+def counted(design, dsp, folder) -> int:
+    found = yosys.count(Part("design", to_rtlil(design, name="unit"), False), folder, yosys.TARGETS[dsp.name])
+    return found[dsp.name.lower()]
+
+
+@pytest.mark.parametrize("dsp", [DSP48E2, DSP48E1], ids=lambda dsp: dsp.name)
+@pytest.mark.usefixtures("yosys_alone")
+def test_products_take_as_many_slices_as_the_formula_says(dsp, tmp_path):
+    assert counted(Products(WIDTHS), dsp, tmp_path) == sum(dsp.slices(*widths) for widths in WIDTHS)
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("yosys_alone")
+def test_stages_take_as_many_slices_as_their_formulas_say(tmp_path):
+    """With DSP48E1; resource_samples.json has the counts of whole designs with DSP48E2."""
+    weight, bias = np.zeros((5, 3), int), np.zeros(5, int)
+    for bits in (9, 10):  # packed and not
+        layer = Layer(weight, bias, np.full(3, (1 << bits) - 1), loadable=True)
+        tile = MvmCore(layer, input_width=bits, input_signed=False, dsp=DSP48E1)
+        assert counted(tile, DSP48E1, tmp_path) == tile.multipliers
+    wanted = random_bundle.scene(
+        ("depth",), solver="tridiagonal", numbers={"gradient_fraction_bits": 14, "data_bits": 26}
+    )
+    solver = random_bundle.random_bundle(tmp_path / "bundle", wanted).pipeline.solver
+    long_words = (
+        Dst1Engine(solver.row_inverse, lanes=1, dsp=DSP48E1),
+        RowRecurrence(solver.elimination, lanes=1, dsp=DSP48E1),
+    )
+    assert [stage.multipliers for stage in long_words] == [2 * 7, 2]
+    assert [counted(stage, DSP48E1, tmp_path) for stage in long_words] == [2 * 7, 2]
+
+
+@pytest.mark.full
+@pytest.mark.usefixtures("yosys_alone")
+def test_look_up_tables_and_memory_of_the_7_series(modules, tmp_path):
+    target = yosys.TARGETS["DSP48E1"]
+    delay = yosys.count(modules["delay"], tmp_path, target)
+    assert delay == {"dsp48e1": 0, "ramb36e1": 0, "ramb18e1": 0, "srl16e": 0, "srlc32e": 1}
+    # Eight bits a CARRY8 are two CARRY4.
+    own = yosys.luts(modules["top (own logic)"], tmp_path, target)
+    assert own["lut_as_memory"] == 0
+    assert own["carry4"] in (8, 9, 10)

@@ -2,7 +2,7 @@
 import numpy as np
 import pytest
 
-from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, dsp_slices, tree_levels
+from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, tree_levels
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 
@@ -58,12 +58,3 @@ def test_sums_under_verilator(tmp_path):
 
 def test_adder_tree_levels():
     assert [tree_levels(n) for n in (1, 2, 3, 4, 5, 8, 9)] == [0, 1, 2, 2, 3, 3, 4]
-
-
-def test_dsp_slices_of_a_product():
-    """One DSP48E2 multiplies signed 27×18 bits, with either operand on either port."""
-    one = [(1, 1), (17, 13), (27, 18), (18, 27), (18, 18)]
-    two = [(28, 18), (18, 28), (19, 19), (27, 19), (19, 27), (27, 35), (53, 18)]
-    assert [dsp_slices(*widths) for widths in one] == [1] * len(one)
-    assert [dsp_slices(*widths) for widths in two] == [2] * len(two)
-    assert dsp_slices(28, 28) == dsp_slices(53, 35) == 4

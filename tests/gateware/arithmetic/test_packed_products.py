@@ -3,43 +3,61 @@ import pytest
 from amaranth import Const, Module, Signal, signed
 from amaranth.sim import Simulator
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E1, DSP48E2
 from fastac.gateware.arithmetic.packed_products import Packing, best_packing
 
 
 @pytest.mark.parametrize(
-    ("weight_limit", "input_limit", "input_width", "expected"),
+    ("weight_limit", "input_limit", "input_width", "expected", "expected_of_25_bits"),
     [
         # Features: six products of 8 × 9 bits; 8-bit weights and activations of 10, 7 and 3 bits.
-        (127, [255] * 4 + [127] * 2, 9, Packing(127, 19, 3)),
-        (127, [1023] * 16, 11, Packing(127, 19, 1)),
-        (127, [1023], 11, Packing(127, 18, 0)),
-        (127, [127] * 16, 8, Packing(127, 19, 4)),
-        (127, [7] * 16, 4, Packing(127, 15, 4)),
+        (127, [255] * 4 + [127] * 2, 9, Packing(127, 19, 3), Packing(127, 17, 1)),
+        (127, [1023] * 16, 11, Packing(127, 19, 1), None),
+        (127, [1023], 11, Packing(127, 18, 0), None),
+        (127, [511] * 16, 10, Packing(127, 19, 2), Packing(127, 17, 0)),
+        (127, [127] * 16, 8, Packing(127, 19, 4), Packing(127, 17, 2)),
+        (127, [7] * 16, 4, Packing(127, 15, 4), Packing(127, 15, 4)),
+        # Weights of 7 bits leave room for activations of 10 in 25 bits.
+        (63, [1023] * 16, 11, Packing(63, 20, 3), Packing(63, 18, 1)),
         # 12-bit weights: a product of 22 bits leaves no room for a second.
-        (2047, [1023] * 16, 11, None),
-        (2047, [7] * 16, 4, Packing(2047, 15, 0)),
-        (1, [1 << 17], 18, Packing(1, 19, 0)),
-        (1, [1 << 17], 19, None),
+        (2047, [1023] * 16, 11, None, None),
+        (2047, [7] * 16, 4, Packing(2047, 15, 0), None),
+        (1, [1 << 17], 18, Packing(1, 19, 0), Packing(1, 19, 0)),
+        (1, [1 << 17], 19, None, None),
     ],
 )
-def test_best_packing(weight_limit, input_limit, input_width, expected):
-    found = best_packing(weight_limit, input_limit, input_width)
-    assert found == expected
+@pytest.mark.parametrize("dsp", [DSP48E2, DSP48E1], ids=lambda dsp: dsp.name)
+def test_best_packing(weight_limit, input_limit, input_width, expected, expected_of_25_bits, dsp):
+    found = best_packing(weight_limit, input_limit, input_width, dsp)
+    assert found == (expected if dsp is DSP48E2 else expected_of_25_bits)
     if found:
+        largest = (1 << (dsp.wide_port - 1)) - 1
         # One more level would not fit, or there are no more products to sum.
         group = 1 << found.levels
         reached = max(sum(input_limit[k : k + group]) for k in range(0, len(input_limit), group))
         assert weight_limit * reached <= (1 << (found.shift - 1)) - 1
-        assert found.limit <= (1 << 26) - 1
+        assert found.limit <= largest
         more = max(sum(input_limit[k : k + 2 * group]) for k in range(0, len(input_limit), 2 * group))
         wider = (weight_limit * more).bit_length() + 1
-        assert more == reached or (weight_limit << wider) + weight_limit > (1 << 26) - 1
+        assert more == reached or (weight_limit << wider) + weight_limit > largest
 
 
-def test_split_at_the_extremes_of_the_lower_field():
-    chosen = best_packing(127, [1023] * 16, 11)
+@pytest.mark.parametrize(
+    ("dsp", "weight_limit", "input_limit", "summed"),
+    [
+        (DSP48E2, 127, 1023, 2),
+        (DSP48E1, 127, 511, 1),
+        (DSP48E1, 63, 1023, 2),
+        (DSP48E1, 127, 127, 4),
+    ],
+    ids=lambda value: getattr(value, "name", value),
+)
+def test_split_at_the_extremes_of_the_lower_field(dsp, weight_limit, input_limit, summed):
+    chosen = best_packing(weight_limit, [input_limit] * 16, input_limit.bit_length() + 1, dsp)
+    assert 1 << chosen.levels == summed
     limit = (1 << (chosen.shift - 1)) - 1
-    reached = 127 * 2 * 1023
+    reached = weight_limit * summed * input_limit
+    assert reached <= limit
     lowers = [0, 1, -1, reached, -reached, limit, -limit]
     cases = [(low, high) for low in lowers for high in (0, 1, -1, reached, -reached)]
     biases = [(0, 0), (5000, -7000), (-1, 1), (-(1 << 20), (1 << 20) - 1)]

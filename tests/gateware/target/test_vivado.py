@@ -1,23 +1,23 @@
 import pytest
 
 from fastac.gateware.bus.frame_timer import FrameTimer
-from fastac.gateware.target.device import DEVICE, DeviceError, check_block_rams, check_multipliers
 from fastac.gateware.target.elaboration import to_verilog
-from fastac.gateware.target.vivado import XCZU19EGPlatform, write_vivado_project
+from fastac.gateware.target.vivado import PartPlatform, write_vivado_project
+from fastac.scenes.parts import DEFAULT_PART, PARTS
 
 
 def component():
     return FrameTimer(force=True, depth=False)
 
 
+@pytest.mark.parametrize("part", PARTS)
 @pytest.mark.parametrize("given", ["component", "Verilog"])
-def test_vivado_project(tmp_path, given):
+def test_vivado_project(tmp_path, given, part):
     design = component() if given == "component" else to_verilog(component(), name="fastac")
-    files = write_vivado_project(design, tmp_path / "vivado", 250, name="fastac")
+    files = write_vivado_project(design, tmp_path / "vivado", 250, part=part, name="fastac")
     assert all(file.is_file() for file in files)
     texts = {file.name: file.read_text() for file in files}
     tcl = texts["build.tcl"].splitlines()
-    part = DEVICE["part"]
     assert f"create_project -in_memory -part {part}" in tcl
     assert "read_verilog fastac.v" in tcl
     assert "read_xdc -mode out_of_context fastac.xdc" in tcl
@@ -33,7 +33,7 @@ def test_vivado_project(tmp_path, given):
 
 
 def test_further_constraints_go_to_the_xdc():
-    plan = XCZU19EGPlatform(300).prepare(
+    plan = PartPlatform(300, part=DEFAULT_PART).prepare(
         component(), "fastac", add_constraints="set_false_path -to [get_ports interrupt]"
     )
     assert plan.files["fastac.xdc"].splitlines()[1:] == [
@@ -42,10 +42,34 @@ def test_further_constraints_go_to_the_xdc():
     ]
 
 
-@pytest.mark.parametrize("clock_mhz", [0, -1, 776])
-def test_invalid_clock(clock_mhz):
-    with pytest.raises(ValueError, match=f"clock_mhz {clock_mhz}: expected more than 0, at most 775"):
-        XCZU19EGPlatform(clock_mhz)
+@pytest.mark.parametrize(
+    ("part", "clock_mhz", "largest"),
+    [
+        (DEFAULT_PART, 0, 738),
+        (DEFAULT_PART, -1, 738),
+        (DEFAULT_PART, 739, 738),
+        ("xc7z020clg400-1", 389, 388.2),
+    ],
+)
+def test_invalid_clock(part, clock_mhz, largest):
+    with pytest.raises(ValueError, match=f"clock_mhz {clock_mhz}: expected more than 0, at most {largest}$"):
+        PartPlatform(clock_mhz, part=part)
+
+
+@pytest.mark.parametrize(
+    ("part", "device", "package", "speed", "family"),
+    [
+        ("xczu19eg-ffvc1760-2-i", "xczu19eg", "ffvc1760", "2-i", "ultrascaleplus"),
+        ("xck26-sfvc784-2LV-c", "xck26", "sfvc784", "2LV-c", "ultrascaleplus"),
+        ("xczu7ev-ffvc1156-2-e", "xczu7ev", "ffvc1156", "2-e", "ultrascaleplus"),
+        ("xc7z020clg400-1", "xc7z020", "clg400", "1", "series7"),
+    ],
+)
+def test_part_taken_apart(part, device, package, speed, family):
+    """As Amaranth puts it together again."""
+    platform = PartPlatform(100, part=part)
+    assert (platform.device, platform.package, platform.speed) == (device, package, speed)
+    assert (platform.family, platform._part) == (family, part)
 
 
 @pytest.mark.parametrize(
@@ -57,26 +81,5 @@ def test_invalid_clock(clock_mhz):
 )
 def test_invalid_verilog(tmp_path, text, message):
     with pytest.raises(ValueError, match=message):
-        write_vivado_project(text, tmp_path, 250, name="fastac")
+        write_vivado_project(text, tmp_path, 250, part=DEFAULT_PART, name="fastac")
     assert not list(tmp_path.iterdir())
-
-
-def test_too_many_multipliers():
-    check_multipliers({"normals": 352, "depth": 1616})
-    with pytest.raises(DeviceError) as error:
-        check_multipliers({"normals": 352, "depth": 1617})
-    assert str(error.value) == (
-        "1,969 DSP48E2 (normals 352, depth 1,617): the xczu19eg-ffvc1760-2-i has 1,968; choose fewer"
-        " hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px"
-    )
-
-
-def test_too_many_block_rams():
-    check_block_rams({"background": 12.5, "force": 971.5})
-    with pytest.raises(DeviceError) as error:
-        check_block_rams({"background": 12.5, "force": 1012})
-    assert str(error.value) == (
-        "1,024.5 RAMB36 (background 12.5, force 1,012): the xczu19eg-ffvc1760-2-i has 984; choose"
-        " force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits or a smaller"
-        " sensor.width_px"
-    )

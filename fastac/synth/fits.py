@@ -1,0 +1,124 @@
+"""Whether a scene's hardware fits its part, before anything is trained."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from threadpoolctl import threadpool_limits
+
+from fastac.gateware.cycle_model import multipliers
+from fastac.gateware.target.device import Device, DeviceError, device_of
+from fastac.models.integer import assemble
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.integer.slope_bridge import SlopeBridge
+from fastac.models.random_bundle import force_weights, layers
+from fastac.models.vision.dots import bridge_reach, expected_follower
+from fastac.scenes.schema import Scene
+from fastac.sensor.geometry import rest_depth_mm
+from fastac.synth import resources
+
+SEED = 1
+
+
+def random_pipeline(scene: Scene) -> IntegerPipeline:
+    """The scene's pipeline with random weights, to estimate its area.
+
+    The area follows from word widths and sizes and, where the network is baked in, from the number of
+    non-zero digits of its weights.
+    """
+    rng, sensor = np.random.default_rng(SEED), scene.sensor
+    shape = (sensor.height_px, sensor.width_px)
+    background = rng.integers(80, 170, (*shape, len(sensor.channel_names))).astype(np.uint8)
+    bridge = follower = None
+    if scene.wants_darkness:
+        follower = expected_follower(sensor)
+        bridge = SlopeBridge(follower.windows, bridge_reach(sensor))
+    pipeline = assemble.assemble(
+        scene,
+        bridge=bridge if scene.wants_bridge else None,
+        follower=follower if scene.wants_dots else None,
+        layers=layers(scene, background, rng, scene.network.hidden),
+        background=background,
+        rest_depth_mm=rest_depth_mm(sensor),
+    )
+    if not scene.wants_force:
+        return pipeline
+    return assemble.with_force(pipeline, *force_weights(scene, rng, follower))
+
+
+def check_products(scene: Scene) -> None:
+    """Raise DeviceError where the scene alone says that its part lacks DSP slices, or block RAMs for the
+    force's kernels; takes no time.
+
+    How long the solver's words are, only their worst cases tell: here each fits one slice.
+    """
+    device = device_of(scene)
+    bits = min(scene.numbers.data_bits, device.dsp.wide_port - 1)
+    numbers = scene.numbers.model_copy(update={"data_bits": bits})
+    device.check_multipliers(multipliers(scene.model_copy(update={"numbers": numbers})))
+    device.check_block_rams(resources.block_rams(resources.kernel_memory(scene)))
+
+
+@dataclass(frozen=True)
+class Area:
+    """What a pipeline's hardware takes of a device, by stage.
+
+    multipliers, block_rams : DSP slices and RAMB36 by the architecture's formulas
+    luts : look-up tables by an estimate
+    """
+
+    device: Device
+    multipliers: dict[str, int]
+    block_rams: dict[str, float]
+    luts: dict[str, float]
+
+    def check(self) -> None:
+        """Raise DeviceError where the device lacks DSP slices or block RAMs, or clearly lacks look-up
+        tables."""
+        self.device.check_multipliers(self.multipliers)
+        self.device.check_block_rams(self.block_rams)
+        self.device.check_luts(self.luts)
+
+    @property
+    def fits(self) -> bool:
+        """Whether `check` finds nothing."""
+        try:
+            self.check()
+        except DeviceError:
+            return False
+        return True
+
+    @property
+    def percent(self) -> dict[str, float]:
+        """Shares of the device's DSP slices, block RAMs and look-up tables."""
+        device = self.device
+        return {
+            device.dsp.name: 100 * sum(self.multipliers.values()) / device.dsps,
+            "RAMB36": 100 * sum(self.block_rams.values()) / device.ramb36,
+            "LUT": 100 * sum(self.luts.values()) / device.lut,
+        }
+
+
+def area(pipeline: IntegerPipeline) -> Area:
+    """What the pipeline's hardware takes of its scene's part."""
+    return Area(
+        device_of(pipeline.scene),
+        resources.dsp_slices(pipeline),
+        resources.block_rams(resources.memories(pipeline)),
+        resources.luts(pipeline),
+    )
+
+
+def on_part(pipeline: IntegerPipeline, part: str) -> IntegerPipeline:
+    """The same integers for another part."""
+    hardware = pipeline.scene.hardware.model_copy(update={"part": part})
+    return pipeline.replace(scene=pipeline.scene.model_copy(update={"hardware": hardware}))
+
+
+def check_scene(scene: Scene) -> None:
+    """Raise DeviceError where hardware with random weights does not fit the scene's part.
+
+    Takes about a second for 128×128 pixels. Words that training decides, such as those of the force's
+    weights, may be a bit shorter or longer.
+    """
+    with threadpool_limits(1):  # more are slower: all products are small
+        area(random_pipeline(scene)).check()
