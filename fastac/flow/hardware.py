@@ -92,6 +92,7 @@ def describe(top: TopZynq, rtlil: str) -> dict:
         latency["first_pixel_to_depth"] = path.first_pixel_to_depth
     if path.wants_normals:
         latency["first_pixel_to_normals"] = path.first_pixel_to_normals
+    latency |= {f"first_pixel_to_{name}_packet": at for name, at in path.first_pixel_to_packet.items()}
     return {
         **interface(top),
         "rtlil_sha256": hashlib.sha256(rtlil.encode()).hexdigest(),

@@ -10,16 +10,16 @@ from fastac.gateware.packets.frame_stamps import FrameStamps, stamp_record
 
 
 def test_stamps_of_frames_and_their_records():
-    """Times beyond 32 bits, repaired frames, and frames that a soft reset cuts and that get no number."""
+    """Any times, repaired frames, and frames that a soft reset cuts and that get no number."""
     dut, rng = FrameStamps(), random.Random(1)
     m, record = Module(), Signal(8 * RECORD_BYTES)
     m.submodules.dut = dut
     m.d.comb += record.eq(stamp_record(dut.stamp))
 
     async def bench(ctx):
-        time, number, first, started, accepted_at = (1 << 32) - 60, 0, 0, False, 0
+        number, first, started, accepted_at = 0, 0, False, 0
         for _ in range(600):
-            time += 1
+            time = rng.getrandbits(64)
             accepts, flush, bad = rng.random() < 0.5, rng.random() < 0.02, rng.getrandbits(1)
             begins = not started and rng.random() < 0.3
             ends = started and rng.random() < 0.2
