@@ -1,7 +1,5 @@
 """Latency, interval and multipliers of a whole datapath from those of its stages."""
 
-from functools import cached_property
-
 from fastac.gateware.bus.record import RECORD_BYTES
 from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.packets.record_beats import RecordBeats
@@ -124,7 +122,7 @@ class FrameCycles:
             return self.first_pixel_to_force
         return self.first_pixel_to_depth if self.scene.wants_solver else self.first_pixel_to_normals
 
-    @cached_property
+    @property
     def packets(self) -> dict[str, RasterOutput]:
         """The image outputs by name with hardware.streams "packets", else none."""
         if self.scene.hardware.streams != "packets":
