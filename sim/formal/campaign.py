@@ -19,6 +19,7 @@ from fastac.sim.formal.proofs import (
     engines,
     frame_guard,
     frame_validity,
+    packets,
     patches,
     pipelines,
     products,
@@ -35,7 +36,7 @@ from fastac.store.evidence import Evidence, Table
 from fastac.store.files import content_hash, read_json, write_json
 
 MODULES = (
-    *(streams, frame_guard, raster_port, frame_validity),
+    *(streams, frame_guard, raster_port, packets, frame_validity),
     *(axi_lite, registers, registers_packets, result_fifo, calibration_loader),
     *(pipelines, engines, reordering, patches, dots, slip),
     *(products, divider, accumulators),

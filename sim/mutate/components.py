@@ -269,7 +269,13 @@ COMPONENTS = (
         ("slip/test_spread_ratio.py::test_stream_rules_in_verilator",),
         allowed=(Allowed("step.eq(step - 1)", ANOTHER_ORDER),),
     ),
+    Component("packets/frame_stamps", ("packets/test_frame_stamps.py",), datapath=False),
+    Component("packets/packet_input", ("packets/test_packet_input.py",)),
+    Component("packets/packet_port", ("packets/test_packet_port.py",), designs=2),
+    Component("packets/record_beats", ("packets/test_record_beats.py",), designs=2),
+    Component("packets/record_queue", ("packets/test_record_queue.py",), designs=2),
     Component("stream/fork", ("stream/test_fork.py",), designs=2),
+    Component("stream/frame_end", ("stream/test_frame_end.py",), designs=4),
     Component(
         "stream/frame_guard",
         ("stream/test_frame_guard.py",),

@@ -3,6 +3,7 @@
 side."""
 
 import json
+import random
 
 import numpy as np
 import pytest
@@ -14,6 +15,8 @@ from fastac.models.result import concatenate
 from fastac.scenes.schema import SceneError, parse
 from fastac.sim.check_packets import packet_bytes
 from fastac.sim.check_top import bench_settings, expected_words
+from fastac.sim.faults.frame_rules import FrameRules
+from fastac.sim.faults.packet_rules import PacketRules
 from fastac.sim.runner import QUICK, build
 from tests.gateware.test_top_zynq import MILD, NAME, Hardware
 
@@ -65,6 +68,9 @@ def test_every_word_of_images_and_records(hardware, case):
     """All images, paddings, records and marks; every frame's latency and the interval are the formulas'."""
     made = hardware(case)
     path, images = made.top.datapath, made.frames(*MILD, 120, 255)
+    model = CycleModel(made.bundle.scene, hidden=(4,), follower=made.pipeline.follower)
+    assert model.first_pixel_to_packet == path.first_pixel_to_packet
+    assert [model.packet_queue(n) for n in model.packets] == [path.packet_queue(n) for n in path.packets]
     for stall in ((0, 0), (0.5, 0.3), (0, 0.8)):
         found = made.run(images, stall)
         assert found.mismatches == 0, f"stall {stall}: {found.first_mismatch}"
@@ -80,18 +86,33 @@ def test_every_word_of_images_and_records(hardware, case):
 
 @pytest.mark.parametrize("case", CASES)
 def test_packets_leave_the_force_s_latency_as_it_is(case):
-    video, path = (CycleModel(scene(streams=kind, **CASES[case])) for kind in ("video", "packets"))
+    video, path = (
+        CycleModel(scene(streams=kind, **CASES[case]), hidden=(4,)) for kind in ("video", "packets")
+    )
     assert path.first_pixel_to_result == video.first_pixel_to_result
     assert path.stages == video.stages
     trailer = {"normals, depth, force": 4, "normals alone": 1}.get(case, 0)
     assert path.interval - video.interval == path.frame_pause == trailer
 
 
-def repaired(image: np.ndarray, beats: int, lanes: int) -> np.ndarray:
-    """The image that FrameGuard makes of a packet's first `beats` beats: padded with the last pixel."""
-    pixels = image.reshape(-1, image.shape[-1]).copy()
-    pixels[beats * lanes :] = pixels[beats * lanes - 1]
-    return pixels.reshape(image.shape)
+def frames_of(packets: list, bank: list[np.ndarray], lanes: int) -> tuple[list, list[int], set[str]]:
+    """(Images, marks "bad", errors) of the frames that come of packets (image of the bank, beats)."""
+    height, width, channels = bank[0].shape
+    entry, guard = PacketRules(height, width // lanes), FrameRules(height, width // lanes)
+    sent, total = [], height * width // lanes  # (image, beat of it) of each beat
+    for image, beats in packets:
+        for k in range(beats):
+            for mark in entry.beat(len(sent), last=k == beats - 1):
+                made_up = mark.index is None
+                guard.beat(len(sent), last=mark.last, start=mark.start, enabled=not made_up)
+            sent.append((image, k % total))
+    pixels = [image.reshape(total, lanes, channels) for image in bank]
+    images = []
+    for frame in guard.frames:
+        beats = [(*sent[index], repeated) for index, repeated in frame.sources]
+        parts = [pixels[k][beat, [lanes - 1] * lanes if again else slice(None)] for k, beat, again in beats]
+        images.append(np.array(parts).reshape(height, width, channels))
+    return images, [int(frame.bad) for frame in guard.frames], guard.flags
 
 
 def padded_images(output, words: np.ndarray) -> np.ndarray:
@@ -115,39 +136,36 @@ def test_packets_of_the_wrong_length_and_resets(hardware, case):
     lanes, line = top.lanes, top.bundle.scene.sensor.width_px // top.lanes
     images = list(made.frames(*MILD))
     total = line * top.bundle.scene.sensor.height_px
-
-    def add(image: np.ndarray) -> int:
-        images.append(image)
-        return len(images) - 1
-
-    scenarios = {}
-    for name, beats, errors in (
-        ("inside a line", 5 * line + 1, ("line_short", "frame_short")),
-        ("at the end of a line", 7 * line, ("frame_short",)),
-        ("inside the last line", total - 1, ("line_short",)),
-        ("one beat", 1, ("line_short", "frame_short")),
-    ):
-        short = add(repaired(images[1], beats, lanes))
-        scenarios[name] = {
-            "packets": [[0, None], [1, beats], [2, None]],
-            "frames": [0, short, 2],
-            "bad": [0, 1, 0],
-            "errors": errors,
-        }
-    scenarios["one beat too many"] = {
-        "packets": [[0, None], [1, total + 1], [2, None]],
-        "frames": [0, 1, 2],
-        "bad": [0, 0, 0],
-        "errors": ("frame_long",),
+    rng = random.Random(1)
+    lengths = {
+        "inside a line": [5 * line + 1],
+        "at the end of a line": [7 * line],
+        "inside the last line": [total - 1],
+        "one beat": [1],
+        "one beat too many": [total + 1],
+        "two frames in one": [2 * total],
+        "random": [
+            rng.choice([total, rng.randint(1, total), rng.randint(total, 2 * total)]) for _ in range(12)
+        ],
     }
-    scenarios["two frames in one"] = scenarios["one beat too many"] | {
-        "packets": [[0, None], [1, 2 * total], [2, None]]
+
+    def add(packets: list) -> dict:
+        """A scenario of these packets; the images of their frames are added to the bank."""
+        found, bad, errors = frames_of(packets, images[: len(MILD)], lanes)
+        first = len(images)
+        images.extend(found)
+        frames = list(range(first, first + len(found)))
+        return {"packets": packets, "frames": frames, "bad": bad, "errors": sorted(errors)}
+
+    scenarios = {
+        name: add([[0, total], *([1 + k % 3, beats] for k, beats in enumerate(beats_of)), [2, total]])
+        for name, beats_of in lengths.items()
     }
     # After a hard reset the rest of a packet is a short one: its first beats are those behind the cut.
     rest = images[3].reshape(-1, images[3].shape[-1])[(total // 2 + 1) * lanes :]
     remainder = np.concatenate([rest, np.broadcast_to(rest[-1], (total * lanes - len(rest), rest.shape[1]))])
-    remainder_repaired = add(remainder.reshape(images[3].shape))
-    stops = {"beats": 3 * line + 2, "frame": add(repaired(images[0], 3 * line + 2, lanes))}
+    stops = {"beats": 3 * line + 2, "frame": add([[0, 3 * line + 2]])["frames"][0]}
+    images.append(remainder.reshape(images[3].shape))
 
     bank = np.array(images)
     result = concatenate([Emulator(pipeline).run(bank)])
@@ -167,7 +185,7 @@ def test_packets_of_the_wrong_length_and_resets(hardware, case):
         "scenarios": scenarios,
         "saturations": ["gradient_saturated", "displacement_saturated"],
         "remainder": 3,
-        "remainder_repaired": remainder_repaired,
+        "remainder_repaired": len(images) - 1,
         "stops": stops,
     }
     (folder / "settings.json").write_text(json.dumps(settings))

@@ -10,7 +10,7 @@ from amaranth.sim import Simulator
 from fastac.gateware.bus.record import RECORD_BYTES, record_layout
 from fastac.gateware.packets.packet_port import ABORTED, PacketPort
 
-CLOCKS = 4000
+CLOCKS = 2500
 ROWS, BEATS, OCTETS = 3, 4, 4
 FRAME = ROWS * BEATS
 FIRST = 1000

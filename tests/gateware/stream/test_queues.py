@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""CreditQueue after a test pipeline, under Amaranth's own simulator."""
+"""CreditQueue after a test pipeline, and BypassQueue, under Amaranth's own simulator."""
 
 import random
 from itertools import pairwise
@@ -10,7 +10,7 @@ from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
 
-from fastac.gateware.stream.queues import CreditQueue
+from fastac.gateware.stream.queues import BypassQueue, CreditQueue
 
 BEATS = 300
 SPREAD = 0x9E37
@@ -114,3 +114,41 @@ def test_depth_of_a_pipeline(registers, depth):
 def test_invalid_arguments():
     with pytest.raises(ValueError, match="depth 0: expected at least 1"):
         CreditQueue(unsigned(4), depth=0)
+
+
+@pytest.mark.parametrize("depth", [1, 3, 8])
+@pytest.mark.parametrize(("rest", "stall"), [(0.0, 0.0), (0.3, 0.6), (0.0, 0.5)])
+def test_a_bypass_queue_costs_no_clock_and_loses_nothing(depth, rest, stall):
+    dut, rng = BypassQueue(unsigned(16), depth=depth), random.Random(1)
+    entered, left, most = [], [], 0
+
+    async def bench(ctx):
+        nonlocal most
+        offered, word = False, 1
+        for _ in range(1000):
+            offered = offered or rng.random() >= rest
+            ctx.set(dut.i.valid, offered)
+            ctx.set(dut.i.payload, word * SPREAD & 0xFFFF if offered else 0)
+            ctx.set(dut.o.ready, rng.random() >= stall)
+            waiting = len(entered) - len(left)
+            assert ctx.get(dut.o.valid) == (waiting > 0 or offered)
+            assert ctx.get(dut.i.ready) == (waiting < depth)
+            if ctx.get(dut.o.valid) and ctx.get(dut.o.ready):
+                left.append(ctx.get(dut.o.payload))
+            if offered and ctx.get(dut.i.ready):
+                entered.append(word * SPREAD & 0xFFFF)
+                offered, word = False, word + 1
+            most = max(most, len(entered) - len(left))
+            await ctx.tick()
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-8)
+    simulator.add_testbench(bench)
+    simulator.run()
+    assert left == entered[: len(left)]
+    assert most == (depth if stall else 0)
+
+
+def test_a_bypass_queue_needs_a_place():
+    with pytest.raises(ValueError, match="depth 0: expected at least 1"):
+        BypassQueue(unsigned(16), depth=0)

@@ -20,7 +20,7 @@ from fastac.sim.dma.axi_vdma import HSIZE, STATUS, VSIZE, AxiVdma
 from fastac.sim.runner import QUICK, build
 
 NAME = "fastac"
-COUNT, FEW, BANK = 210, 40, (10, 5, 15, 20, 25, 120, 255)
+COUNT, FEW, BANK = 210, 20, (10, 5, 15, 20, 25, 120, 255)
 WANTED = {
     "outputs": ("depth", "force_z"),
     "solver": "tridiagonal",
