@@ -75,8 +75,8 @@ class Device:
             "RAMB36",
             by_stage,
             self.ramb36,
-            "force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits or a smaller"
-            " sensor.width_px",
+            "force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits, another"
+            " poisson.solver, fewer hardware.pixels_per_clock or a smaller sensor.width_px",
         )
 
     def check_luts(self, by_stage: dict[str, float]) -> None:
