@@ -9,6 +9,7 @@ CARRY4 one for each slice of the 7 series (UG474), of 4.
 from dataclasses import dataclass
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E1, DSP48E2, DspSlice
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.schema import Scene
 from fastac.store.kinds import Kinds
 
@@ -121,3 +122,9 @@ DEVICES = Kinds(
 def device_of(scene: Scene) -> Device:
     """The device that a scene is for."""
     return DEVICES[scene.hardware.part]
+
+
+def on_part(pipeline: IntegerPipeline, part: str) -> IntegerPipeline:
+    """The same integers for another part."""
+    hardware = pipeline.scene.hardware.model_copy(update={"part": part})
+    return pipeline.replace(scene=pipeline.scene.model_copy(update={"hardware": hardware}))

@@ -4,13 +4,13 @@ from pathlib import Path
 import pytest
 
 from fastac.gateware.datapath import Datapath
-from fastac.gateware.target.device import DEVICES, DeviceError
+from fastac.gateware.target.device import DEVICES, DeviceError, on_part
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.assemble import with_loadable
 from fastac.models.random_bundle import frames, random_bundle, scene
 from fastac.scenes.parts import PARTS
 from fastac.scenes.schema import load
-from fastac.synth.fits import area, check_products, check_scene, on_part, random_pipeline
+from fastac.synth.fits import area, check_products, check_scene, random_pipeline
 
 ROOT = Path(__file__).parents[3]
 SCENES = sorted(path.stem for path in (ROOT / "scenes").glob("*.toml"))
