@@ -63,7 +63,9 @@ class Device:
         """Raise DeviceError if all stages' DSP slices, {stage: number}, exceed the device's."""
         remedy = "fewer hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px"
         if self.dsp is DSP48E1:
-            remedy = f"numbers.data_bits of 24 or fewer, {remedy}"
+            shorter = {"normals": "numbers.activation_bits of 9", "depth": "numbers.data_bits of 24"}
+            words = [f"{words} or fewer" for stage, words in shorter.items() if by_stage.get(stage)]
+            remedy = ", ".join([*words, remedy])
         self._check(self.dsp.name, by_stage, self.dsps, remedy)
 
     def check_block_rams(self, by_stage: dict[str, float]) -> None:

@@ -64,6 +64,9 @@ def test_too_many_multipliers_of_25_bits():
         " hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px, or another"
         " hardware.part"
     )
+    found = refused(XC7Z020.check_multipliers, {"normals": 220, "depth": 1})
+    assert "; choose numbers.activation_bits of 9 or fewer, numbers.data_bits of 24 or fewer, fewer" in found
+    assert "; choose fewer" in refused(XC7Z020.check_multipliers, {"normals": 0, "force": 221})
 
 
 def test_too_many_block_rams():
