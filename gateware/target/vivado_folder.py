@@ -2,8 +2,8 @@
 
     ip/NAME/            the packaged IP: component.xml, Verilog, GUI
     build.tcl           from there to bitstream and .xsa, with block_design.tcl, checks.tcl and settings.tcl
-    core/               the core alone, out of context: build.tcl, Verilog, constraints
-    fastac.core         the same for FuseSoC and Edalize
+    core/               the core alone, out of context: build.tcl, Verilog, constraints, waivers of its lint
+    fastac.core         the core alone for FuseSoC and Edalize
     hardware.json       what a driver needs to know
     fastac.saif         the simulated activity, if there is one, for the power estimate
 
@@ -18,7 +18,8 @@ from pathlib import Path
 
 from fastac.gateware.target import ip_xact
 from fastac.gateware.target.block_design import CORE, RANGE, BlockDesign, block_design
-from fastac.gateware.target.fusesoc_core import CORE_FILE, core_file
+from fastac.gateware.target.elaboration import LINT_WAIVERS
+from fastac.gateware.target.fusesoc_core import CORE_FILE, OUT_OF_CONTEXT, core_file
 from fastac.gateware.target.verilog_module import ports_of, renamed
 from fastac.gateware.target.vivado import write_vivado_project
 from fastac.gateware.target.vivado_scripts import write_scripts
@@ -51,11 +52,15 @@ def write_vivado_folder(
     core = folder / "core"
     core.mkdir()
     write_vivado_project(text, core, hardware["clock_mhz"], part=hardware["part"], name=name)
+    (core / "out_of_context.tcl").write_text(OUT_OF_CONTEXT, encoding="utf-8")
+    shutil.copyfile(LINT_WAIVERS, core / "lint.vlt")
     (folder / CORE_FILE).write_text(
         core_file(
             name,
             verilog=f"core/{name}.v",
             constraints=f"core/{name}.xdc",
+            script="core/out_of_context.tcl",
+            waivers="core/lint.vlt",
             part=hardware["part"],
             description=description,
         ),

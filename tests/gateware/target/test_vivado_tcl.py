@@ -26,7 +26,7 @@ def hardware_of(kind: str) -> dict:
 
 @pytest.fixture
 def build(tmp_path):
-    """Write the folder of a hardware and run a script in it; returns (exit status, what it printed, modelel)."""
+    """Write the folder of a hardware, run a script in it; returns (exit status, what it printed, model)."""
 
     def run(kind: str, *arguments: str, script="build.tcl", prepare=None, saif=None, **model):
         hardware = hardware_of(kind)
