@@ -39,6 +39,7 @@ class Family:
     first_spi : number of the shared peripheral interrupt behind the concat's line 0, as the device tree
         counts: pl_ps_irq0[0] is the GIC's 121 (UG1085), IRQ_F2P[0] its 61 (UG585), and SPIs start at 32
     memory_port_bits : widest data of the port S_AXI_HP0, through which the DMAs reach memory
+    address_bits : of the DMAs; beyond 32 their registers have an upper half of the address (PG021)
     """
 
     name: str
@@ -46,10 +47,11 @@ class Family:
     dma_address: int
     first_spi: int
     memory_port_bits: int
+    address_bits: int
 
 
-ZYNQ_ULTRASCALE_PLUS = Family("zynquplus", 0xA000_0000, 0xA001_0000, 121 - 32, 128)
-ZYNQ_7000 = Family("zynq7000", 0x43C0_0000, 0x4040_0000, 61 - 32, 64)
+ZYNQ_ULTRASCALE_PLUS = Family("zynquplus", 0xA000_0000, 0xA001_0000, 121 - 32, 128, 40)
+ZYNQ_7000 = Family("zynq7000", 0x43C0_0000, 0x4040_0000, 61 - 32, 64, 32)
 
 
 def family_of(part: str) -> Family:

@@ -13,8 +13,12 @@ from tcl_runner import TclError
 from vivado_manual import COMMANDS, parsed
 
 SPIRIT = "{http://www.spiritconsortium.org/XMLSchema/SPIRIT/1685-2009}"
-DDR = {"ps_0/SAXIGP2/HP0_DDR_LOW": 0x8000_0000, "ps_0/S_AXI_HP0/HP0_DDR_LOWOCM": 0x2000_0000}
-"""Segments of the processing systems' memory, with their bytes."""
+DDR = {
+    "ps_0/SAXIGP2/HP0_DDR_LOW": (0, 0x8000_0000),
+    "ps_0/SAXIGP2/HP0_DDR_HIGH": (0x8_0000_0000, 0x8_0000_0000),
+    "ps_0/S_AXI_HP0/HP0_DDR_LOWOCM": (0, 0x2000_0000),
+}
+"""Segments of the processing systems' memory: start, bytes."""
 OTHER = ("ps_0/SAXIGP2/HP0_LPS_OCM", "ps_0/SAXIGP2/HP0_QSPI", "ps_0/SAXIGP2/HP0_PCIE_LOW")
 BOARD_PARTS = {
     "xilinx.com:kv260_som:part0:1.3": "xck26-sfvc784-2LV-c",
@@ -337,8 +341,9 @@ class Vivado:
 
     def _assign_bd_address(self, options, positional):
         space, segment = options["target_address_space"], positional[0]
-        offset = int(options.get("offset", "0"), 0)
-        size = int(options["range"], 0) if "range" in options else DDR[segment]
+        offset, size = DDR.get(segment, (0, 0))
+        if "range" in options:
+            offset, size = int(options["offset"], 0), int(options["range"], 0)
         for (other, name), (start, length) in self.addresses.items():
             if other == space and start < offset + size and offset < start + length:
                 raise TclError(f"assign_bd_address: {segment} overlaps {name}")

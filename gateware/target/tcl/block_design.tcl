@@ -26,7 +26,7 @@ proc make_zynquplus {clock_mhz} {
         CONFIG.PSU__USE__IRQ0 1] $ps
     return [dict create cell ps_0 clock ps_0/pl_clk0 reset ps_0/pl_resetn0 interrupt ps_0/pl_ps_irq0 \
         master ps_0/M_AXI_HPM0_FPD slave ps_0/S_AXI_HP0_FPD space ps_0/Data \
-        memory {ps_0/SAXIGP2/HP0_DDR_LOW} segments {ps_0/SAXIGP2/*} \
+        memory {ps_0/SAXIGP2/HP0_DDR_LOW ps_0/SAXIGP2/HP0_DDR_HIGH} segments {ps_0/SAXIGP2/*} \
         clocks {ps_0/maxihpm0_fpd_aclk ps_0/saxihp0_fpd_aclk}]
 }
 
@@ -70,7 +70,7 @@ proc add_dma {ps dma control} {
             CONFIG.c_include_sg 0 \
             CONFIG.c_sg_include_stscntrl_strm 0 \
             CONFIG.c_sg_length_width $length_bits \
-            CONFIG.c_addr_width 32 \
+            CONFIG.c_addr_width $::settings(dma_address_bits) \
             CONFIG.c_include_mm2s $sends \
             CONFIG.c_include_s2mm 1 \
             CONFIG.c_include_s2mm_dre 0 \
@@ -117,13 +117,20 @@ proc connect_interrupts {ps interrupts} {
     connect_bd_net [get_bd_pins interrupts_0/dout] [get_bd_pins [dict get $ps interrupt]]
 }
 
-# Each DMA sees the processing system's low DDR memory and nothing else.
+# Each DMA sees the processing system's DDR memory, as much of it as there is, and nothing else.
 proc assign_memory {ps space} {
     set target [get_bd_addr_spaces $space]
-    set memory [get_bd_addr_segs [dict get $ps memory]]
-    assign_bd_address -target_address_space $target $memory
+    set found {}
+    foreach pattern [dict get $ps memory] {
+        lappend found {*}[get_bd_addr_segs -quiet $pattern]
+    }
+    if {![llength $found]} {
+        error "$space: the processing system has no memory at [dict get $ps memory]"
+    }
     foreach segment [get_bd_addr_segs -quiet [dict get $ps segments]] {
-        if {$segment ne $memory} {
+        if {$segment in $found} {
+            assign_bd_address -target_address_space $target $segment
+        } else {
             exclude_bd_addr_seg -quiet -target_address_space $target $segment
         }
     }
