@@ -1,0 +1,98 @@
+"""`fastac vivado` and `fastac vivado-reports`, from a trained bundle to the folder and back."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from command_line import fail, succeed
+from vivado_texts import LITEX_TIMING, POWER, ULTRASCALE_UTILISATION
+
+from fastac.models.integer import bundle as bundles
+from fastac.models.random_bundle import random_bundle, scene
+
+
+@pytest.fixture(scope="module")
+def build(tmp_path_factory) -> Path:
+    """A build folder with a bundle of random weights, whose scene says video. Not to be changed."""
+    folder = tmp_path_factory.mktemp("build") / "random"
+    random_bundle(folder / "bundle", scene(("normals", "force_z"), lanes=2, solver="tridiagonal"))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def written(build) -> Path:
+    printed = succeed("vivado", build).output
+    assert "streams packets, board none" in printed
+    assert "vivado -mode batch -source build.tcl" in printed
+    return build / "vivado"
+
+
+def test_packets_of_a_scene_with_video(build, written):
+    content = json.loads((written / "hardware.json").read_text())
+    digest = bundles.load(build / "bundle").digest
+    assert content["streams"] == "packets"
+    assert content["bundle_sha256"] == digest
+    name = f"fastac_{digest[:8]}"
+    text = (written / f"ip/{name}/src/{name}.v").read_text()
+    assert f"module {name}(" in text
+    assert "s_axis_tkeep" in text
+    assert {path.name for path in written.glob("*.tcl")} >= {"build.tcl", "settings.tcl"}
+    # The build itself stays what the scene says.
+    assert not (build / "verilog").exists()
+
+
+def test_video(build, tmp_path):
+    printed = succeed("vivado", build, "--streams", "video", "-o", tmp_path / "ip").output
+    assert "Video streams, no block design" in printed
+    assert not (tmp_path / "ip/build.tcl").exists()
+    assert list((tmp_path / "ip/ip").glob("*/component.xml"))
+
+
+def test_board_that_has_another_part(build, tmp_path):
+    message = fail("vivado", build, "--board", "kv260", "-o", tmp_path / "out")
+    assert message.startswith("board kv260: has xck26-sfvc784-2LV-c; hardware.part of the scene is xczu19eg")
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_bundle(tmp_path):
+    assert "is a bundle folder?" in fail("vivado", tmp_path)
+
+
+@pytest.fixture
+def reported(build, written, tmp_path) -> tuple[Path, Path]:
+    """A build folder and one of Vivado with reports in it."""
+    shutil.copytree(build / "bundle", tmp_path / "build/bundle")
+    shutil.copytree(written, tmp_path / "vivado")
+    output = tmp_path / "vivado/output"
+    output.mkdir()
+    (output / "utilization.rpt").write_text(ULTRASCALE_UTILISATION)
+    (output / "timing.rpt").write_text(LITEX_TIMING)
+    (output / "power.rpt").write_text(POWER)
+    return tmp_path / "build", tmp_path / "vivado"
+
+
+def test_reports_come_back(reported):
+    build, folder = reported
+    printed = succeed("vivado-reports", build, folder).output
+    assert "reported by Vivado" in printed
+    content = json.loads((build / "vivado.json").read_text())
+    assert content["figures"]["dsp48e2"] == {"value": 662, "origin": "reported by Vivado"}
+    assert content["streams"] == "packets"
+
+
+def test_reports_of_another_bundle(reported):
+    build, folder = reported
+    content = json.loads((folder / "hardware.json").read_text())
+    (folder / "hardware.json").write_text(json.dumps(content | {"bundle_sha256": "0" * 64}))
+    message = fail("vivado-reports", build, folder)
+    assert message.startswith(f"{folder}: bundle_sha256 = {'0' * 16}…: that of {build} is ")
+    (folder / "hardware.json").write_text("{}")
+    assert fail("vivado-reports", build, folder) == f"{folder}/hardware.json: scene: missing"
+
+
+def test_no_reports(reported):
+    build, folder = reported
+    message = fail("vivado-reports", build, folder, "--core")
+    assert message == f"{folder}/core/utilization.rpt: no such report: run build.tcl in Vivado first"
+    assert not (build / "vivado.json").exists()
