@@ -1,5 +1,6 @@
 """From a bundle to the folder that Vivado runs, and back from Vivado's reports to the build's report."""
 
+import shutil
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -73,6 +74,7 @@ def write(
     text = (verilog / f"{hardware.NAME}.v").read_text(encoding="utf-8")
     with write_folder_atomically(folder) as temporary:
         write_vivado_folder(text, content, temporary, board=board, saif=saif)
+        shutil.copytree(verilog / "registers", temporary / "registers")
     return scene, board
 
 

@@ -4,7 +4,8 @@
     build.tcl           from there to bitstream and .xsa, with block_design.tcl, checks.tcl and settings.tcl
     core/               the core alone, out of context: build.tcl, Verilog, constraints, waivers of its lint
     fastac.core         the core alone for FuseSoC and Edalize
-    fastac.dtso         device tree overlay for the board's Linux; shell.json: of the Kria's xmutil
+    registers/          the register map for other tools, and fastac.dtso, the overlay for the board's Linux
+    shell.json          by which the Kria's xmutil knows an application
     hardware.json       what a driver needs to know
     fastac.saif         the simulated activity, if there is one, for the power estimate
 
@@ -21,7 +22,6 @@ from fastac.gateware.target import ip_xact
 from fastac.gateware.target.block_design import CORE, RANGE, BlockDesign, block_design
 from fastac.gateware.target.elaboration import LINT_WAIVERS
 from fastac.gateware.target.fusesoc_core import CORE_FILE, OUT_OF_CONTEXT, core_file
-from fastac.gateware.target.overlay import OVERLAY, SHELL, buffer_bytes, overlay
 from fastac.gateware.target.verilog_module import ports_of, renamed
 from fastac.gateware.target.vivado import write_vivado_project
 from fastac.gateware.target.vivado_scripts import write_scripts
@@ -29,6 +29,8 @@ from fastac.gateware.target.vivado_scripts import write_scripts
 SAIF = "fastac.saif"
 GUI = 'proc init_gui {IPINST} {\n    ipgui::add_param $IPINST -name "Component_Name"\n}\n'
 """The IP has no parameter but its name."""
+SHELL = '{\n    "shell_type": "XRT_FLAT",\n    "num_slots": "1"\n}\n'
+"""shell.json of an application that is the whole programmable logic."""
 
 
 def module_name(hardware: Mapping) -> str:
@@ -76,7 +78,6 @@ def write_vivado_folder(
     if hardware["streams"] == "packets":
         design = block_design(hardware)
         write_scripts(design, folder, name=name, board=board)
-        (folder / OVERLAY).write_text(overlay(design, buffer_bytes(hardware)), encoding="utf-8")
         (folder / "shell.json").write_text(SHELL, encoding="utf-8")
     (folder / "README.txt").write_text(_readme(name, hardware, design, board), encoding="utf-8")
 

@@ -56,7 +56,8 @@ def test_board_that_has_another_part(build, tmp_path):
 
 
 def test_no_bundle(tmp_path):
-    assert "is a bundle folder?" in fail("vivado", tmp_path)
+    message = fail("vivado", tmp_path)
+    assert "is a bundle folder?" in message.replace(f"{tmp_path} a", "a")
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ from ipyxact.ipyxact import Component
 from lxml import etree
 from packet_hardware import output, packet_hardware, verilog
 
-from fastac.gateware.bus.register_map import Identity
+from fastac.gateware.bus.register_map import REGISTERS
 from fastac.gateware.target.ip_xact import component, vlnv
 from fastac.gateware.target.verilog_module import ports_of
 
@@ -26,7 +26,7 @@ def registers() -> list[dict]:
             "meaning": r.meaning,
             "fields": [field._asdict() for field in r.fields],
         }
-        for r in IDENTITY.registers
+        for r in REGISTERS
     ]
 
 
@@ -82,9 +82,7 @@ def test_as_ipyxact_reads_it(text, tmp_path):
         r.name: (int(r.addressOffset), {f.name: (f.bitOffset, f.bitWidth) for f in r.field})
         for r in block.register
     }
-    assert stated == {
-        r.name: (r.offset, {f.name: (f.low, f.width) for f in r.fields}) for r in IDENTITY.registers
-    }
+    assert stated == {r.name: (r.offset, {f.name: (f.low, f.width) for f in r.fields}) for r in REGISTERS}
 
 
 def parameters(root, interface: str) -> dict[str, str]:

@@ -2,8 +2,7 @@
 import pytest
 from amaranth import Value
 
-from fastac.gateware.bus.register_map import Identity
-from fastac.gateware.bus.registers import RegisterBlock
+from fastac.gateware.bus.registers import Identity, RegisterBlock
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.target.verilog_module import Port, ports_of, renamed
 

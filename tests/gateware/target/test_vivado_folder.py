@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 from packet_hardware import BUNDLE_SHA256, output, packet_hardware, verilog
 
-from fastac.gateware.bus.register_map import Identity
-from fastac.gateware.bus.registers import RegisterBlock
+from fastac.gateware.bus.registers import Identity, RegisterBlock
 from fastac.gateware.target.boards import BOARDS, BoardError, choose_board
 from fastac.gateware.target.elaboration import LINT_WAIVERS, to_verilog
 from fastac.gateware.target.tcl_words import variable, word
