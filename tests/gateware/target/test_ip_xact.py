@@ -11,9 +11,6 @@ from fastac.gateware.bus.register_map import REGISTERS
 from fastac.gateware.target.ip_xact import component, vlnv
 from fastac.gateware.target.verilog_module import ports_of
 
-IDENTITY = Identity(
-    1, 7, height=16, width=16, channels=4, lanes=2, axes="xyz", slip=True, calibration_words=9
-)
 SPIRIT = {"spirit": "http://www.spiritconsortium.org/XMLSchema/SPIRIT/1685-2009"}
 
 
