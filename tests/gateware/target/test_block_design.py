@@ -47,7 +47,7 @@ def test_length_register_holds_a_packet(side, bits):
     ("change", "message"),
     [
         ({"streams": "video"}, "hardware.streams 'video': AXI DMAs need 'packets'"),
-        ({"part": "xc7a35t"}, "part 'xc7a35t': expected a Zynq-7000"),
+        ({"part": "xc7a35t"}, "part 'xc7a35t': expected one of xczu19eg"),
         ({"frame": {"port": "s_axis", "bytes_per_beat": 256, "bytes": 4}}, "s_axis: 2048 bits: an AXI DMA"),
         (
             {"frame": {"port": "s_axis", "bytes_per_beat": 4, "bytes": 1 << 26}},
