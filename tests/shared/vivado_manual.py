@@ -1,8 +1,9 @@
 """Vivado's commands that our scripts use, with their options, as AMD's manual states them.
 
 Source: Vivado Design Suite Tcl Command Reference Guide (UG835), the page of each command's name, section
-"Syntax", of the releases 2020.2 to 2023.2; `create_bd_cell -type inline_hdl` is of 2026.1. `get_bd_pins` and
-its like, whose syntax is the same, share a line. Some options that our scripts do not use are left out.
+"Syntax", of the releases 2020.2 to 2023.2; `create_bd_cell -type inline_hdl` is of 2026.1. `READ` names the
+commands whose page was read for this table; the others are as commonly used, and not yet held against their
+pages. `get_bd_pins` and its like share a line. Some options that our scripts do not use are left out.
 """
 
 from typing import NamedTuple
@@ -96,8 +97,8 @@ COMMANDS = {
     "current_instance": _command("", "", (0, 1)),
     "read_saif": _command("no_strip", "strip_path out_file", (1, 1)),
     "report_utilization": _command(
-        "append return_string hierarchical hierarchical_percentages",
-        "file pblocks cells packthru name",
+        "append return_string slr packthru no_primitives omit_locs hierarchical hierarchical_percentages",
+        "file pblocks cells name hierarchical_depth",
         (0, 0),
     ),
     "report_timing_summary": _command(
@@ -127,6 +128,20 @@ COMMANDS = {
     ),
 }
 """Every command of Vivado that a script of ours may call."""
+READ = {
+    *("create_project", "set_property", "get_board_parts", "get_ipdefs", "create_bd_cell"),
+    *(
+        "apply_bd_automation",
+        "get_bd_addr_segs",
+        "connect_bd_net",
+        "connect_bd_intf_net",
+        "assign_bd_address",
+    ),
+    *("make_wrapper", "generate_target", "launch_runs", "wait_on_runs", "get_timing_paths", "set_max_delay"),
+    *("current_instance", "read_saif", "report_utilization", "report_timing_summary", "report_route_status"),
+    *("report_power", "write_hw_platform"),
+}
+assert COMMANDS.keys() >= READ
 
 
 def parsed(words: list[str]) -> tuple[str, dict[str, str], list[str]]:

