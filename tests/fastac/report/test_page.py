@@ -66,7 +66,7 @@ def rows(content) -> dict[str, tuple[str, str, str]]:
 
 
 def test_figures_of_vivado_beside_our_own(tiny_bundle, tmp_path):
-    """They are those that vivado.json has for this bundle, each with its origin; without it there are none."""
+    """They are those that vivado.json has for this bundle, each with its origin; else there are none."""
     folder = fill(tmp_path)
     plain = report_content.content(folder, tiny_bundle)
     assert "vivado" not in plain
