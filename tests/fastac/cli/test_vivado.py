@@ -67,6 +67,20 @@ def test_its_block_design_is_complete(written, tmp_path):
 
 
 @pytest.mark.full
+def test_a_scene_is_trained_as_far_as_its_bundle(toml, tiny_folder, tiny_file, tmp_path, monkeypatch):
+    """What its build folder has already is kept, so that here nothing is trained anew."""
+    shutil.copytree(tiny_folder.parent, tmp_path / "build", symlinks=True)
+    monkeypatch.chdir(tmp_path)
+    result = succeed("vivado", toml, "--data", tiny_file)
+    assert "bundle     up to date" in result.stderr
+    content = json.loads((tmp_path / "build/tiny/vivado/hardware.json").read_text())
+    assert content["bundle_sha256"] == bundles.load(tmp_path / "build/tiny/bundle").digest
+    assert [each["name"] for each in content["outputs"]] == ["normals", "depth"]
+    settings = (tmp_path / "build/tiny/vivado/settings.tcl").read_text()
+    assert "instance axi_dma_1" in settings
+
+
+@pytest.mark.full
 def test_video(build, tmp_path):
     printed = succeed("vivado", build, "--streams", "video", "-o", tmp_path / "ip").output
     assert "Video streams, no block design" in printed

@@ -95,6 +95,7 @@ def fusesoc(tmp_path):
     return run
 
 
+@pytest.mark.full
 def test_fusesoc_lints_the_core(tmp_path, fusesoc):
     folder = tmp_path / "vivado"
     folder.mkdir()
