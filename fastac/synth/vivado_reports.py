@@ -38,7 +38,6 @@ POWERS = {
     "Dynamic (W)": "dynamic_w",
     "Device Static (W)": "static_w",
 }
-SUMMARY = ("WNS(ns)", "TNS(ns)", "TNS Failing Endpoints", "WHS(ns)", "THS(ns)")
 
 
 class ReportError(ValueError):

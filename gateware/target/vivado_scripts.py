@@ -31,6 +31,7 @@ def settings(design: BlockDesign, *, name: str, board: str) -> str:
         "core_address": f"{design.core_address:#010x}",
         "range": f"{RANGE:#x}",
         "dma_address_bits": design.family.address_bits,
+        "memory_port_bits": design.family.memory_port_bits,
     }
     patterns = {key: each.pattern for key, each in boards_with(design.part).items()}
     interrupts = [f"{interrupt.instance}/{interrupt.pin}" for interrupt in design.interrupts]

@@ -22,7 +22,7 @@ proc make_zynquplus {clock_mhz} {
         CONFIG.PSU__USE__M_AXI_GP1 0 \
         CONFIG.PSU__USE__M_AXI_GP2 0 \
         CONFIG.PSU__USE__S_AXI_GP2 1 \
-        CONFIG.PSU__SAXIGP2__DATA_WIDTH 128 \
+        CONFIG.PSU__SAXIGP2__DATA_WIDTH $::settings(memory_port_bits) \
         CONFIG.PSU__USE__IRQ0 1] $ps
     return [dict create cell ps_0 clock ps_0/pl_clk0 reset ps_0/pl_resetn0 interrupt ps_0/pl_ps_irq0 \
         master ps_0/M_AXI_HPM0_FPD slave ps_0/S_AXI_HP0_FPD space ps_0/Data \
@@ -42,7 +42,7 @@ proc make_zynq7000 {clock_mhz} {
         CONFIG.PCW_EN_RST0_PORT 1 \
         CONFIG.PCW_USE_M_AXI_GP0 1 \
         CONFIG.PCW_USE_S_AXI_HP0 1 \
-        CONFIG.PCW_S_AXI_HP0_DATA_WIDTH 64 \
+        CONFIG.PCW_S_AXI_HP0_DATA_WIDTH $::settings(memory_port_bits) \
         CONFIG.PCW_USE_FABRIC_INTERRUPT 1 \
         CONFIG.PCW_IRQ_F2P_INTR 1] $ps
     return [dict create cell ps_0 clock ps_0/FCLK_CLK0 reset ps_0/FCLK_RESET0_N interrupt ps_0/IRQ_F2P \
