@@ -150,20 +150,6 @@ class BlockDesign:
             for line, (instance, pin) in enumerate(pins)
         )
 
-    def interrupt(self, instance: str, pin: str) -> Interrupt:
-        """The interrupt of this pin; raises KeyError where there is none."""
-        for found in self.interrupts:
-            if (found.instance, found.pin) == (instance, pin):
-                return found
-        raise KeyError(f"{instance}/{pin}")
-
-    def dma_of(self, output: str) -> Dma:
-        """The DMA that brings `output` to memory, or "results"; raises KeyError where there is none."""
-        for dma in self.dmas:
-            if dma.s2mm.output == output:
-                return dma
-        raise KeyError(output)
-
 
 def block_design(hardware: Mapping) -> BlockDesign:
     """The block design for what `hardware.json` says of the hardware.
