@@ -59,7 +59,7 @@ def vivado(source, data, streams, board, saif, output, progress):
         source = build_folder(scene, None)
         run_build(scene, source, data, progress, until="bundle")
     output = output or source / "vivado"
-    scene, chosen = flow.write(
+    scene, chosen, rewritten = flow.write(
         bundle_folder(source),
         output,
         store_beside(source),
@@ -70,6 +70,11 @@ def vivado(source, data, streams, board, saif, output, progress):
         progress=progress,
     )
     click.echo(f"{output}: {scene.hardware.part}, streams {streams}, board {chosen}")
+    if rewritten:
+        click.echo(
+            f"The scene has other streams, so this form was not in its build: simulate it with"
+            f" fastac run {source} --via sim --verilog {output}"
+        )
     if streams == "packets":
         click.echo(f"Now: cd {output} && vivado -mode batch -source build.tcl")
     else:

@@ -59,15 +59,16 @@ def write(
     board: str | None,
     saif: Path | None,
     progress: bool,
-) -> tuple[Scene, str]:
+) -> tuple[Scene, str, bool]:
     """Write Vivado's folder for the bundle in the folder `bundle`; it appears whole or not at all.
 
     board : of gateware/target/boards.py; None: the first that has the scene's part
     saif : file of the simulated activity
-    Returns the scene that the hardware is of, and the board. Raises SceneError, BoardError, BlockDesignError
-    and HardwareError, in one line, for what cannot be.
+    Returns the scene that the hardware is of, the board, and whether the bundle's own scene has other streams.
+    Raises SceneError, BoardError, BlockDesignError and HardwareError, in one line, for what cannot be.
     """
-    scene = with_streams(bundles.load(bundle).scene, streams)
+    own = bundles.load(bundle).scene
+    scene = with_streams(own, streams)
     board = choose_board(scene.hardware.part, board)
     verilog = verilog_of(bundle, scene, store, announce, progress=progress)
     content = read_hardware(verilog)
@@ -75,7 +76,7 @@ def write(
     with write_folder_atomically(folder) as temporary:
         write_vivado_folder(text, content, temporary, board=board, saif=saif)
         shutil.copytree(verilog / "registers", temporary / "registers")
-    return scene, board
+    return scene, board, own.hardware.streams != streams
 
 
 def read_hardware(folder: Path) -> dict:

@@ -6,6 +6,7 @@
     fastac.core         the core alone for FuseSoC and Edalize
     registers/          the register map for other tools, and fastac.dtso, the overlay for the board's Linux
     shell.json          by which the Kria's xmutil knows an application
+    fastac.v            the Verilog as it was before its modules were renamed, for simulations
     hardware.json       what a driver needs to know
     fastac.saif         the simulated activity, if there is one, for the power estimate
 
@@ -70,6 +71,7 @@ def write_vivado_folder(
         ),
         encoding="utf-8",
     )
+    (folder / f"{hardware['top']}.v").write_text(verilog, encoding="utf-8")
     (folder / "hardware.json").write_text(json.dumps(hardware, indent=2) + "\n", encoding="utf-8")
     if saif is not None:
         for place in (folder, core):

@@ -28,6 +28,7 @@ def build(tmp_path_factory) -> Path:
 def written(build) -> Path:
     printed = succeed("vivado", build).output
     assert "streams packets, board none" in printed
+    assert f"fastac run {build} --via sim --verilog {build / 'vivado'}" in printed
     assert "vivado -mode batch -source build.tcl" in printed
     return build / "vivado"
 
@@ -84,6 +85,7 @@ def test_a_scene_is_trained_as_far_as_its_bundle(toml, tiny_folder, tiny_file, t
 def test_video(build, tmp_path):
     printed = succeed("vivado", build, "--streams", "video", "-o", tmp_path / "ip").output
     assert "Video streams, no block design" in printed
+    assert "The scene has other streams" not in printed
     assert not (tmp_path / "ip/build.tcl").exists()
     assert list((tmp_path / "ip/ip").glob("*/component.xml"))
 

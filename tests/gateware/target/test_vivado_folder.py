@@ -31,11 +31,13 @@ def test_what_a_user_gets(tmp_path):
     files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
     assert files >= {
         *("build.tcl", "block_design.tcl", "checks.tcl", "settings.tcl", "README.txt", "hardware.json"),
+        "fastac.v",
         *(f"ip/{NAME}/component.xml", f"ip/{NAME}/src/{NAME}.v", "core/build.tcl", "fastac.core"),
     }
     readme = (folder / "README.txt").read_text()
     assert "0xa0010000  axi_dma_0" in readme
     assert "1  90  axi_dma_0/mm2s_introut" in readme
+    assert (folder / "fastac.v").read_text() == verilog(PORTS)
     # No clock is created for the IP inside a block design.
     assert not list((folder / "ip").rglob("*.xdc"))
 
