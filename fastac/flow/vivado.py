@@ -64,7 +64,7 @@ def write(
 
     board : of gateware/target/boards.py; None: the first that has the scene's part
     saif : file of the simulated activity
-    Returns the scene that the hardware is of, the board, and whether the bundle's own scene has other streams.
+    Returns the hardware's scene, the board, and whether the bundle's own scene has other streams.
     Raises SceneError, BoardError, BlockDesignError and HardwareError, in one line, for what cannot be.
     """
     own = bundles.load(bundle).scene
