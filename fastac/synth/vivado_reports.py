@@ -4,6 +4,7 @@ The formats are those of `report_utilization`, `report_timing_summary` and `repo
 Vivado 2019.2 to 2023.2 writes them.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -108,22 +109,21 @@ def hierarchical(text: str, instance: str) -> dict[str, float]:
 
 def timing(text: str) -> dict[str, float]:
     """Worst slacks, failing endpoints, and the clock that its period and the setup slack allow."""
-    section = re.search(r"^\| Design Timing Summary$(.*?)^(?:-{20,}\n\| )", text + "\n-", re.M | re.S)
-    lines = [line for line in (section[1] if section else "").splitlines() if line.strip()]
+    lines = _section(text, "Design Timing Summary")
     head = next((k for k, line in enumerate(lines) if line.split()[:1] == ["WNS(ns)"]), None)
     if head is None or head + 2 >= len(lines):
         return {}
-    names = re.split(r"\s{2,}", lines[head].strip())
+    names = re.split(r" {2,}", lines[head].strip())
     values = dict(zip(names, map(_number, lines[head + 2].split()), strict=False))
     found = {
         "setup_slack_ns": values.get("WNS(ns)"),
         "hold_slack_ns": values.get("WHS(ns)"),
         "failing_endpoints": _sum(values.get("TNS Failing Endpoints"), values.get("THS Failing Endpoints")),
     }
-    period = _period(text)
-    if period is not None and found["setup_slack_ns"] is not None:
-        found["clock_mhz"] = 1000 / period
-        found["reachable_clock_mhz"] = round(1000 / (period - found["setup_slack_ns"]), 3)
+    period, slack = _period(text), found["setup_slack_ns"]
+    if period is not None and slack is not None and period > max(slack, 0):
+        found["clock_mhz"] = round(1000 / period, 3)
+        found["reachable_clock_mhz"] = round(1000 / (period - slack), 3)
     return {key: value for key, value in found.items() if value is not None}
 
 
@@ -146,21 +146,36 @@ def confidence(text: str) -> str:
 
 
 def _number(text: str) -> float | None:
-    """None for what is no number: "NA", "Unspecified*", empty cells."""
+    """None for what is no finite number: "NA", "Unspecified*", empty cells."""
     try:
-        return float(text.lstrip("<"))
+        number = float(text.lstrip("<"))
     except ValueError:
         return None
+    return number if math.isfinite(number) else None
 
 
 def _sum(*numbers: float | None) -> float | None:
     return sum(numbers) if None not in numbers else None
 
 
+def _section(text: str, title: str) -> list[str]:
+    """The lines of a section that are not empty, up to the heading of the next one."""
+    lines = iter(text.splitlines())
+    found = []
+    if any(line.strip() == f"| {title}" for line in lines):
+        for line in lines:
+            if line.startswith("| ") and not line.startswith("| -"):
+                break
+            found += [line] if line.strip() else []
+    return found
+
+
 def _period(text: str) -> float | None:
     """Of the first clock of the summary, ns: our designs have one."""
-    found = re.search(r"^\| Clock Summary$.*?^-+ .*?\n\s*\S+\s+\{[^}]*\}\s+([\d.]+)", text, re.M | re.S)
-    return float(found[1]) if found else None
+    for line in _section(text, "Clock Summary"):
+        if clock := re.match(r"\s*\S+ +\{[^{}]*\} +([\d.]+) ", line):
+            return _number(clock[1])
+    return None
 
 
 def collect(folder: Path, hardware: Mapping, *, instance: str | None) -> dict:

@@ -13,6 +13,7 @@ from fastac.gateware.target.boards import BOARDS, BoardError, choose_board
 from fastac.gateware.target.elaboration import LINT_WAIVERS, to_verilog
 from fastac.gateware.target.tcl_words import variable, word
 from fastac.gateware.target.vivado_folder import write_vivado_folder
+from fastac.scenes.parts import PARTS
 from fastac.sim.runner import EXECUTABLE, use_verilator
 
 NAME = "fastac_01234567"
@@ -134,6 +135,12 @@ def test_board_of_a_part():
         choose_board("xck26-sfvc784-2LV-c", "zcu104")
     with pytest.raises(BoardError, match=f"board 'moon': expected none or one of {', '.join(BOARDS)}"):
         choose_board("xck26-sfvc784-2LV-c", "moon")
+
+
+def test_boards_that_scenes_may_mean_have_files():
+    """Of each part in the scenes' table the boards that it names are known here, too."""
+    named = {board: part for part in PARTS for board in PARTS[part].boards}
+    assert {board: BOARDS[board].part for board in named} == named
 
 
 def test_words_of_tcl():
