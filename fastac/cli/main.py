@@ -14,6 +14,7 @@ from fastac.cli.recordings import import_
 from fastac.cli.studies import study
 from fastac.cli.trade import scope, sweep, trade
 from fastac.cli.verify import verify
+from fastac.cli.vivado import vivado, vivado_reports
 
 
 @click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -36,6 +37,7 @@ COMMANDS = (
     *(build, reproduce, report, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
     *(verilog, registers, calibration, sim, verify, synth, sweep, trade, scope, study, prove, bench),
+    *(vivado, vivado_reports),
 )
 for command in COMMANDS:
     main.add_command(command)
