@@ -51,6 +51,8 @@ class RegisterFacts(_Table):
     offset: Annotated[int, Field(ge=0, multiple_of=4)]
     access: Literal["ro", "rw", "w1c", "wo"]
     fields: tuple[FieldFacts, ...] = ()
+    reset: int | None = None
+    """Value after reset; None where it is not constant."""
 
 
 class FrameFacts(_Table):
@@ -189,13 +191,11 @@ class Description(_Table):
         """
         if not self.outputs:
             return "results", 0
-        return next(((o.name, o.format.image_bytes) for o in self.outputs if self._completes(o)), None)
+        return next(((o.name, o.format.image_bytes) for o in self.outputs if self.completes(o)), None)
 
-    def _completes(self, output: OutputFacts) -> bool:
-        """Whether the output's trailer waits for the result: all but normals, unless they are the result."""
-        if output.complete is not None:
-            return output.complete
-        return output.name != "normals" or (self.force is None and len(self.outputs) == 1)
+    def completes(self, output: OutputFacts) -> bool:
+        """Whether the output's packets hold the whole record; with video streams all do."""
+        return not self.has_packets or bool(output.complete)
 
     @property
     def result_cycles(self) -> int:
@@ -263,6 +263,7 @@ def _contradiction(found: Description) -> str | None:
     except ValueError as error:
         return str(error)
     if packets:
+        checks += [f"outputs.{o.name}.complete: missing" for o in found.outputs if o.complete is None]
         checks += [
             wrong(f"frame.{key}", getattr(frame, key), getattr(form, key))
             for key in ("bytes_per_pixel", "bytes_per_beat", "bytes")
