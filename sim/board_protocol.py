@@ -1,8 +1,8 @@
 """What host and simulated board say to each other over a Unix-domain socket; all integers little-endian.
 
 A request is `REQUEST`: operation, argument, address; MEMORY_WRITE has `argument` bytes behind it. Each is
-answered by `REPLY`: status, bytes behind the reply, value, and clocks since reset. The simulation's clock runs
-only while a request is answered.
+answered by `REPLY`: status, bytes behind the reply, value, and clocks since reset. The simulation's clock
+runs only while a request is answered.
 
 READ, WRITE : 32-bit register of the core or of a DMA at a physical address; WRITE's argument is the value
 MEMORY_READ, MEMORY_WRITE : `argument` bytes of memory at a physical address

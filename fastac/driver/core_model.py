@@ -256,7 +256,7 @@ class CoreModel:
                 self._use(bundle, self.emulator.pipeline.background)
                 return
         raise TransportError(
-            f"calibration of bundle {hash_word:016x}: the emulator computes from bundles, and was not given it"
+            f"calibration of bundle {hash_word:016x}: the emulator was not given that bundle"
         )
 
 

@@ -1,4 +1,4 @@
-"""What the hardware says of itself: `hardware.json` beside its Verilog, checked before anything is driven by it.
+"""What the hardware says of itself: `hardware.json` beside its Verilog, checked before it is driven by it.
 
 Layouts in memory follow from the frame's size, the pixels per beat and the words per pixel. For streams =
 "packets" the file states them, too, and both must agree. For streams = "video" no DMA takes the streams; the

@@ -89,9 +89,7 @@ class DmaTransport:
         self._source = Channel(dmas[0], MM2S, "axi_dma_0 MM2S", wide=wide)
         self._streams = {
             name: _Stream(Channel(window, S2MM, f"axi_dma_{k} S2MM", wide=wide), places)
-            for k, (name, window, places) in enumerate(
-                zip(description.streams_out, dmas, slots, strict=True)
-            )
+            for k, (name, window, places) in enumerate(zip(description.streams_out, dmas, slots, strict=True))
         }
         self.reset_dma()
 

@@ -1,13 +1,13 @@
 """The driver: frames in, results with units and flags out, whatever the hardware is reached through.
 
-    from fastac.driver.description import read
-    from fastac.driver.driver import Driver
-    from fastac.driver.uio import UioTransport
+from fastac.driver.description import read
+from fastac.driver.driver import Driver
+from fastac.driver.uio import UioTransport
 
-    description = read("hardware.json")
-    with Driver(UioTransport(description), description) as driver:
-        for found in driver.frames(camera):        # any iterable of (H, W, C) uint8
-            print(found.frame, found.time_s, found.force_n, found.reasons)
+description = read("hardware.json")
+with Driver(UioTransport(description), description) as driver:
+    for found in driver.frames(camera):        # any iterable of (H, W, C) uint8
+        print(found.frame, found.time_s, found.force_n, found.reasons)
 """
 
 import threading
@@ -21,7 +21,7 @@ import numpy as np
 from fastac.driver.description import Description
 from fastac.driver.packets import RECORD, Found, PacketError, join, nothing, record_of
 from fastac.driver.registers import WORD_MASK, Registers
-from fastac.driver.transport import DmaError, Transport, TransportError, TransportTimeout, until
+from fastac.driver.transport import DmaError, Transport, TransportTimeout, until
 from fastac.gateware.bus.record import RECORD_WORDS, RecordFlag
 
 ID = int.from_bytes(b"FTAC", "big")
@@ -39,9 +39,10 @@ class DriverError(RuntimeError):
 class Counts:
     """What has happened since the driver was made.
 
-    sent, received : frames in and results out; lost : frames without a result, for one of the next reasons
-    timeouts : a packet did not come in time; dma_errors : a DMA reported an error or a packet of another size
-    missing : the hardware went on with a later frame; each of these three ends what is in flight, but the last
+    sent, received : frames in and results out; lost : frames without a result
+    timeouts : a packet did not come in time; dma_errors : a DMA reported an error or a packet of another
+        size; each of these ends all that is in flight
+    missing : results that were left out: the one of a later frame came instead
     stale : packets that belonged to no frame that is waited for, such as those that a reset cut
     overruns : records that the hardware dropped because the registers' FIFO was full
     errors : by name, results with which an error stood in ERRORS
@@ -74,8 +75,8 @@ class Driver:
     check : refuse hardware whose identity is not that of `description`
 
     Frames go in by one iteration at a time; registers may be used by any thread meanwhile. A frame whose
-    result does not come is given as lost, the DMAs and the core are reset, and the next frames go on; `counts`
-    says how often. Raises DriverError where the hardware is other hardware.
+    result does not come is given as lost, DMAs and core are reset, and the next frames go on; `counts` says
+    how often. Raises DriverError where the hardware is other hardware.
     """
 
     def __init__(
@@ -128,8 +129,8 @@ class Driver:
             raise DriverError(f"VERSION = {found}: hardware.json is of version {description.version}")
         if (found := self.bundle_hash) != description.hash_word:
             raise DriverError(
-                f"BUNDLE_HASH = {found:016x}: hardware.json is of bundle {description.hash_word:016x}; program"
-                " its bitstream, or load its calibration"
+                f"BUNDLE_HASH = {found:016x}: hardware.json is of bundle {description.hash_word:016x};"
+                " program its bitstream, or load its calibration"
             )
 
     @property
@@ -209,7 +210,9 @@ class Driver:
                 registers.write("CALIBRATION", word)
             errors, loading = registers.take_errors(), registers.read("STATUS", "loading")
             if "calibration_refused" in errors or loading:
-                raise DriverError("calibration: refused by the hardware; no frame is computed until one is whole")
+                raise DriverError(
+                    "calibration: refused by the hardware; no frame is computed until one is whole"
+                )
             self._control()
         wanted = int(words[-1]) << 32 | int(words[-2])
         if self.bundle_hash != wanted:
@@ -223,9 +226,9 @@ class Driver:
     def frames(self, source: Iterable[np.ndarray], *, in_flight: int | None = None) -> Iterator[Found]:
         """What the hardware finds in each frame of `source`, (H, W, C) uint8, in order; none is left out.
 
-        in_flight : frames that are sent before the first one's result is taken. None: as many as the transport
-            can hold, for the highest rate. 1: each frame is answered before the next one is asked for, which
-            gives the least delay with a camera that is slower than the hardware.
+        in_flight : frames that are sent before the first one's result is taken. None: as many as the
+            transport can hold, for the highest rate. 1: each frame is answered before the next one is asked
+            for, which gives the least delay with a camera that is slower than the hardware.
         """
         limit = min(in_flight or self.transport.frames_in_flight, self.transport.frames_in_flight)
         with self._alone():

@@ -59,7 +59,7 @@ class Board:
         self.cycle = 0
 
     def ask(self, operation: int, argument: int, address: int, payload=b"") -> tuple[int, bytes]:
-        """One request; returns the reply's value and bytes. Raises ClosedError where the simulation is gone."""
+        """One request; returns the reply's value and bytes. Raises ClosedError if the simulation is gone."""
         with self._lock:
             try:
                 self._socket.sendall(REQUEST.pack(operation, argument, address))
@@ -129,9 +129,7 @@ class SimulationTransport(DmaTransport):
         frames = self.frames_in_flight + 2
         clocks = PATIENCE * (description.result_cycles + frames * description.frame_beats) + PATIENCE_CLOCKS
         self._patience_s = clocks / self._clock_hz
-        super().__init__(
-            description, _Window(board, family.core_address), dmas, _Memory(board), wide=True
-        )
+        super().__init__(description, _Window(board, family.core_address), dmas, _Memory(board), wide=True)
 
     def patience_s(self, timeout_s: float) -> float:
         return min(timeout_s, self._patience_s)

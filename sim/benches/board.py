@@ -129,7 +129,9 @@ class Board:
     @property
     def _halves(self) -> set[int]:
         """Offsets of the registers whose read latches the next one."""
-        return {offset for name, offset in self.offsets.items() if name.startswith("FORCE_") and "LOW" in name}
+        return {
+            offset for name, offset in self.offsets.items() if name.startswith("FORCE_") and "LOW" in name
+        }
 
     async def write(self, address: int, value: int) -> None:
         dma, offset = self._place(address)

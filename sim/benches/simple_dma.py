@@ -81,7 +81,7 @@ class _Direction:
 
 
 class SimpleDma:
-    """Both directions, and what the streams do with them; `changed` is set when an interrupt may have come."""
+    """Both directions, and what the streams do with them; `changed` is set when an interrupt may come."""
 
     def __init__(self, memory: Memory, changed: Event):
         self.memory, self.changed = memory, changed

@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """hardware.json of a bundle without elaborating anything, and frames for it."""
 
+import json
+
 import numpy as np
 
 from fastac.driver.description import Description, parse
@@ -10,7 +12,6 @@ from fastac.gateware.packet_format import FrameFormat, PacketFormat
 from fastac.gateware.top_zynq import VERSION, TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.frame_validity import REASONS
-import json
 
 
 def content(bundle: Bundle, streams: str = "packets") -> dict:
@@ -87,7 +88,11 @@ def content(bundle: Bundle, streams: str = "packets") -> dict:
     if packets and "clear_results" not in [f["name"] for f in control["fields"]]:
         control["fields"].append({"name": "clear_results", "low": 5, "width": 1})
     latency = {"stage": path.stages, "initiation_interval": path.interval}
-    for kind, wanted in (("force", path.wants_force), ("depth", path.wants_depth), ("normals", path.wants_normals)):
+    for kind, wanted in (
+        ("force", path.wants_force),
+        ("depth", path.wants_depth),
+        ("normals", path.wants_normals),
+    ):
         if wanted:
             latency[f"first_pixel_to_{kind}"] = getattr(path, f"first_pixel_to_{kind}")
     results = {"record_bytes": 64, "format": 1, "words": [], "fifo_records": 16}
