@@ -1,7 +1,7 @@
 """Results to files while they come: CSV, a line a frame, and HDF5, with the images."""
 
-import contextlib
 import csv
+import io
 import time
 from pathlib import Path
 from typing import Protocol
@@ -63,8 +63,7 @@ class CsvRecorder:
 
     def __init__(self, path: Path, description: Description):
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._open = contextlib.ExitStack()
-        self._file = self._open.enter_context(open(path, "w", newline=""))
+        self._file = io.TextIOWrapper(io.FileIO(path, "w"), newline="")
         self._columns = (*numbers(description), *flags(description))
         self._writer = csv.writer(self._file)
         self._writer.writerow([*self._columns, "reasons", "errors"])
@@ -81,7 +80,7 @@ class CsvRecorder:
             self._flushed = time.monotonic()
 
     def close(self) -> None:
-        self._open.close()
+        self._file.close()
 
 
 class Hdf5Recorder:

@@ -72,7 +72,7 @@ def _of_board(via: str, description: Description, bitstream: Path | None) -> Tra
 
 
 def words_of_calibration(path: Path, hardware: Bundle) -> np.ndarray:
-    """The words (words,) uint32 in a file of `fastac calibration`, or those that it would write of a bundle."""
+    """The words (words,) uint32 in a file of `fastac calibration`, or what it would write of a bundle."""
     if path.is_dir():
         from fastac.gateware.calibration import calibration_words
 
