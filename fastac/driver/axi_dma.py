@@ -4,6 +4,7 @@ After AMD's product guide PG021 (AXI DMA v7.1): "Register Space" for offsets and
 (Simple DMA)" for the order of accesses. The DMA holds one transfer at a time.
 """
 
+import time
 from typing import Protocol
 
 from fastac.driver.transport import DmaError
@@ -19,8 +20,9 @@ HALTED, IDLE, IOC, ERROR_IRQ = 1 << 0, 1 << 1, 1 << 12, 1 << 14
 ERRORS = {4: "internal", 5: "slave", 6: "decode"}
 """Bits of DMASR that report errors without scatter-gather: the length was 0 or the packet is longer than the
 transfer; the memory answered SLVERR; nothing is at the address. Only a reset ends them."""
-TRIES = 1000
-"""Reads after which a reset or a start counts as failed: both take a few clocks."""
+LENGTH_MASK = (1 << 26) - 1
+WAIT_S = 0.5
+"""Wall-clock time after which a reset or a start counts as failed: both take a few clocks."""
 
 
 class Window(Protocol):
@@ -51,21 +53,20 @@ class Channel:
     def reset(self) -> None:
         """Reset the whole DMA, its other direction included (PG021: either direction's bit resets both)."""
         self._write(DMACR, RESET)
-        for _ in range(TRIES):
-            if not self._read(DMACR) & RESET:
-                self.busy = False
-                return
-        raise DmaError(f"{self.name}: the reset does not end; is its clock running?")
+        end = time.monotonic() + WAIT_S
+        while self._read(DMACR) & RESET:
+            if time.monotonic() > end:
+                raise DmaError(f"{self.name}: the reset does not end; is its clock running?")
+        self.busy = False
 
     def start(self) -> None:
         """Let the channel run, with interrupts at the end of a transfer and on errors."""
         self._write(DMACR, RUN | IOC_ENABLE | ERROR_ENABLE)
-        for _ in range(TRIES):
-            status = self._read(DMASR)
+        end = time.monotonic() + WAIT_S
+        while (status := self._read(DMASR)) & HALTED:
             self._check(status)
-            if not status & HALTED:
-                return
-        raise DmaError(f"{self.name}: stays halted, DMASR = {status:#010x}")
+            if time.monotonic() > end:
+                raise DmaError(f"{self.name}: stays halted, DMASR = {status:#010x}")
 
     def transfer(self, address: int, length: int) -> None:
         """Begin to move `length` bytes from or to the physical `address`; LENGTH begins it, so it is last."""
@@ -87,7 +88,7 @@ class Channel:
 
     def moved(self) -> int:
         """Bytes that the last transfer from the stream has written to memory."""
-        return self._read(LENGTH)
+        return self._read(LENGTH) & LENGTH_MASK
 
     def _check(self, status: int) -> None:
         """Raise DmaError if a status has errors, by their names."""

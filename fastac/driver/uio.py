@@ -45,10 +45,9 @@ class UioDevice:
     """Registers and interrupt of one UIO device.
 
     number : N of /dev/uioN; sys, dev : folders in place of /sys/class/uio and /dev
-    open_interrupt : opens what interrupts are read from and enabled by
     """
 
-    def __init__(self, number: int, sys: Path, dev: Path, open_interrupt: Callable[[Path], int]):
+    def __init__(self, number: int, sys: Path, dev: Path):
         path = dev / f"uio{number}"
         size = _number(sys / f"uio{number}" / "maps" / "map0" / "size")
         try:
@@ -57,12 +56,16 @@ class UioDevice:
                 self._map = mmap.mmap(handle, size, mmap.MAP_SHARED, mmap.PROT_READ | mmap.PROT_WRITE)
             finally:
                 os.close(handle)
-            self.interrupt = open_interrupt(path)
+            self.interrupt = self.open_interrupt(path)
         except OSError as error:
             raise TransportError(f"{path}: {error.strerror}; may this user open it?") from None
         # One access of 32 bits for each element: a slice of the map would be copied in bytes.
         self._words = memoryview(self._map).cast("I")
         self.enabled = False
+
+    def open_interrupt(self, path: Path) -> int:
+        """What interrupts are read from and enabled by."""
+        return open_device(path)
 
     def read(self, offset: int) -> int:
         return self._words[offset >> 2]
@@ -128,8 +131,7 @@ class UioTransport(DmaTransport):
     """A `Transport` to a core on this machine.
 
     buffer : name of the u-dma-buf
-    sys, dev : folders in place of /sys/class and /dev, for tests
-    open_interrupt : opens a UIO device for its interrupts, given its path
+    sys, dev, device : folders in place of /sys/class and /dev, and a class in place of `UioDevice`, for tests
     Raises TransportError, which names the file, where a device is missing or must not be opened.
     """
 
@@ -140,7 +142,7 @@ class UioTransport(DmaTransport):
         buffer: str = "udmabuf0",
         sys: Path = Path("/sys/class"),
         dev: Path = Path("/dev"),
-        open_interrupt: Callable[[Path], int] = open_device,
+        device: Callable[[int, Path, Path], UioDevice] = UioDevice,
     ):
         family = family_of(description.part)
         wanted = [(CORE, family.core_address)]
@@ -150,7 +152,7 @@ class UioTransport(DmaTransport):
         with contextlib.ExitStack() as opened:
             self._devices = []
             for number in find(wanted, sys / "uio"):
-                self._devices.append(UioDevice(number, sys / "uio", dev, open_interrupt))
+                self._devices.append(device(number, sys / "uio", dev))
                 opened.callback(self._devices[-1].close)
             memory = DmaBuffer(buffer, sys / "u-dma-buf", dev)
             opened.callback(memory.close)

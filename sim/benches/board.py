@@ -38,13 +38,13 @@ class Board:
     def __init__(self, dut, description: dict):
         self.dut, self.description = dut, description
         self.period_ps = 2 * round(0.5e6 / description["clock_mhz"])
-        self.memory = Memory(protocol.MEMORY_ADDRESS, protocol.MEMORY_BYTES)
+        self.memory = Memory(protocol.MEMORY_ADDRESS, bytearray(protocol.MEMORY_BYTES))
         self.changed = Event()
         self.bus = Lock()
         self.offsets = {register["name"]: register["offset"] for register in description["registers"]}
         self.latched: dict[int, int] = {}
         outputs = [output["name"] for output in description["outputs"]] or ["results"]
-        self.dmas = [SimpleDma(self.memory, self.changed) for _ in outputs]
+        self.dmas = [SimpleDma(self.memory, self.changed.set) for _ in outputs]
         self.addresses = addresses(description, len(outputs))
         self.is_video = description["streams"] == "video"
         kind = VideoStreams if self.is_video else PacketStreams

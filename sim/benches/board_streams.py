@@ -71,7 +71,8 @@ class PacketStreams:
         for name, dma in self.dmas.items():
             if dma.was_reset:
                 dma.was_reset = False
-                self.sinks[name].data.clear()
+                if name in self.sinks:
+                    self.sinks[name].data.clear()
         self.work.set()
 
     def control(self, value: int) -> int:

@@ -1,11 +1,11 @@
 """Model of an AXI DMA in direct register mode, as its host sees it, and of the memory behind it.
 
 Registers and their order of use are those of PG021 ("Register Space", "Direct Register Mode (Simple DMA)").
-The streams are driven elsewhere: they take beats from `Source` and give packets to `Sink`. Accesses to the
-DMA's registers and to memory take no clock here.
+The streams are driven elsewhere: they take frames from here and deliver packets. Accesses to the DMA's
+registers and to memory take no clock.
 """
 
-from cocotb.triggers import Event
+from collections.abc import Callable
 
 MM2S, S2MM = 0x00, 0x30
 DMACR, DMASR, ADDRESS, ADDRESS_MSB, LENGTH = 0x00, 0x04, 0x18, 0x1C, 0x28
@@ -15,10 +15,10 @@ IOC, ERROR = 1 << 12, 1 << 14
 
 
 class Memory:
-    """`size` bytes at a physical address."""
+    """Bytes at a physical address: a bytearray or a map of a file."""
 
-    def __init__(self, address: int, size: int):
-        self.address, self.octets = address, bytearray(size)
+    def __init__(self, address: int, octets):
+        self.address, self.octets = address, octets
 
     def _at(self, address: int, count: int) -> slice:
         start = address - self.address
@@ -81,9 +81,9 @@ class _Direction:
 
 
 class SimpleDma:
-    """Both directions, and what the streams do with them; `changed` is set when an interrupt may come."""
+    """Both directions, and what the streams do with them; `changed` is called when an interrupt may come."""
 
-    def __init__(self, memory: Memory, changed: Event):
+    def __init__(self, memory: Memory, changed: Callable[[], None]):
         self.memory, self.changed = memory, changed
         self.directions = {MM2S: _Direction(), S2MM: _Direction()}
         self.was_reset = False
@@ -129,7 +129,7 @@ class SimpleDma:
         source = self.directions[MM2S]
         if source.pending is not None:
             source.end()
-            self.changed.set()
+            self.changed()
 
     @property
     def wants(self) -> int | None:
@@ -152,8 +152,8 @@ class SimpleDma:
             self._fail(sink, DECODE_ERROR)
             return
         sink.end(len(packet))
-        self.changed.set()
+        self.changed()
 
     def _fail(self, direction: _Direction, error: int) -> None:
         direction.fail(error)
-        self.changed.set()
+        self.changed()

@@ -7,7 +7,6 @@ import numpy as np
 
 from fastac.driver.description import Description, parse
 from fastac.gateware.bus.register_map import AXES, ERRORS, REGISTERS
-from fastac.gateware.bus.registers import capabilities
 from fastac.gateware.packet_format import FrameFormat, PacketFormat
 from fastac.gateware.top_zynq import VERSION, TopZynq
 from fastac.models.integer.bundle import Bundle
@@ -62,7 +61,7 @@ def content(bundle: Bundle, streams: str = "packets") -> dict:
             }
         outputs.append(entry)
     constant = {
-        "CAPABILITIES": capabilities(identity),
+        "CAPABILITIES": identity.capabilities,
         "CALIBRATION_WORDS": identity.calibration_words,
         "CALIBRATION_LAYOUT": identity.calibration_layout,
         "SLIP_LIMIT": identity.slip_limit,

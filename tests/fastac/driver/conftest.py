@@ -1,0 +1,102 @@
+# amaranth: UnusedElaboratable=no
+"""One small design behind every transport: depth and three forces of 16 × 16 px, frames in packets."""
+
+import json
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from board_stand_in import UioBoard, pynq_module
+from described_hardware import content, described, frames_of
+
+from fastac.driver.description import FILE, Description
+from fastac.driver.driver import Driver
+from fastac.driver.emulator import EmulatorTransport
+from fastac.driver.pynq import PynqTransport
+from fastac.driver.simulation import VERILOG, SimulationTransport, Simulator
+from fastac.driver.uio import UioTransport
+from fastac.gateware.target.elaboration import to_verilog
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.bundle import Bundle
+from fastac.models.random_bundle import random_bundle, scene
+
+TRANSPORTS = ("emulator", "simulation", "uio", "pynq")
+
+
+@pytest.fixture(scope="session")
+def bundle(tmp_path_factory) -> Bundle:
+    folder = tmp_path_factory.mktemp("driven") / "bundle"
+    wanted = scene(("depth", "force_xyz"), mode="difference", lanes=2, streams="packets")
+    return random_bundle(folder, wanted)
+
+
+@pytest.fixture(scope="session")
+def description(bundle) -> Description:
+    return described(bundle)
+
+
+@pytest.fixture(scope="session")
+def frames(bundle):
+    return frames_of(bundle, 8)
+
+
+@pytest.fixture(scope="session")
+def expected(bundle, frames):
+    return Emulator(bundle.pipeline).run(frames)
+
+
+@pytest.fixture(scope="session")
+def verilog(bundle, tmp_path_factory) -> Path:
+    """The folder of the design's Verilog and hardware.json."""
+    folder = tmp_path_factory.mktemp("driven") / "verilog"
+    folder.mkdir()
+    (folder / FILE).write_text(json.dumps(content(bundle)))
+    (folder / VERILOG).write_text(to_verilog(TopZynq(bundle), name="fastac"))
+    return folder
+
+
+@pytest.fixture(scope="session")
+def simulation(verilog, description, tmp_path_factory):
+    """The simulated board; one for all tests, which leave it as they find it but for FRAME_COUNT."""
+    with Simulator(verilog, tmp_path_factory.mktemp("driven") / "simulator") as simulator:
+        transport = SimulationTransport(description, simulator.connect())
+        yield transport
+        transport.close()
+
+
+@pytest.fixture
+def opened(request, bundle, description, tmp_path, monkeypatch):
+    """`opened(name)`: a transport as a context manager."""
+
+    @contextmanager
+    def open_one(name: str):
+        if name == "emulator":
+            yield EmulatorTransport(bundle, description)
+        elif name == "simulation":
+            yield request.getfixturevalue("simulation")
+        elif name == "uio":
+            board = UioBoard(bundle, description, tmp_path / "board")
+            transport = UioTransport(description, sys=board.sys, dev=board.dev, device=board.device)
+            try:
+                yield transport
+            finally:
+                transport.close()
+                board.close()
+        else:
+            monkeypatch.setitem(sys.modules, "pynq", pynq_module(bundle, description))
+            yield PynqTransport(description, tmp_path / "design.bit")
+
+    return open_one
+
+
+@pytest.fixture(params=TRANSPORTS)
+def transport(request, opened):
+    with opened(request.param) as found:
+        yield found
+
+
+@pytest.fixture
+def driver(transport, description) -> Driver:
+    return Driver(transport, description)
