@@ -18,9 +18,10 @@ from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
 from fastac.sim import board_protocol as protocol
 from fastac.sim.benches import host
-from fastac.sim.benches.board_streams import PacketStreams
+from fastac.sim.benches.board_packets import PacketStreams
 from fastac.sim.benches.board_video import VideoStreams
-from fastac.sim.benches.simple_dma import MM2S, S2MM, Memory, SimpleDma
+from fastac.sim.benches.packet_dma import Memory
+from fastac.sim.dma.axi_dma import DmaMisuse
 
 ACCEPT_S = 60
 """How long the board waits for its host."""
@@ -44,11 +45,11 @@ class Board:
         self.offsets = {register["name"]: register["offset"] for register in description["registers"]}
         self.latched: dict[int, int] = {}
         outputs = [output["name"] for output in description["outputs"]] or ["results"]
-        self.dmas = [SimpleDma(self.memory, self.changed.set) for _ in outputs]
         self.addresses = addresses(description, len(outputs))
         self.is_video = description["streams"] == "video"
         kind = VideoStreams if self.is_video else PacketStreams
-        self.streams = kind(self, dict(zip(outputs, self.dmas, strict=True)))
+        self.streams = kind(self, outputs)
+        self.dmas = self.streams.dmas
 
     async def start(self) -> None:
         """Start the clock, reset the hardware, and let streams and interrupts be watched."""
@@ -63,7 +64,7 @@ class Board:
         self.dut.rst.value = 0
         await RisingEdge(self.dut.clk)
         self.start_ps = get_sim_time("ps")
-        cocotb.start_soon(self.streams.run())
+        self.streams.start()
         cocotb.start_soon(self._watch_interrupt())
 
     @property
@@ -80,7 +81,7 @@ class Board:
     def lines(self) -> int:
         """The interrupt lines. With video streams the core's serves the bench itself (board_video.py)."""
         core = int(self.dut.interrupt.value) if not self.is_video else 0
-        levels = [core, self.dmas[0].interrupt(MM2S), *(dma.interrupt(S2MM) for dma in self.dmas)]
+        levels = self.streams.levels(core)
         return sum(level << line for line, level in enumerate(levels))
 
     async def run(self, clocks: int, mask: int) -> int:
@@ -102,7 +103,7 @@ class Board:
     async def write_core(self, name: str, value: int) -> None:
         await host.write(self.master, self.offsets[name], value)
 
-    def _place(self, address: int) -> tuple[SimpleDma | None, int]:
+    def _place(self, address: int) -> tuple[object | None, int]:
         """The DMA at a physical address, None for the core, and the offset in its registers."""
         if self.addresses[0] <= address < self.addresses[0] + CORE_RANGE:
             return None, address - self.addresses[0]
@@ -204,7 +205,7 @@ async def serve(dut):
             status = protocol.DONE
             try:
                 value, payload = await answer(board, connection, operation, argument, address)
-            except (Refused, ValueError) as error:
+            except (Refused, DmaMisuse, ValueError) as error:
                 status, value, payload = protocol.REFUSED, 0, str(error).encode()
             reply = protocol.REPLY.pack(status, len(payload), value, board.cycle)
             try:

@@ -24,7 +24,7 @@ from fastac.driver.dma_transport import buffer_bytes
 from fastac.driver.uio import UioDevice
 from fastac.gateware.target.block_design import RANGE, family_of
 from fastac.models.integer.bundle import Bundle
-from fastac.sim.benches.simple_dma import (
+from fastac.sim.benches.packet_dma import (
     ADDRESS,
     ADDRESS_MSB,
     DMACR,
@@ -33,7 +33,7 @@ from fastac.sim.benches.simple_dma import (
     MM2S,
     S2MM,
     Memory,
-    SimpleDma,
+    PacketDma,
 )
 
 MARK = 1 << 31
@@ -46,7 +46,7 @@ class Board:
     def __init__(self, bundle: Bundle, description: Description, octets):
         self.model, self.description = CoreModel(bundle, description), description
         self.dmas = [
-            SimpleDma(Memory(ADDRESS_OF_BUFFER, octets), lambda: None) for _ in description.streams_out
+            PacketDma(Memory(ADDRESS_OF_BUFFER, octets), lambda: None) for _ in description.streams_out
         ]
         self.waiting = {name: deque() for name in description.streams_out}
 

@@ -1,8 +1,8 @@
-"""Model of an AXI DMA in direct register mode, as its host sees it, and of the memory behind it.
+"""An AXI DMA as its host sees it, for whole frames and packets, and the memory behind it.
 
 Registers and their order of use are those of PG021 ("Register Space", "Direct Register Mode (Simple DMA)").
-The streams are driven elsewhere: they take frames from here and deliver packets. Accesses to the DMA's
-registers and to memory take no clock.
+There are no streams here and no clocks: sim/dma/axi_dma.py is the model with both. This one serves where no
+DMA could be, behind video streams, and in the stand-ins for boards.
 """
 
 from collections.abc import Callable
@@ -80,13 +80,12 @@ class _Direction:
         return bool(self.status & self.control & (IOC | ERROR))
 
 
-class SimpleDma:
+class PacketDma:
     """Both directions, and what the streams do with them; `changed` is called when an interrupt may come."""
 
     def __init__(self, memory: Memory, changed: Callable[[], None]):
         self.memory, self.changed = memory, changed
         self.directions = {MM2S: _Direction(), S2MM: _Direction()}
-        self.was_reset = False
 
     def _of(self, offset: int) -> tuple[_Direction, int]:
         base = S2MM if offset >= S2MM else MM2S
@@ -101,7 +100,6 @@ class SimpleDma:
         if register == DMACR and value & RESET:
             for each in self.directions.values():
                 each.reset()
-            self.was_reset = True
             return
         direction.write(register, value)
 
