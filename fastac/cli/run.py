@@ -98,6 +98,7 @@ def run(
     model = load_bundle(bundle)
     verilog_folder = verilog_folder or bundle / "verilog"
     description = descriptions.read(verilog_folder)
+    description.require_bundle(model.digest, str(verilog_folder / descriptions.FILE))
     origin = source or str(bundle / "data.h5")
     given = open_source(origin, model.scene, split=split, progress=progress)
     live = Live(enabled=progress)

@@ -38,10 +38,10 @@ class CoreModel:
         self._start_s = time.monotonic()
         self._facts = {register.offset: register for register in description.registers}
         self._offset = {register.name: register.offset for register in description.registers}
-        self._values = {r.name: r.reset or 0 for r in description.registers}
-        self._values |= {"ID": ID, "VERSION": description.version}
+        self.values = {r.name: r.reset or 0 for r in description.registers}
+        self.values |= {"ID": ID, "VERSION": description.version}
         frame = description.frame
-        self._values["GEOMETRY"] = frame.height_px | frame.width_px << 16
+        self.values["GEOMETRY"] = frame.height_px | frame.width_px << 16
         self.enable, self.interrupt_enable, self.capture = True, False, False
         self.errors = self.frames = self.lost = 0
         self.pending = self.result_valid = False
@@ -100,7 +100,7 @@ class CoreModel:
         if description.slip:
             records["slip_spread"] = found.slip_words
             records["slip_dots"] = found.slip_dots
-            flags |= np.where(found.slip_words > self._values["SLIP_LIMIT"], RecordFlag.SLIP, 0)
+            flags |= np.where(found.slip_words > self.values["SLIP_LIMIT"], RecordFlag.SLIP, 0)
         for k, axis in enumerate(description.force.axes if description.force else ()):
             records[f"force_{axis}"] = found.force_raw[:, k]
         if self.pending:
@@ -206,7 +206,7 @@ class CoreModel:
             "RESULTS_WAITING": self._waiting,
             "RESULTS_LOST": self.lost,
         }
-        return int(given.get(name, self._values[name]))
+        return int(given.get(name, self.values[name]))
 
     def concerns_frames(self, offset: int, value: int) -> bool:
         """Whether a write changes what becomes of frames that were sent before it."""
@@ -235,15 +235,15 @@ class CoreModel:
         elif facts.name == "CALIBRATION":
             self._load(value)
         else:
-            self._values[facts.name] = value
+            self.values[facts.name] = value
 
     def _load(self, word: int) -> None:
         """The next word of a calibration image."""
-        if not self.image and word != self._values["CALIBRATION_LAYOUT"]:
+        if not self.image and word != self.values["CALIBRATION_LAYOUT"]:
             self.errors |= self._error("calibration_refused")
             return
         self.image.append(word)
-        if len(self.image) < self._values["CALIBRATION_WORDS"]:
+        if len(self.image) < self.values["CALIBRATION_WORDS"]:
             return
         from fastac.gateware.calibration import calibration_words
 

@@ -164,6 +164,14 @@ class Description(_Table):
     results: ResultsFacts | None = None
     part: str | None = None
 
+    def require_bundle(self, digest: str, origin: str) -> None:
+        """Raise DescriptionError, naming `origin`, unless the hardware is of the bundle with this hash."""
+        if self.bundle_sha256 != digest:
+            raise DescriptionError(
+                f"{origin}: bundle_sha256 = {self.bundle_sha256[:16]}…: the bundle's is {digest[:16]}…;"
+                " write it again with fastac verilog BUNDLE"
+            )
+
     @property
     def hash_word(self) -> int:
         """The first 64 bits of the bundle's hash, as the registers BUNDLE_HASH have them."""
@@ -216,7 +224,7 @@ def read(path: Path | str) -> Description:
     Raises DescriptionError where there is none, it is damaged, or its values contradict each other.
     """
     path = Path(path)
-    path = path / FILE if path.is_dir() else path
+    path = path if path.suffix == ".json" else path / FILE
     try:
         text = path.read_bytes()
     except OSError as error:

@@ -67,7 +67,8 @@ class Live:
     def summary(self) -> list[str]:
         """Lines about the whole run."""
         counts, seconds = self._counts, time.monotonic() - self._start
-        flagged = ", ".join(f"{counts[name]} {name}" for name in ("lost", "bad", "suspect", "slipping"))
+        slips = ("slipping",) if self._last is not None and self._last.description.slip else ()
+        flagged = ", ".join(f"{counts[name]} {name}" for name in ("lost", "bad", "suspect", *slips))
         lines = [f"{counts['frames']} frames in {seconds:.1f} s: {flagged}"]
         if self._last is not None:
             middle, high = (1e3 * np.quantile(self._latencies, q) for q in (0.5, 0.99))

@@ -39,7 +39,7 @@ def open_transport(
     if via == "emulator":
         from fastac.driver.emulator import EmulatorTransport
 
-        others = [load_bundle(calibration)] if calibration is not None else []
+        others = [load_bundle(calibration)] if calibration and calibration.is_dir() else []
         transport = EmulatorTransport(bundle, description, calibrations=others)
         yield transport
     elif via == "sim":

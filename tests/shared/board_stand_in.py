@@ -64,10 +64,11 @@ class Board:
 class UioBoard:
     """A board in a folder: `sys` and `dev` in place of /sys/class and /dev, played by a thread.
 
+    dma : the name of every DMA's UIO device, as where only its address tells which one it is
     looks : how often the thread has begun to look at the registers
     """
 
-    def __init__(self, bundle: Bundle, description: Description, folder: Path):
+    def __init__(self, bundle: Bundle, description: Description, folder: Path, dma: str = "dma"):
         self.sys, self.dev = folder / "sys", folder / "dev"
         self.dev.mkdir(parents=True)
         family = family_of(description.part)
@@ -76,7 +77,7 @@ class UioBoard:
         ends = [socket.socketpair() for _ in range(count + 1)]
         self._host_ends = {self.dev / f"uio{k}": host for k, (host, _) in enumerate(ends)}
         self._ends = [own for _, own in ends]
-        names = ["fastac_0", *("dma" for _ in range(count))]  # of the DMAs only the addresses tell
+        names = ["fastac_0", *(dma for _ in range(count))]
         addresses = [family.core_address, *(family.dma_address + k * RANGE for k in range(count))]
         for k, (name, address) in enumerate(zip(names, addresses, strict=True)):
             maps = self.sys / "uio" / f"uio{k}" / "maps" / "map0"

@@ -2,11 +2,14 @@
 """hardware.json of a bundle without elaborating anything, and frames for it."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 
-from fastac.driver.description import Description, parse
-from fastac.flow.hardware import describe
+from fastac.driver.description import FILE, Description, parse
+from fastac.driver.simulation import VERILOG
+from fastac.flow.hardware import NAME, describe
+from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
 
@@ -18,6 +21,13 @@ def content(bundle: Bundle) -> dict:
 
 def described(bundle: Bundle) -> Description:
     return parse(json.dumps(content(bundle)))
+
+
+def write_hardware(bundle: Bundle, folder: Path) -> None:
+    """The Verilog and hardware.json, without the linter and the files of other tools."""
+    folder.mkdir(parents=True)
+    (folder / FILE).write_text(json.dumps(content(bundle)))
+    (folder / VERILOG).write_text(to_verilog(TopZynq(bundle), name=NAME))
 
 
 def frames_of(bundle: Bundle, count: int, seed: int = 1) -> np.ndarray:

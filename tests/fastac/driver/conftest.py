@@ -1,23 +1,19 @@
-# amaranth: UnusedElaboratable=no
 """One small design behind every transport: depth and three forces of 16 × 16 px, frames in packets."""
 
-import json
 import sys
 from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from board_stand_in import UioBoard, pynq_module
-from described_hardware import content, described, frames_of
+from described_hardware import described, frames_of, write_hardware
 
-from fastac.driver.description import FILE, Description
+from fastac.driver.description import Description
 from fastac.driver.driver import Driver
 from fastac.driver.emulator import EmulatorTransport
 from fastac.driver.pynq import PynqTransport
-from fastac.driver.simulation import VERILOG, SimulationTransport, Simulator
+from fastac.driver.simulation import SimulationTransport, Simulator
 from fastac.driver.uio import UioTransport
-from fastac.gateware.target.elaboration import to_verilog
-from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.models.random_bundle import random_bundle, scene
@@ -51,16 +47,19 @@ def expected(bundle, frames):
 def verilog(bundle, tmp_path_factory) -> Path:
     """The folder of the design's Verilog and hardware.json."""
     folder = tmp_path_factory.mktemp("driven") / "verilog"
-    folder.mkdir()
-    (folder / FILE).write_text(json.dumps(content(bundle)))
-    (folder / VERILOG).write_text(to_verilog(TopZynq(bundle), name="fastac"))
+    write_hardware(bundle, folder)
     return folder
 
 
 @pytest.fixture(scope="session")
-def simulation(verilog, description, tmp_path_factory):
+def simulator_folder(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("driven") / "simulator"
+
+
+@pytest.fixture(scope="session")
+def simulation(verilog, description, simulator_folder):
     """The simulated board; one for all tests, which leave it as they find it but for FRAME_COUNT."""
-    with Simulator(verilog, tmp_path_factory.mktemp("driven") / "simulator") as simulator:
+    with Simulator(verilog, simulator_folder) as simulator:
         transport = SimulationTransport(description, simulator.connect())
         yield transport
         transport.close()
