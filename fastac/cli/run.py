@@ -101,7 +101,6 @@ def run(
     description.require_bundle(model.digest, str(verilog_folder / descriptions.FILE))
     origin = source or str(bundle / "data.h5")
     given = open_source(origin, model.scene, split=split, progress=progress)
-    live = Live(enabled=progress)
     with open_transport(
         via,
         description,
@@ -123,6 +122,7 @@ def run(
         if hdf5_file is not None:
             about = {"scene": description.scene, "bundle_sha256": model.digest, "via": via, "source": origin}
             recorders.append(Hdf5Recorder(hdf5_file, description, images=images, about=about))
+        live = Live(enabled=progress)
         interrupted = run_frames(driver, given, recorders, live, frames=frames, batch=batch)
     for text in live.summary():
         click.echo(text)
