@@ -111,7 +111,8 @@ def run(
         calibration=calibration,
         progress=progress,
     ) as transport:
-        driver = Driver(transport, description, timeout_s=timeout_s)
+        any_bundle = calibration is not None
+        driver = Driver(transport, description, timeout_s=timeout_s, any_bundle=any_bundle)
         if calibration is not None:
             driver.load_calibration(words_of_calibration(calibration, model))
         if capture_background:

@@ -15,9 +15,10 @@ import numpy as np
 
 from fastac.driver.axi_dma import MM2S, S2MM, Channel, Window
 from fastac.driver.description import Description
-from fastac.driver.transport import DmaError, TransportError, TransportTimeout, until
+from fastac.driver.transport import PacketSizeError, TransportError, TransportTimeout, until
 
-FRAMES_IN_FLIGHT = 3
+MOST_IN_FLIGHT = 7
+"""Frames that the core holds at most (`FRAMES_IN_FLIGHT` in gateware/stream/frame_guard.py, less one)."""
 FRAME_SLOTS = 2
 ALIGNMENT = 4096
 """Places in the buffer begin at multiples of it: pages, and more than any stream's width (PG021)."""
@@ -63,8 +64,15 @@ def _layout(description: Description) -> list[_Slots]:
     """Places of the frames, then those of each stream's packets."""
     found = [_Slots(0, description.frame.format.bytes, FRAME_SLOTS)]
     for size in description.streams_out.values():
-        found.append(_Slots(found[-1].end, size, FRAMES_IN_FLIGHT + 1))
+        found.append(_Slots(found[-1].end, size, frames_in_flight(description) + 1))
     return found
+
+
+def frames_in_flight(description: Description) -> int:
+    """Frames that must be on their way for the full rate: those in the core, one that is being sent, and one
+    whose packet is being written."""
+    in_core = -(-description.result_cycles // description.frame_beats)
+    return min(in_core + 2, MOST_IN_FLIGHT)
 
 
 class DmaTransport:
@@ -75,8 +83,6 @@ class DmaTransport:
     wide : the DMAs have addresses of more than 32 bits
     """
 
-    frames_in_flight = FRAMES_IN_FLIGHT
-
     def __init__(
         self, description: Description, core: Window, dmas: Sequence[Window], memory: Memory, *, wide: bool
     ):
@@ -84,6 +90,7 @@ class DmaTransport:
         if memory.size < slots[-1].end:
             raise TransportError(f"buffer of {memory.size} bytes: expected {slots[-1].end} or more")
         self.description, self.core, self.memory = description, core, memory
+        self.frames_in_flight = frames_in_flight(description)
         self._lock = threading.RLock()
         self._frames = frames
         self._source = Channel(dmas[0], MM2S, "axi_dma_0 MM2S", wide=wide)
@@ -137,11 +144,12 @@ class DmaTransport:
             if stream.filling is None or not stream.channel.done():
                 continue
             moved = stream.channel.moved()
-            stream.ready.append(stream.filling)
+            is_whole = moved == stream.slots.size
+            (stream.ready if is_whole else stream.slots.free).append(stream.filling)
             stream.filling = None
             self._fill(stream)
-            if moved != stream.slots.size:
-                raise DmaError(f"{name}: a packet of {moved} bytes: expected {stream.slots.size}")
+            if not is_whole:
+                raise PacketSizeError(f"{name}: a packet of {moved} bytes: expected {stream.slots.size}")
 
     def _serve(self, name: str | None = None) -> bool:
         """Service the DMAs; whether a packet of the stream `name` is there, or the frames' DMA is idle."""

@@ -11,52 +11,25 @@ with Driver(UioTransport(description), description) as driver:
 """
 
 import threading
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
 
 from fastac.driver.description import Description
-from fastac.driver.packets import RECORD, Found, PacketError, join, nothing, record_of
+from fastac.driver.packets import Found, PacketError, join, nothing
+from fastac.driver.receiver import Receiver
 from fastac.driver.registers import WORD_MASK, Registers
-from fastac.driver.transport import DmaError, Transport, TransportTimeout, until
-from fastac.gateware.bus.record import RECORD_WORDS, RecordFlag
+from fastac.driver.transport import DmaError, PacketSizeError, Transport, TransportTimeout, until
 
 ID = int.from_bytes(b"FTAC", "big")
-ABORTED = int(RecordFlag.ABORTED)
 TIMEOUT_S = 1.0
-CLEAR_AFTER = 8
-"""Records after which those in the registers' FIFO of 16 are discarded, where packets carry them too."""
 
 
 class DriverError(RuntimeError):
     """Hardware that is not what it should be, or a command that it did not carry out; one line."""
-
-
-@dataclass
-class Counts:
-    """What has happened since the driver was made.
-
-    sent, received : frames in and results out; lost : frames without a result
-    timeouts : a packet did not come in time; dma_errors : a DMA reported an error or a packet of another
-        size; each of these ends all that is in flight
-    missing : results that were left out: the one of a later frame came instead
-    stale : packets that belonged to no frame that is waited for, such as those that a reset cut
-    overruns : records that the hardware dropped because the registers' FIFO was full
-    errors : by name, results with which an error stood in ERRORS
-    """
-
-    sent: int = 0
-    received: int = 0
-    lost: int = 0
-    timeouts: int = 0
-    dma_errors: int = 0
-    missing: int = 0
-    stale: int = 0
-    overruns: int = 0
-    errors: Counter = field(default_factory=Counter)
 
 
 @dataclass
@@ -72,7 +45,7 @@ class Driver:
     """One core behind a transport.
 
     timeout_s : how long the result of a frame may take before it counts as lost
-    check : refuse hardware whose identity is not that of `description`
+    any_bundle : take hardware with another bundle's calibration, or with half of one, to load one
 
     Frames go in by one iteration at a time; registers may be used by any thread meanwhile. A frame whose
     result does not come is given as lost, DMAs and core are reset, and the next frames go on; `counts` says
@@ -85,27 +58,27 @@ class Driver:
         description: Description,
         *,
         timeout_s: float = TIMEOUT_S,
-        check: bool = True,
+        any_bundle: bool = False,
     ):
         self.transport, self.description, self.timeout_s = transport, description, timeout_s
         self.registers = Registers(description, transport.read, transport.write)
-        self.counts = Counts()
         self.trouble: str = ""
         """The last error that cost a frame, in one line."""
         self._busy = threading.Lock()
-        self._held: dict[str, np.ndarray] = {}
         self._failed = False
-        if check:
-            self.check_identity()
-        self._own_fifo = description.record_at is None
-        self._has_fifo = "RESULTS_WORD" in self.registers
-        self._lost_before = self.registers.read("RESULTS_LOST") if self._has_fifo else 0
-        self._trailer = {o.name: o.format.image_bytes for o in description.outputs} or {"results": 0}
-        if self.registers.read("FRAME_COUNT"):  # whoever used it before may have left frames in it
-            self._restart()
+        self._check_version()
+        if not any_bundle:
+            self.check_bundle()
+        self._receiver = Receiver(transport, self.registers, description, timeout_s=timeout_s)
+        self.counts = self._receiver.counts
+        self._number = 0
+        status = self.registers.fields("STATUS")
+        if status["busy"] or self.registers.read("FRAME_COUNT"):
+            # Whoever used it before may have left frames in it; none can run while half of a calibration is.
+            if not status["loading"]:
+                self._restart()
         else:
             self._control()
-            self._number = 0
         self.registers.take_errors()
 
     def __enter__(self) -> "Driver":
@@ -120,16 +93,18 @@ class Driver:
 
     # Identity and control
 
-    def check_identity(self) -> None:
-        """Raise DriverError unless ID, VERSION and BUNDLE_HASH are those of the description."""
+    def _check_version(self) -> None:
         read, description = self.registers.read, self.description
         if (found := read("ID")) != ID:
             raise DriverError(f"ID = {found:#010x}: expected {ID:#010x}: no core of ours is at this address")
         if (found := read("VERSION")) != description.version:
             raise DriverError(f"VERSION = {found}: hardware.json is of version {description.version}")
-        if (found := self.bundle_hash) != description.hash_word:
+
+    def check_bundle(self) -> None:
+        """Raise DriverError unless BUNDLE_HASH is that of the description."""
+        if (found := self.bundle_hash) != self.description.hash_word:
             raise DriverError(
-                f"BUNDLE_HASH = {found:016x}: hardware.json is of bundle {description.hash_word:016x};"
+                f"BUNDLE_HASH = {found:016x}: hardware.json is of bundle {self.description.hash_word:016x};"
                 " program its bitstream, or load its calibration"
             )
 
@@ -142,33 +117,41 @@ class Driver:
         self.registers.write("CONTROL", **{"enable": 1, "interrupt_enable": 1, **bits})
 
     def _restart(self) -> None:
-        """End everything in flight and begin anew: core, DMAs, numbers of frames."""
-        clear = {"clear_results": 1} if self._has_fifo else {}
+        """End everything in flight and begin anew: core, DMAs, numbers of frames.
+
+        Where the input was cut inside a frame, the core takes what comes next for the rest of it. So a frame
+        of zeros follows: it is this rest, or else a frame with a number, whose packets are stale.
+        """
+        clear = {"clear_results": 1} if self._receiver.has_fifo else {}
         self._control(soft_reset=1, **clear)
-        try:  # after a soft reset the core drops the rest of a packet, so a DMA that is well comes to its end
-            cut = not self.transport.sent(self.timeout_s)
-        except DmaError:
-            cut = True
+        self._sent(self.timeout_s)  # the core drops what is left of a frame, so a DMA that is well ends it
         self.transport.reset_dma()
-        self._held.clear()
+        self._receiver.restart()
         self._wait_idle()
-        if cut:
-            # The core takes what comes next for the rest of the packet that was cut. If it does not, this
-            # frame gets a number, and its packets are stale.
-            self.transport.send(np.zeros(self.description.frame.format.bytes, np.uint8))
-            if not self.transport.sent(self.timeout_s):
-                raise DriverError("after a reset the hardware takes no frame; load the bitstream anew")
+        self.transport.send(np.zeros(self.description.frame.format.bytes, np.uint8))
+        if not self._sent(self.timeout_s):
+            raise DriverError("after a reset the hardware takes no frame; load the bitstream anew")
+        self._wait_idle()
         self._number = self.registers.read("FRAME_COUNT")
+
+    def _sent(self, timeout_s: float) -> bool:
+        """Whether all frames have been taken; what comes to memory meanwhile may be the rest of a packet."""
+        while True:
+            try:
+                return self.transport.sent(timeout_s)
+            except PacketSizeError:
+                self.counts.stale += 1
+            except DmaError:
+                return False
 
     def _wait_idle(self) -> None:
         """Wait until no frame is in flight."""
-        idle = until(
-            lambda: not self.registers.read("STATUS", "busy"),
-            self.transport,
-            self.timeout_s,
-            self.transport.wait_interrupt,
-        )
-        if not idle:
+
+        def idle() -> bool:
+            self._sent(0)  # so that packets are taken meanwhile
+            return not self.registers.read("STATUS", "busy")
+
+        if not until(idle, self.transport, self.timeout_s, self.transport.wait_interrupt):
             raise DriverError("STATUS.busy does not end: is every output stream read?")
 
     def soft_reset(self) -> None:
@@ -213,7 +196,7 @@ class Driver:
                 raise DriverError(
                     "calibration: refused by the hardware; no frame is computed until one is whole"
                 )
-            self._control()
+            self._restart()
         wanted = int(words[-1]) << 32 | int(words[-2])
         if self.bundle_hash != wanted:
             raise DriverError(f"calibration: BUNDLE_HASH = {self.bundle_hash:016x}: expected {wanted:016x}")
@@ -286,7 +269,12 @@ class Driver:
         sent, found = waiting.popleft(), None
         if not sent.lost:
             try:
-                found = self._collect(sent)
+                collected = self._receiver.collect(sent.number)
+                if collected is None:
+                    self.trouble = self._receiver.missing
+                else:
+                    now_s = self.transport.now_s()
+                    found = Found(self.description, *collected, False, sent.at_s, now_s)
             except (DmaError, TransportTimeout, PacketError) as error:
                 self._fail(error)
                 sent.lost = True
@@ -298,84 +286,7 @@ class Driver:
         if found is None:
             self.counts.lost += 1
             return nothing(self.description, sent.number, sent.at_s)
-        self.counts.received += 1
         return found
-
-    def _collect(self, sent: _Sent) -> Found | None:
-        """The packets and the record of a frame; None where the hardware is at a later frame already."""
-        packets, records, missing = {}, {}, False
-        for stream in self._trailer:
-            octets = self._packet(stream, sent.number)
-            if octets is None:
-                missing = True
-            else:
-                packets[stream], records[stream] = octets
-        record = self._record_from_registers(sent.number) if self._own_fifo else None
-        if missing or (self._own_fifo and record is None):
-            self.counts.missing += 1
-            self.trouble = f"frame {sent.number}: no result, but one of a later frame"
-            return None
-        if record is None:
-            record = records[self.description.record_at[0]]
-        self._look_after(record)
-        images = {name: packet for name, packet in packets.items() if name != "results"}
-        return Found(self.description, record, images, False, sent.at_s, self.transport.now_s())
-
-    def _packet(self, stream: str, number: int) -> tuple[np.ndarray, np.void] | None:
-        """The packet of a stream and its trailer for frame `number`; None where a later one comes first."""
-        while True:
-            octets = self._held.pop(stream, None)
-            if octets is None:
-                octets = self.transport.receive(stream, self.timeout_s)
-            record = record_of(octets, self._trailer[stream])
-            ahead = int(record["frame"]) - number & WORD_MASK
-            if int(record["flags"]) & ABORTED or ahead >> 31:
-                self.counts.stale += 1
-            elif ahead:
-                self._held[stream] = octets
-                return None
-            else:
-                return octets, record
-
-    def _record_from_registers(self, number: int) -> np.void | None:
-        """The record of frame `number` out of the registers' FIFO; None where a later one comes first."""
-        while True:
-            record = self._held.pop("", None)
-            if record is None:
-                there = until(
-                    lambda: self.registers.read("RESULTS_WAITING"),
-                    self.transport,
-                    self.timeout_s,
-                    self.transport.wait_interrupt,
-                )
-                if not there:
-                    raise TransportTimeout(f"RESULTS_WAITING: no record within {self.timeout_s:g} s")
-                words = [self.registers.read("RESULTS_WORD") for _ in RECORD_WORDS]
-                record = np.array(words, "<u4").view(RECORD)
-            ahead = int(record["frame"][0]) - number & WORD_MASK
-            if not ahead:
-                return record[0]
-            if not ahead >> 31:
-                self._held[""] = record
-                return None
-            self.counts.stale += 1
-
-    def _look_after(self, record: np.void) -> None:
-        """What the host owes the registers after a result."""
-        errors = int(record["errors"])
-        if errors:
-            names = self.description.errors
-            self.counts.errors.update(name for bit, name in enumerate(names) if errors >> bit & 1)
-            self.registers.write("ERRORS", errors)
-        if not self._has_fifo:
-            return
-        if self._own_fifo:
-            if errors:
-                lost = self.registers.read("RESULTS_LOST")
-                self.counts.overruns += lost - self._lost_before & WORD_MASK
-                self._lost_before = lost
-        elif self.counts.received % CLEAR_AFTER == 0:
-            self._control(clear_results=1)
 
 
 class _Alone:

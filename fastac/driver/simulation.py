@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.driver.description import FILE, Description
-from fastac.driver.dma_transport import DmaTransport
+from fastac.driver.dma_transport import DmaTransport, frames_in_flight
 from fastac.driver.transport import ClosedError, TransportError
 from fastac.gateware.target.block_design import RANGE, family_of
 from fastac.sim.board_protocol import (
@@ -126,7 +126,7 @@ class SimulationTransport(DmaTransport):
         dmas = [_Window(board, family.dma_address + k * RANGE) for k in range(len(description.streams_out))]
         self._process: subprocess.Popen | None = None
         self._clock_hz = description.clock_mhz * 1e6
-        frames = self.frames_in_flight + 2
+        frames = frames_in_flight(description) + 2
         clocks = PATIENCE * (description.result_cycles + frames * description.frame_beats) + PATIENCE_CLOCKS
         self._patience_s = clocks / self._clock_hz
         super().__init__(description, _Window(board, family.core_address), dmas, _Memory(board), wide=True)

@@ -15,7 +15,11 @@ class TransportTimeout(TransportError):
 
 
 class DmaError(TransportError):
-    """A DMA reported errors, or brought a packet of another size."""
+    """A DMA reported errors."""
+
+
+class PacketSizeError(DmaError):
+    """A packet is not as long as it should be, as the rest of one that a reset has cut."""
 
 
 class ClosedError(TransportError):

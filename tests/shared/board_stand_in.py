@@ -43,8 +43,8 @@ ADDRESS_OF_BUFFER = 0x7000_0000
 class Board:
     """The core model with its DMAs and memory: `step` moves what can be moved."""
 
-    def __init__(self, bundle: Bundle, description: Description, octets):
-        self.model, self.description = CoreModel(bundle, description), description
+    def __init__(self, bundle: Bundle, description: Description, octets, calibrations=()):
+        self.model, self.description = CoreModel(bundle, description, calibrations), description
         self.dmas = [
             PacketDma(Memory(ADDRESS_OF_BUFFER, octets), lambda: None) for _ in description.streams_out
         ]
@@ -223,10 +223,10 @@ class _Allocated(np.ndarray):
     def freebuffer(self) -> None: ...
 
 
-def pynq_module(bundle: Bundle, description: Description) -> ModuleType:
+def pynq_module(bundle: Bundle, description: Description, calibrations=()) -> ModuleType:
     """A module to be put into sys.modules as `pynq`."""
     octets = bytearray(buffer_bytes(description))
-    board = Board(bundle, description, octets)
+    board = Board(bundle, description, octets, calibrations)
     parts = {f"axi_dma_{k}": _Part(board, dma) for k, dma in enumerate(board.dmas)}
     module = ModuleType("pynq")
     module.board = board

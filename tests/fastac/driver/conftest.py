@@ -2,6 +2,7 @@
 
 import sys
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,7 +16,7 @@ from fastac.driver.pynq import PynqTransport
 from fastac.driver.simulation import SimulationTransport, Simulator
 from fastac.driver.uio import UioTransport
 from fastac.models.emulator.pipeline import Emulator
-from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.bundle import Bundle, save
 from fastac.models.random_bundle import random_bundle, scene
 
 TRANSPORTS = ("emulator", "simulation", "uio", "pynq")
@@ -26,6 +27,14 @@ def bundle(tmp_path_factory) -> Bundle:
     folder = tmp_path_factory.mktemp("driven") / "bundle"
     wanted = scene(("depth", "force_xyz"), mode="difference", lanes=2, streams="packets")
     return random_bundle(folder, wanted)
+
+
+@pytest.fixture(scope="session")
+def recalibrated(bundle, tmp_path_factory) -> Bundle:
+    """The same with another pixel network, which a calibration loads."""
+    first = replace(bundle.pipeline.layers[0], bias=bundle.pipeline.layers[0].bias + 3)
+    pipeline = bundle.pipeline.replace(layers=(first, *bundle.pipeline.layers[1:]))
+    return save(tmp_path_factory.mktemp("driven") / "recalibrated", pipeline, {})
 
 
 @pytest.fixture(scope="session")
@@ -66,13 +75,13 @@ def simulation(verilog, description, simulator_folder):
 
 
 @pytest.fixture
-def opened(request, bundle, description, tmp_path, monkeypatch):
+def opened(request, bundle, recalibrated, description, tmp_path, monkeypatch):
     """`opened(name)`: a transport as a context manager."""
 
     @contextmanager
     def open_one(name: str):
         if name == "emulator":
-            yield EmulatorTransport(bundle, description)
+            yield EmulatorTransport(bundle, description, calibrations=[recalibrated])
         elif name == "simulation":
             yield request.getfixturevalue("simulation")
         elif name == "uio":
@@ -84,7 +93,8 @@ def opened(request, bundle, description, tmp_path, monkeypatch):
                 transport.close()
                 board.close()
         else:
-            monkeypatch.setitem(sys.modules, "pynq", pynq_module(bundle, description))
+            module = pynq_module(bundle, description, [recalibrated])
+            monkeypatch.setitem(sys.modules, "pynq", module)
             yield PynqTransport(description, tmp_path / "design.bit")
 
     return open_one
