@@ -11,6 +11,7 @@ from fastac.cli.hardware import calibration, registers, sim, synth, verilog
 from fastac.cli.models import evaluate, objects, predict, train
 from fastac.cli.prove import prove
 from fastac.cli.recordings import import_
+from fastac.cli.run import run
 from fastac.cli.studies import study
 from fastac.cli.trade import scope, sweep, trade
 from fastac.cli.verify import verify
@@ -36,7 +37,7 @@ def main():
 COMMANDS = (
     *(build, reproduce, report, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
-    *(verilog, registers, calibration, sim, verify, synth, sweep, trade, scope, study, prove, bench),
+    *(verilog, registers, calibration, sim, run, verify, synth, sweep, trade, scope, study, prove, bench),
     *(vivado, vivado_reports),
 )
 for command in COMMANDS:
