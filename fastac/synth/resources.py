@@ -61,7 +61,7 @@ PACKET_LUTS = {
     "queue_lanes": 58,
     "early_images": 140,
 }
-"""Look-up tables that `hardware.streams = "packets"` adds to the registers and in place of the video ports, by
+"""Look-up tables that `hardware.streams = "packets"` adds to the registers and in place of video's ports, by
 what they are counted for: the design; axes of the force; images that wait for their record, and the axes and
 lanes of each (one lane needs no queue); images that are sent before. Yosys counts 1,083, 1,317 and 1,560 in
 three designs (depth and F_z at 1 and 4 lanes; normals, depth and three axes at 2): the sums are 1,082, 1,314
