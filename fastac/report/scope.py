@@ -94,7 +94,7 @@ class Scope:
         """Look-up tables by stage."""
         return {
             name: f"{self.stages[name]['lut']:,.0f}" if name in self.stages else ABSENT
-            for name in resources.stage_names()
+            for name in (*resources.stage_names(), *(("packets",) if "packets" in self.stages else ()))
         }
 
     def verified(self) -> dict[str, str]:
