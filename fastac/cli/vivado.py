@@ -15,6 +15,7 @@ from fastac.cli.common import (
     run_build,
     store_beside,
 )
+from fastac.gateware.target.boards import BOARDS, NO_BOARD
 from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 from fastac.synth.vivado_reports import ORIGIN
@@ -35,8 +36,8 @@ from fastac.synth.vivado_reports import ORIGIN
 )
 @click.option(
     "--board",
-    help="Board whose files set the processing system: kv260, kr260, k26, zcu104, pynq-z2, arty-z7-20 or"
-    " none. [default: the first with the scene's part]",
+    type=click.Choice([*BOARDS, NO_BOARD]),
+    help="Board whose files set the processing system. [default: the first with the scene's part]",
 )
 @click.option("--saif", type=INPUT, help="Activity of the core's nets, from `fastac sim --trace saif`.")
 @output_option("Folder to write; an older one is replaced at the end.", OUTPUT_FOLDER, "BUNDLE/vivado")

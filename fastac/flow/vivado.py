@@ -67,16 +67,27 @@ def write(
     Returns the hardware's scene, the board, and whether the bundle's own scene has other streams.
     Raises SceneError, BoardError, BlockDesignError and HardwareError, in one line, for what cannot be.
     """
-    own = bundles.load(bundle).scene
-    scene = with_streams(own, streams)
+    model = bundles.load(bundle)
+    scene = with_streams(model.scene, streams)
     board = choose_board(scene.hardware.part, board)
-    verilog = verilog_of(bundle, scene, store, announce, progress=progress)
+    verilog = bundle.parent / steps.VERILOG
+    if not is_built(verilog, model.digest, streams):
+        verilog = verilog_of(bundle, scene, store, announce, progress=progress)
     content = read_hardware(verilog)
     text = (verilog / f"{hardware.NAME}.v").read_text(encoding="utf-8")
     with write_folder_atomically(folder) as temporary:
         write_vivado_folder(text, content, temporary, board=board, saif=saif)
         shutil.copytree(verilog / "registers", temporary / "registers")
-    return scene, board, own.hardware.streams != streams
+    return scene, board, model.scene.hardware.streams != streams
+
+
+def is_built(folder: Path, digest: str, streams: str) -> bool:
+    """Whether a build's folder has the Verilog of this very bundle with these streams."""
+    try:
+        content = read_hardware(folder)
+    except (OSError, DamagedFileError):
+        return False
+    return (content["bundle_sha256"], content["streams"]) == (digest, streams)
 
 
 def read_hardware(folder: Path) -> dict:

@@ -67,6 +67,15 @@ def test_its_block_design_is_complete(written, tmp_path):
     assert all(f"@{address:x} {{" in overlay for address in (0xA000_0000, 0xA001_0000))
 
 
+def test_the_verilog_of_a_build_is_used_as_it_is(build, written, tmp_path):
+    folder = tmp_path / "build"
+    shutil.copytree(build / "bundle", folder / "bundle")
+    shutil.copytree(written, folder / "verilog")
+    (folder / "verilog/fastac.v").write_text("// of the build\n" + (written / "fastac.v").read_text())
+    succeed("vivado", folder)
+    assert (folder / "vivado/fastac.v").read_text().startswith("// of the build\n")
+
+
 @pytest.mark.full
 def test_a_scene_is_trained_as_far_as_its_bundle(toml, tiny_folder, tiny_file, tmp_path, monkeypatch):
     """What its build folder has already is kept, so that here nothing is trained anew."""
