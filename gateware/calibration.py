@@ -14,8 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac.gateware.arithmetic.dsp_slice import DSP48E2
 from fastac.gateware.bus.calibration_loader import CalibrationLoader, ImageLayout
 from fastac.gateware.datapath import Datapath
+from fastac.gateware.target.device import device_of, on_part
 from fastac.models.integer.assemble import order_of_dots, with_force_of
 from fastac.models.integer.bounds import Stage
 from fastac.models.integer.bundle import Bundle, save
@@ -98,10 +100,13 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 def hardware_identifier(pipeline: IntegerPipeline) -> int:
     """32-bit identifier of the hardware: hash of everything that a calibration cannot change.
 
-    Rounding to nearest, and dots and bends that are not there, are left out, so that hardware older than the
-    choice of them keeps its identifier.
+    Rounding to nearest, dots and bends that are not there, and DSP48E2, for which weights are packed as they
+    always were, are left out, so that hardware older than the choice of them keeps its identifier.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
+    dsp = device_of(pipeline.scene).dsp
+    if dsp is not DSP48E2:
+        digest.update(f"packed for {dsp.name}".encode())
     for name, value in fixed_content(pipeline):
         if name.endswith(".rounding") and value == NEAREST:
             continue
@@ -183,12 +188,13 @@ def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundl
 def calibration_words(bundle: Bundle, hardware: Bundle) -> np.ndarray:
     """The image, uint32 words, that makes hardware built from `hardware` compute as `bundle` does.
 
+    `bundle` may be of a scene for another part: its weights are packed as those of the hardware.
     Raises CalibrationError, naming the first difference, if `bundle` differs in something fixed, or naming a
     dot that is where the hardware cannot follow it.
     """
     _require(bundle.pipeline, hardware.pipeline)
     try:
-        path = Datapath(bundle.pipeline)
+        path = Datapath(on_part(bundle.pipeline, hardware.scene.hardware.part))
     except ValueError as error:
         raise CalibrationError(str(error)) from None
     return image_layout(path).image(

@@ -3,8 +3,8 @@
 from fastac.gateware.bus.identity import Identity
 from fastac.gateware.bus.record import FIFO_RECORDS, RECORD_BYTES, RECORD_FORMAT, RECORD_WORDS
 from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, ERRORS
-from fastac.gateware.packet_format import FrameFormat, PacketFormat
-from fastac.gateware.raster_outputs import RASTERS, RasterOutput
+from fastac.gateware.packet_format import FrameFormat
+from fastac.gateware.raster_outputs import RasterOutput
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.frame_validity import REASONS
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -20,24 +20,23 @@ def host_interface(top: TopZynq) -> dict:
     Sizes in bytes are those of packets, and are absent from hardware whose streams are video.
     """
     pipeline, identity, scene = top.bundle.pipeline, top.identity, top.bundle.scene
-    packets = identity.packets
     found = {
         "format_version": FORMAT_VERSION,
         "version": identity.version,
         "scene": scene.name,
         "clock_mhz": scene.hardware.clock_mhz,
-        "streams": "packets" if packets else "video",
+        "streams": scene.hardware.streams,
         "address_bits": ADDRESS_WIDTH,
         "interrupt": "level, high",
         "frame": _frame(identity, scene.sensor.channel_names),
-        "outputs": [_output(output, pipeline, identity) for output in top.outputs],
+        "outputs": [_output(output, pipeline) for output in top.outputs],
         "force": _force(pipeline, identity),
         "slip": {"unit": "px^2/4096"} if identity.slip else None,
         "registers": registers(identity),
         "errors": list(ERRORS),
         "validity": list(REASONS),
     }
-    if packets:
+    if identity.packets:
         found["results"] = {
             "record_bytes": RECORD_BYTES,
             "format": RECORD_FORMAT,
@@ -81,7 +80,7 @@ def _frame(identity: Identity, channels: tuple[str, ...]) -> dict:
     return found
 
 
-def _output(output: RasterOutput, pipeline: IntegerPipeline, identity: Identity) -> dict:
+def _output(output: RasterOutput, pipeline: IntegerPipeline) -> dict:
     found = {
         "name": output.name,
         "port": f"m_axis_{output.name}",
@@ -94,8 +93,7 @@ def _output(output: RasterOutput, pipeline: IntegerPipeline, identity: Identity)
         "unit": OUTPUTS[output.name].unit,
         "per_lsb": _per_lsb(output.name, pipeline),
     }
-    if identity.packets:
-        layout = PacketFormat(output.name, output.rows, output.columns, output.words, output.lanes)
+    if layout := output.packet:
         found |= {
             "words_per_pixel_padded": layout.words_padded,
             "bytes_per_beat": layout.bytes_per_beat,
@@ -103,8 +101,7 @@ def _output(output: RasterOutput, pipeline: IntegerPipeline, identity: Identity)
             "image_bytes": layout.image_bytes,
             "packet_bytes": layout.packet_bytes,
             "trailer_offset_bytes": layout.image_bytes,
-            # Normals are sent long before any result, unless they are the result.
-            "complete": RASTERS[output.name].inner or identity.result == output.name,
+            "complete": output.complete,
         }
     return found
 

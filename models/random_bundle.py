@@ -18,6 +18,7 @@ from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.vision.dots import bridge_reach, expected_follower
+from fastac.scenes.parts import DEFAULT_PART
 from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS
@@ -62,6 +63,7 @@ def scene(
     deep_mm: float | None = None,
     bridge_dots: bool = False,
     streams: str = "video",
+    part: str = DEFAULT_PART,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -94,6 +96,7 @@ def scene(
                 "weights": weights,
                 "bus_errors": bus_errors,
                 "streams": streams,
+                "part": part,
             },
         }
     )

@@ -1,4 +1,4 @@
-"""Commands that measure the speed of the models, the virtual rig and a sweep's workers on this machine."""
+"""Commands that measure the speed of models, driver, virtual rig and a sweep's workers on this machine."""
 
 import click
 
@@ -23,6 +23,21 @@ def models(folders):
     if not folders:
         raise click.UsageError("build folder: none; make one with fastac build SCENE")
     click.echo(benchmark.heading())
+    for folder in folders:
+        for line in benchmark.measure(folder):
+            click.echo(line)
+
+
+@bench.command()
+@click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
+def driver(folders):
+    """Time the driver on the emulator: what it adds to the emulator alone, in µs a frame.
+
+    \b
+    Example: fastac bench driver build/paper
+    """
+    from fastac.studies.benchmarks import driver as benchmark
+
     for folder in folders:
         for line in benchmark.measure(folder):
             click.echo(line)

@@ -11,9 +11,11 @@ from fastac.cli.hardware import calibration, registers, sim, synth, verilog
 from fastac.cli.models import evaluate, objects, predict, train
 from fastac.cli.prove import prove
 from fastac.cli.recordings import import_
+from fastac.cli.run import run
 from fastac.cli.studies import study
 from fastac.cli.trade import scope, sweep, trade
 from fastac.cli.verify import verify
+from fastac.cli.vivado import vivado, vivado_reports
 
 
 @click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
@@ -35,7 +37,8 @@ def main():
 COMMANDS = (
     *(build, reproduce, report, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
-    *(verilog, registers, calibration, sim, verify, synth, sweep, trade, scope, study, prove, bench),
+    *(verilog, registers, calibration, sim, run, verify, synth, sweep, trade, scope, study, prove, bench),
+    *(vivado, vivado_reports),
 )
 for command in COMMANDS:
     main.add_command(command)

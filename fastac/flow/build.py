@@ -14,7 +14,7 @@ from fastac.store.files import write_json
 from fastac.store.record import RECORD, described, read_record
 from fastac.store.steps import Output, Step
 from fastac.store.store import open_store
-from fastac.synth import fits, synthesis
+from fastac.synth import fits, synthesis, vivado_reports
 
 
 class BuildError(ValueError):
@@ -102,6 +102,8 @@ class Build:
         synthesised = self.folder / synthesis.FILE
         reported = {"accuracy": accuracy, "verilog": verilog, "simulation": simulation}
         reported["synthesis_file"] = synthesised if synthesised.exists() else None
+        vivado = self.folder / vivado_reports.FILE
+        reported["vivado_file"] = vivado if vivado.exists() else None
         stored = {"store": self.store}
         add("report", steps.report, seen | reported, steps.REPORT, steps.PAGE, unkeyed=stored)
         return found

@@ -17,7 +17,7 @@ from fastac.scenes.schema import Scene
 from fastac.sensor import fingertip, samples
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import write_json
-from fastac.synth import synthesis
+from fastac.synth import synthesis, vivado_reports
 
 DATA = "data.h5"
 NORMALS, INTEGERS, FORCE = "normals.npz", "integers.npz", "force.npz"
@@ -122,11 +122,17 @@ def report(
     verilog: Path,
     simulation: Path,
     synthesis_file: Path | None,
+    vivado_file: Path | None,
     *,
     store: Path,
 ) -> None:
     """report.json and report.html of what the steps before have written."""
-    for source, name in ((accuracy, ACCURACY), (simulation, SIMULATION), (synthesis_file, synthesis.FILE)):
+    for source, name in (
+        (accuracy, ACCURACY),
+        (simulation, SIMULATION),
+        (synthesis_file, synthesis.FILE),
+        (vivado_file, vivado_reports.FILE),
+    ):
         if source is not None:
             shutil.copyfile(source, folder / name)
     (folder / VERILOG).mkdir()

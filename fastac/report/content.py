@@ -6,7 +6,7 @@ from fastac.gateware.target.device import device_of
 from fastac.models.integer.bundle import Bundle
 from fastac.report import build_files
 from fastac.report import paper as paper_figures
-from fastac.synth import energy, synthesis_figures
+from fastac.synth import energy, synthesis_figures, vivado_reports
 
 LATENCY_ORIGIN = (
     "counted in the Verilator simulation of the top-level; stages: the design's formulas, whose"
@@ -47,6 +47,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
         f"{device.dsp_key}_by_module": estimated(multipliers, f"as {device.dsp_key}"),
     }
     resources |= synthesis_figures.resources(folder, hardware)
+    reported = vivado_reports.read(folder, bundle.digest)
     return {
         "scene": scene.model_dump(mode="json"),
         "bundle_sha256": bundle.digest,
@@ -70,6 +71,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
         **energy.estimate(bundle.pipeline),
         "device": device.totals,
         "paper": paper_figures.EDGE,
+        **({"vivado": reported} if reported else {}),
     }
 
 
@@ -155,4 +157,9 @@ def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
     if "ecp5_clock_mhz" in resources:
         clock = resources["ecp5_clock_mhz"]
         rows.append(("clock of the slowest module on ECP5, MHz", f"{clock['value']:g}", "", clock["origin"]))
+    if "vivado" in report:
+        vivado = report["vivado"]
+        for key, figure in vivado["figures"].items():
+            origin = f"{figure['origin']} {vivado['tool']}, {vivado['part']}: {vivado['scope']}"
+            rows.append((f"{key.replace('_', ' ')}, Vivado", f"{figure['value']:g}", "", origin))
     return rows

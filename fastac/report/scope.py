@@ -7,7 +7,7 @@ from pathlib import Path
 
 from threadpoolctl import threadpool_limits
 
-from fastac.gateware.target.device import LUT_MARGIN, device_of
+from fastac.gateware.target.device import LUT_MARGIN, device_of, on_part
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.report.tables import markdown_table
 from fastac.scenes.force_fits import FITS
@@ -94,7 +94,7 @@ class Scope:
         """Look-up tables by stage."""
         return {
             name: f"{self.stages[name]['lut']:,.0f}" if name in self.stages else ABSENT
-            for name in resources.stage_names()
+            for name in (*resources.stage_names(), *(("packets",) if "packets" in self.stages else ()))
         }
 
     def verified(self) -> dict[str, str]:
@@ -129,7 +129,7 @@ class Scope:
         """
         found = {}
         for name in PARTS:
-            area = fits.area(fits.on_part(self.pipeline, name))
+            area = fits.area(on_part(self.pipeline, name))
             shares = ", ".join(f"{block} {percent:.0f}%" for block, percent in area.percent.items())
             found[label(name)] = shares if area.fits else f"no: {shares}"
         return found

@@ -108,12 +108,6 @@ def area(pipeline: IntegerPipeline) -> Area:
     )
 
 
-def on_part(pipeline: IntegerPipeline, part: str) -> IntegerPipeline:
-    """The same integers for another part."""
-    hardware = pipeline.scene.hardware.model_copy(update={"part": part})
-    return pipeline.replace(scene=pipeline.scene.model_copy(update={"hardware": hardware}))
-
-
 def check_scene(scene: Scene) -> None:
     """Raise DeviceError where hardware with random weights does not fit the scene's part.
 

@@ -15,6 +15,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from fastac.scenes.parts import PARTS
+
 CORE = "fastac_0"
 """Instance of the core in the block design."""
 RANGE = 0x1_0000
@@ -39,6 +41,7 @@ class Family:
     first_spi : number of the shared peripheral interrupt behind the concat's line 0, as the device tree
         counts: pl_ps_irq0[0] is the GIC's 121 (UG1085), IRQ_F2P[0] its 61 (UG585), and SPIs start at 32
     memory_port_bits : widest data of the port S_AXI_HP0, through which the DMAs reach memory
+    address_bits : of the DMAs; beyond 32 their registers have an upper half of the address (PG021)
     """
 
     name: str
@@ -46,19 +49,19 @@ class Family:
     dma_address: int
     first_spi: int
     memory_port_bits: int
+    address_bits: int
 
 
-ZYNQ_ULTRASCALE_PLUS = Family("zynquplus", 0xA000_0000, 0xA001_0000, 121 - 32, 128)
-ZYNQ_7000 = Family("zynq7000", 0x43C0_0000, 0x4040_0000, 61 - 32, 64)
+ZYNQ_ULTRASCALE_PLUS = Family("zynquplus", 0xA000_0000, 0xA001_0000, 121 - 32, 128, 40)
+ZYNQ_7000 = Family("zynq7000", 0x43C0_0000, 0x4040_0000, 61 - 32, 64, 32)
+FAMILIES = {family.name: family for family in (ZYNQ_ULTRASCALE_PLUS, ZYNQ_7000)}
 
 
 def family_of(part: str) -> Family:
-    """The family of a part in Vivado's notation; raises BlockDesignError for one without a processor."""
-    if part.startswith("xc7z"):
-        return ZYNQ_7000
-    if part.startswith(("xczu", "xck26")):
-        return ZYNQ_ULTRASCALE_PLUS
-    raise BlockDesignError(f"part {part!r}: expected a Zynq-7000 (xc7z...) or a Zynq MPSoC (xczu..., xck26)")
+    """The family of an entry of scenes/parts.py; raises BlockDesignError for another part."""
+    if part not in PARTS:
+        raise BlockDesignError(f"part {part!r}: expected one of {', '.join(PARTS)}")
+    return FAMILIES[PARTS[part].family]
 
 
 @dataclass(frozen=True)
@@ -146,20 +149,6 @@ class BlockDesign:
             Interrupt(line, instance, pin, self.family.first_spi + line)
             for line, (instance, pin) in enumerate(pins)
         )
-
-    def interrupt(self, instance: str, pin: str) -> Interrupt:
-        """The interrupt of this pin; raises KeyError where there is none."""
-        for found in self.interrupts:
-            if (found.instance, found.pin) == (instance, pin):
-                return found
-        raise KeyError(f"{instance}/{pin}")
-
-    def dma_of(self, output: str) -> Dma:
-        """The DMA that brings `output` to memory, or "results"; raises KeyError where there is none."""
-        for dma in self.dmas:
-            if dma.s2mm.output == output:
-                return dma
-        raise KeyError(output)
 
 
 def block_design(hardware: Mapping) -> BlockDesign:

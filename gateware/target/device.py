@@ -9,6 +9,7 @@ CARRY4 one for each slice of the 7 series (UG474), of 4.
 from dataclasses import dataclass
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E1, DSP48E2, DspSlice
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.schema import Scene
 from fastac.store.kinds import Kinds
 
@@ -62,7 +63,9 @@ class Device:
         """Raise DeviceError if all stages' DSP slices, {stage: number}, exceed the device's."""
         remedy = "fewer hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px"
         if self.dsp is DSP48E1:
-            remedy = f"numbers.data_bits of 24 or fewer, {remedy}"
+            shorter = {"normals": "numbers.activation_bits of 9", "depth": "numbers.data_bits of 24"}
+            words = [f"{words} or fewer" for stage, words in shorter.items() if by_stage.get(stage)]
+            remedy = ", ".join([*words, remedy])
         self._check(self.dsp.name, by_stage, self.dsps, remedy)
 
     def check_block_rams(self, by_stage: dict[str, float]) -> None:
@@ -75,8 +78,8 @@ class Device:
             "RAMB36",
             by_stage,
             self.ramb36,
-            "force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits or a smaller"
-            " sensor.width_px",
+            "force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits, another"
+            " poisson.solver, fewer hardware.pixels_per_clock or a smaller sensor.width_px",
         )
 
     def check_luts(self, by_stage: dict[str, float]) -> None:
@@ -121,3 +124,9 @@ DEVICES = Kinds(
 def device_of(scene: Scene) -> Device:
     """The device that a scene is for."""
     return DEVICES[scene.hardware.part]
+
+
+def on_part(pipeline: IntegerPipeline, part: str) -> IntegerPipeline:
+    """The same integers for another part."""
+    hardware = pipeline.scene.hardware.model_copy(update={"part": part})
+    return pipeline.replace(scene=pipeline.scene.model_copy(update={"hardware": hardware}))

@@ -74,7 +74,7 @@ def file_in(folder: Path, name: str) -> Path:
         raise ImportFailure(str(error)) from None
 
 
-def _by_number(path: Path) -> list:
+def by_number(path: Path) -> list:
     """Sort key that orders names by the numbers in them: frame2 before frame10."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
@@ -92,7 +92,7 @@ class Photographs:
         files = [file_in(folder, name) for name in names]
         if not files:
             raise ImportFailure(f"{folder}: no photographs: expected files of {', '.join(SUFFIXES)}")
-        return cls(folder, tuple(sorted(files, key=_by_number)))
+        return cls(folder, tuple(sorted(files, key=by_number)))
 
     def index_of(self, name: str) -> int | None:
         """Index of the frame with this file name; None if it is not in the folder."""

@@ -11,6 +11,7 @@ import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
 from fastac.gateware.bus.record import FIFO_RECORDS, RECORD_BYTES, RECORD_WORDS, RecordFlag, record_layout
+from fastac.models.integer.frame_validity import REASONS
 from fastac.sim.benches.host import OKAY, read, start, write
 from fastac.sim.benches.registers import (
     AT,
@@ -54,13 +55,17 @@ async def next_record(master) -> bytes:
     return octets
 
 
-async def result(dut, rng) -> dict:
-    """A frame and its result, of random numbers and times; returns what its record has to say."""
+async def result(dut, rng, flag: int | None = None) -> dict:
+    """A frame and its result, of random numbers and times; returns what its record has to say.
+
+    flag : the only bit of FRAME_VALIDITY that is set, or none if there is no such bit; None: any bits
+    """
     beats, delay, bad = rng.randint(3, 40), rng.randint(2, 60), rng.getrandbits(1)
     before = await level(dut, "time")
     await frame(dut, clocks=beats, bad=bad)
     await ClockCycles(dut.clk, delay)
-    validity = rng.choice((0, rng.getrandbits(9)))
+    every = (1 << len(REASONS)) - 1
+    validity = rng.randint(0, every) if flag is None else (1 << flag) & every
     values = {RESULT: 1, "validity": validity}
     forces = [rng.getrandbits(IDENTITY.force_width) for _ in IDENTITY.axes]
     flags = RecordFlag.COMPLETE | RecordFlag.BAD * bad | RecordFlag.SUSPECT * (validity > 0)
@@ -97,7 +102,7 @@ async def a_record_of_each_result(dut):
     for number in range(1, 60):
         faults = rng.choice(((), ("line_long",), ("frame_timeout", "no_start")))
         await pulse(dut, **dict.fromkeys(faults, 1))
-        expected = await result(dut, rng)
+        expected = await result(dut, rng, number // 2 % (len(REASONS) + 1) if number % 2 else None)
         errors = bits("ERRORS", **dict.fromkeys(faults, 1), frame_suspect=int(expected["validity"] > 0))
         expected |= {"frame": number, "errors": errors}
         await RisingEdge(dut.clk)

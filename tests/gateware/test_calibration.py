@@ -13,11 +13,12 @@ from fastac.gateware.calibration import (
     with_hardware_force,
 )
 from fastac.gateware.datapath import Datapath
+from fastac.gateware.target.device import on_part
 from fastac.models.integer import bundle
 from fastac.models.integer.assemble import assemble, with_force_of
 from fastac.models.integer.bounds import Stage
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.random_bundle import random_bundle, recalibrated, scene
+from fastac.models.random_bundle import NUMBERS, random_bundle, recalibrated, scene
 
 WANTED = {
     "absolute": {"outputs": ("depth", "force_z"), "mode": "absolute", "lanes": 4},
@@ -114,6 +115,26 @@ def test_content_of_an_image(bundles, name):
         check_records(values[36:], Datapath(own.pipeline).dots.table, other.pipeline.follower)
     else:
         assert not len(values)
+
+
+def test_an_image_is_packed_for_the_part_of_the_hardware(tmp_path):
+    """Whatever part the calibration's scene names; hardware that packs otherwise refuses it."""
+    own = random_bundle(tmp_path / "own", scene(("normals",), numbers=NUMBERS | {"activation_bits": 10}))
+    other = recalibrated(tmp_path / "other", own)
+    kria, small = (
+        replace(own, pipeline=on_part(own.pipeline, part))
+        for part in ("xck26-sfvc784-2LV-c", "xc7z020clg400-1")
+    )
+    assert np.array_equal(calibration_words(other, kria), calibration_words(other, own))
+    words, path = calibration_words(other, small), Datapath(small.pipeline)
+    layout = image_layout(path)
+    assert words.shape == (layout.words,)
+    assert words[0] == hardware_identifier(small.pipeline) != hardware_identifier(own.pipeline)
+    chain = int.from_bytes(words[-layout.chain_words :].astype("<u4").tobytes(), "little")
+    network = chain % (1 << layout.registers["network"])
+    assert network == path.mlp.parameter_image(other.pipeline.layers)
+    assert network != Datapath(own.pipeline).mlp.parameter_image(other.pipeline.layers)
+    assert chain >> (32 * layout.chain_words - 64) == other.hash_word
 
 
 def test_table_formats_fit_any_calibration(bundles):

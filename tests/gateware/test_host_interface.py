@@ -1,6 +1,5 @@
 # amaranth: UnusedElaboratable=no
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,17 +11,14 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.random_bundle import random_bundle, scene
 
 
-def described(folder, outputs, *, packets, **changes):
+def described(folder, outputs, *, streams="packets", **changes):
     """The top of random integers, and what it says of itself to a host."""
-    top = TopZynq(random_bundle(folder / "bundle", scene(outputs, **changes)))
-    top.identity = replace(top.identity, packets=packets)
+    top = TopZynq(random_bundle(folder / "bundle", scene(outputs, streams=streams, **changes)))
     return top, json.loads(json.dumps(host_interface(top)))
 
 
 def test_sizes_of_packets(tmp_path):
-    _, found = described(
-        tmp_path, ("normals", "depth", "force_map", "force_xyz"), packets=True, lanes=2, channels="bgr"
-    )
+    _, found = described(tmp_path, ("normals", "depth", "force_map", "force_xyz"), lanes=2, channels="bgr")
     frame = found["frame"]
     assert (frame["height_px"], frame["width_px"], frame["channels"]) == (16, 16, ["B", "G", "R"])
     assert (frame["bytes_per_pixel"], frame["bytes_per_beat"], frame["bytes"]) == (4, 8, 16 * 16 * 4)
@@ -48,18 +44,18 @@ def test_sizes_of_packets(tmp_path):
 
 
 def test_normals_alone_wait_for_nothing(tmp_path):
-    _, found = described(tmp_path, ("normals",), packets=True)
+    _, found = described(tmp_path, ("normals",))
     assert found["outputs"][0]["complete"]
     assert (found["force"], found["slip"]) == (None, None)
 
 
 def test_records_have_a_port_of_their_own_without_images(tmp_path):
-    _, found = described(tmp_path, ("force_z",), packets=True, solver="adjoint")
+    _, found = described(tmp_path, ("force_z",), solver="adjoint")
     assert (found["outputs"], found["results"]["port"]) == ([], "m_axis_results")
 
 
 def test_video_has_no_sizes_of_packets(tmp_path):
-    _, found = described(tmp_path, ("normals", "depth", "force_z"), packets=False)
+    _, found = described(tmp_path, ("normals", "depth", "force_z"), streams="video")
     assert "results" not in found
     keys = {key for part in (found["frame"], *found["outputs"]) for key in part}
     assert not [key for key in keys if "bytes" in key or key in ("complete", "words_per_pixel_padded")]
@@ -69,7 +65,7 @@ def test_video_has_no_sizes_of_packets(tmp_path):
 
 def test_scales_make_units_of_the_integers(tmp_path):
     """The emulator's words times the scales are its values in mm and N."""
-    top, found = described(tmp_path, ("depth", "force_map", "force_xyz"), packets=True)
+    top, found = described(tmp_path, ("depth", "force_map", "force_xyz"))
     pipeline = top.bundle.pipeline
     frames = np.random.default_rng(1).integers(0, 256, (2, *pipeline.background.shape), np.uint8)
     result = Emulator(pipeline).run(frames)
@@ -85,7 +81,7 @@ def test_scales_make_units_of_the_integers(tmp_path):
 
 
 def test_reset_values(tmp_path):
-    top, found = described(tmp_path, ("depth", "force_z"), packets=True, weights="baked")
+    top, found = described(tmp_path, ("depth", "force_z"), weights="baked")
     resets = {register["name"]: register["reset"] for register in found["registers"]}
     assert resets["FRAME_TIMEOUT"] == top.identity.frame_timeout
     assert resets["BUNDLE_HASH_LOW"] == top.bundle.hash_word & 0xFFFFFFFF
@@ -94,7 +90,7 @@ def test_reset_values(tmp_path):
 
 @pytest.mark.parametrize("weights", ["loadable", "baked"])
 def test_every_register_is_described(tmp_path, weights):
-    top, found = described(tmp_path, ("depth", "force_z"), packets=True, weights=weights)
+    top, found = described(tmp_path, ("depth", "force_z"), weights=weights)
     names = [register.name for register in top.identity.registers]
     assert [register["name"] for register in found["registers"]] == names
     assert all(register["meaning"] and register["offset"] % 4 == 0 for register in found["registers"])

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from fastac.gateware.bus.register_map import ERRORS
+from fastac.gateware.datapath import Datapath
 from fastac.gateware.force.force_sum import ForceSum
+from fastac.gateware.mlp_mvm import MvmCore
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
-from fastac.models.random_bundle import frames, random_bundle, scene
+from fastac.models.random_bundle import NUMBERS, frames, random_bundle, scene
 from fastac.models.result import concatenate
 from fastac.sim.check_top import SLIP, Report, bench_settings, expected_words, simulate
 from fastac.sim.runner import QUICK, build
@@ -348,6 +350,30 @@ def test_slip_faults(tmp_path):
 def test_force_of_patches_and_dots(tmp_path):
     settings = {"dots": True, "bridge_dots": True, "lanes": 2}
     check_frames(Hardware(tmp_path, outputs=("force_x", "force_z"), **settings))
+
+
+@pytest.mark.parametrize("activation_bits", [9, 10])
+@pytest.mark.full
+def test_a_part_whose_multipliers_are_narrower(tmp_path, activation_bits):
+    """The same integers, whether products of the last layer share a DSP48E1 or, longer by a bit, do not."""
+    settings = {
+        "outputs": ("depth", "force_xyz"),
+        "solver": "tridiagonal",
+        "kernel": "collapsed",
+        "mode": "difference",
+        "numbers": NUMBERS | {"activation_bits": activation_bits},
+    }
+    hardware = Hardware(tmp_path, part="xc7z020clg400-1", **settings)
+    default = Datapath(hardware.pipeline.replace(scene=scene(**settings)))
+    packed = [
+        [core.packing for core in path.mlp.cores[0].values() if isinstance(core, MvmCore)]
+        for path in (hardware.top.datapath, default)
+    ]
+    assert packed[0][0] is not None
+    assert (packed[0][1] is not None) == (activation_bits == 9)
+    assert packed[1][1] is not None
+    assert packed[0] != packed[1]
+    check_frames(hardware)
 
 
 @pytest.mark.full

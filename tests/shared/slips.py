@@ -43,7 +43,8 @@ def extremes(spread: DotSpread) -> tuple[np.ndarray, np.ndarray]:
 
 def frames(spread: DotSpread, count: int) -> tuple[np.ndarray, np.ndarray]:
     """The extremes, and `count` frames at random in which few dots touch, or many; of every third all move
-    rigidly, of another third three or four touch, of which every unit of the sums counts."""
+    rigidly; of another third three or four touch, of which every unit of the sums counts; of the last third
+    all dots of one side touch, whose places have the largest sums."""
     rng, (shifts, contact) = np.random.default_rng(1), extremes(spread)
     shape = (count, len(spread.place))
     limit = spread.shift_limit >> rng.integers(0, spread.shift_limit.bit_length(), (count, 1, 1))
@@ -55,6 +56,8 @@ def frames(spread: DotSpread, count: int) -> tuple[np.ndarray, np.ndarray]:
     moved[::3] = np.where(fits[:, None, None], rigid, moved)[::3]
     few = rng.permuted(np.broadcast_to(np.arange(shape[1]), shape), axis=1) < rng.integers(3, 5, (count, 1))
     touch[1::3] = few[1::3]
+    sides = np.stack([x > 0, x < 0, y > 0, y < 0])
+    touch[2::3] = sides[rng.integers(0, len(sides), count)][2::3]
     return np.concatenate([shifts, moved]), np.concatenate([contact, touch])
 
 

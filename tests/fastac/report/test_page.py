@@ -7,6 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from packet_hardware import packet_hardware
+from vivado_texts import LITEX_TIMING, ULTRASCALE_UTILISATION
 
 from fastac.gateware.target.device import XC7Z020
 from fastac.models.integer import assemble
@@ -14,7 +16,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.report import content as report_content
 from fastac.report import page as report
 from fastac.store.files import DamagedFileError
-from fastac.synth import energy, synthesis_figures
+from fastac.synth import energy, synthesis_figures, vivado_reports
 
 SIMULATED = {
     "frame_indices": [26, 33],
@@ -61,6 +63,23 @@ def rows(content) -> dict[str, tuple[str, str, str]]:
     found = report_content.summary_rows(content)
     assert len({row[0] for row in found}) == len(found)
     return {what: rest for what, *rest in found}
+
+
+def test_figures_of_vivado_beside_our_own(tiny_bundle, tmp_path):
+    """They are those that vivado.json has for this bundle, each with its origin; else there are none."""
+    folder = fill(tmp_path)
+    plain = report_content.content(folder, tiny_bundle)
+    assert "vivado" not in plain
+    hardware = packet_hardware() | {"bundle_sha256": tiny_bundle.digest}
+    for name, text in (("utilization.rpt", ULTRASCALE_UTILISATION), ("timing.rpt", LITEX_TIMING)):
+        (folder / name).write_text(text)
+    vivado_reports.write(vivado_reports.collect(folder, hardware, instance=None), folder)
+    found = report_content.content(folder, tiny_bundle)
+    assert found["vivado"]["figures"]["lut"] == {"value": 61234, "origin": "reported by Vivado"}
+    assert found["resources"] == plain["resources"]
+    shown = rows(found)["lut, Vivado"]
+    assert shown[0] == "61234"
+    assert shown[-1].startswith("reported by Vivado v.2023.2")
 
 
 class TestContent:

@@ -1,14 +1,19 @@
 # amaranth: UnusedElaboratable=no
+from pathlib import Path
+
 import pytest
 
 from fastac.gateware.datapath import Datapath
-from fastac.gateware.target.device import DEVICES, DeviceError
+from fastac.gateware.target.device import DEVICES, DeviceError, on_part
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.assemble import with_loadable
 from fastac.models.random_bundle import frames, random_bundle, scene
 from fastac.scenes.parts import PARTS
-from fastac.synth.fits import area, check_products, check_scene, on_part, random_pipeline
+from fastac.scenes.schema import load
+from fastac.synth.fits import area, check_products, check_scene, random_pipeline
 
+ROOT = Path(__file__).parents[3]
+SCENES = sorted(path.stem for path in (ROOT / "scenes").glob("*.toml"))
 ZYNQ7020 = "xc7z020clg400-1"
 
 
@@ -54,7 +59,7 @@ def test_what_the_scene_alone_says(make_scene):
     with pytest.raises(DeviceError, match=r"^2,1\d\d DSP48E2 "):
         check_products(make_scene(sensor=wide, hardware=lanes))
     with pytest.raises(
-        DeviceError, match=r"^\d+ DSP48E1 .*: the xc7z020clg400-1 has 220; choose numbers.data"
+        DeviceError, match=r"^\d+ DSP48E1 .*: the xc7z020clg400-1 has 220; choose numbers.acti"
     ):
         check_products(make_scene(hardware={"part": ZYNQ7020, "pixels_per_clock": 2}))
     with pytest.raises(
@@ -90,3 +95,34 @@ def test_what_random_weights_say(make_scene):
     check_products(no_solver)
     with pytest.raises(DeviceError, match=r"look-up tables by estimate \(.*: the xc7z020clg400-1 has 53,200"):
         check_scene(no_solver)
+
+
+def shown(name: str) -> list[str]:
+    """A shipped scene's row in docs/scenes.md: of each part, the shares of DSP slices, block RAMs, LUTs."""
+    pipeline = random_pipeline(load(ROOT / f"scenes/{name}.toml"))
+    cells = []
+    for part in PARTS:
+        found = area(on_part(pipeline, part))
+        text = ", ".join(f"{percent:.0f}" for percent in found.percent.values())
+        cells.append(f"{text}%" if found.fits else f"no: {text}%")
+    return cells
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_what_the_page_says_of_the_shipped_scenes(name):
+    page = (ROOT / "docs/scenes.md").read_text()
+    assert f"| `{name}` | {' | '.join(shown(name))} |\n" in page
+    check_scene(load(ROOT / f"scenes/{name}.toml"))
+
+
+def test_the_scene_for_the_kria_leaves_room_for_the_rest_of_a_block_design():
+    kria = load(ROOT / "scenes/kria.toml")
+    assert kria.hardware.part == "xck26-sfvc784-2LV-c"
+    assert max(area(random_pipeline(kria)).percent.values()) < 75
+    hardware = kria.hardware.model_copy(update={"part": ZYNQ7020, "weights": "baked"})
+    baked = kria.model_copy(update={"hardware": hardware})
+    found = area(random_pipeline(baked))
+    assert found.fits
+    assert (sum(found.multipliers.values()), sum(found.block_rams.values())) == (196, 94)
+    short = baked.model_copy(update={"numbers": kria.numbers.model_copy(update={"data_bits": 24})})
+    assert sum(area(random_pipeline(short)).multipliers.values()) == 131

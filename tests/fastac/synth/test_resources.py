@@ -90,6 +90,25 @@ def test_the_committed_samples_cover_every_stage():
         assert np.isfinite(resources.leave_one_out(SAMPLES)[name]).all()
 
 
+@pytest.mark.parametrize(
+    ("outputs", "lanes", "counted"),
+    [
+        (("depth", "force_z"), 1, 2756 - 1673),
+        (("depth", "force_z"), 4, 2067 - 750),
+        (("normals", "depth", "force_xyz"), 2, 2540 - 980),
+    ],
+)
+def test_packets_cost_what_was_counted(tmp_path, outputs, lanes, counted):
+    """Look-up tables of the modules around the datapath, by Yosys, with packets less those with video."""
+    found = {}
+    for streams in ("video", "packets"):
+        made = random_bundle(tmp_path / streams, scene(outputs, lanes=lanes, streams=streams))
+        found[streams] = resources.luts(made.pipeline)
+    assert "packets" not in found["video"]
+    assert found["packets"].pop("packets") == pytest.approx(counted, rel=0.02)
+    assert found["packets"] == found["video"]
+
+
 def test_products_are_dsp_slices():
     """Of every sample: the architecture has as many products as Yosys finds DSP48E2."""
     for sample in SAMPLES:

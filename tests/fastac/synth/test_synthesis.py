@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from fastac.cli.main import main
 from fastac.gateware.target import tools
-from fastac.gateware.target.device import Device
+from fastac.gateware.target.device import XC7Z020, Device
 from fastac.gateware.target.tools import ToolError
 from fastac.report import synthesis_table
 from fastac.store.store import open_store
@@ -78,7 +78,7 @@ def test_second_call_runs_no_tool(design, modules, tmp_path, runs):
     assert runs == []
 
 
-def faked(monkeypatch, fail=()):
+def faked(monkeypatch, fail=(), dsp="DSP48E2"):
     """Tools that are not run: each part needs one DSP, with its A and M registers, and 26,136 look-up tables.
 
     The parts named in `fail` fail.
@@ -92,9 +92,11 @@ def faked(monkeypatch, fail=()):
 
         return run
 
-    blocks = {name.lower(): 0 for name in yosys.TARGETS["DSP48E2"].blocks} | {"dsp48e2": 1, "ramb18e2": 3}
+    target = yosys.TARGETS[dsp]
+    blocks = {name.lower(): 0 for name in target.blocks}
+    blocks |= {dsp.lower(): 1, target.blocks[2].lower(): 3}
     placed = {"not_placed": "does not fit: 217 of 156 MULT18X18D"}
-    mapped = {"lut": 26_136, "lut_as_memory": 7, "carry8": 12}
+    mapped = {"lut": 26_136, "lut_as_memory": 7, target.carry: 12}
     values = (blocks, {"dsp": 1, "a": 1, "b": 0, "m": 1, "p": 0}, mapped, placed)
     modules = (yosys, "count"), (yosys, "dsp_registers"), (yosys, "luts"), (place_ecp5, "place_and_route")
     for place, value in zip(modules, values, strict=True):
@@ -170,6 +172,31 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
 
     assert synthesis_figures.resources(tmp_path, hardware | {"bundle_sha256": "other"}) == {}
     assert synthesis_figures.resources(tmp_path, hardware | {"rtlil_sha256": "other"}) == {}
+
+
+def test_a_device_of_the_7_series(design, tmp_path, monkeypatch):
+    tasks = faked(monkeypatch, dsp="DSP48E1")
+    results = synthesis.perform(
+        design, open_store(tmp_path / "cache"), design, tasks, device=XC7Z020, progress=False
+    )
+    hardware = {"bundle_sha256": "b", "rtlil_sha256": "g"}
+    content = hardware | synthesis.describe(design, results, XC7Z020)
+    assert "synth_xilinx -family xc7, the module" in content["totals"]["dsp48e1"]["origin"]
+    head, *rows = synthesis_table.table(content, XC7Z020).splitlines()
+    blocks = "DSP48E1  RAMB36  RAMB18  SRL16E  SRLC32E  LUT      CARRY4"
+    assert head.split()[2:9] == blocks.split()
+    assert next(row for row in rows if row.startswith("xc7z020")).split() == [
+        *("xc7z020clg400-1", "220", "140", "280", "53200", "13300")
+    ]
+    (tmp_path / synthesis.FILE).write_text(json.dumps(content))
+    found = synthesis_figures.resources(tmp_path, hardware)
+    assert (found["dsp48e1"]["value"], found["ramb36"]["value"], found["carry4"]["value"]) == (4, 6, 48)
+    assert found["dsp48e1_by_module"]["value"] == {"left": 2, "delay": 1, "top (own logic)": 1}
+    assert not {"dsp48e2", "uram288", "carry8"} & set(found)
+    # Kept apart from what was found for another device.
+    steps = {task.name: [task.step(design[0], dsp) for dsp in yosys.TARGETS] for task in tasks}
+    apart = {name for name, (one, other) in steps.items() if one.arguments != other.arguments}
+    assert apart == {synthesis.COUNT.name, synthesis.LUTS.name}
 
 
 def test_a_result_is_of_a_part_its_tools_and_the_code_that_runs_them(design, tmp_path, monkeypatch):

@@ -94,6 +94,7 @@ def counted(design, dsp, folder) -> int:
 
 
 @pytest.mark.parametrize("dsp", [DSP48E2, DSP48E1], ids=lambda dsp: dsp.name)
+@pytest.mark.quick("DSP48E1")
 @pytest.mark.usefixtures("yosys_alone")
 def test_products_take_as_many_slices_as_the_formula_says(dsp, tmp_path):
     assert counted(Products(WIDTHS), dsp, tmp_path) == sum(dsp.slices(*widths) for widths in WIDTHS)

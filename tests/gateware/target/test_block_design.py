@@ -12,7 +12,6 @@ def test_one_dma_for_frames_and_the_first_stream_and_one_for_each_further():
     assert (first.s2mm.port, first.s2mm.stream_bits) == ("m_axis_normals", 512)
     assert second.mm2s is None
     assert second.s2mm.port == "m_axis_depth"
-    assert found.dma_of("depth") is second
     assert found.addresses == {"fastac_0": 0xA000_0000, "axi_dma_0": 0xA001_0000, "axi_dma_1": 0xA002_0000}
     assert [(i.line, i.instance, i.pin, i.spi) for i in found.interrupts] == [
         (0, "fastac_0", "interrupt", 89),
@@ -20,9 +19,6 @@ def test_one_dma_for_frames_and_the_first_stream_and_one_for_each_further():
         (2, "axi_dma_0", "s2mm_introut", 91),
         (3, "axi_dma_1", "s2mm_introut", 92),
     ]
-    assert found.interrupt("axi_dma_1", "s2mm_introut").line == 3
-    with pytest.raises(KeyError):
-        found.interrupt("axi_dma_1", "mm2s_introut")
 
 
 def test_records_alone():
@@ -32,8 +28,6 @@ def test_records_alone():
     assert dma.s2mm.memory_bits == 32
     assert found.addresses == {"fastac_0": 0x43C0_0000, "axi_dma_0": 0x4040_0000}
     assert [i.spi for i in found.interrupts] == [29, 30, 31]
-    with pytest.raises(KeyError):
-        found.dma_of("depth")
 
 
 @pytest.mark.parametrize(("side", "bits"), [(16, 14), (63, 14), (64, 15), (128, 17), (256, 19)])
@@ -47,7 +41,7 @@ def test_length_register_holds_a_packet(side, bits):
     ("change", "message"),
     [
         ({"streams": "video"}, "hardware.streams 'video': AXI DMAs need 'packets'"),
-        ({"part": "xc7a35t"}, "part 'xc7a35t': expected a Zynq-7000"),
+        ({"part": "xc7a35t"}, "part 'xc7a35t': expected one of xczu19eg"),
         ({"frame": {"port": "s_axis", "bytes_per_beat": 256, "bytes": 4}}, "s_axis: 2048 bits: an AXI DMA"),
         (
             {"frame": {"port": "s_axis", "bytes_per_beat": 4, "bytes": 1 << 26}},

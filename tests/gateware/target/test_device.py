@@ -64,14 +64,18 @@ def test_too_many_multipliers_of_25_bits():
         " hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px, or another"
         " hardware.part"
     )
+    found = refused(XC7Z020.check_multipliers, {"normals": 220, "depth": 1})
+    assert "; choose numbers.activation_bits of 9 or fewer, numbers.data_bits of 24 or fewer, fewer" in found
+    assert "; choose fewer" in refused(XC7Z020.check_multipliers, {"normals": 0, "force": 221})
 
 
 def test_too_many_block_rams():
     XCZU19EG.check_block_rams({"background": 12.5, "force": 971.5})
     assert refused(XCZU19EG.check_block_rams, {"background": 12.5, "force": 1012}) == (
         "1,024.5 RAMB36 (background 12.5, force 1,012): the xczu19eg-ffvc1760-2-i has 984; choose"
-        " force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits or a smaller"
-        " sensor.width_px, or another hardware.part"
+        " force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits, another"
+        " poisson.solver, fewer hardware.pixels_per_clock or a smaller sensor.width_px, or another"
+        " hardware.part"
     )
 
 

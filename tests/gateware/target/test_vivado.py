@@ -38,6 +38,9 @@ def test_further_constraints_go_to_the_xdc():
     )
     assert plan.files["fastac.xdc"].splitlines()[1:] == [
         "create_clock -name clk -period 3.333 [get_ports clk]",
+        "set inputs [get_ports -filter {DIRECTION == IN && NAME != clk}]",
+        "set_max_delay -datapath_only -from $inputs 2.333",
+        "set_max_delay -datapath_only -from [get_clocks clk] -to [all_outputs] 2.333",
         "set_false_path -to [get_ports interrupt]",
     ]
 

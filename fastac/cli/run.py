@@ -1,0 +1,140 @@
+"""The command that runs hardware: frames in, forces out."""
+
+import click
+
+from fastac.cli.common import INPUT, OUTPUT_FILE, load_bundle, progress_option, split_option
+
+INTERRUPTED = 130
+"""Exit status after Ctrl-C, as of shells."""
+
+
+@click.command()
+@click.argument("bundle", type=INPUT)
+@click.option(
+    "--source",
+    help="Where frames come from: a dataset .h5, a video, a folder of frame files, or a camera (camera:0,"
+    " /dev/video0; never tried on a camera). [default: BUNDLE/data.h5]",
+)
+@click.option(
+    "--via",
+    type=click.Choice(["sim", "emulator", "uio", "pynq"]),
+    required=True,
+    help="What computes: the simulated Verilog, the emulator of its integers, or a board, through Linux'"
+    " UIO and u-dma-buf or through PYNQ. Neither has been run on a board.",
+)
+@split_option("all")
+@click.option("--frames", type=click.IntRange(1), help="Number of frames. [default: all there are]")
+@click.option(
+    "--batch",
+    type=click.IntRange(1),
+    help="Frames that may be in flight. [default: 1 for a camera, else as many as there is room for]",
+)
+@click.option("--csv", "csv_file", type=OUTPUT_FILE, help="Write a line a frame to this file.")
+@click.option("--hdf5", "hdf5_file", type=OUTPUT_FILE, help="Write results and images to this file.")
+@click.option(
+    "--images/--no-images", default=True, help="With --hdf5: write the images too, or numbers only."
+)
+@click.option("--force", is_flag=True, help="Replace output files that exist.")
+@click.option(
+    "--capture-background",
+    is_flag=True,
+    help="First let the hardware take a new background: that of the dataset or folder, else the first frame.",
+)
+@click.option(
+    "--calibration",
+    type=INPUT,
+    help="First load this file of `fastac calibration`; with the emulator the bundle it was written from.",
+)
+@click.option(
+    "--verilog", "verilog_folder", type=INPUT, help="Folder with hardware.json. [default: BUNDLE/verilog]"
+)
+@click.option("--bitstream", type=INPUT, help="With --via pynq: the .bit file, its .hwh file beside it.")
+@click.option(
+    "--timeout-s",
+    type=click.FloatRange(min=0, min_open=True),
+    default=1.0,
+    show_default=True,
+    help="How long a result may take before its frame counts as lost.",
+)
+@progress_option
+def run(
+    bundle,
+    source,
+    via,
+    split,
+    frames,
+    batch,
+    csv_file,
+    hdf5_file,
+    images,
+    force,
+    capture_background,
+    calibration,
+    verilog_folder,
+    bitstream,
+    timeout_s,
+    progress,
+):
+    """Send frames through the hardware of BUNDLE and show forces, flags, frame rate and latency as they come.
+
+    Results are written as they arrive. Ctrl-C ends the run: frames in flight are waited for, what has arrived
+    is kept, a summary is printed, and the exit status is 130. A frame whose result does not come is reported
+    as lost, and the next ones go on.
+
+    \b
+    Example: fastac run build/paper --via sim --frames 3 --csv forces.csv
+    """
+    from fastac.driver import description as descriptions
+    from fastac.driver.driver import Driver
+    from fastac.driver.live import Live
+    from fastac.driver.recorder import CsvRecorder, Hdf5Recorder
+    from fastac.driver.run import run as run_frames
+    from fastac.driver.sources import open_source
+    from fastac.driver.transports import open_transport, words_of_calibration
+
+    for path in (csv_file, hdf5_file):
+        if path is not None and path.exists() and not force:
+            raise click.ClickException(f"{path}: exists already; --force replaces it")
+    model = load_bundle(bundle)
+    verilog_folder = verilog_folder or bundle / "verilog"
+    description = descriptions.read(verilog_folder)
+    description.require_bundle(model.digest, str(verilog_folder / descriptions.FILE))
+    origin = source or str(bundle / "data.h5")
+    given = open_source(origin, model.scene, split=split, progress=progress)
+    with open_transport(
+        via,
+        description,
+        bundle=model,
+        verilog=verilog_folder,
+        folder=bundle / "run",
+        bitstream=bitstream,
+        calibration=calibration,
+        progress=progress,
+    ) as transport:
+        any_bundle = calibration is not None
+        driver = Driver(transport, description, timeout_s=timeout_s, any_bundle=any_bundle)
+        if calibration is not None:
+            driver.load_calibration(words_of_calibration(calibration, model))
+        if capture_background:
+            driver.capture_background(next(given.frames) if given.background is None else given.background)
+        recorders = []
+        if csv_file is not None:
+            recorders.append(CsvRecorder(csv_file, description))
+        if hdf5_file is not None:
+            about = {"scene": description.scene, "bundle_sha256": model.digest, "via": via, "source": origin}
+            recorders.append(Hdf5Recorder(hdf5_file, description, images=images, about=about))
+        live = Live(enabled=progress)
+        interrupted = run_frames(driver, given, recorders, live, frames=frames, batch=batch)
+    for text in live.summary():
+        click.echo(text)
+    counts = driver.counts
+    if counts.lost:
+        click.echo(
+            f"lost: {counts.timeouts} time-outs, {counts.dma_errors} DMA errors, {counts.missing} results"
+            f" that did not come; the last: {driver.trouble}"
+        )
+    for path in (csv_file, hdf5_file):
+        if path is not None:
+            click.echo(path)
+    if interrupted:
+        raise SystemExit(INTERRUPTED)
