@@ -10,6 +10,7 @@ with Driver(UioTransport(description), description) as driver:
         print(found.frame, found.time_s, found.force_n, found.reasons)
 """
 
+import contextlib
 import threading
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -144,6 +145,11 @@ class Driver:
             except DmaError:
                 return False
 
+    def _pause(self, timeout_s: float) -> None:
+        """Let time pass after a reset."""
+        with contextlib.suppress(DmaError):  # of what was under way
+            self.transport.wait_interrupt(timeout_s)
+
     def _wait_idle(self) -> None:
         """Wait until no frame is in flight."""
 
@@ -151,7 +157,7 @@ class Driver:
             self._sent(0)  # so that packets are taken meanwhile
             return not self.registers.read("STATUS", "busy")
 
-        if not until(idle, self.transport, self.timeout_s, self.transport.wait_interrupt):
+        if not until(idle, self.transport, self.timeout_s, self._pause):
             raise DriverError("STATUS.busy does not end: is every output stream read?")
 
     def soft_reset(self) -> None:
@@ -218,7 +224,7 @@ class Driver:
             waiting: deque[_Sent] = deque()
             try:
                 for frame in source:
-                    while len(waiting) >= limit:
+                    while waiting and (len(waiting) >= limit or self._failed):
                         yield self._next(waiting)
                     waiting.append(self._send(frame))
                 while waiting:
@@ -258,7 +264,10 @@ class Driver:
 
     def _fail(self, error: Exception) -> None:
         """Take note of an error that needs a restart."""
-        self._failed, self.trouble = True, str(error)
+        self.trouble = str(error)
+        if self._failed:  # it is the same trouble still
+            return
+        self._failed = True
         if isinstance(error, TransportTimeout):
             self.counts.timeouts += 1
         else:

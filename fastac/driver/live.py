@@ -24,7 +24,8 @@ class Live:
         self._stream = sys.stderr if stream is None else stream
         self._terminal = self._stream.isatty()
         self._enabled = enabled
-        self._start = self._shown = time.monotonic()
+        self._start = time.monotonic()
+        self._shown = -FILE_S  # so that the first result is shown
         self._arrived: deque[float] = deque(maxlen=WINDOW)
         self._latencies: deque[float] = deque(maxlen=KEPT)
         self._counts: Counter[str] = Counter()

@@ -138,6 +138,7 @@ class SimulationTransport(DmaTransport):
         return self.board.cycle / self._clock_hz
 
     def wait_interrupt(self, timeout_s: float) -> bool:
+        self._serve()  # a line that is high already would end the wait at once
         clocks = min(CHUNK, max(1, round(timeout_s * self._clock_hz)))
         lines, _ = self.board.ask(RUN, clocks, -1 & 0xFFFFFFFF)
         if not lines >> CORE_LINE & 1:

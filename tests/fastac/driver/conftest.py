@@ -25,7 +25,7 @@ TRANSPORTS = ("emulator", "simulation", "uio", "pynq")
 @pytest.fixture(scope="session")
 def bundle(tmp_path_factory) -> Bundle:
     folder = tmp_path_factory.mktemp("driven") / "bundle"
-    wanted = scene(("depth", "force_xyz"), mode="difference", lanes=2, streams="packets")
+    wanted = scene(("depth", "force_xyz"), mode="difference", kernel="collapsed", lanes=2, streams="packets")
     return random_bundle(folder, wanted)
 
 
