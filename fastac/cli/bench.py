@@ -31,7 +31,7 @@ def models(folders):
 @bench.command()
 @click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
 def driver(folders):
-    """Time the driver on the emulator: what it adds to the emulator alone, in µs a frame.
+    """Time the driver on the emulator: beside the emulator, and alone, in µs a frame.
 
     \b
     Example: fastac bench driver build/paper

@@ -50,6 +50,7 @@ class CoreModel:
         self.image: list[int] = []
         self.last = np.zeros((), RECORD)[()]
         self._latched: dict[str, int] = {}
+        self._given = np.empty((0, 0), np.uint8)
 
     def _use(self, bundle: Bundle, background: np.ndarray) -> None:
         self.bundle = bundle
@@ -57,7 +58,7 @@ class CoreModel:
         scene, known = bundle.scene, self.emulator.outputs
         words = dict.fromkeys(OUTPUTS[name].words for name in scene.outputs)
         extra = [n for n in (*SATURATED, "slip_dots") if n in known]
-        self._wanted = tuple(name for name in ("validity", *words, *extra) if name in known)
+        self.wanted = tuple(name for name in ("validity", *words, *extra) if name in known)
 
     def time(self) -> int:
         """Clocks since the model was made, by the host's time."""
@@ -70,13 +71,16 @@ class CoreModel:
         packets: dict[str, list[np.ndarray]] = {name: [] for name in self.description.streams_out}
         if not self.enable or self._loading:
             return packets
-        form = self.description.frame
-        pixels = np.stack(frames).reshape(len(frames), form.height_px, form.width_px, -1)
+        form, count = self.description.frame, len(frames)
+        if count > len(self._given):  # kept, because fresh memory costs more than the copy
+            self._given = np.empty((count, form.format.bytes), np.uint8)
+        pixels = np.stack(frames, out=self._given[:count])
+        pixels = pixels.reshape(count, form.height_px, form.width_px, -1)
         pixels = pixels[..., : len(form.channels)]
         if self.capture:  # a captured frame has no difference from itself
             self.capture = False
-            self._use(self.bundle, np.ascontiguousarray(pixels[0]))
-        found = self.emulator.run(np.ascontiguousarray(pixels), wanted=self._wanted)
+            self._use(self.bundle, pixels[0].copy())
+        found = self.emulator.run(np.ascontiguousarray(pixels), wanted=self.wanted)
         records = self._records(found, len(frames))
         for output in self.description.outputs:
             words = getattr(found, OUTPUTS[output.name].words)

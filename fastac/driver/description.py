@@ -132,7 +132,7 @@ class ForceFacts(_Table):
     axes: tuple[Literal["x", "y", "z"], ...]
     newtons_per_lsb: dict[str, Scale]
 
-    @property
+    @cached_property
     def scales(self) -> np.ndarray:
         """(axes,), in N."""
         return np.array([self.newtons_per_lsb[axis] for axis in self.axes])

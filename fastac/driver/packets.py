@@ -108,7 +108,7 @@ class Found:
         """(axes,) or (n, axes) int64: the accumulators."""
         if self.description.force is None:
             return None
-        return np.stack([self.records[f"force_{axis}"] for axis in self.force_axes], axis=-1)
+        return np.array([self.records[f"force_{axis}"] for axis in self.force_axes]).T
 
     @property
     def force_n(self) -> np.ndarray | None:
