@@ -2,10 +2,12 @@
 
 from fastac.gateware.bus.record import RECORD_BYTES
 from fastac.gateware.force.force_sum import ForceSum
+from fastac.gateware.force.patch_generator import PatchGenerator
 from fastac.gateware.packets.record_beats import RecordBeats
 from fastac.gateware.packets.record_queue import RecordQueue
 from fastac.gateware.raster_outputs import RasterOutput, scene_outputs
 from fastac.gateware.stream.queues import SkidBuffer
+from fastac.scenes.outputs import OUTPUTS
 from fastac.scenes.schema import Scene
 
 OF_FORCE = ("force", "dots", "slip")
@@ -157,6 +159,15 @@ class FrameCycles:
         """
         return max((0, *(output.packet.beats - self.beats for output in self.packets.values())))
 
+    @property
+    def look_ahead(self) -> int:
+        """Beats of the next frame's displacement that a frame's force may need to be pushed out, see
+        PatchGenerator."""
+        scene = self.scene
+        if not (scene.wants_force and scene.wants_solver and scene.force.kernel == "patch"):
+            return 0
+        return PatchGenerator.reach_of(scene.inner_px, scene.force.kernel_size, self.lanes)
+
     def packet_queue(self, name: str) -> int:
         """Places of the queue for beats of the next image that come before a packet's trailer has ended; 0:
         none.
@@ -164,12 +175,17 @@ class FrameCycles:
         So images flow on while a trailer waits for its record: at full rate they come with `interval` less
         their own beats between them. No frame makes it longer, as a packet has at most `interval` beats. One
         more place, as a full queue takes no beat in the clock in which it gives one.
+
+        Once the next image has begun, a force of patches goes on only with its beats (`look_ahead`). These
+        come through the same fork as the image's, however close the frames are, so the queue has a place for
+        each: else the trailer would wait for a force that waits for the trailer.
         """
         output = self.packets[name]
         waits = self._trailer_at(output) - getattr(self, f"first_pixel_to_{name}") - 1
         gap = self.interval - output.rows * output.beats
         kept = waits + output.packet.trailer_beats - gap
-        return kept + 1 if kept > 0 else 0
+        pushing = self.look_ahead if output.complete and not OUTPUTS[name].needs_patches else 0
+        return max(kept + 1 if kept > 0 else 0, pushing)
 
     @property
     def interval(self) -> int:

@@ -67,9 +67,14 @@ class PatchGenerator(wiring.Component):
         """Beats from a beat to the one that holds the rightmost neighbours of its pixels."""
         return -(-(self.kernel_size // 2) // self.lanes)
 
+    @staticmethod
+    def reach_of(size: int, kernel_size: int, lanes: int) -> int:
+        half = kernel_size // 2
+        return half * -(-size // lanes) + -(-half // lanes)
+
     @property
     def reach(self) -> int:
-        return (self.kernel_size // 2) * self.row_beats + self.column_delay
+        return self.reach_of(self.size, self.kernel_size, self.lanes)
 
     @property
     def latency(self) -> int:

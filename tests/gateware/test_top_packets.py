@@ -35,6 +35,11 @@ CASES = {
         "size": 24,
         "dots": True,
     },
+    "patches beside depth": {
+        "outputs": ("depth", "force_xyz"),
+        "mode": "difference",
+        "lanes": 2,
+    },
     "force map": {
         "outputs": ("depth", "force_xyz", "force_map"),
         "channels": "bgr+nir",
