@@ -111,8 +111,8 @@ def test_no_boards_files(build):
 def test_own_settings_of_the_processing_system(build):
     def prepare(folder):
         (folder / "processing_system.tcl").write_text(
-            "set_property -dict [list CONFIG.PSU__CRF_APB__DDR_CTRL__FREQMHZ 1066 CONFIG.PSU__USE__M_AXI_GP1 1"
-            " CONFIG.PSU__CRL_APB__PL0_REF_CTRL__FREQMHZ 50] $ps\n"
+            "set_property -dict [list CONFIG.PSU__CRF_APB__DDR_CTRL__FREQMHZ 1066"
+            " CONFIG.PSU__USE__M_AXI_GP1 1 CONFIG.PSU__CRL_APB__PL0_REF_CTRL__FREQMHZ 50] $ps\n"
         )
 
     status, printed, vivado = build("bare", "--to", "design", prepare=prepare)
