@@ -34,7 +34,7 @@ def open_transport(
     if via in BOARDS and not description.has_packets:
         raise TransportError(
             f"--via {via}: hardware.streams = {description.streams!r}: a DMA needs hardware.streams ="
-            " 'packets' in the scene"
+            " 'packets' in the scene, or --verilog with the folder of fastac vivado"
         )
     if via == "emulator":
         from fastac.driver.emulator import EmulatorTransport

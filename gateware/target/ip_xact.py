@@ -39,7 +39,6 @@ def component(
     ports: Sequence[Port],
     registers: Sequence[Mapping],
     *,
-    clock_mhz: float,
     address_range: int,
     verilog: str,
     gui: str,
@@ -63,8 +62,9 @@ def component(
         kind(interfaces, prefix, of_bus)
         buses.append(prefix)
     clock = {"ASSOCIATED_BUSIF": ":".join(buses), "ASSOCIATED_RESET": RESET}
-    # The processing system's dividers give nearly the clock that was asked for; tolerance -1 accepts any.
-    clock |= {"FREQ_HZ": round(clock_mhz * 1e6), "FREQ_TOLERANCE_HZ": -1}
+    # No FREQ_HZ: the frequency then comes from what drives the clock, as for the DMAs' streams. One that was
+    # stated here would differ from it by a few Hz, and Vivado refuse the design: "FREQ_HZ does not match".
+    clock["FREQ_TOLERANCE_HZ"] = "-1"
     _signal(interfaces, CLOCK, "clock", "CLK", "slave", clock)
     _signal(interfaces, RESET, "reset", "RST", "slave", {"POLARITY": "ACTIVE_HIGH"})
     _signal(interfaces, INTERRUPT, "interrupt", "INTERRUPT", "master", {"SENSITIVITY": "LEVEL_HIGH"})
@@ -132,8 +132,7 @@ def _interface(
     if parameters:
         of_interface = _add(interface, "parameters")
         for key, value in parameters.items():
-            user = {"resolve": "user", "format": "long"} if key == "FREQ_HZ" else {}
-            _parameter(of_interface, key, value, f"BUSIFPARAM_VALUE.{name.upper()}.{key}", **user)
+            _parameter(of_interface, key, value, f"BUSIFPARAM_VALUE.{name.upper()}.{key}")
 
 
 def _signal(parent, name: str, bus: str, logical: str, mode: str, parameters: Mapping[str, object]) -> None:

@@ -94,7 +94,6 @@ def _write_ip(text: str, hardware: Mapping, folder: Path, *, name: str, descript
         name,
         ports_of(text, name),
         hardware["registers"],
-        clock_mhz=hardware["clock_mhz"],
         address_range=RANGE,
         verilog=f"src/{name}.v",
         gui=f"xgui/{name}_v1_0.tcl",

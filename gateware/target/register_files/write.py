@@ -45,12 +45,19 @@ RDL_ACCESS = {
     "wo": "sw = w; hw = r;",
 }
 DEVICE_TREES = {
-    ZYNQ_ULTRASCALE_PLUS.name: {"cells": 2, "controller": "gic", "clock": ("zynqmp_clk", 71)},
-    ZYNQ_7000.name: {"cells": 1, "controller": "intc", "clock": ("clkc", 15)},
+    ZYNQ_ULTRASCALE_PLUS.name: {
+        "cells": 2,
+        "controller": "gic",
+        "clock": ("zynqmp_clk", 71),
+        "resets": "<&zynqmp_reset 116>",
+    },
+    ZYNQ_7000.name: {"cells": 1, "controller": "intc", "clock": ("clkc", 15), "resets": None},
 }
 """Of each family: cells of an address, the interrupt controller's label in the kernel's device trees, and the
 clock controller's with the clock's number there: PL0_REF (dt-bindings/clock/xlnx-zynqmp-clk.h) and fclk0
-(bindings/clock/zynq-7000.txt)."""
+(bindings/clock/zynq-7000.txt). resets: on Zynq MPSoC pl_resetn0 is a GPIO, which a boot loader that knows of
+no logic may have left low; 116 is PS_PL0 (dt-bindings/reset/xlnx-zynqmp-resets.h), and AMD's page "Solution
+ZynqMP PL Programming" has it at this place. On Zynq-7000 the FPGA manager's driver releases the resets."""
 FRAMES_BUFFERED = 16
 """Frames, each with its packets, that the buffer in the device tree holds at least."""
 
@@ -133,6 +140,7 @@ def _device_tree(hardware: Mapping, family: Family) -> dict:
         "firmware": f"{hardware['top']}.bit.bin",
         "cells": tree["cells"],
         "controller": tree["controller"],
+        "resets": tree["resets"],
         "clock": {"label": label, "index": index, "hz": round(hardware["clock_mhz"] * 1e6)},
         "slaves": slaves,
         "range": RANGE,

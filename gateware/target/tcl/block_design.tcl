@@ -8,11 +8,12 @@ proc add_ip {name instance} {
 
 # Zynq MPSoC (PG201). The widths of the ports are those after a reset, so that the design can be loaded under a
 # Linux whose boot loader does not know it.
-proc make_zynquplus {clock_mhz} {
+proc make_zynquplus {clock_mhz own} {
     set ps [add_ip zynq_ultra_ps_e ps_0]
     set preset [expr {[get_property BOARD_PART [current_project]] ne ""}]
     apply_bd_automation -rule xilinx.com:bd_rule:zynq_ultra_ps_e \
         -config [list apply_board_preset $preset] $ps
+    own_settings $ps $own
     set_property -dict [list \
         CONFIG.PSU__FPGA_PL0_ENABLE 1 \
         CONFIG.PSU__CRL_APB__PL0_REF_CTRL__FREQMHZ $clock_mhz \
@@ -31,11 +32,12 @@ proc make_zynquplus {clock_mhz} {
 }
 
 # Zynq-7000 (PG082).
-proc make_zynq7000 {clock_mhz} {
+proc make_zynq7000 {clock_mhz own} {
     set ps [add_ip processing_system7 ps_0]
     set preset [expr {[get_property BOARD_PART [current_project]] ne ""}]
     apply_bd_automation -rule xilinx.com:bd_rule:processing_system7 \
         -config [list make_external "FIXED_IO, DDR" apply_board_preset $preset Master Disable Slave Disable] $ps
+    own_settings $ps $own
     set_property -dict [list \
         CONFIG.PCW_EN_CLK0_PORT 1 \
         CONFIG.PCW_FPGA0_PERIPHERAL_FREQMHZ $clock_mhz \
@@ -49,6 +51,15 @@ proc make_zynq7000 {clock_mhz} {
         master ps_0/M_AXI_GP0 slave ps_0/S_AXI_HP0 space ps_0/Data \
         memory {ps_0/S_AXI_HP0/HP0_DDR_LOWOCM} segments {ps_0/S_AXI_HP0/*} \
         clocks {ps_0/M_AXI_GP0_ACLK ps_0/S_AXI_HP0_ACLK}]
+}
+
+# processing_system.tcl of the user, if there is one: its commands see the cell as $ps. What this design needs is set
+# after it, so that a board's preset with other ports and clocks does for its memory and pins.
+proc own_settings {ps file} {
+    if {[file exists $file]} {
+        puts "Settings of the processing system: $file"
+        source $file
+    }
 }
 
 proc clock_and_reset {ps instance clock_pin reset_pin} {
@@ -140,12 +151,7 @@ proc assign_memory {ps space} {
 proc make_block_design {folder} {
     global settings dmas interrupts
     create_bd_design system
-    set ps [make_$settings(family) $settings(clock_mhz)]
-    set own [file join $folder processing_system.tcl]
-    if {[file exists $own]} {
-        puts "Settings of the processing system: $own"
-        set_processing_system [get_bd_cells [dict get $ps cell]] $own
-    }
+    set ps [make_$settings(family) $settings(clock_mhz) [file join $folder processing_system.tcl]]
     set clock [get_bd_pins [dict get $ps clock]]
 
     add_ip proc_sys_reset reset_0
@@ -197,9 +203,4 @@ proc make_block_design {folder} {
     validate_bd_design
     save_bd_design
     return system.bd
-}
-
-# processing_system.tcl of the user: its commands see the cell as $ps.
-proc set_processing_system {ps file} {
-    source $file
 }

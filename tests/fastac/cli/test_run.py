@@ -164,8 +164,8 @@ class TestRefusals:
 
     def test_a_board_without_packets(self, built):
         message = fail("run", built, "--via", "uio")
-        wanted = "a DMA needs hardware.streams = 'packets' in the scene"
-        assert message == f"--via uio: hardware.streams = 'video': {wanted}"
+        wanted = "a DMA needs hardware.streams = 'packets' in the scene, or --verilog with the folder of"
+        assert message == f"--via uio: hardware.streams = 'video': {wanted} fastac vivado"
 
     def test_no_board_here(self, colours, tmp_path):
         np.save(tmp_path / "0.npy", np.zeros((16, 16, 3), np.uint8))

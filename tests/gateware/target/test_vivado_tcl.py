@@ -110,11 +110,18 @@ def test_no_boards_files(build):
 
 def test_own_settings_of_the_processing_system(build):
     def prepare(folder):
-        (folder / "processing_system.tcl").write_text("set_property CONFIG.PSU__MAXIGP0__DATA_WIDTH 64 $ps\n")
+        (folder / "processing_system.tcl").write_text(
+            "set_property -dict [list CONFIG.PSU__CRF_APB__DDR_CTRL__FREQMHZ 1066"
+            " CONFIG.PSU__USE__M_AXI_GP1 1 CONFIG.PSU__CRL_APB__PL0_REF_CTRL__FREQMHZ 50] $ps\n"
+        )
 
     status, printed, vivado = build("bare", "--to", "design", prepare=prepare)
     assert status == 0, printed
-    assert vivado.cells["ps_0"].parameters["PSU__MAXIGP0__DATA_WIDTH"] == "64"
+    parameters = vivado.cells["ps_0"].parameters
+    assert parameters["PSU__CRF_APB__DDR_CTRL__FREQMHZ"] == "1066"
+    # A preset's ports and clocks give way to those of the design.
+    assert parameters["PSU__USE__M_AXI_GP1"] == "0"
+    assert parameters["PSU__CRL_APB__PL0_REF_CTRL__FREQMHZ"] == "150"
 
 
 @pytest.mark.parametrize(

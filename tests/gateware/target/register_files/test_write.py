@@ -201,6 +201,7 @@ BASES = {
 / { #address-cells = <2>; #size-cells = <2>;
     gic: gic { #interrupt-cells = <3>; #address-cells = <0>; interrupt-controller; };
     zynqmp_clk: clocks { #clock-cells = <1>; };
+    zynqmp_reset: resets { #reset-cells = <1>; };
     fpga_full: fpga-full { }; amba: axi { #address-cells = <2>; #size-cells = <2>; }; };
 """,
     "video": """/dts-v1/;
@@ -252,6 +253,7 @@ def test_device_tree_of_packets(packets, tmp_path):
     assert cells(tree, core, "interrupt-parent") == cells(tree, "/gic", "phandle")
     assert cells(tree, "/fpga-full/clocking0", "clocks") == [*cells(tree, "/clocks", "phandle"), 71]
     assert cells(tree, "/fpga-full/clocking0", "assigned-clock-rates") == [150_000_000]
+    assert cells(tree, "/fpga-full", "resets") == [*cells(tree, "/resets", "phandle"), 116]
     interrupts = {0: [0, 90, 4, 0, 91, 4], 1: [0, 92, 4], 2: [0, 93, 4]}
     for k, lines in interrupts.items():
         dma = f"/axi/dma@a00{k + 1}0000"
