@@ -121,6 +121,8 @@ def _readme(name: str, hardware: Mapping, design: BlockDesign | None, board: str
         "build.tcl makes block design and bitstream, into output/ (Vivado 2020.2 or later):",
         "    vivado -mode batch -source build.tcl",
         f"Board files: {board}; another: -tclargs --board NAME (none: of no board).",
+        "Settings of your own for the processing system: processing_system.tcl beside build.tcl.",
+        "-tclargs --to design, synthesis or implementation stops there.",
         "",
         "registers/ has the registers for other tools, and fastac.dtso, the overlay for the board's Linux.",
         "The way from here to a running board: docs/board.md of FasTac.",

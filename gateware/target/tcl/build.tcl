@@ -44,7 +44,7 @@ proc choose_board {} {
         return
     }
     if {![dict exists $boards $name]} {
-        error "board $name: expected none, or, with the part $settings(part), [join [dict keys $boards] {, }]"
+        error "board $name: expected, with the part $settings(part), one of [join [list none {*}[dict keys $boards]] {, }]"
     }
     set pattern [dict get $boards $name]
     set found [lindex [lsort -dictionary [get_board_parts -quiet -latest_file_version $pattern]] end]
