@@ -227,6 +227,8 @@ class Driver:
                     while waiting and (len(waiting) >= limit or self._failed):
                         yield self._next(waiting)
                     waiting.append(self._send(frame))
+                    if limit == 1:  # the source may take long to give the next one
+                        yield self._next(waiting)
                 while waiting:
                     yield self._next(waiting)
             finally:  # left early: what is in flight would be taken for the results of later frames

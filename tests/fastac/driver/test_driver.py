@@ -57,6 +57,19 @@ def test_one_frame_at_a_time_and_batches_are_the_same(driver, frames, expected):
     assert np.all(np.diff(batches[1].time_s) >= 0)
 
 
+def test_one_frame_at_a_time_does_not_wait_for_the_next(driver, frames):
+    """A camera's next frame may come much later than the result."""
+    given = []
+
+    def camera():
+        for k, frame in enumerate(frames[:3]):
+            given.append(k)
+            yield frame
+
+    for k, _ in enumerate(driver.frames(camera(), in_flight=1)):
+        assert given == list(range(k + 1))
+
+
 def test_identity(transport, description):
     transport_version = description.model_copy(update={"version": description.version + 1})
     with pytest.raises(DriverError, match=rf"VERSION = {description.version}: hardware.json is of version"):
