@@ -121,7 +121,8 @@ class Driver:
         """End everything in flight and begin anew: core, DMAs, numbers of frames.
 
         Where the input was cut inside a frame, the core takes what comes next for the rest of it. So a frame
-        of zeros follows: it is this rest, or else a frame with a number, whose packets are stale.
+        of zeros follows: it is this rest, or else a frame with a number, whose packets are stale. It must not
+        become the background: while a frame for that is awaited, the core drops the zeros in either case.
         """
         clear = {"clear_results": 1} if self._receiver.has_fifo else {}
         self._control(soft_reset=1, **clear)
@@ -129,11 +130,26 @@ class Driver:
         self.transport.reset_dma()
         self._receiver.restart()
         self._wait_idle()
-        self.transport.send(np.zeros(self.description.frame.format.bytes, np.uint8))
+        captures = self.registers.read("CONTROL", "capture_background")
+        if captures:
+            self._control(enable=0)
+        self._begin(np.zeros(self.description.frame.format.bytes, np.uint8))
         if not self._sent(self.timeout_s):
             raise DriverError("after a reset the hardware takes no frame; load the bitstream anew")
+        if captures:
+            self._control()
         self._wait_idle()
         self._number = self.registers.read("FRAME_COUNT")
+
+    def _begin(self, octets: np.ndarray) -> None:
+        """Begin to send a frame; after a reset the rest of a packet may come to memory meanwhile."""
+        while True:
+            try:
+                return self.transport.send(octets)
+            except PacketSizeError:
+                if not self._receiver.settling:
+                    raise
+                self.counts.stale += 1
 
     def _sent(self, timeout_s: float) -> bool:
         """Whether all frames have been taken; what comes to memory meanwhile may be the rest of a packet."""
@@ -168,11 +184,13 @@ class Driver:
     def capture_background(self, frame: np.ndarray) -> Found:
         """Send a frame (H, W, C) uint8 of the untouched sensor, which becomes the background.
 
-        Returns what was found in it. Raises DriverError where the hardware did not take it.
+        Returns what was found in it. Raises DriverError where the hardware did not take it, twice.
         """
         with self._alone():
             self._control(capture_background=1)
             found = self._next(deque([self._send(frame)]))
+            if found.lost:  # the core may still wait for it, and must not take another frame instead
+                found = self._next(deque([self._send(frame)]))
             if found.lost or self.registers.read("CONTROL", "capture_background"):
                 raise DriverError(f"the background was not captured: {self.trouble or 'capture it again'}")
             return found
@@ -247,7 +265,7 @@ class Driver:
         sent = _Sent(self._number, self.transport.now_s())
         self.counts.sent += 1
         try:
-            self.transport.send(octets)
+            self._begin(octets)
         except (DmaError, TransportTimeout) as error:
             self._fail(error)
             sent.lost = True

@@ -47,6 +47,7 @@ class Receiver:
 
     counts : is kept up to date
     own_fifo : no packet carries the whole record, so it is read from the registers
+    settling : since a restart no result has come, so that the rest of an earlier packet may still come
     """
 
     def __init__(
@@ -59,12 +60,12 @@ class Receiver:
         self._lost_before = registers.read("RESULTS_LOST") if self.has_fifo else 0
         self._trailer = {o.name: o.format.image_bytes for o in description.outputs} or {"results": 0}
         self._held: dict[str, np.ndarray] = {}
-        self._settling = False
+        self.settling = False
 
     def restart(self) -> None:
         """Everything in flight is gone; a rest of it may still come."""
         self._held.clear()
-        self._settling = True
+        self.settling = True
 
     def collect(self, number: int) -> tuple[np.void, dict[str, np.ndarray]] | None:
         """The record and the images' packets of frame `number`; None where a later frame came instead.
@@ -79,7 +80,7 @@ class Receiver:
             return None
         if record is None:
             record = found[self._description.record_at[0]][1]
-        self._settling = False
+        self.settling = False
         self._look_after(record)
         self.counts.received += 1
         return record, {name: octets for name, (octets, _) in found.items() if name != "results"}
@@ -92,7 +93,7 @@ class Receiver:
                 try:
                     octets = self._transport.receive(stream, self.timeout_s)
                 except PacketSizeError:
-                    if not self._settling:
+                    if not self.settling:
                         raise
                     self.counts.stale += 1
                     continue

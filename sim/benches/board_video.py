@@ -15,7 +15,7 @@ from fastac.gateware.bus.record import FORMAT_LOW, RECORD_FORMAT, RecordFlag, re
 from fastac.gateware.packet_format import WORD_BYTES, FrameFormat, PacketFormat
 from fastac.sim.benches.packet_dma import MM2S, S2MM, PacketDma
 
-INTERRUPT_ENABLE = 1 << 3
+ENABLE, INTERRUPT_ENABLE = 1 << 0, 1 << 3
 LEAST_INTERVAL = 600
 """Clocks between the first beats of frames: the time in which a result can be read from the registers."""
 QUIET = 200
@@ -76,6 +76,7 @@ class VideoStreams:
         self.started: deque[int] = deque()  # clock of the first beat of each frame without a result
         self.last_start = -LEAST_INTERVAL
         self.number = 0
+        self.enabled = True
 
     def connect(self, dut) -> None:
         self.inputs = [getattr(dut, f"s_axis_{member}") for member in ("tdata", "tlast", "tuser", "tvalid")]
@@ -91,6 +92,7 @@ class VideoStreams:
         return [bool(core), self.source.interrupt(MM2S), *(dma.interrupt(S2MM) for dma in self.dmas)]
 
     def control(self, value: int) -> int:
+        self.enabled = bool(value & ENABLE)
         return value | INTERRUPT_ENABLE
 
     def _frame_beats(self, frame: bytes) -> list[tuple[int, int, int]]:
@@ -151,7 +153,8 @@ class VideoStreams:
         """A beat of the frame was accepted."""
         if len(self.beats) == self.form.beats:
             self.last_start = self.board.cycle - 1
-            self.started.append(self.last_start)
+            if self.enabled:  # else the core drops it
+                self.started.append(self.last_start)
         self.beats.popleft()
         if not self.beats:
             self.source.sent()

@@ -9,7 +9,7 @@ import pytest
 from fastac.driver import asynchronous
 from fastac.driver.driver import Driver, DriverError
 from fastac.driver.packets import join
-from fastac.driver.transport import DmaError, TransportTimeout
+from fastac.driver.transport import DmaError, PacketSizeError, TransportTimeout
 from fastac.gateware.calibration import calibration_words
 from fastac.models.emulator.pipeline import Emulator
 
@@ -157,6 +157,67 @@ def test_after_a_failure_frames_go_on(transport, description, frames, expected, 
     assert driver.counts.lost == len(lost)
     assert driver.trouble
     # And once more, with nothing wrong.
+    for k, found in enumerate(driver.frames(frames)):
+        assert_equal(found, expected, k)
+
+
+class CutOff(Faulty):
+    """Loses the n-th frame, and gives the rest of a packet while the first frame after a reset is sent."""
+
+    def __init__(self, transport, n):
+        super().__init__(transport, 0, None)
+        self._sends, self._rests = n, 0
+
+    def reset_dma(self):
+        self._transport.reset_dma()
+        self._rests = 2
+
+    def send(self, frame):
+        self._sends -= 1
+        if self._sends == 0:
+            return
+        if self._rests:
+            self._rests -= 1
+            raise PacketSizeError("depth: a packet of 8 bytes: expected more")
+        self._transport.send(frame)
+
+    def receive(self, stream, timeout_s):
+        if self._sends == 0:
+            self._sends = -1
+            raise TransportTimeout("depth: no packet")
+        return self._transport.receive(stream, timeout_s)
+
+
+def test_the_rest_of_a_packet_that_comes_while_a_frame_is_sent(driver, frames, expected):
+    """It comes to memory by itself, so any look at the DMAs may find it."""
+    cut = CutOff(driver.transport, 1)
+    driver.transport, driver._receiver._transport = cut, cut
+    lost, *others = driver.frames(frames, in_flight=1)
+    assert lost.lost
+    for k, found in enumerate(others, 1):
+        assert_equal(found, expected, k)
+    assert driver.counts.stale >= 2
+    assert driver.counts.dma_errors == 0
+
+
+def test_a_background_that_is_lost_on_its_way(driver, bundle, frames):
+    """The frame of zeros after the reset does not take its place."""
+    cut = CutOff(driver.transport, 1)
+    driver.transport, driver._receiver._transport = cut, cut
+    assert not driver.capture_background(frames[2]).lost
+    assert driver.counts.lost == 1
+    expected = Emulator(bundle.pipeline.replace(background=frames[2])).run(frames)
+    for k, found in enumerate(driver.frames(frames)):
+        assert_equal(found, expected, k)
+    driver.capture_background(bundle.pipeline.background)
+
+
+def test_zeros_do_not_become_the_background(driver, bundle, frames):
+    """A reset between the request and its frame."""
+    driver._control(capture_background=1)
+    driver.soft_reset()
+    list(driver.frames([bundle.pipeline.background]))
+    expected = Emulator(bundle.pipeline).run(frames)
     for k, found in enumerate(driver.frames(frames)):
         assert_equal(found, expected, k)
 
