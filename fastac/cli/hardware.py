@@ -53,12 +53,11 @@ def registers(bundle, output):
     \b
     Example: fastac registers build/paper -o registers
     """
-    from fastac.flow.hardware import interface
+    from fastac.flow.hardware import interface_of
     from fastac.gateware.target.register_files.write import FILES, write_register_files
-    from fastac.gateware.top_zynq import TopZynq
 
     output = output or bundle / "registers"
-    write_register_files(interface(TopZynq(load_bundle(bundle))), output)
+    write_register_files(interface_of(load_bundle(bundle)), output)
     click.echo(f"{output}: {', '.join(FILES.values())}")
 
 

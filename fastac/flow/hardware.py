@@ -82,6 +82,11 @@ def interface(top: TopZynq) -> dict:
     }
 
 
+def interface_of(bundle: Bundle) -> dict:
+    """`interface` of a bundle's hardware, of which nothing is elaborated."""
+    return interface(TopZynq(bundle))
+
+
 def describe(top: TopZynq, rtlil: str) -> dict:
     """What the design says of itself: formulas' values, the host's interface, and the hash of its netlist."""
     path = top.datapath
