@@ -97,6 +97,7 @@ def test_frames_at_the_full_rate_lie_in_memory(runs):
     assert set(records["first_to_result"]) == {top.datapath.first_pixel_to_force}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("kind", ["memory_0", "memory_30"])
 def test_frames_from_memory_lie_in_memory(runs, kind):
     """A transfer each: its fetch and the host's work come between frames, where nothing is lost."""
