@@ -4,11 +4,12 @@
 from amaranth import Cat, Module, ResetInserter, Signal, Value
 from amaranth.lib import wiring
 
+from fastac.gateware.bus.frame_timer import STAMP
 from fastac.gateware.bus.registers import RegisterBlock
+from fastac.gateware.bus.result_registers import stamp_record
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.frame_cycles import RESULTS, RESULTS_WORD_BYTES
 from fastac.gateware.packet_format import FrameFormat
-from fastac.gateware.packets.frame_stamps import STAMP, FrameStamps, stamp_record
 from fastac.gateware.packets.packet_input import PacketInput, packet_signature
 from fastac.gateware.packets.packet_port import PacketPort
 from fastac.gateware.packets.record_beats import RecordBeats
@@ -23,7 +24,6 @@ class PacketStreams:
     module.
 
     outputs : the image outputs; without any there is one stream of records alone, RESULTS
-    stamped : some packet's record does not wait for the result, so that frames are stamped as they come in
     """
 
     def __init__(self, path: Datapath, outputs: tuple[RasterOutput, ...]):
@@ -31,7 +31,6 @@ class PacketStreams:
         self.path, self.outputs = path, outputs
         frame = FrameFormat(sensor.height_px, sensor.width_px, len(sensor.channel_names), path.lanes)
         self.input = PacketInput(frame, pause=path.frame_pause)
-        self.stamped = any(not output.complete for output in outputs)
         # Only without images, results are held back until there is room for their records.
         self.results = None if outputs else RecordQueue()
 
@@ -70,27 +69,15 @@ class PacketStreams:
 
     def connect_images(self, m: Module, registers: RegisterBlock, ports: dict) -> None:
         """All image outputs to the ports of their names."""
-        path, rooms, stamp = self.path, [], None
+        path, rooms = self.path, []
         admitted = Signal()  # a frame has left the guard, and each packet's queue has room for its record
-        if self.stamped:
-            m.submodules.frame_stamps = stamps = FrameStamps()
-            m.d.comb += [
-                stamps.accepted.eq(registers.accepted),
-                *(
-                    getattr(stamps, n).eq(getattr(path, n))
-                    for n in ("frame_started", "frame_done", "frame_bad")
-                ),
-                stamps.flush.eq(registers.soft_reset),
-                stamps.time.eq(registers.time),
-            ]
-            stamp = stamps.stamp
         for output in self.outputs:
             queue = self._image(m, registers, output, ports[output.name])
             m.d.comb += queue.enters.eq(admitted)
             if output.complete:
                 m.d.comb += [queue.record.eq(registers.record), queue.record_valid.eq(registers.record_valid)]
             else:
-                m.d.comb += [queue.record.eq(stamp), queue.record_valid.eq(admitted)]
+                m.d.comb += [queue.record.eq(registers.stamp), queue.record_valid.eq(admitted)]
             rooms.append(queue.room)
         m.d.comb += [
             path.tag.ready.eq(Cat(rooms).all()),

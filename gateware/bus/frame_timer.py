@@ -4,6 +4,10 @@ from amaranth import Module, Mux, Signal, unsigned
 from amaranth.lib import data, memory, wiring
 from amaranth.lib.wiring import In, Out
 
+STAMP = data.StructLayout({"number": 32, "bad": 1, "time": 64})
+"""number: of a frame, from 1 since reset; bad: its input was repaired; time: when its first beat was
+accepted."""
+
 
 class FrameTimer(wiring.Component):
     """Count frames, number their results and measure their latency in clock cycles.
@@ -32,18 +36,29 @@ class FrameTimer(wiring.Component):
     result_time : unsigned(64), `time` when the first beat of the last result's frame was accepted. Only with
         `packets`.
 
+    stamp : see `STAMP`: of the last whole frame, whether its result is there or not. Only with `stamps`.
+
     Outputs change one clock after the pulse. Latencies are modulo 2**32. With more than `frames` frames in
     flight some times are wrong, but counts, numbers and order stay right.
     """
 
     def __init__(
-        self, *, force: bool, depth: bool, normals: bool = False, packets: bool = False, frames: int = 8
+        self,
+        *,
+        force: bool,
+        depth: bool,
+        normals: bool = False,
+        packets: bool = False,
+        stamps: bool = False,
+        frames: int = 8,
     ):
         if not force and not depth and not normals:
             raise ValueError("force False, depth False, normals False: expected at least one")
         if not 2 <= frames <= 128 or frames & (frames - 1):
             raise ValueError(f"frames {frames}: expected a power of two, 2 to 128")
-        self.force, self.packets, self.frames = force, packets, frames
+        if stamps and not packets:
+            raise ValueError("stamps True, packets False: only packets have their time")
+        self.force, self.packets, self.stamps, self.frames = force, packets, stamps, frames
         self.maps = tuple(name for name, wanted in (("depth", depth), ("normals", normals)) if wanted)
         inputs = ["accepted", "frame_started", "frame_done", "frame_bad", "flush"]
         outputs = {"frame_count": 32, "in_flight": 8, "interval": 32}
@@ -60,6 +75,7 @@ class FrameTimer(wiring.Component):
             {
                 **{name: In(1) for name in inputs},
                 **({"time": In(64)} if packets else {}),
+                **({"stamp": Out(STAMP)} if stamps else {}),
                 **{name: Out(unsigned(width)) for name, width in outputs.items()},
             }
         )
@@ -116,6 +132,11 @@ class FrameTimer(wiring.Component):
                     m.d.sync += self.interval.eq(accepted_at - first)
             with m.If(self.frame_done):
                 m.d.sync += [started.eq(0), self.frame_count.eq(self.frame_count + 1)]
+        if self.stamps:
+            last = Signal(STAMP, reset_less=True)
+            m.d.comb += [self.stamp.eq(last), self.stamp.number.eq(self.frame_count)]
+            with m.If(write.en):
+                m.d.sync += [last.time.eq(first), last.bad.eq(self.frame_bad)]
 
         waiting = []
         for name in (*(("force",) if self.force else ()), *self.maps):

@@ -64,6 +64,11 @@ class Identity:
         return "force" if self.axes else "depth" if self.depth else "normals"
 
     @property
+    def early_normals(self) -> bool:
+        """Whether packets of normals end before the result of their frame is there."""
+        return self.packets and self.normals and self.result != "normals"
+
+    @property
     def calibration(self) -> bool:
         """Whether calibrations can be loaded."""
         return self.calibration_words > 0

@@ -6,7 +6,7 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.bus.axi_lite import AxiLiteSlave, Response, axi_lite_signature
 from fastac.gateware.bus.calibration_loader import calibration_signature
-from fastac.gateware.bus.frame_timer import FrameTimer
+from fastac.gateware.bus.frame_timer import STAMP, FrameTimer
 from fastac.gateware.bus.identity import Identity
 from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID
 from fastac.gateware.bus.result_registers import RECORD_BITS, ResultRegisters
@@ -46,6 +46,7 @@ class RegisterBlock(wiring.Component):
     record, record_valid : the record of a result (gateware/bus/record.py), valid in the clock of its pulse;
         one a result, in the order of the frames, a clock after it. Only with packets.
     time : unsigned(64), clocks since reset. Only with packets.
+    stamp : of the last whole frame, see FrameTimer. Only with packets of normals beside another result.
     soft_reset : high for one clock: reset the datapath including FrameGuard
     interrupt : level interrupt, high while INTERRUPT_STATUS and CONTROL.interrupt_enable are set
 
@@ -76,6 +77,8 @@ class RegisterBlock(wiring.Component):
         if identity.packets:
             outputs.append("record_valid")
             members |= {"record": Out(RECORD_BITS), "time": Out(64)}
+        if identity.early_normals:
+            members["stamp"] = Out(STAMP)
         if identity.calibration:
             members["calibration"] = Out(calibration_signature())
         members |= {name: In(1) for name in inputs} | {name: Out(1) for name in outputs}
@@ -103,7 +106,10 @@ class RegisterBlock(wiring.Component):
             depth=identity.depth,
             normals=identity.normals,
             packets=identity.packets,
+            stamps=identity.early_normals,
         )
+        if identity.early_normals:
+            m.d.comb += self.stamp.eq(timer.stamp)
         for name in EVENTS:
             m.d.comb += getattr(timer, name).eq(getattr(self, name))
         m.d.comb += timer.flush.eq(self.soft_reset)

@@ -38,6 +38,16 @@ def record_value(**words: Value) -> Value:
     return Cat(padded)
 
 
+def stamp_record(stamp) -> Value:
+    """The record of a frame of which only its stamp (FrameTimer) is known; its flag `complete` is 0."""
+    return record_value(
+        FRAME=stamp.number,
+        FLAGS=flags_word(bad=stamp.bad),
+        TIME_LOW=stamp.time[:32],
+        TIME_HIGH=stamp.time[32:],
+    )
+
+
 class ResultRegisters(wiring.Component):
     """Keep what comes with a result until the next one; with `identity.packets` make its record too.
 

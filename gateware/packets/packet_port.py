@@ -14,6 +14,7 @@ from fastac.gateware.bus.record import (
 )
 from fastac.gateware.packets.packet_input import packet_signature
 from fastac.gateware.packets.record_beats import RecordBeats
+from fastac.gateware.stream.raster_port import check_image
 
 ABORTED = (int(RecordFlag.BAD | RecordFlag.ABORTED) | RECORD_FORMAT << FORMAT_LOW) << (
     WORD_BITS * RECORD_WORDS.index("FLAGS")
@@ -55,11 +56,7 @@ class PacketPort(wiring.Component):
         record_octets: int = RECORD_BYTES,
         aborted: int = ABORTED,
     ):
-        for name, value in (("rows", rows), ("beats", beats), ("octets", octets)):
-            if value < 1:
-                raise ValueError(f"{name} {value}: expected at least 1")
-        if not 0 <= void_octets < octets:
-            raise ValueError(f"void_octets {void_octets}: expected 0 to {octets - 1}")
+        check_image(rows, beats, octets, void_octets)
         self.rows, self.beats, self.octets, self.void_octets = rows, beats, octets, void_octets
         self.record_octets, self.aborted = record_octets, aborted
         super().__init__(

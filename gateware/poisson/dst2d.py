@@ -11,7 +11,12 @@ from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
 from fastac.gateware.poisson.source import PoissonSourceStream
-from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_interval
+from fastac.gateware.poisson.stages import (
+    check_stages,
+    connect_stages,
+    frame_interval,
+    transform_slices,
+)
 from fastac.gateware.poisson.transposer import Transposer
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.models.integer.dst2d import EigenvalueDivision, reciprocal_distance
@@ -116,13 +121,9 @@ class PoissonSolver(wiring.Component):
         dsp: DspSlice,
     ) -> int:
         """DSP slices at most: those of words of `data_bits`."""
-        transforms = (
-            Dst1Engine.multipliers_of(
-                size, lanes, input_width=width, coefficient_width=coefficient_width, dsp=dsp
-            )
-            for width in (source_width, data_bits, data_bits, data_bits)
-        )
-        return sum(transforms) + EigenvalueDivider.multipliers_of(lanes, input_width=data_bits, dsp=dsp)
+        widths = (source_width, data_bits, data_bits, data_bits)
+        transforms = transform_slices(size, lanes, widths, coefficient_width=coefficient_width, dsp=dsp)
+        return transforms + EigenvalueDivider.multipliers_of(lanes, input_width=data_bits, dsp=dsp)
 
     @property
     def stages(self) -> dict[str, int]:

@@ -1,15 +1,31 @@
-"""What both Poisson solvers share: checking and connecting their chain of stages."""
+"""What both Poisson solvers share: checking, counting and connecting their chain of stages."""
+
+from collections.abc import Iterable
 
 from amaranth import Module
 from amaranth.lib import wiring
 from amaranth.lib.wiring import connect
 
+from fastac.gateware.arithmetic.dsp_slice import DspSlice
+from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.stream.queues import SkidBuffer
 
 
 def frame_interval(height: int, width: int, lanes: int) -> int:
     """Initiation interval in clocks: max(height · width / lanes, N · ceil(N/lanes)), N = width − 2."""
     return max(height * width // lanes, (width - 2) * -(-(width - 2) // lanes))
+
+
+def transform_slices(
+    size: int, lanes: int, input_widths: Iterable[int], *, coefficient_width: int, dsp: DspSlice
+) -> int:
+    """DSP slices of sine transforms of words of these widths, one after another."""
+    return sum(
+        Dst1Engine.multipliers_of(
+            size, lanes, input_width=width, coefficient_width=coefficient_width, dsp=dsp
+        )
+        for width in input_widths
+    )
 
 
 def check_stages(stages: dict, given: int, height: int, width: int) -> None:

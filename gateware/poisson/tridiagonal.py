@@ -12,7 +12,12 @@ from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.poisson.frame_reversal import FrameReversal
 from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.gateware.poisson.source import PoissonSourceStream
-from fastac.gateware.poisson.stages import check_stages, connect_stages, frame_interval
+from fastac.gateware.poisson.stages import (
+    check_stages,
+    connect_stages,
+    frame_interval,
+    transform_slices,
+)
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.source import PoissonSource
@@ -115,17 +120,13 @@ class TridiagonalPoissonSolver(wiring.Component):
         dsp: DspSlice,
     ) -> int:
         """DSP slices at most: those of words of `data_bits`."""
-        transforms = (
-            Dst1Engine.multipliers_of(
-                size, lanes, input_width=width, coefficient_width=coefficient_width, dsp=dsp
-            )
-            for width in (source_width, data_bits)
-        )
+        widths = (source_width, data_bits)
+        transforms = transform_slices(size, lanes, widths, coefficient_width=coefficient_width, dsp=dsp)
         recurrences = (
             RowRecurrence.multipliers_of(lanes, width=data_bits, downwards=downwards, dsp=dsp)
             for downwards in (True, False)
         )
-        return sum(transforms) + sum(recurrences)
+        return transforms + sum(recurrences)
 
     @property
     def stages(self) -> dict[str, int]:

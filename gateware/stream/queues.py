@@ -116,12 +116,7 @@ class CreditQueue(wiring.Component):
         m.d.comb += [taken.eq(self.o.valid & self.o.ready), self.room.eq(~full)]
         m.d.sync += [under_way.eq(following), full.eq(following == self.depth)]
 
-        m.submodules.queue = queue = fifo.SyncFIFO(width=len(Value.cast(self.i)), depth=self.depth)
-        m.d.comb += [
-            queue.w_data.eq(self.i),
-            queue.w_en.eq(self.i_valid & (queue.r_rdy | ~self.o.ready)),
-            queue.r_en.eq(self.o.ready),
-            self.o.valid.eq(queue.r_rdy | self.i_valid),
-            self.o.payload.eq(Mux(queue.r_rdy, queue.r_data, self.i)),
-        ]
+        m.submodules.queue = queue = BypassQueue(self.o.payload.shape(), depth=self.depth)
+        m.d.comb += [queue.i.payload.eq(self.i), queue.i.valid.eq(self.i_valid)]
+        wiring.connect(m, queue.o, wiring.flipped(self.o))
         return m

@@ -22,6 +22,15 @@ def raster_members(octets: int, *, tagged: bool) -> dict[str, wiring.Member]:
     return members | ({"tkeep": Out(octets)} if tagged else {})
 
 
+def check_image(rows: int, beats: int, octets: int, void_octets: int) -> None:
+    """Raise ValueError for an image that no port can send: see `RasterPort`."""
+    for name, value in (("rows", rows), ("beats", beats), ("octets", octets)):
+        if value < 1:
+            raise ValueError(f"{name} {value}: expected at least 1")
+    if not 0 <= void_octets < octets:
+        raise ValueError(f"void_octets {void_octets}: expected 0 to {octets - 1}")
+
+
 class RasterPort(wiring.Component):
     """Send frames of `rows` rows of `beats` beats each as AXI4-Stream packets of one row each.
 
@@ -54,13 +63,9 @@ class RasterPort(wiring.Component):
         void_octets: int = 0,
         rows_reversed: bool = False,
     ):
-        for name, value in (("rows", rows), ("beats", beats), ("octets", octets)):
-            if value < 1:
-                raise ValueError(f"{name} {value}: expected at least 1")
+        check_image(rows, beats, octets, void_octets)
         if tagged and rows > 1 << ROW_BITS:
             raise ValueError(f"rows {rows}: expected at most {1 << ROW_BITS}")
-        if not 0 <= void_octets < octets:
-            raise ValueError(f"void_octets {void_octets}: expected 0 to {octets - 1}")
         self.rows, self.beats, self.octets, self.tagged = rows, beats, octets, tagged
         self.void_octets, self.rows_reversed = void_octets, rows_reversed
         flags = {"bad": In(1), "suspect": In(1)} if tagged else {}

@@ -22,6 +22,7 @@ AXI_LITE, CLOCK, RESET, INTERRUPT = "s_axil", "clk", "rst", "interrupt"
 SEGMENT = "Reg"
 """Name of the registers' address block; in a block design the segment is `INSTANCE/s_axil/Reg`."""
 ACCESS = {"ro": "read-only", "rw": "read-write", "w1c": "read-write", "wo": "write-only"}
+"""Words of IP-XACT for a register's access, which CMSIS-SVD has too."""
 FILE_SETS = {
     "synthesis": "xilinx_anylanguagesynthesis",
     "simulation": "xilinx_anylanguagebehavioralsimulation",

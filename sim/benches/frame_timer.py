@@ -3,7 +3,7 @@
 No simulation lasts until 32-bit counters wrap: now and then the bench sets the clock to what it would hold
 after any number of clocks, and the frames' counter begins with the value in the variable FRAME_COUNT. The
 variable RESULTS names the kinds of results, the first of which is the one with a number and a last beat; with
-PACKETS the bench gives the time, of 64 bits.
+PACKETS the bench gives the time, of 64 bits, and with STAMPS the last whole frame's stamp is compared, too.
 """
 
 import os
@@ -15,7 +15,7 @@ from cocotb.clock import Clock
 from cocotb.triggers import ReadOnly, RisingEdge
 
 RESULTS = tuple(os.environ["RESULTS"].split(","))
-PACKETS = os.environ["PACKETS"] == "True"
+PACKETS, STAMPS = (os.environ[name] == "True" for name in ("PACKETS", "STAMPS"))
 PULSES = {name: "result_valid" if name == "force" else f"{name}_done" for name in RESULTS}
 INPUTS = ("accepted", "frame_started", "frame_done", "frame_bad", "flush", *PULSES.values())
 NUMBERED = RESULTS[0] if PACKETS or RESULTS[0] == "force" else None
@@ -50,6 +50,7 @@ async def overlapping_frames(dut, most, hurry):
     open_frame, previous_first, accepted_at = None, None, None
     waiting = {name: deque() for name in RESULTS}
     expected = {"frame_count": frames, "in_flight": 0, "interval": 0}
+    stamp = None  # of the last whole frame: number, mark, time, from the lowest bit on
     for cycle in range(4000):
         if cycle % 300 == 0:
             leave = {name: rng.choice(hurry) for name in RESULTS}
@@ -82,6 +83,8 @@ async def overlapping_frames(dut, most, hurry):
         await ReadOnly()
         for name, value in expected.items():
             assert int(getattr(dut, name).value) == value, f"clock {cycle}: {name}"
+        if STAMPS and stamp is not None:
+            assert int(dut.stamp.value) == stamp, f"clock {cycle}: stamp"
 
         # The outputs expected from the next clock on.
         if flush:
@@ -109,6 +112,7 @@ async def overlapping_frames(dut, most, hurry):
                 frames, ended = (frames + 1) % WRAP, ended + 1
                 for queue in waiting.values():
                     queue.append((frames, open_frame, accepted_at, pulses["frame_bad"]))
+                stamp = frames | pulses["frame_bad"] << 32 | open_frame << 33
                 open_frame = None
         expected["frame_count"] = frames
         expected["in_flight"] = max(map(len, waiting.values())) + (open_frame is not None)

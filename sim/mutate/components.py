@@ -269,17 +269,6 @@ COMPONENTS = (
         ("slip/test_spread_ratio.py::test_stream_rules_in_verilator",),
         allowed=(Allowed("step.eq(step - 1)", ANOTHER_ORDER),),
     ),
-    Component(
-        "packets/frame_stamps",
-        ("packets/test_frame_stamps.py",),
-        datapath=False,
-        allowed=(
-            Allowed(
-                "self.stamp.number.eq(self.stamp.number + 1)",
-                "upper bits of a count of frames that no test reaches",
-            ),
-        ),
-    ),
     Component("packets/packet_input", ("packets/test_packet_input.py",)),
     Component("packets/packet_port", ("packets/test_packet_port.py",), designs=2),
     Component("packets/record_beats", ("packets/test_record_beats.py",), designs=2),

@@ -19,6 +19,7 @@ from fastac.gateware.target.block_design import (
     block_design,
     family_of,
 )
+from fastac.gateware.target.ip_xact import ACCESS
 from fastac.gateware.target.register_files.register_view import (
     MAP_BYTES,
     c_number,
@@ -37,7 +38,6 @@ FILES = {
     "overlay.dtso": "fastac.dtso",
 }
 """Name of the file that each template makes."""
-SVD_ACCESS = {"ro": "read-only", "rw": "read-write", "w1c": "read-write", "wo": "write-only"}
 RDL_ACCESS = {
     "ro": "sw = r; hw = w;",
     "rw": "sw = rw; hw = r;",
@@ -91,7 +91,7 @@ def register_files(hardware: Mapping) -> dict[str, str]:
         "map_bytes": MAP_BYTES,
         "interrupt": family.first_spi,
         "interrupt_kind": hardware["interrupt"],
-        "svd_access": SVD_ACCESS,
+        "svd_access": ACCESS,
         "rdl_access": RDL_ACCESS,
         **_device_tree(hardware, family),
     }

@@ -36,7 +36,7 @@ def transform(component: type, size: int, lanes: int) -> FormalBench:
 
     valid = bench.probe("valid", dut.latency - 1)
     depth = 1 << len(valid).bit_length()
-    level, _ = fifo_words(bench, "queue.queue", depth, len(Value.cast(dut.o.payload)))
+    level, _ = fifo_words(bench, "queue.queue.queue", depth, len(Value.cast(dut.o.payload)))
     credits, full = bench.probe("queue.under_way", range(depth + 1)), bench.probe("queue.full")
     beat, step = bench.probe("beat", range(beats)), bench.probe("step", range(beats))
     active, last_beat, last_step = (bench.probe(name) for name in ("active", "last_beat", "last_step"))

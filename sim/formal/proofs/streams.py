@@ -98,7 +98,7 @@ def credit_queue(component: type, depth: int) -> FormalBench:
         bench.drive(port, value)
     leaves = bench.sink(dut.o, "o")
     track = InOrder(bench, arrives, payload, leaves, dut.o.payload, capacity=depth)
-    level, words = fifo_words(bench, "queue", depth, len(payload))
+    level, words = fifo_words(bench, "queue.queue", depth, len(payload))
     track.stored(bench, words)
     credits = bench.probe("under_way", range(depth + 1))
     bench.always("inside are the FIFO's beats", track.inside == level)
@@ -162,8 +162,8 @@ PROOFS = (
             breaks=(
                 ("following == self.depth", "following == self.depth + 1"),
                 ("under_way + self.launch - taken", "under_way + self.launch - self.o.valid"),
-                ("(queue.r_rdy | ~self.o.ready)", "~self.o.ready"),
-                ("Mux(queue.r_rdy, queue.r_data, self.i)", "queue.r_data"),
+                ("queue.i.valid.eq(self.i_valid)", "queue.i.valid.eq(self.i_valid & self.room)"),
+                ("queue.i.payload.eq(self.i)", "queue.i.payload.eq(self.i | 1)"),
             ),
             quick=depth == 2,
         )

@@ -14,11 +14,12 @@ FRAME_COUNT = (1 << 32) - 10
 def test_times_and_numbers(tmp_path, results, packets):
     """Ten frames before their counter wraps: none of its bits stays the same."""
     kinds = {name: name in results.split(",") for name in ("force", "depth", "normals")}
-    timer = FrameTimer(**kinds, packets=packets)
+    stamps = packets and kinds["normals"] and len(results.split(",")) > 1
+    timer = FrameTimer(**kinds, packets=packets, stamps=stamps)
     timer.frame_count = Signal(32, init=FRAME_COUNT)
     bench = "fastac.sim.benches.frame_timer"
     settings = {"FRAME_COUNT": str(FRAME_COUNT), "RESULTS": results, "PACKETS": str(packets)}
-    simulate(timer, "frame_timer", bench, tmp_path, **settings)
+    simulate(timer, "frame_timer", bench, tmp_path, STAMPS=str(stamps), **settings)
 
 
 @pytest.mark.parametrize(("force", "depth"), [(True, False), (False, True)])
@@ -45,6 +46,7 @@ def test_one_kind_of_result_has_all_that_a_record_holds(force, depth):
     [
         ({"force": False, "depth": False}, "force False, depth False, normals False: expected at least one"),
         ({"force": True, "depth": True, "frames": 6}, "frames 6: expected a power of two, 2 to 128"),
+        ({"force": True, "depth": True, "stamps": True}, "stamps True, packets False: only packets have"),
     ],
 )
 def test_invalid_arguments(arguments, message):
