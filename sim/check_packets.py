@@ -8,6 +8,7 @@ from fastac.gateware.bus.record import (
     FORMAT_LOW,
     RECORD_BYTES,
     RECORD_FORMAT,
+    RECORD_WORDS,
     RecordFlag,
     record_layout,
 )
@@ -17,7 +18,8 @@ from fastac.gateware.raster_outputs import RasterOutput
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.result import Result
 
-RECORD_WORDS = RECORD_BYTES // 4
+WORDS = len(RECORD_WORDS)
+"""Of a record."""
 
 
 def packet_bytes(top: TopZynq) -> dict[str, int]:
@@ -47,8 +49,8 @@ def image_of(words: np.ndarray, output: RasterOutput) -> tuple[np.ndarray, np.nd
 def records_of(words: np.ndarray, packet_words: int, image_words: int = 0) -> tuple[np.ndarray, np.ndarray]:
     """(The packets' records, of `record_layout()`; the words behind them.)"""
     trailers = np.ascontiguousarray(words.reshape(-1, packet_words)[:, image_words:], "<i4")
-    records = np.ascontiguousarray(trailers[:, :RECORD_WORDS])
-    return records.view(record_layout())[:, 0], trailers[:, RECORD_WORDS:]
+    records = np.ascontiguousarray(trailers[:, :WORDS])
+    return records.view(record_layout())[:, 0], trailers[:, WORDS:]
 
 
 def expected_records(

@@ -15,12 +15,11 @@ from fastac.driver.packets import RECORD
 from fastac.driver.registers import WORD_MASK
 from fastac.driver.transport import TransportError
 from fastac.gateware.bus.record import FIFO_RECORDS, FORMAT_LOW, RECORD_BYTES, RECORD_FORMAT, RecordFlag
+from fastac.gateware.bus.register_map import ID
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 from fastac.scenes.outputs import OUTPUTS
 
-ID = int.from_bytes(b"FTAC", "big")
-AXES = "xyz"
 CHANGES_FRAMES = 0b10111
 """Bits of CONTROL: enable, capture_background, soft_reset, restart_calibration."""
 SATURATED = ("gradient_saturated", "displacement_saturated")

@@ -16,6 +16,7 @@ import numpy as np
 from fastac.driver.axi_dma import MM2S, S2MM, Channel, Window
 from fastac.driver.description import Description
 from fastac.driver.transport import PacketSizeError, TransportError, TransportTimeout, until
+from fastac.gateware.target.block_design import dma_instance
 
 MOST_IN_FLIGHT = 7
 """Frames that the core holds at most (`FRAMES_IN_FLIGHT` in gateware/stream/frame_guard.py, less one)."""
@@ -91,11 +92,14 @@ class DmaTransport:
             raise TransportError(f"buffer of {memory.size} bytes: expected {slots[-1].end} or more")
         self.description, self.core, self.memory = description, core, memory
         self.frames_in_flight = frames_in_flight(description)
+        self.interrupt_status = next(
+            register.offset for register in description.registers if register.name == "INTERRUPT_STATUS"
+        )
         self._lock = threading.RLock()
         self._frames = frames
-        self._source = Channel(dmas[0], MM2S, "axi_dma_0 MM2S", wide=wide)
+        self._source = Channel(dmas[0], MM2S, f"{dma_instance(0)} MM2S", wide=wide)
         self._streams = {
-            name: _Stream(Channel(window, S2MM, f"axi_dma_{k} S2MM", wide=wide), places)
+            name: _Stream(Channel(window, S2MM, f"{dma_instance(k)} S2MM", wide=wide), places)
             for k, (name, window, places) in enumerate(zip(description.streams_out, dmas, slots, strict=True))
         }
         self.reset_dma()
@@ -111,6 +115,10 @@ class DmaTransport:
 
     def write(self, offset: int, value: int) -> None:
         self.core.write(offset, value)
+
+    def clear_interrupt(self) -> None:
+        """Clear the core's interrupt."""
+        self.write(self.interrupt_status, 1)
 
     def patience_s(self, timeout_s: float) -> float:
         """The timeout that counts: `timeout_s`, unless a transport's time passes otherwise."""
@@ -161,7 +169,7 @@ class DmaTransport:
         place = self._frames.free[0]
         self.memory.write(place, frame)
         if not self.sent(1.0):
-            raise TransportTimeout("axi_dma_0 MM2S: the hardware takes no more of a frame")
+            raise TransportTimeout(f"{self._source.name}: the hardware takes no more of a frame")
         with self._lock:
             self._frames.free.rotate(-1)
             self._source.transfer(self.memory.address + place, frame.size)

@@ -24,8 +24,8 @@ from fastac.driver.packets import Found, PacketError, join, nothing
 from fastac.driver.receiver import Receiver
 from fastac.driver.registers import WORD_MASK, Registers
 from fastac.driver.transport import DmaError, PacketSizeError, Transport, TransportTimeout, until
+from fastac.gateware.bus.register_map import ID
 
-ID = int.from_bytes(b"FTAC", "big")
 TIMEOUT_S = 1.0
 
 
@@ -227,8 +227,15 @@ class Driver:
 
     # Frames
 
-    def _alone(self) -> "_Alone":
-        return _Alone(self._busy)
+    @contextlib.contextmanager
+    def _alone(self) -> Iterator[None]:
+        """Holds the lock of the frames, or raises DriverError at once where another thread has it."""
+        if not self._busy.acquire(blocking=False):
+            raise DriverError("frames are running already: end that iteration first")
+        try:
+            yield
+        finally:
+            self._busy.release()
 
     def frames(self, source: Iterable[np.ndarray], *, in_flight: int | None = None) -> Iterator[Found]:
         """What the hardware finds in each frame of `source`, (H, W, C) uint8, in order; none is left out.
@@ -316,17 +323,3 @@ class Driver:
             self.counts.lost += 1
             return nothing(self.description, sent.number, sent.at_s)
         return found
-
-
-class _Alone:
-    """Holds the lock of the frames, or raises DriverError at once where another thread has it."""
-
-    def __init__(self, lock: threading.Lock):
-        self._lock = lock
-
-    def __enter__(self) -> None:
-        if not self._lock.acquire(blocking=False):
-            raise DriverError("frames are running already: end that iteration first")
-
-    def __exit__(self, *error) -> None:
-        self._lock.release()

@@ -216,6 +216,6 @@ def join(found: Sequence[Found]) -> Found:
 def nothing(description: Description, frame: int, sent_s: float) -> Found:
     """What is known of a frame that was lost: its number, and when it was sent."""
     record = np.zeros((), RECORD)
-    record["frame"], record["flags"] = frame & 0xFFFFFFFF, RECORD_FORMAT << FORMAT_LOW
+    record["frame"], record["flags"] = frame, RECORD_FORMAT << FORMAT_LOW
     packets = {o.name: np.zeros(o.format.packet_bytes, np.uint8) for o in description.outputs}
     return Found(description, record[()], packets, np.True_, np.float64(sent_s), np.float64(math.nan))

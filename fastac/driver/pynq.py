@@ -13,7 +13,7 @@ import numpy as np
 from fastac.driver.description import Description
 from fastac.driver.dma_transport import DmaTransport, buffer_bytes
 from fastac.driver.transport import TransportError
-from fastac.gateware.target.block_design import CORE
+from fastac.gateware.target.block_design import CORE, dma_instance
 
 POLL_S = 50e-6
 """Between two looks at the DMAs: PYNQ gives interrupts to asyncio programs only."""
@@ -51,12 +51,11 @@ class PynqTransport(DmaTransport):
         except ImportError:
             raise TransportError("pynq: no such package; it is on the image of a PYNQ board") from None
         overlay = pynq.Overlay(str(bitstream))
-        names = [CORE, *(f"axi_dma_{k}" for k in range(len(description.streams_out)))]
+        names = [CORE, *map(dma_instance, range(len(description.streams_out)))]
         try:
             core, *dmas = (getattr(overlay, name) for name in names)
         except AttributeError as error:
             raise TransportError(f"{bitstream}: the overlay lacks a part: {error}") from None
-        self._status = next(r.offset for r in description.registers if r.name == "INTERRUPT_STATUS")
         self._memory = _Buffer(pynq.allocate((buffer_bytes(description),), np.uint8))
         super().__init__(description, core, dmas, self._memory, wide=True)
 
@@ -65,9 +64,9 @@ class PynqTransport(DmaTransport):
 
     def wait_interrupt(self, timeout_s: float) -> bool:
         time.sleep(min(timeout_s, POLL_S))
-        if not self.read(self._status) & 1:
+        if not self.read(self.interrupt_status) & 1:
             return False
-        self.write(self._status, 1)
+        self.clear_interrupt()
         return True
 
     def close(self) -> None:

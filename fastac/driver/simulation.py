@@ -18,7 +18,7 @@ import numpy as np
 from fastac.driver.description import FILE, Description
 from fastac.driver.dma_transport import DmaTransport, frames_in_flight
 from fastac.driver.transport import ClosedError, TransportError
-from fastac.gateware.target.block_design import RANGE, family_of
+from fastac.gateware.target.block_design import family_of
 from fastac.sim.board_protocol import (
     CORE_LINE,
     DONE,
@@ -123,8 +123,7 @@ class SimulationTransport(DmaTransport):
     def __init__(self, description: Description, board: Board):
         self.board = board
         family = family_of(description.part)
-        dmas = [_Window(board, family.dma_address + k * RANGE) for k in range(len(description.streams_out))]
-        self._process: subprocess.Popen | None = None
+        dmas = [_Window(board, family.dma_at(k)) for k in range(len(description.streams_out))]
         self._clock_hz = description.clock_mhz * 1e6
         frames = frames_in_flight(description) + 2
         clocks = PATIENCE * (description.result_cycles + frames * description.frame_beats) + PATIENCE_CLOCKS
@@ -143,12 +142,8 @@ class SimulationTransport(DmaTransport):
         lines, _ = self.board.ask(RUN, clocks, -1 & 0xFFFFFFFF)
         if not lines >> CORE_LINE & 1:
             return False
-        self.core.write(self._interrupt_status, 1)
+        self.clear_interrupt()
         return True
-
-    @property
-    def _interrupt_status(self) -> int:
-        return next(r.offset for r in self.description.registers if r.name == "INTERRUPT_STATUS")
 
     def close(self) -> None:
         self.board.close()

@@ -24,7 +24,7 @@ import numpy as np
 from fastac.driver.description import Description
 from fastac.driver.dma_transport import DmaTransport, buffer_bytes
 from fastac.driver.transport import TransportError
-from fastac.gateware.target.block_design import CORE, RANGE, family_of
+from fastac.gateware.target.block_design import CORE, dma_instance, family_of
 
 ENABLE = struct.pack("<I", 1)
 TO_DEVICE, FROM_DEVICE = 1, 2
@@ -146,9 +146,7 @@ class UioTransport(DmaTransport):
     ):
         family = family_of(description.part)
         wanted = [(CORE, family.core_address)]
-        wanted += [
-            (f"axi_dma_{k}", family.dma_address + k * RANGE) for k in range(len(description.streams_out))
-        ]
+        wanted += [(dma_instance(k), family.dma_at(k)) for k in range(len(description.streams_out))]
         with contextlib.ExitStack() as opened:
             self._devices = []
             for number in find(wanted, sys / "uio"):
@@ -162,7 +160,6 @@ class UioTransport(DmaTransport):
                     " load u-dma-buf with a larger size"
                 )
             self._by_interrupt = {device.interrupt: device for device in self._devices}
-            self._status = next(r.offset for r in description.registers if r.name == "INTERRUPT_STATUS")
             self._spin_until = 0.0
             super().__init__(description, self._devices[0], self._devices[1:], memory, wide=True)
             self._opened = opened.pop_all()
@@ -185,7 +182,7 @@ class UioTransport(DmaTransport):
             self._spin_until = time.monotonic() + SPIN_S
             if device is self._devices[0]:
                 core = True
-                self.core.write(self._status, 1)
+                self.clear_interrupt()
         return core
 
     def close(self) -> None:

@@ -51,6 +51,10 @@ class Family:
     memory_port_bits: int
     address_bits: int
 
+    def dma_at(self, index: int) -> int:
+        """Address of DMA number `index`."""
+        return self.dma_address + index * RANGE
+
 
 ZYNQ_ULTRASCALE_PLUS = Family("zynquplus", 0xA000_0000, 0xA001_0000, 121 - 32, 128, 40)
 ZYNQ_7000 = Family("zynq7000", 0x43C0_0000, 0x4040_0000, 61 - 32, 64, 32)
@@ -62,6 +66,11 @@ def family_of(part: str) -> Family:
     if part not in PARTS:
         raise BlockDesignError(f"part {part!r}: expected one of {', '.join(PARTS)}")
     return FAMILIES[PARTS[part].family]
+
+
+def dma_instance(index: int) -> str:
+    """Instance of DMA number `index` in the block design."""
+    return f"axi_dma_{index}"
 
 
 @dataclass(frozen=True)
@@ -93,7 +102,7 @@ class Dma:
 
     @property
     def instance(self) -> str:
-        return f"axi_dma_{self.index}"
+        return dma_instance(self.index)
 
     @property
     def channels(self) -> tuple[Channel, ...]:
@@ -180,8 +189,5 @@ def block_design(hardware: Mapping) -> BlockDesign:
                 f"{channel.port}: packets of {channel.packet_bytes} bytes: an AXI DMA takes"
                 f" {(1 << MAX_LENGTH_BITS) - 1} at most"
             )
-    dmas = tuple(
-        Dma(k, family.dma_address + k * RANGE, source if k == 0 else None, sink)
-        for k, sink in enumerate(sinks)
-    )
+    dmas = tuple(Dma(k, family.dma_at(k), source if k == 0 else None, sink) for k, sink in enumerate(sinks))
     return BlockDesign(hardware["part"], family, hardware["clock_mhz"], dmas)

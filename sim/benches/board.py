@@ -16,12 +16,13 @@ from cocotb.triggers import ClockCycles, Event, First, Lock, RisingEdge, Timer
 from cocotb.utils import get_sim_time
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
+from fastac.gateware.target.block_design import family_of
 from fastac.sim import board_protocol as protocol
 from fastac.sim.benches import host
 from fastac.sim.benches.board_packets import PacketStreams
 from fastac.sim.benches.board_video import VideoStreams
-from fastac.sim.benches.packet_dma import Memory
 from fastac.sim.dma.axi_dma import DmaMisuse
+from fastac.sim.dma.packet_dma import Memory
 
 ACCEPT_S = 60
 """How long the board waits for its host."""
@@ -153,10 +154,8 @@ class Board:
 
 def addresses(description: dict, dmas: int) -> list[int]:
     """Where the core and the DMAs are, by the block design of the hardware's part."""
-    from fastac.gateware.target.block_design import RANGE, family_of
-
     family = family_of(description["part"])
-    return [family.core_address, *(family.dma_address + k * RANGE for k in range(dmas))]
+    return [family.core_address, *map(family.dma_at, range(dmas))]
 
 
 def received(connection: socket.socket, count: int) -> bytes | None:

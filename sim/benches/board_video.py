@@ -13,7 +13,7 @@ from cocotb.triggers import Event, First, ReadOnly, RisingEdge, Timer
 
 from fastac.gateware.bus.record import FORMAT_LOW, RECORD_FORMAT, RecordFlag, record_layout
 from fastac.gateware.packet_format import WORD_BYTES, FrameFormat, PacketFormat
-from fastac.sim.benches.packet_dma import MM2S, S2MM, PacketDma
+from fastac.sim.dma.packet_dma import PacketDma
 
 ENABLE, INTERRUPT_ENABLE = 1 << 0, 1 << 3
 LEAST_INTERVAL = 600
@@ -89,7 +89,7 @@ class VideoStreams:
 
     def levels(self, core: int) -> list[bool]:
         """The interrupt lines, with the core's."""
-        return [bool(core), self.source.interrupt(MM2S), *(dma.interrupt(S2MM) for dma in self.dmas)]
+        return [bool(core), self.source.mm2s.interrupt, *(dma.s2mm.interrupt for dma in self.dmas)]
 
     def control(self, value: int) -> int:
         self.enabled = bool(value & ENABLE)

@@ -2,7 +2,8 @@
 
 Settings and frames are in the folder BENCH, as for top.py; tests/sim/dma/test_memory.py makes them
 and reads what is written to KIND_STALL.npz. Frames come from a camera or from memory through MM2S, images go
-to memory through S2MM."""
+to memory through S2MM.
+"""
 
 import cocotb
 import numpy as np
@@ -11,7 +12,9 @@ from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 from cocotbext.axi.memory import Memory
 
-from fastac.sim.benches.top import FOLDER, RECORD_WORDS, SETTINGS, Host, frame_words
+from fastac.gateware.bus.record import RECORD_WORDS
+from fastac.sim.benches.packet_ports import InputPort, OutputPort
+from fastac.sim.benches.top import FOLDER, SETTINGS, Host, frame_words
 from fastac.sim.dma.axi_dma import (
     ADDRESS,
     DMACR,
@@ -69,33 +72,18 @@ class System:
         self.first_at, self.last_at = [], []
         self.done_at = {name: [] for name in dmas}
         self.result_at: list[int] = []
-        dut.s_axis_tvalid.value = 0
+        self.input = InputPort(dut)
+        self.ports = {name: OutputPort(dut, name, dma.s2mm.octets) for name, dma in dmas.items()}
 
     async def run(self) -> None:
         dut, inside, levels, result = self.dut, False, dict.fromkeys(self.dmas, False), 0
-        opened, shown = dict.fromkeys(self.dmas), None
-        sinks = {
-            name: tuple(
-                getattr(dut, f"m_axis_{name}_{m}") for m in ("tvalid", "tready", "tdata", "tkeep", "tlast")
-            )
-            for name in self.dmas
-        }
         while True:
             offer = self.source.offer()
-            if (offer is None) != (shown is None):
-                dut.s_axis_tvalid.value = int(offer is not None)
-            if offer is not None and offer is not shown:
-                dut.s_axis_tdata.value = int.from_bytes(offer.octets, "little")
-                dut.s_axis_tkeep.value = offer.keep
-                dut.s_axis_tlast.value = int(offer.last)
-            shown = offer
+            self.input.offer(offer)
             for name, dma in self.dmas.items():
-                ready = dma.s2mm.ready
-                if ready != opened[name]:
-                    sinks[name][1].value = int(ready)
-                    opened[name] = ready
+                self.ports[name].open(dma.s2mm.ready)
             await ReadOnly()
-            taken = offer is not None and bool(int(dut.s_axis_tready.value))
+            taken = self.input.taken()
             if taken and not inside:
                 self.first_at.append(self.cycle)
             if taken and offer.last:
@@ -103,13 +91,7 @@ class System:
             inside = not offer.last if taken else inside
             self.source.clock(taken)
             for name, dma in self.dmas.items():
-                valid, _, data, keep, last = sinks[name]
-                beat, octets = None, dma.s2mm.octets
-                if opened[name] and int(valid.value):
-                    beat = Beat(
-                        int(data.value).to_bytes(octets, "little"), int(keep.value), bool(int(last.value))
-                    )
-                dma.s2mm.clock(beat)
+                dma.s2mm.clock(self.ports[name].beat())
                 level = dma.s2mm.interrupt
                 if level and not levels[name]:
                     self.done_at[name].append(self.cycle + 1)
@@ -236,11 +218,11 @@ async def through_the_registers(dut):
         if name == "force":
             taken["force"] = await host.force()
         else:
-            taken["record"] = [await host.read("RESULTS_WORD") for _ in range(RECORD_WORDS)]
+            taken["record"] = [await host.read("RESULTS_WORD") for _ in RECORD_WORDS]
         taken[f"{name}_at"] = system.cycle
         await host.write("INTERRUPT_STATUS", 1)
         if name == "force":
-            for _ in range(RECORD_WORDS):
+            for _ in RECORD_WORDS:
                 await host.read("RESULTS_WORD")
         for dma in system.dmas.values():
             while not dma.s2mm.interrupt:

@@ -21,6 +21,7 @@ from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 from cocotb.utils import get_sim_time
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
+from fastac.gateware.bus.record import RECORD_WORDS
 from fastac.gateware.bus.register_map import REGISTERS
 from fastac.sim.benches.host import read, write
 
@@ -29,7 +30,6 @@ SETTINGS = json.loads((FOLDER / "settings.json").read_text())
 ADDRESS = {register.name: register.offset for register in REGISTERS}
 PIXEL_OCTETS = SETTINGS.get("pixel_octets")
 """Bytes of a padded pixel; None where the streams are video."""
-RECORD_WORDS = 16
 LINGER = SETTINGS["linger_cycles"]
 """Clocks after the last expected beat in which no further beat may come."""
 
@@ -200,7 +200,7 @@ class Host:
     async def records(self) -> list[int]:
         """The words of all records that wait behind the registers."""
         waiting = await self.read("RESULTS_WAITING")
-        return [await self.read("RESULTS_WORD") for _ in range(RECORD_WORDS * waiting)]
+        return [await self.read("RESULTS_WORD") for _ in range(len(RECORD_WORDS) * waiting)]
 
 
 async def start(dut, stall: tuple[float, float] = (0, 0)) -> tuple[Streams, Host]:

@@ -5,28 +5,25 @@ title; timing also of PG022, AXI DataMover v5.1, web edition of 2025-01-09. Wher
 undefined the model refuses, and what the guide does not say is called an assumption:
 
 1. "S2MM_DMASR", bit 0, and "MM2S_DMASR": while the channel is halted (RS = 0), a write to LENGTH has no
-effect.
+   effect.
 2. "S2MM_LENGTH" and "MM2S_LENGTH": a write that is not zero starts the transfer. Assumption: before it, S2MM
-takes
-   no beat.
+   takes no beat.
 3. "S2MM_LENGTH": the number of bytes that came is in LENGTH after the transfer. The last beat of a packet
    (tlast) ends the transfer, so that one transfer takes one packet, however short.
-4. "S2MM_LENGTH": a packet that is longer than LENGTH is undefined behaviour. Here: DMAIntErr, and the channel
-halts.
-5. "S2MM_DMACR", bit 0: hardware clears RS when an error occurs. Only a reset goes on from there (assumption).
+4. "S2MM_LENGTH": a packet that is longer than LENGTH is undefined behaviour. Here: DMAIntErr, and the
+   channel halts.
+5. "S2MM_DMACR", bit 0: hardware clears RS when an error occurs. Only a reset goes on from there
+   (assumption).
 6. "S2MM_DMACR", bit 2: Reset resets the whole core. Assumption: within the clock.
 7. "S2MM_DMASR", bits 1, 12 and 14: Idle and IOC_Irq are set when a transfer is complete, Err_Irq by an error;
-those
-   two are cleared by writing 1, and drive the interrupt if they are enabled in DMACR (bits 12 and 14).
+   those two are cleared by writing 1, and drive the interrupt if they are enabled in DMACR (bits 12 and 14).
 8. "MM2S_SA": without the realignment engine the address must be a multiple of the memory's width. The page of
    S2MM_DA could not be looked up; the same is assumed of it.
 9. PG021, "Features": tdata has 8, 16, 32, 64, 128, 256, 512 or 1,024 bits; a memory port at least 32.
 10. Assumption, as no page of PG021 that could be looked up says it: tkeep must be all ones but in a packet's
-last
-    beat, where the valid bytes come first.
+    last beat, where the valid bytes come first.
 11. Assumption: LENGTH or the address written, or RS cleared, while a transfer is under way is a mistake of
-the
-    host; raises `DmaMisuse`.
+    the host; raises `DmaMisuse`.
 
 A transfer counts as complete when the memory has confirmed its last write. `Timing` has the clocks.
 """
@@ -40,7 +37,8 @@ WIDTHS = (8, 16, 32, 64, 128, 256, 512, 1024)
 """Bits of tdata (rule 9)."""
 RUN, RESET, IOC_ENABLE, ERROR_ENABLE = 1 << 0, 1 << 2, 1 << 12, 1 << 14
 """Bits of DMACR."""
-HALTED, IDLE, INTERNAL_ERROR, IOC, ERROR = 1 << 0, 1 << 1, 1 << 4, 1 << 12, 1 << 14
+HALTED, IDLE, IOC, ERROR = 1 << 0, 1 << 1, 1 << 12, 1 << 14
+INTERNAL_ERROR, DECODE_ERROR = 1 << 4, 1 << 6
 """Bits of DMASR."""
 DMACR, DMASR, ADDRESS, ADDRESS_MSB, LENGTH = 0x00, 0x04, 0x18, 0x1C, 0x28
 """Offsets in a channel ("Direct Register Mode Register Address Map")."""
@@ -124,7 +122,7 @@ class Channel:
         if self.busy and (offset in (ADDRESS, ADDRESS_MSB, LENGTH) or (offset == DMACR and not value & RUN)):
             raise DmaMisuse(f"{self.name}: register {offset:#04x} written while a transfer is under way")
         if offset == DMACR:
-            failed = self.status & INTERNAL_ERROR
+            failed = self.status & (INTERNAL_ERROR | DECODE_ERROR)
             self.control = value & (RUN | IOC_ENABLE | ERROR_ENABLE) & ~(RUN if failed else 0)
             self.status = self.status & ~HALTED if self.control & RUN else self.status | HALTED
         elif offset == DMASR:
@@ -150,10 +148,10 @@ class Channel:
         self.busy = False
         self.status |= IDLE | IOC
 
-    def fail(self) -> None:
+    def fail(self, error: int = INTERNAL_ERROR) -> None:
         self.busy = False
         self.control &= ~RUN
-        self.status |= HALTED | INTERNAL_ERROR | ERROR
+        self.status |= HALTED | error | ERROR
 
     def stalls(self) -> bool:
         return self.rng.random() < self.timing.stall
@@ -227,26 +225,11 @@ class S2mm(Channel):
             self.ending, self.rest = self.timing.write + self.timing.response, self.timing.between + 1
 
 
-class AxiDma:
-    """Both channels behind one register space; `mm2s` or `s2mm` is None where the DMA has none.
+class Dma:
+    """Two channels behind one register space; None where the DMA has none."""
 
-    mm2s_bits, s2mm_bits : widths of tdata; 0: no such channel
-    """
-
-    def __init__(
-        self,
-        memory: Memory,
-        *,
-        mm2s_bits: int = 0,
-        s2mm_bits: int = 0,
-        timing: Timing | None = None,
-        memory_bits: int = 32,
-        seed: int = 1,
-    ):
-        timing = timing or Timing()
-        known = {"memory_bits": memory_bits, "seed": seed}
-        self.mm2s = Mm2s("MM2S", memory, mm2s_bits, timing, **known) if mm2s_bits else None
-        self.s2mm = S2mm("S2MM", memory, s2mm_bits, timing, **known) if s2mm_bits else None
+    def __init__(self, mm2s: Channel | None, s2mm: Channel | None):
+        self.mm2s, self.s2mm = mm2s, s2mm
 
     def _channel(self, offset: int) -> tuple[Channel, int]:
         channel = self.s2mm if offset >= S2MM else self.mm2s
@@ -267,3 +250,27 @@ class AxiDma:
                     each.reset()
             return
         channel.write(inner, value)
+
+
+class AxiDma(Dma):
+    """The channels with their streams.
+
+    mm2s_bits, s2mm_bits : widths of tdata; 0: no such channel
+    """
+
+    def __init__(
+        self,
+        memory: Memory,
+        *,
+        mm2s_bits: int = 0,
+        s2mm_bits: int = 0,
+        timing: Timing | None = None,
+        memory_bits: int = 32,
+        seed: int = 1,
+    ):
+        timing = timing or Timing()
+        known = {"memory_bits": memory_bits, "seed": seed}
+        super().__init__(
+            Mm2s("MM2S", memory, mm2s_bits, timing, **known) if mm2s_bits else None,
+            S2mm("S2MM", memory, s2mm_bits, timing, **known) if s2mm_bits else None,
+        )

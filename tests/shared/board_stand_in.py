@@ -22,19 +22,10 @@ from fastac.driver.core_model import CoreModel
 from fastac.driver.description import Description
 from fastac.driver.dma_transport import buffer_bytes
 from fastac.driver.uio import UioDevice
-from fastac.gateware.target.block_design import RANGE, family_of
+from fastac.gateware.target.block_design import family_of
 from fastac.models.integer.bundle import Bundle
-from fastac.sim.benches.packet_dma import (
-    ADDRESS,
-    ADDRESS_MSB,
-    DMACR,
-    DMASR,
-    LENGTH,
-    MM2S,
-    S2MM,
-    Memory,
-    PacketDma,
-)
+from fastac.sim.dma.axi_dma import ADDRESS, ADDRESS_MSB, DMACR, DMASR, LENGTH, MM2S, S2MM
+from fastac.sim.dma.packet_dma import Memory, PacketDma
 
 MARK = 1 << 31
 ADDRESS_OF_BUFFER = 0x7000_0000
@@ -78,7 +69,7 @@ class UioBoard:
         self._host_ends = {self.dev / f"uio{k}": host for k, (host, _) in enumerate(ends)}
         self._ends = [own for _, own in ends]
         names = ["fastac_0", *(dma for _ in range(count))]
-        addresses = [family.core_address, *(family.dma_address + k * RANGE for k in range(count))]
+        addresses = [family.core_address, *map(family.dma_at, range(count))]
         for k, (name, address) in enumerate(zip(names, addresses, strict=True)):
             maps = self.sys / "uio" / f"uio{k}" / "maps" / "map0"
             maps.mkdir(parents=True)
@@ -178,8 +169,8 @@ class UioBoard:
         """Each device interrupts once after it was enabled, while its line is high. A DMA with two directions
         has the interrupt of the first one, as UIO takes no second."""
         model = self.board.model
-        levels = [model.pending and model.interrupt_enable, self.board.dmas[0].interrupt(MM2S)]
-        levels += [dma.interrupt(S2MM) for dma in self.board.dmas[1:]]
+        levels = [model.pending and model.interrupt_enable, self.board.dmas[0].mm2s.interrupt]
+        levels += [dma.s2mm.interrupt for dma in self.board.dmas[1:]]
         for k, (end, level) in enumerate(zip(self._ends, levels, strict=True)):
             end.setblocking(False)
             with contextlib.suppress(BlockingIOError):
