@@ -90,7 +90,7 @@ def run(
     from fastac.driver.recorder import CsvRecorder, Hdf5Recorder
     from fastac.driver.run import run as run_frames
     from fastac.driver.sources import open_source
-    from fastac.driver.transports import open_transport, words_of_calibration
+    from fastac.driver.transports.choice import open_transport, words_of_calibration
 
     for path in (csv_file, hdf5_file):
         if path is not None and path.exists() and not force:

@@ -2,7 +2,7 @@
 
 from fastac.driver.description import read
 from fastac.driver.driver import Driver
-from fastac.driver.uio import UioTransport
+from fastac.driver.transports.uio import UioTransport
 
 description = read("hardware.json")
 with Driver(UioTransport(description), description) as driver:
@@ -23,7 +23,7 @@ from fastac.driver.description import Description
 from fastac.driver.packets import Found, PacketError, join, nothing
 from fastac.driver.receiver import Receiver
 from fastac.driver.registers import WORD_MASK, Registers
-from fastac.driver.transport import DmaError, PacketSizeError, Transport, TransportTimeout, until
+from fastac.driver.transports.transport import DmaError, PacketSizeError, Transport, TransportTimeout, until
 from fastac.gateware.bus.register_map import ID
 
 TIMEOUT_S = 1.0

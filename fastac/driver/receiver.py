@@ -8,7 +8,7 @@ import numpy as np
 from fastac.driver.description import Description
 from fastac.driver.packets import RECORD, record_of
 from fastac.driver.registers import WORD_MASK, Registers
-from fastac.driver.transport import PacketSizeError, Transport, TransportTimeout, until
+from fastac.driver.transports.transport import PacketSizeError, Transport, TransportTimeout, until
 from fastac.gateware.bus.record import RECORD_WORDS, RecordFlag
 
 ABORTED = int(RecordFlag.ABORTED)

@@ -18,10 +18,10 @@ from types import ModuleType, SimpleNamespace
 
 import numpy as np
 
-from fastac.driver.core_model import CoreModel
 from fastac.driver.description import Description
-from fastac.driver.dma_transport import buffer_bytes
-from fastac.driver.uio import UioDevice
+from fastac.driver.transports.core_model import CoreModel
+from fastac.driver.transports.dma_transport import buffer_bytes
+from fastac.driver.transports.uio import UioDevice
 from fastac.gateware.target.block_design import family_of
 from fastac.models.integer.bundle import Bundle
 from fastac.sim.dma.axi_dma import ADDRESS, ADDRESS_MSB, DMACR, DMASR, LENGTH, MM2S, S2MM

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.driver.description import FILE, Description, parse
-from fastac.driver.simulation import VERILOG
+from fastac.driver.transports.simulation import VERILOG
 from fastac.flow.hardware import NAME, describe
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq

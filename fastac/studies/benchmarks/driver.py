@@ -13,7 +13,7 @@ import numpy as np
 
 from fastac.driver import description as descriptions
 from fastac.driver.driver import Driver
-from fastac.driver.emulator import EmulatorTransport
+from fastac.driver.transports.emulator import EmulatorTransport
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import load_bundle
 from fastac.models.result import Result

@@ -11,10 +11,10 @@ from described_hardware import described, frames_of, write_hardware
 
 from fastac.driver.description import Description
 from fastac.driver.driver import Driver
-from fastac.driver.emulator import EmulatorTransport
-from fastac.driver.pynq import PynqTransport
-from fastac.driver.simulation import SimulationTransport, Simulator
-from fastac.driver.uio import UioTransport
+from fastac.driver.transports.emulator import EmulatorTransport
+from fastac.driver.transports.pynq import PynqTransport
+from fastac.driver.transports.simulation import SimulationTransport, Simulator
+from fastac.driver.transports.uio import UioTransport
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle, save
 from fastac.models.random_bundle import random_bundle, scene

@@ -7,7 +7,7 @@ import pytest
 from board_stand_in import UioBoard
 from described_hardware import content
 
-from fastac.driver.simulation import Simulator
+from fastac.driver.transports.simulation import Simulator
 from fastac.gateware.target.register_files.write import register_files
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "c"

@@ -9,7 +9,7 @@ import pytest
 from fastac.driver import asynchronous
 from fastac.driver.driver import Driver, DriverError
 from fastac.driver.packets import join
-from fastac.driver.transport import DmaError, PacketSizeError, TransportTimeout
+from fastac.driver.transports.transport import DmaError, PacketSizeError, TransportTimeout
 from fastac.gateware.calibration import calibration_words
 from fastac.models.emulator.pipeline import Emulator
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from fastac.driver.driver import Driver
-from fastac.driver.emulator import EmulatorTransport
 from fastac.driver.live import Live, line
 from fastac.driver.packets import nothing
 from fastac.driver.recorder import CsvRecorder, Hdf5Recorder
+from fastac.driver.transports.emulator import EmulatorTransport
 
 
 @pytest.fixture

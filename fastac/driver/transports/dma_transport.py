@@ -13,9 +13,9 @@ from typing import Protocol
 
 import numpy as np
 
-from fastac.driver.axi_dma import MM2S, S2MM, Channel, Window
 from fastac.driver.description import Description
-from fastac.driver.transport import PacketSizeError, TransportError, TransportTimeout, until
+from fastac.driver.transports.axi_dma import MM2S, S2MM, Channel, Window
+from fastac.driver.transports.transport import PacketSizeError, TransportError, TransportTimeout, until
 from fastac.gateware.target.block_design import dma_instance
 
 MOST_IN_FLIGHT = 7

@@ -7,7 +7,7 @@ After AMD's product guide PG021 (AXI DMA v7.1): "Register Space" for offsets and
 import time
 from typing import Protocol
 
-from fastac.driver.transport import DmaError
+from fastac.driver.transports.transport import DmaError
 
 MM2S, S2MM = 0x00, 0x30
 """Where the registers of the direction to the stream and of the direction from it begin."""

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from fastac.driver.description import FILE, Description
-from fastac.driver.dma_transport import DmaTransport, frames_in_flight
-from fastac.driver.transport import ClosedError, TransportError
+from fastac.driver.transports.dma_transport import DmaTransport, frames_in_flight
+from fastac.driver.transports.transport import ClosedError, TransportError
 from fastac.gateware.target.block_design import family_of
 from fastac.sim.board_protocol import (
     CORE_LINE,

@@ -12,12 +12,18 @@ import pytest
 from described_hardware import described, frames_of, write_hardware
 
 from fastac.driver.driver import Driver, DriverError
-from fastac.driver.simulation import SimulationTransport, Simulator
-from fastac.driver.transport import ClosedError, TransportError
+from fastac.driver.transports.dma_transport import MOST_IN_FLIGHT
+from fastac.driver.transports.simulation import SimulationTransport, Simulator
+from fastac.driver.transports.transport import ClosedError, TransportError
+from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.random_bundle import random_bundle, scene
 from fastac.sim.board_protocol import READ, RUN
 from fastac.sim.dma.axi_dma import Timing
+
+
+def test_as_many_frames_may_be_in_flight_as_the_core_holds():
+    assert MOST_IN_FLIGHT == FRAMES_IN_FLIGHT - 1
 
 
 def test_a_dma_that_gets_more_than_it_may(simulation, description, frames, expected):
@@ -128,7 +134,7 @@ class TestDeath:
         """The simulator's process ends by itself when its host is gone."""
         program = (
             "import sys, os, pathlib\n"
-            "from fastac.driver.simulation import Simulator\n"
+            "from fastac.driver.transports.simulation import Simulator\n"
             "simulator = Simulator(*map(pathlib.Path, sys.argv[1:]))\n"
             "simulator.connect()\n"
             "print(simulator.process.pid, flush=True)\n"

@@ -6,8 +6,8 @@ import pytest
 from board_stand_in import UioBoard
 
 from fastac.driver.driver import Driver
-from fastac.driver.transport import TransportError
-from fastac.driver.uio import UioTransport, find
+from fastac.driver.transports.transport import TransportError
+from fastac.driver.transports.uio import UioTransport, find
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import numpy as np
 from fastac.driver.description import Description, OutputFacts
 from fastac.driver.packets import RECORD
 from fastac.driver.registers import WORD_MASK
-from fastac.driver.transport import TransportError
+from fastac.driver.transports.transport import TransportError
 from fastac.gateware.bus.record import FIFO_RECORDS, FORMAT_LOW, RECORD_BYTES, RECORD_FORMAT, RecordFlag
 from fastac.gateware.bus.register_map import ID
 from fastac.models.emulator.pipeline import Emulator

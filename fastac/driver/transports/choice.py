@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.driver.description import Description
-from fastac.driver.transport import Transport, TransportError
+from fastac.driver.transports.transport import Transport, TransportError
 from fastac.models.integer.bundle import Bundle, load_bundle
 
 BOARDS = ("uio", "pynq")
@@ -37,13 +37,13 @@ def open_transport(
             " 'packets' in the scene, or --verilog with the folder of fastac vivado"
         )
     if via == "emulator":
-        from fastac.driver.emulator import EmulatorTransport
+        from fastac.driver.transports.emulator import EmulatorTransport
 
         others = [load_bundle(calibration)] if calibration and calibration.is_dir() else []
         transport = EmulatorTransport(bundle, description, calibrations=others)
         yield transport
     elif via == "sim":
-        from fastac.driver.simulation import SimulationTransport, Simulator
+        from fastac.driver.transports.simulation import SimulationTransport, Simulator
 
         with Simulator(verilog, folder, progress=progress) as simulator:
             transport = SimulationTransport(description, simulator.connect())
@@ -61,12 +61,12 @@ def open_transport(
 
 def _of_board(via: str, description: Description, bitstream: Path | None) -> Transport:
     if via == "uio":
-        from fastac.driver.uio import UioTransport
+        from fastac.driver.transports.uio import UioTransport
 
         return UioTransport(description)
     if bitstream is None:
         raise TransportError("--via pynq: --bitstream: missing; give the .bit file of the board's design")
-    from fastac.driver.pynq import PynqTransport
+    from fastac.driver.transports.pynq import PynqTransport
 
     return PynqTransport(description, bitstream)
 

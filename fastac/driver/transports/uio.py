@@ -22,8 +22,8 @@ from pathlib import Path
 import numpy as np
 
 from fastac.driver.description import Description
-from fastac.driver.dma_transport import DmaTransport, buffer_bytes
-from fastac.driver.transport import TransportError
+from fastac.driver.transports.dma_transport import DmaTransport, buffer_bytes
+from fastac.driver.transports.transport import TransportError
 from fastac.gateware.target.block_design import CORE, dma_instance, family_of
 
 ENABLE = struct.pack("<I", 1)

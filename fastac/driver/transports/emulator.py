@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fastac.driver.core_model import CoreModel
 from fastac.driver.description import Description
-from fastac.driver.transport import TransportTimeout
+from fastac.driver.transports.core_model import CoreModel
+from fastac.driver.transports.transport import TransportTimeout
 from fastac.models.integer.bundle import Bundle
 
 FRAMES_IN_FLIGHT = 6
