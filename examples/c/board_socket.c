@@ -1,5 +1,5 @@
 /* The simulated board: WHERE is the socket of `python -m fastac.sim.board`, whose protocol is in
- * sim/board_protocol.py. Its memory begins at MEMORY; its clock runs only while a request is answered.
+ * sim/board/protocol.py. Its memory begins at MEMORY; its clock runs only while a request is answered.
  */
 #include <stdio.h>
 #include <stdlib.h>

@@ -2,7 +2,7 @@
 
 Layouts in memory follow from the frame's size, the pixels per beat and the words per pixel. For streams =
 "packets" the file states them, too, and both must agree. For streams = "video" no DMA takes the streams; the
-layouts are then those of the packets that the simulation makes of them (sim/benches/board.py).
+layouts are then those of the packets that the simulation makes of them (sim/board/bench.py).
 """
 
 import math

@@ -13,7 +13,6 @@ from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 from cocotbext.axi.memory import Memory
 
 from fastac.gateware.bus.record import RECORD_WORDS
-from fastac.sim.benches.packet_ports import InputPort, OutputPort
 from fastac.sim.benches.top import FOLDER, SETTINGS, Host, frame_words
 from fastac.sim.dma.axi_dma import (
     ADDRESS,
@@ -30,6 +29,7 @@ from fastac.sim.dma.axi_dma import (
     Beat,
     Timing,
 )
+from fastac.sim.dma.ports import InputPort, OutputPort
 
 TEST = {"timeout_time": SETTINGS["timeout_cycles"] * SETTINGS["period_ps"], "timeout_unit": "ps"}
 FRAMES = np.load(FOLDER / "frames.npy", allow_pickle=False)

@@ -1,4 +1,4 @@
-"""The Verilated hardware in another process: a `Transport` to a simulated board (sim/board.py).
+"""The Verilated hardware in another process: a `Transport` to a simulated board (sim/board/).
 
 Registers, DMAs and memory are reached through a socket. The simulation's clock runs only while the driver
 asks for something or waits, and time-outs pass in its clocks, so nothing depends on how fast it is.
@@ -19,7 +19,7 @@ from fastac.driver.description import FILE, Description
 from fastac.driver.transports.dma_transport import DmaTransport, frames_in_flight
 from fastac.driver.transports.transport import ClosedError, TransportError
 from fastac.gateware.target.block_design import family_of
-from fastac.sim.board_protocol import (
+from fastac.sim.board.protocol import (
     CORE_LINE,
     DONE,
     MEMORY_ADDRESS,

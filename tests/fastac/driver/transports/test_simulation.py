@@ -18,7 +18,7 @@ from fastac.driver.transports.transport import ClosedError, TransportError
 from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.random_bundle import random_bundle, scene
-from fastac.sim.board_protocol import READ, RUN
+from fastac.sim.board.protocol import READ, RUN
 from fastac.sim.dma.axi_dma import Timing
 
 

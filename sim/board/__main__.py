@@ -2,7 +2,7 @@
 
     python -m fastac.sim.board build/paper/verilog/fastac.v build/paper/verilog/hardware.json SOCKET FOLDER
 
-Whoever connects to SOCKET first (within a minute) drives the hardware by sim/board_protocol.py; the process
+Whoever connects to SOCKET first (within a minute) drives the hardware by sim/board/protocol.py; the process
 ends when that connection does. FOLDER holds the simulator and its logs.
 """
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 from fastac.sim.runner import QUICK, build
 
-BENCH = "fastac.sim.benches.board"
+BENCH = "fastac.sim.board.bench"
 LOG = "simulation.log"
 SMALL_PX = 1 << 12
 """Frames with fewer pixels are simulated faster than an optimised simulator is built."""

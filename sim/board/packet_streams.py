@@ -3,8 +3,8 @@
 import cocotb
 from cocotb.triggers import Event, First, ReadOnly, RisingEdge
 
-from fastac.sim.benches.packet_ports import InputPort, OutputPort
 from fastac.sim.dma.axi_dma import AxiDma, S2mm
+from fastac.sim.dma.ports import InputPort, OutputPort
 
 
 class PacketStreams:

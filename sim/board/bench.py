@@ -1,6 +1,6 @@
 """cocotb bench that is a board: a host in another process drives the hardware through a socket.
 
-Reads hardware.json (environment variable FASTAC_HARDWARE) and listens on FASTAC_SOCKET; sim/board_protocol.py
+Reads hardware.json (environment variable FASTAC_HARDWARE) and listens on FASTAC_SOCKET; sim/board/protocol.py
 says what can be asked. Waiting for a request stops the simulation, so that a host that thinks costs no clock.
 """
 
@@ -17,10 +17,10 @@ from cocotb.utils import get_sim_time
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
 from fastac.gateware.target.block_design import family_of
-from fastac.sim import board_protocol as protocol
 from fastac.sim.benches import host
-from fastac.sim.benches.board_packets import PacketStreams
-from fastac.sim.benches.board_video import VideoStreams
+from fastac.sim.board import protocol
+from fastac.sim.board.packet_streams import PacketStreams
+from fastac.sim.board.video_streams import VideoStreams
 from fastac.sim.dma.axi_dma import DmaMisuse
 from fastac.sim.dma.packet_dma import Memory
 
@@ -80,7 +80,7 @@ class Board:
 
     @property
     def lines(self) -> int:
-        """The interrupt lines. With video streams the core's serves the bench itself (board_video.py)."""
+        """The interrupt lines. With video streams the core's serves the bench itself (video_streams.py)."""
         core = int(self.dut.interrupt.value) if not self.is_video else 0
         levels = self.streams.levels(core)
         return sum(level << line for line, level in enumerate(levels))
