@@ -1,0 +1,206 @@
+"""The record of one frame in a stream, the same whatever computed it, and its form in bytes.
+
+A record is a message of several parts, which any language can read without this package:
+
+    part 0    b"record"
+    part 1    JSON, the facts: number of the frame, its time stamp, force, slip, flags, and for each array its
+              name, unit, type and shape
+    part 2    JSON, the timing: the hardware's clock counts and the host's latency
+    part 3 …  the arrays in the order of part 1, C order, little-endian
+
+Everything but part 2 is a function of the frames and the sensor's bundle: emulator, simulated hardware and a
+board give the same bytes. This module needs NumPy and nothing else.
+"""
+
+import hashlib
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+TOPIC = b"record"
+FORMAT_VERSION = 1
+ARRAYS = {
+    "depth_mm": ("mm", "<f4"),
+    "normals": ("1", "<f4"),
+    "force_map_n": ("N", "<f4"),
+    "image": ("1", "|u1"),
+}
+"""Unit and type of the arrays that a record may have."""
+FIXED_PARTS = 3
+MAX_ARRAY_BYTES = 2**28
+
+
+class RecordError(ValueError):
+    """A message that is no record; the message of the error is one line."""
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When things happened; not the same from one run to the next.
+
+    first_pixel_to_result_s, last_pixel_to_result_s : by the hardware's clock
+    hardware_time_s : when the hardware accepted the frame's first pixel, s since its reset, by its clock
+    host_latency_s : from the host's sending the frame to its having the result
+    made_ns : when the record was made, ns since 1970 by the host's clock
+
+    Latencies are None where the frame was lost.
+    """
+
+    first_pixel_to_result_s: float | None = None
+    last_pixel_to_result_s: float | None = None
+    hardware_time_s: float | None = None
+    host_latency_s: float | None = None
+    made_ns: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class StreamRecord:
+    """What was found in one frame.
+
+    frame : number of the frame in the stream, from 0; none is left out, lost frames are records too
+    source_time_ns : the source's time stamp of the frame in ns; see `fastac.streaming.clock`
+    lost : the frame was sent and no result came: nothing else is known of it
+    bad : the frame's input was faulty and was repaired by the hardware
+    suspect, reasons : the frame is not like those of training, and why: names such as "change"
+    slipping : the dots in contact spread beyond the limit
+    force_n : newtons by axis, {"z": 1.02}; z is positive in compression; {} where no force is found
+    force_raw : the same as integers, the hardware's accumulators
+    slip_px, slip_dots : spread of the dots in contact about a rigid motion in px, and their number, or None
+    errors : names of the sticky errors that stood when the result came
+    arrays : whichever of these are sent: depth_mm (H - 2, W - 2) float32, height z of the skin; normals
+        (H, W, 3) float32; force_map_n (axes, H - 2, W - 2) float32; image (H, W, C) uint8, what was seen
+    timing : clock counts and latencies
+    """
+
+    frame: int
+    source_time_ns: int
+    lost: bool = False
+    bad: bool = False
+    suspect: bool = False
+    slipping: bool = False
+    reasons: tuple[str, ...] = ()
+    errors: tuple[str, ...] = ()
+    force_n: dict[str, float] = field(default_factory=dict)
+    force_raw: dict[str, int] = field(default_factory=dict)
+    slip_px: float | None = None
+    slip_dots: int | None = None
+    arrays: dict[str, np.ndarray] = field(default_factory=dict)
+    timing: Timing = Timing()
+
+    @property
+    def depth_mm(self) -> np.ndarray | None:
+        """(H - 2, W - 2) float32: height z of the skin without the image's rim; pressing lowers it; mm."""
+        return self.arrays.get("depth_mm")
+
+    @property
+    def normals(self) -> np.ndarray | None:
+        """(H, W, 3) float32: outward unit vectors."""
+        return self.arrays.get("normals")
+
+    @property
+    def force_map_n(self) -> np.ndarray | None:
+        """(axes, H - 2, W - 2) float32: each inner pixel's share of the force; N."""
+        return self.arrays.get("force_map_n")
+
+    @property
+    def image(self) -> np.ndarray | None:
+        """(H, W, C) uint8: the frame, channels B, G, R and, of four, NIR."""
+        return self.arrays.get("image")
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 in hexadecimal of all but the timing."""
+        parts = encode(self)
+        sha = hashlib.sha256()
+        for part in (*parts[:2], *parts[FIXED_PARTS:]):
+            sha.update(len(part).to_bytes(8, "little"))
+            sha.update(part)
+        return sha.hexdigest()
+
+
+SCALARS = {
+    "frame": int,
+    "source_time_ns": int,
+    "lost": bool,
+    "bad": bool,
+    "suspect": bool,
+    "slipping": bool,
+    "reasons": list,
+    "errors": list,
+    "force_n": dict,
+    "force_raw": dict,
+    "slip_px": (float, type(None)),
+    "slip_dots": (int, type(None)),
+}
+
+
+def encode(record: StreamRecord) -> list[bytes | memoryview]:
+    """The parts of a record's message. Raises RecordError for an array of another name."""
+    arrays, described = [], []
+    for name, array in record.arrays.items():
+        if name not in ARRAYS:
+            raise RecordError(f"array {name!r}: expected some of {', '.join(ARRAYS)}")
+        unit, dtype = ARRAYS[name]
+        array = np.ascontiguousarray(array, dtype)
+        described.append({"name": name, "unit": unit, "dtype": dtype, "shape": array.shape})
+        arrays.append(array.reshape(-1).view(np.uint8).data)
+    facts = {"format_version": FORMAT_VERSION, **{name: getattr(record, name) for name in SCALARS}}
+    return [TOPIC, _json({**facts, "arrays": described}), _json(vars(record.timing)), *arrays]
+
+
+def decode(parts: Sequence[bytes | memoryview]) -> StreamRecord:
+    """The record in a message; its arrays are views of the message's parts and are not to be changed.
+
+    Raises RecordError, one line, where the message is none or is of another format version.
+    """
+    if len(parts) < FIXED_PARTS or bytes(parts[0]) != TOPIC:
+        raise RecordError(f"message of {len(parts)} parts: no record")
+    facts, timing = _object(parts[1], "facts"), _object(parts[2], "timing")
+    version = facts.get("format_version")
+    if version != FORMAT_VERSION:
+        raise RecordError(f"record: format_version = {version!r}: this version reads {FORMAT_VERSION}")
+    values: dict[str, Any] = {}
+    for name, kind in SCALARS.items():
+        value = facts.get(name)
+        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
+            raise RecordError(f"record: {name} = {value!r}: missing, or of another type")
+        values[name] = tuple(value) if kind is list else value
+    described, octets = facts.get("arrays"), parts[FIXED_PARTS:]
+    if not isinstance(described, list) or len(described) != len(octets):
+        raise RecordError(f"record: {len(octets)} arrays: not as many as the facts name")
+    arrays = dict(_array(one, part) for one, part in zip(described, octets, strict=True))
+    known = {name: timing.get(name) for name in Timing.__dataclass_fields__}
+    return StreamRecord(**values, arrays=arrays, timing=Timing(**{**known, "made_ns": known["made_ns"] or 0}))
+
+
+def _array(described: Any, octets: bytes | memoryview) -> tuple[str, np.ndarray]:
+    """Name and values of one array."""
+    name = described.get("name") if isinstance(described, dict) else None
+    if name not in ARRAYS:
+        raise RecordError(f"record: array {name!r}: expected some of {', '.join(ARRAYS)}")
+    dtype, shape = np.dtype(ARRAYS[name][1]), described.get("shape")
+    if not isinstance(shape, list) or not all(type(n) is int and 0 < n <= MAX_ARRAY_BYTES for n in shape):
+        raise RecordError(f"record: array {name}: shape = {shape!r}")
+    array = np.frombuffer(octets, np.uint8)
+    expected = math.prod(shape) * dtype.itemsize
+    if described.get("dtype") != dtype.str or expected != len(array):
+        raise RecordError(f"record: array {name}: {len(array)} bytes: not {shape} of {dtype.str}")
+    return name, array.view(dtype).reshape(shape)
+
+
+def _json(content: dict) -> bytes:
+    return json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
+
+
+def _object(part: bytes | memoryview, name: str) -> dict:
+    try:
+        found = json.loads(bytes(part))
+    except ValueError:
+        raise RecordError(f"record: {name}: no JSON") from None
+    if not isinstance(found, dict):
+        raise RecordError(f"record: {name}: no JSON object")
+    return found

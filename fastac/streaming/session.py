@@ -1,0 +1,136 @@
+"""A stream from its beginning: a bundle, something that computes, and a source of frames.
+
+with open_session(Path("build/paper"), "build/paper/data.h5", via="emulator") as session:
+    for record in session.records():
+        print(record.frame, record.force_n)
+"""
+
+import json
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+
+from fastac.driver import description as descriptions
+from fastac.driver.description import Description
+from fastac.driver.driver import TIMEOUT_S, Driver
+from fastac.driver.sources import Source, open_source
+from fastac.driver.transports.choice import open_transport
+from fastac.flow.hardware import describe
+from fastac.gateware.top_zynq import TopZynq
+from fastac.models.integer.bundle import Bundle, load_bundle
+from fastac.streaming import clock, producer
+from fastac.streaming.about import About
+from fastac.streaming.record import StreamRecord
+
+
+def description_of(bundle: Bundle, verilog: Path, *, needed: bool) -> Description:
+    """What the bundle's hardware says of itself: the file beside its Verilog, else as it would be written.
+
+    needed : the Verilog itself is needed: a DescriptionError says so where it is not there
+    Raises DescriptionError also where the file is of another bundle.
+    """
+    path = verilog / descriptions.FILE
+    if path.exists() or needed:
+        found = descriptions.read(verilog)
+        found.require_bundle(bundle.digest, str(path))
+        return found
+    return descriptions.parse(json.dumps(describe(TopZynq(bundle), rtlil="")), str(path))
+
+
+@dataclass(frozen=True)
+class Session:
+    """Frames, and the driver that sends them to whatever computes.
+
+    opened : the source, opened anew each time it is called
+    about : the stream's description
+    paced : give a recording's frames at its own rate; loop : begin a recording again at its end
+    """
+
+    bundle: Bundle
+    driver: Driver
+    opened: Callable[[], Source]
+    about: About
+    paced: bool
+    loop: bool
+
+    def records(self, *, frames: int | None = None, in_flight: int | None = None) -> Iterator[StreamRecord]:
+        """The record of each frame, in order, until the source ends or `frames` have been sent.
+
+        in_flight : as of `Driver.frames`; None: 1 where frames come at a camera's pace, else the highest rate
+        """
+        source = self.opened()
+        paced = self.paced or source.live
+        stamped = clock.arriving(source.frames) if source.live else self._recorded(source)
+        if in_flight is None and paced:
+            in_flight = 1
+        yield from producer.records(
+            self.driver, islice(stamped, frames), arrays=self.about.arrays, in_flight=in_flight
+        )
+
+    def _recorded(self, source: Source) -> Iterator[clock.Stamped]:
+        def again() -> Iterator[np.ndarray]:
+            yield from source.frames
+            while self.loop:
+                yield from self.opened().frames
+
+        return clock.recorded(again(), self.about.frames_per_second, paced=self.paced)
+
+
+@contextmanager
+def open_session(
+    bundle_folder: Path,
+    origin: str | None = None,
+    *,
+    via: str = "emulator",
+    arrays: Sequence[str] | None = None,
+    verilog: Path | None = None,
+    bitstream: Path | None = None,
+    split: str = "all",
+    frames_per_second: float | None = None,
+    paced: bool = False,
+    loop: bool = False,
+    capture_background: bool = True,
+    timeout_s: float = TIMEOUT_S,
+    progress: bool = False,
+) -> Iterator[Session]:
+    """A stream that is ready to give its first record.
+
+    origin : as `fastac.driver.sources.open_source` takes it; None: data.h5 of the build folder
+    via : what computes: "emulator", "sim", "uio" or "pynq"; all but the emulator need the Verilog's folder
+    arrays : which arrays the records have; None: all that there are
+    frames_per_second : of a recording; None: its own rate, or DEFAULT_FPS of `fastac.streaming.clock`
+    capture_background : let the hardware take the source's own background first, where the source has one
+    Raises SourceError, BundleError, DescriptionError, TransportError or DriverError, each one line.
+    """
+    bundle = load_bundle(bundle_folder)
+    verilog = verilog or bundle_folder / "verilog"
+    description = description_of(bundle, verilog, needed=via != "emulator")
+    origin = origin or str(bundle_folder / "data.h5")
+
+    def opened() -> Source:
+        return open_source(origin, bundle.scene, split=split, progress=progress)
+
+    first = opened()
+    rate = frames_per_second or (None if first.live else clock.DEFAULT_FPS)
+    chosen = producer.available(description) if arrays is None else tuple(arrays)
+    with open_transport(
+        via,
+        description,
+        bundle=bundle,
+        verilog=verilog,
+        folder=bundle_folder / "run",
+        bitstream=bitstream,
+        progress=progress,
+    ) as transport:
+        driver = Driver(transport, description, timeout_s=timeout_s)
+        if capture_background and first.background is not None:
+            driver.capture_background(first.background)
+        about = producer.about(
+            bundle.scene, description, arrays=chosen, via=via, source=origin, frames_per_second=rate
+        )
+        handed = [first]
+        yield Session(bundle, driver, lambda: handed.pop() if handed else opened(), about, paced, loop)
