@@ -6,6 +6,8 @@ The modules that make pages give Markdown and import no Sphinx; `setup` is the e
 import shutil
 from pathlib import Path
 
+MOST_ARGUMENTS = 5
+
 
 def setup(app) -> dict:
     """Called by Sphinx."""
@@ -24,6 +26,11 @@ def setup(app) -> dict:
     def docstring(app, what, name, thing, options, lines):
         lines[:] = to_rst(lines)
 
+    def signature(app, what, name, thing, options, arguments, returned):
+        """Of a class with a field for everything that it may hold, none: its fields are explained below."""
+        fields = getattr(thing, "__dataclass_fields__", ()) if what == "class" else ()
+        return ("", "") if len(fields) > MOST_ARGUMENTS else None
+
     def fonts(app, error):
         if error is None:
             shutil.copy(maths.FONT, Path(app.outdir) / "_static" / maths.FONT.name)
@@ -37,6 +44,7 @@ def setup(app) -> dict:
     app.add_post_transform(Links)
     app.connect("source-read", read)
     app.connect("autodoc-process-docstring", docstring)
+    app.connect("autodoc-process-signature", signature)
     app.connect("sphinx-click-process-description", commands.description)
     app.connect("sphinx-click-process-options", commands.options)
     app.connect("build-finished", fonts)

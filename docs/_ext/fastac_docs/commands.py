@@ -9,13 +9,15 @@ from fastac_docs.docstrings import marked
 
 EXAMPLE = re.compile(r"^\| Example: (.+)$")
 
+CONSOLE = ("Example:", "", ".. code-block:: console", "")
+
 
 def description(app, context, lines: list[str]) -> None:
     """Marks of plain text escaped, and an example as a block of code."""
     found = []
     for line in lines:
         example = EXAMPLE.match(line)
-        found += ["Example:", "", ".. code-block:: console", "", f"   {example[1]}"] if example else [marked(line)]
+        found += [*CONSOLE, f"   {example[1]}", ""] if example else [marked(line)]
     lines[:] = found
 
 

@@ -36,8 +36,8 @@ def svg(graph: Graph, *, label: str) -> str:
     width = max(right) + MARGIN_PX - begin
     height = bottoms[-1] + MARGIN_PX
     parts = [
-        f'<svg class="block-diagram" viewBox="{begin:.0f} 0 {width:.0f} {height:.0f}" width="{width:.0f}" role="img"'
-        f' aria-label="{escape(label)}" xmlns="http://www.w3.org/2000/svg">',
+        f'<svg class="block-diagram" viewBox="{begin:.0f} 0 {width:.0f} {height:.0f}" width="{width:.0f}"'
+        f' role="img" aria-label="{escape(label)}" xmlns="http://www.w3.org/2000/svg">',
         '<defs><marker id="tip" viewBox="0 0 8 8" refX="7" refY="4" markerWidth="7" markerHeight="7"'
         ' orient="auto"><path d="M0,0.5 L8,4 L0,7.5 z"/></marker></defs>',
     ]

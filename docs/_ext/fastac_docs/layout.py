@@ -34,9 +34,7 @@ def ranks(names: Sequence[str], edges: Sequence[tuple[str, str]]) -> dict[str, i
     found: dict[str, int] = {}
     left = list(names)
     while left:
-        ready = [
-            name for name in left if all(source in found for source, target in edges if target == name)
-        ]
+        ready = [name for name in left if all(source in found for source, target in edges if target == name)]
         if not ready:
             raise ValueError(f"streams in a circle: {', '.join(left)}")
         for name in ready:
@@ -46,7 +44,9 @@ def ranks(names: Sequence[str], edges: Sequence[tuple[str, str]]) -> dict[str, i
     return found
 
 
-def place(widths: Mapping[str, float], edges: Sequence[tuple[str, str]], *, gap: float, lane: float) -> Layout:
+def place(
+    widths: Mapping[str, float], edges: Sequence[tuple[str, str]], *, gap: float, lane: float
+) -> Layout:
     """Layers and places for blocks of these widths.
 
     gap : between two blocks beside each other
@@ -77,10 +77,7 @@ def _order(layers: list[list], near: Mapping) -> None:
     for sweep in range(SWEEPS):
         side = sweep % 2
         for layer in layers if side == 0 else reversed(layers):
-            wanted = {
-                name: np.mean([place[other] for other in near[name][side]]) if near[name][side] else place[name]
-                for name in layer
-            }
+            wanted = {name: np.mean([place[other] for other in near[name][side] or [name]]) for name in layer}
             layer.sort(key=wanted.get)
             place |= {name: float(k) for k, name in enumerate(layer)}
 

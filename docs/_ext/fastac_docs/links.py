@@ -2,6 +2,7 @@
 
 import re
 
+import click
 from docutils import nodes
 from sphinx.transforms.post_transforms import SphinxPostTransform
 
@@ -11,7 +12,6 @@ from fastac_docs.registers import register_id
 from fastac_docs.scene_keys import key_id, known_keys
 
 PAGE = re.compile(r"^docs/([\w-]+)\.md$")
-COMMAND = re.compile(r"^fastac ([a-z-]+)(?: ([a-z-]+))?")
 KEYS = {key for key in known_keys() if "." in key}
 """Those with a table's name; others are too short to tell them from other words."""
 NAMES = {register.name for register in REGISTERS}
@@ -19,12 +19,15 @@ NAMES = {register.name for register in REGISTERS}
 
 def command_anchor(text: str) -> str | None:
     """The anchor of the command that a text begins with, None where it begins with none."""
-    found = COMMAND.match(text)
-    command = found and main.commands.get(found[1])
-    if not command:
+    words, command = text.split(), main
+    if not words or words.pop(0) != "fastac":
         return None
-    inside = getattr(command, "commands", {})
-    return f"fastac-{found[1]}-{found[2]}" if found[2] in inside else f"fastac-{found[1]}"
+    anchor = "fastac"
+    while isinstance(command, click.Group) and words:
+        command = command.get_command(click.Context(command), words[0])
+        if command is not None:
+            anchor = f"{anchor}-{words.pop(0)}"
+    return anchor if anchor != "fastac" else None
 
 
 def target_of(text: str) -> tuple[str, str] | None:

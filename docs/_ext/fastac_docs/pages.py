@@ -1,7 +1,7 @@
-"""What pages get from the code before they are parsed: a comment in a page names it.
+"""What pages get before they are parsed, where a comment in them says so.
 
-`<!-- made by: scene_keys -->` becomes the text of `scene_keys`, and `<!-- needs: a board -->` a line above the
-commands that no test runs.
+`<!-- made by: scene_keys -->` becomes the text that `scene_keys` makes, and `<!-- needs: a board -->` a line
+above the commands that no test runs.
 """
 
 import re

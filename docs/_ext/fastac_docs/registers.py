@@ -97,8 +97,8 @@ def _record() -> str:
         [
             "## The record of a result",
             "",
-            f"{RECORD_BYTES} bytes, little-endian: word by word from `RESULTS_WORD`, and in memory behind each"
-            " image of a packet.",
+            f"{RECORD_BYTES} bytes, little-endian: word by word from `RESULTS_WORD`, and in memory behind"
+            " each image of a packet.",
             "",
             "| byte | type | field |",
             "|---|---|---|",

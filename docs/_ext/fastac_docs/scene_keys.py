@@ -5,6 +5,7 @@ import inspect
 import re
 import textwrap
 from collections.abc import Iterator
+from itertools import pairwise
 
 from pydantic import BaseModel
 
@@ -107,7 +108,9 @@ def _toml(value) -> str:
         return str(value).lower()
     if isinstance(value, list | tuple):
         return f"[{', '.join(_toml(part) for part in value)}]"
-    return f'"{value}"' if isinstance(value, str) else f"{value:g}" if isinstance(value, float) else str(value)
+    if isinstance(value, str):
+        return f'"{value}"'
+    return f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def _choices(names) -> str:
@@ -150,7 +153,7 @@ def _field_texts(table: type[BaseModel]) -> dict[str, str]:
     """{key: the text behind it in the source}, in one line of Markdown."""
     body = ast.parse(textwrap.dedent(inspect.getsource(table))).body[0].body
     found = {}
-    for field, text in zip(body, body[1:], strict=False):
+    for field, text in pairwise(body):
         is_text = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
         if isinstance(field, ast.AnnAssign) and is_text:
             found[field.target.id] = _marked(" ".join(text.value.value.split()))
