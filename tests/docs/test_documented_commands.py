@@ -115,7 +115,7 @@ def test_something_runs_every_command():
             continue
         name = resolved(documented.words)[0] if documented.words[0] == "fastac" else None
         assert (name or " ".join(documented.words[:2])) in known, (
-            f"{documented}: name a test of it in run_by.toml, or say above it what it needs: <!-- needs: … -->"
+            f"{documented}: name a test of it in run_by.toml, or write <!-- needs: … --> above it"
         )
     for documented in (c for c in sentences() if c.words[0] == "fastac"):
         name, command, _ = resolved(documented.words)
