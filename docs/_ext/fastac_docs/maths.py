@@ -33,7 +33,7 @@ def mathml(latex: str, *, display: bool = False) -> str:
 
 
 def visit_math(translator, node: nodes.math) -> None:
-    translator.body.append(mathml(node.astext()))
+    translator.body.append(f"{mathml(node.astext())}&#8288;")  # no line ends before a comma behind it
     raise nodes.SkipNode
 
 
