@@ -23,7 +23,11 @@ suppress_warnings = ["config.cache"]  # furo sets a function, which no cache can
 nitpicky = True
 nitpick_ignore_regex = [
     (r"py:.*", r"(collections|click|contextlib|enum|h5py|np|numpy|pathlib|pydantic|torch|typing)\..*"),
-    (r"py:.*", r"fastac\..*"),  # names of ours that only the source explains
+]
+nitpick_ignore = [  # of ours, what only the source explains
+    ("py:class", "fastac.models.integer.bundle.Bundle"),
+    ("py:class", "fastac.scenes.schema.Scene"),
+    ("py:class", "fastac.driver.description.Description"),
 ]
 autodoc_member_order = "bysource"
 autodoc_typehints_format = "short"

@@ -1,7 +1,6 @@
 """Comments in pages become what they name, and every page is in a table of contents."""
 
 import pytest
-from documented_commands import ROOT
 
 from fastac_docs.pages import expanded, notebooks, other_pages
 
@@ -44,9 +43,3 @@ def test_what_a_command_needs_is_shown(folder):
 def test_an_unknown_maker_is_an_error(folder):
     with pytest.raises(KeyError, match="nobody"):
         expanded("<!-- made by: nobody -->", folder)
-
-
-def test_only_the_pages_of_others_are_unlisted():
-    """Whoever adds a page may list it where it belongs; else it is among the how-to guides."""
-    own = {"live", "stream", "ros", "lerobot"}
-    assert set(other_pages(ROOT / "docs").splitlines()[3:-1]) <= own

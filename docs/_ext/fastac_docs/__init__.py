@@ -32,7 +32,7 @@ def setup(app) -> dict:
         return ("", "") if len(fields) > MOST_ARGUMENTS else None
 
     def fonts(app, error):
-        if error is None:
+        if error is None and app.builder.format == "html":
             shutil.copy(maths.FONT, Path(app.outdir) / "_static" / maths.FONT.name)
 
     for node, visit in ((nodes.math, maths.visit_math), (nodes.math_block, maths.visit_math_block)):
