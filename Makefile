@@ -5,9 +5,10 @@ FASTAC := $(VENV)/bin/fastac
 SCENE ?= paper
 READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
+DOCS := $(VENV)/.docs
 
 .PHONY: all build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
-	stability synth verify verify-photographs trade scope reproduce samples clean
+	stability synth verify verify-photographs trade scope reproduce samples docs docs-links clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -29,7 +30,7 @@ PYTEST := $(VENV)/bin/python -m pytest -n auto --dist worksteal --durations 20
 unit: $(READY)
 	$(PYTEST) -m "not full"
 
-test-all: lint
+test-all: lint $(DOCS)
 	$(PYTEST)
 
 lint: $(READY)
@@ -130,6 +131,20 @@ faults: $(READY)
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)
 	$(VENV)/bin/python -m fastac.synth.resource_samples
+
+# The site of docs/ and the notebooks. Sphinx and its extensions are an extra of their own.
+$(DOCS): $(READY)
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
+	touch $@
+
+docs: $(DOCS)
+	$(VENV)/bin/python -m sphinx --fresh-env --fail-on-warning --quiet --builder html docs build/docs/html
+	@echo build/docs/html/index.html
+
+# Whether the pages' links to other sites still lead somewhere: needs the network.
+docs-links: $(DOCS)
+	$(VENV)/bin/python -m sphinx --fresh-env --quiet --builder linkcheck docs build/docs/links
+	@echo build/docs/links/output.txt
 
 clean:
 	rm -rf build

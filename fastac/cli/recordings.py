@@ -22,7 +22,7 @@ def split_counts(data) -> str:
     return ", ".join(f"{len(data.indices(split))} {split}" for split in ("train", "validation", "test"))
 
 
-@click.command()
+@click.command("ball-press")
 @click.argument("folder", type=INPUT)
 @click.option(
     "--labels",
@@ -63,7 +63,7 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
     click.echo(f"{output}: {len(written)} frames ({split_counts(written)}), pitch {written.pitch_mm:.5f} mm")
 
 
-@click.command()
+@click.command("force")
 @click.argument("source", metavar="VIDEO|FOLDER", type=INPUT)
 @click.option(
     "--forces",
@@ -140,7 +140,7 @@ def force_recording(
     click.echo(f"test: {tested}")
 
 
-@click.command()
+@click.command("cnc")
 @click.argument("folder", type=INPUT)
 @click.option(
     "--scene",
