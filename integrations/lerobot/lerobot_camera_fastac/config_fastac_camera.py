@@ -19,8 +19,8 @@ class FastacCameraConfig(CameraConfig):
     color_mode : order of an image's channels, "rgb" or "bgr"
     depth_range_mm : indentation that is shown black, and that which is shown white
     grid : rows and columns of taxels
-    tare_frames : records of the untouched skin, taken when connecting, whose mean is the depth at rest; 0: none,
-        and `FastacCamera.tare` must be called before there are displacements
+    tare_frames : records of the untouched skin, taken when connecting, whose mean is the depth at rest;
+        0: none, and `FastacCamera.tare` must be called before there are displacements
     unknown : what stands in points and wrench for what the stream does not find, "nan" or "zero"
     timeout_s : how long to wait for the stream, and in `read` for a record
 

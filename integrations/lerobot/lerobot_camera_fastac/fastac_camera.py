@@ -84,7 +84,7 @@ class FastacCamera(Camera):
     def tare(self, frames: int = 10) -> None:
         """Take the mean depth of the next records as that of the untouched skin.
 
-        Raises ValueError where the stream has no depth, TimeoutError or ConnectionError where no record comes.
+        Raises ValueError where the stream has no depth, TimeoutError or ConnectionError without records.
         """
         if "depth_mm" not in self.about.arrays or frames < 1:
             raise ValueError(
@@ -95,7 +95,7 @@ class FastacCamera(Camera):
 
     @check_if_not_connected
     def read(self) -> np.ndarray:
-        """(H, W, 3) uint8: the image of the next record; waits for it up to the configuration's `timeout_s`."""
+        """(H, W, 3) uint8: the image of the next record, which must come within `timeout_s`."""
         return self._image(self._next(self.config.timeout_s, fresh=True))
 
     @check_if_not_connected

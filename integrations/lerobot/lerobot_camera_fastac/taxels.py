@@ -1,8 +1,8 @@
 """A record as LeRobot's tactile proposals have it: points [dx, dy, dz, Fx, Fy, Fz] and a wrench.
 
 Axes: x along a row of the image, y down its columns, z into the skin, so that dz and Fz are positive where an
-object presses. What the stream does not find is NaN: dx, dy and torques always, Fx and Fy of sensors that find
-the force along z alone.
+object presses. What the stream does not find is NaN: dx, dy and torques always, Fx and Fy of
+sensors that find the force along z alone.
 """
 
 from dataclasses import dataclass
