@@ -86,10 +86,10 @@ class FastacCamera(Camera):
 
         Raises ValueError where the stream has no depth, TimeoutError or ConnectionError without records.
         """
-        if "depth_mm" not in self.about.arrays or frames < 1:
-            raise ValueError(
-                f"tare of {frames} frames of a stream with {', '.join(self.about.arrays) or 'no arrays'}"
-            )
+        if frames < 1:
+            raise ValueError(f"frames = {frames}: expected a number above 0")
+        if "depth_mm" not in self.about.arrays:
+            raise ValueError("tare: the stream has no depth_mm")
         depths = [self._next(self.config.timeout_s).arrays["depth_mm"] for _ in range(frames)]
         self.rest_mm = np.mean(depths, axis=0, dtype=np.float64)
 
@@ -159,9 +159,8 @@ class FastacCamera(Camera):
         """Compare the stream with the configuration. Raises ValueError, one line."""
         needed = NEEDED[self.config.content]
         if needed not in about.arrays:
-            raise ValueError(
-                f"content = {self.config.content!r}: needs {needed}; records have {about.arrays}"
-            )
+            there = ", ".join(about.arrays) or "no arrays"
+            raise ValueError(f"content = {self.config.content!r}: needs {needed}; records have {there}")
         if self.config.content == "nir" and "NIR" not in about.channels:
             raise ValueError(f"content = 'nir': the sensor's channels are {', '.join(about.channels)}")
         self._taxels = Taxels(about, self.config.grid)
