@@ -25,6 +25,12 @@ def test_there_are_the_same_fields(messages):
     assert records.FORMAT_VERSION == abouts.FORMAT_VERSION == messages.FORMAT_VERSION
 
 
+def test_the_end_has_the_same_name(messages):
+    end = pytest.importorskip("fastac.streaming.end")
+    assert messages.decode(sent(end.encode(end.End(7)))) is None
+    assert end.TOPIC == messages.END
+
+
 def test_a_description_is_the_same(messages):
     assert asdict(messages.decode(sent(abouts.encode(ABOUT)))) == asdict(ABOUT)
 
