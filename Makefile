@@ -8,7 +8,7 @@ SYNTH := $(VENV)/.synth
 DOCS := $(VENV)/.docs
 
 .PHONY: all build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
-	stability synth verify verify-photographs trade scope reproduce samples docs docs-links clean
+	stability synth verify verify-photographs trade scope reproduce samples docs docs-links lerobot clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -127,6 +127,17 @@ reproduce: $(READY)
 # Ten thousand faults and misuses at the ports of small designs; what has passed is kept.
 faults: $(READY)
 	$(FASTAC) prove faults
+
+# The package for LeRobot in an environment of its own, which has another torch (8 GB), beside `fastac serve`.
+LEROBOT := build/lerobot-venv
+
+$(LEROBOT)/.ready: integrations/lerobot/pyproject.toml
+	$(PYTHON) -m venv $(LEROBOT)
+	$(LEROBOT)/bin/python -m pip install --quiet --disable-pip-version-check -e 'integrations/lerobot[test]'
+	touch $@
+
+lerobot: $(READY) $(LEROBOT)/.ready
+	FASTAC=$(abspath $(FASTAC)) $(LEROBOT)/bin/python -m pytest integrations/lerobot
 
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)
