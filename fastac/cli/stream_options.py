@@ -81,13 +81,13 @@ def hardware_options(via: str | None = None):
     return lambda command: _add(command, options)
 
 
-def stream_options(*, arrays: str = ALL, paced: bool = True):
+def stream_options(*, arrays: str = ALL, paced: bool = True, bundle_required: bool = True):
     """The argument BUNDLE and all options of a stream, for `opened_stream` but for `frames`.
 
     arrays, paced : the defaults
     """
     options = [
-        click.argument("bundle", type=INPUT),
+        click.argument("bundle", type=INPUT, required=bundle_required),
         source_options,
         hardware_options("emulator"),
         click.option(

@@ -67,8 +67,11 @@ def level(status) -> int:
     return status.level[0] if isinstance(status.level, bytes) else int(status.level)
 
 
-def assert_same(messages: dict, record, about, frame_id: str) -> None:
-    """Every value, stamp and frame of a record's messages, by topic without namespace, are the record's."""
+def assert_same(messages: dict, record, about, frame_id: str, *, timing: bool = True) -> None:
+    """Every value, stamp and frame of a record's messages, by topic without namespace, are the record's.
+
+    timing : whether that of the same run is expected
+    """
     for message in messages.values():
         stamp = message.header.stamp
         assert stamp.sec * 1_000_000_000 + stamp.nanosec == record.source_time_ns
@@ -90,6 +93,9 @@ def assert_same(messages: dict, record, about, frame_id: str) -> None:
             assert messages["nir/image_raw"].encoding == "mono8"
             np.testing.assert_array_equal(image(messages["nir/image_raw"])[..., 0], record.image[..., 3])
     _assert_same_status(messages["status"], record, about)
+    known = {key: value for key, value in vars(record.timing).items() if value is not None}
+    found = {key: type(known[key])(text) for key, text in pairs(messages["status"].status[1]).items()}
+    assert found == known if timing else found.keys() == known.keys()
 
 
 def _assert_same_force(messages, record) -> None:
@@ -126,7 +132,7 @@ def _assert_same_skin(messages, record, about) -> None:
 
 
 def _assert_same_status(message, record, about) -> None:
-    frame, timing = message.status
+    frame, _ = message.status
     flagged = record.bad or record.suspect or record.errors
     assert level(frame) == (2 if record.lost else 1 if flagged else 0)
     assert frame.hardware_id == about.bundle_sha256
@@ -140,5 +146,3 @@ def _assert_same_status(message, record, about) -> None:
         value = getattr(record, name)
         assert found.pop(name, None) == (None if value is None else str(value))
     assert {key.removeprefix("force_raw."): int(raw) for key, raw in found.items()} == record.force_raw
-    known = {key: value for key, value in vars(record.timing).items() if value is not None}
-    assert {key: type(known[key])(text) for key, text in pairs(timing).items()} == known

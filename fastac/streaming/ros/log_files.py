@@ -2,6 +2,7 @@
 
 import re
 from importlib.util import find_spec
+from pathlib import Path
 
 from fastac.streaming import about as abouts
 from fastac.streaming.ros.messages import Messages
@@ -24,6 +25,18 @@ def require_packages() -> None:
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         raise LogError(f"logs for ROS 2 need {' and '.join(missing)}: run pip install 'fastac[ros]'")
+
+
+def refuse_existing(path: Path, *, force: bool) -> None:
+    """Raise LogError where a log would replace what is there, unless `force` and it is nothing but a log."""
+    if path.exists() and not force:
+        raise LogError(f"{path}: exists already; --force replaces it")
+    if path.is_dir():
+        written = {"metadata.yaml", "metadata.yaml.tmp"}
+        written |= {path.name + ending for ending in (".mcap", ".db3", ".db3-journal")}
+        other = next((file for file in path.iterdir() if file.name not in written), None)
+        if other is not None:
+            raise LogError(f"{path}: holds {other.name}, which is no part of a log: not replaced")
 
 
 def checked(namespace: str) -> str:

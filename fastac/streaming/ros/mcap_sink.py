@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from fastac.streaming.record import StreamRecord
 from fastac.streaming.ros import cdr, qos
-from fastac.streaming.ros.log_files import FLUSH_S, LogError, checked, described, name_in
+from fastac.streaming.ros.log_files import FLUSH_S, checked, described, name_in, refuse_existing
 from fastac.streaming.ros.messages import Messages
 from fastac.streaming.ros.topics import NAMESPACE
 
@@ -41,8 +41,7 @@ class McapSink:
         force: bool = False,
     ) -> None:
         checked(namespace)
-        if path.exists() and not force:
-            raise LogError(f"{path}: exists already; --force replaces it")
+        refuse_existing(path, force=force)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._messages = messages
         self._file = path.open("wb")

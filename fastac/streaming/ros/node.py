@@ -25,7 +25,9 @@ from typing import Any
 import numpy as np
 
 from fastac.streaming.about import About, AboutError
-from fastac.streaming.client import DEFAULT_ADDRESS, StreamError, connect
+from fastac.streaming.address import DEFAULT_ADDRESS, AddressError
+from fastac.streaming.client import connect
+from fastac.streaming.messages import StreamError
 from fastac.streaming.record import RecordError, StreamRecord
 from fastac.streaming.ros.messages import Messages, build
 from fastac.streaming.ros.topics import ALL, DEPTH, FRAME_ID, NESTED
@@ -50,7 +52,7 @@ class NodeError(ValueError):
 
 
 def classes() -> dict[str, type]:
-    """The classes of all message types that are sent, by name. Raises ImportError where ROS 2 is not there."""
+    """The classes of all message types that are sent, by name. Raises ImportError without ROS 2."""
     found = {}
     for kind in {*NESTED.values(), *(topic.type for topic in ALL)}:
         package, _, name = kind.split("/")
@@ -190,7 +192,7 @@ def main(arguments: list[str] | None = None) -> None:
 
     try:
         publish(node, Parameters.of(node), turn)
-    except NodeError as error:
+    except (AddressError, NodeError) as error:
         sys.exit(f"Error: {error}")
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -14,7 +14,7 @@ from rosbags.rosbag2.storage_mcap import McapWriter
 
 from fastac.streaming.record import StreamRecord
 from fastac.streaming.ros import cdr, qos
-from fastac.streaming.ros.log_files import FLUSH_S, LogError, checked, described, name_in
+from fastac.streaming.ros.log_files import FLUSH_S, checked, described, name_in, refuse_existing
 from fastac.streaming.ros.messages import Messages
 from fastac.streaming.ros.topics import NAMESPACE
 
@@ -39,8 +39,9 @@ class Rosbag2Sink:
         force: bool = False,
     ) -> None:
         checked(namespace)
+        refuse_existing(folder, force=force)
         if folder.exists():
-            remove(folder, force=force)
+            shutil.rmtree(folder)
         self._messages = messages
         self._writer = Writer(folder, version=Writer.VERSION_LATEST, storage_plugin=STORAGES[storage])
         for key, value in described(messages, namespace).items():
@@ -78,15 +79,3 @@ class Rosbag2Sink:
     def close(self) -> None:
         """Write what is left, the index and the folder's metadata.yaml."""
         self._writer.close()
-
-
-def remove(folder: Path, *, force: bool) -> None:
-    """Remove a log. Raises LogError unless `force`, and where anything but a log lies in the folder."""
-    if not force:
-        raise LogError(f"{folder}: exists already; --force replaces it")
-    written = {"metadata.yaml", "metadata.yaml.tmp"}
-    written |= {folder.name + ending for ending in (".mcap", ".db3", ".db3-journal")}
-    other = next((path for path in folder.iterdir() if path.name not in written), None)
-    if other is not None:
-        raise LogError(f"{folder}: holds {other.name}, which is no part of a log: not replaced")
-    shutil.rmtree(folder)
