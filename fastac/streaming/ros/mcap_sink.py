@@ -60,7 +60,7 @@ class McapSink:
                 name_in(namespace, topic),
                 MessageEncoding.CDR,
                 schemas[topic.type],
-                {"offered_qos_profiles": qos.as_yaml(), "topic_type_hash": digest, "unit": topic.unit},
+                {"offered_qos_profiles": qos.offered(), "topic_type_hash": digest, "unit": topic.unit},
             )
         self._flushed = time.monotonic()
 

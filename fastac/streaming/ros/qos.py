@@ -1,10 +1,9 @@
 """The quality of service of our topics, as `rosbags` writes it to logs for `ros2 bag play`."""
 
-from io import StringIO
+import json
 
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2.metadata import dump_qos_v9
-from ruamel.yaml import YAML
 
 from fastac.streaming.ros.topics import DEPTH
 
@@ -23,10 +22,6 @@ OFFERED = Qos(
 )
 
 
-def as_yaml() -> str:
-    """OFFERED as the metadata of an MCAP channel has it, in the form of ROS 2 Jazzy."""
-    text = StringIO()
-    yaml = YAML(typ="safe")
-    yaml.default_flow_style = False
-    yaml.dump(dump_qos_v9([OFFERED]), text)
-    return text.getvalue().strip()
+def offered() -> str:
+    """OFFERED as the metadata of an MCAP channel has it for ROS 2 Jazzy: YAML, of which JSON is a part."""
+    return json.dumps(dump_qos_v9([OFFERED]))

@@ -11,6 +11,8 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip ins
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from ros_messages import assert_same, frames_in
+from rosbags.interfaces import QosDurability, QosReliability
+from rosbags.rosbag2.metadata import parse_qos
 from rosbags.rosbag2.storage_mcap import McapReader
 from rosbags.typesys import Stores, get_typestore
 
@@ -79,7 +81,8 @@ def test_the_file_says_what_sensor_it_is_of(written, about):
     assert metadata.metadata["unit of /fastac/wrench"] == "N"
     assert metadata.metadata["unit of /fastac/depth"] == "m"
     for channel in channels:
-        assert "reliability: reliable" in channel.metadata["offered_qos_profiles"]
+        (qos,) = parse_qos(channel.metadata["offered_qos_profiles"])
+        assert (qos.reliability, qos.durability) == (QosReliability.RELIABLE, QosDurability.VOLATILE)
         assert channel.metadata["topic_type_hash"].startswith("RIHS01_")
 
 

@@ -10,8 +10,8 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip ins
 from ros_messages import assert_same, frames_in
 from rosbags.highlevel import AnyReader
 from rosbags.interfaces import QosDurability, QosHistory, QosReliability
+from rosbags.rosbag2.reader import DirectoryReader
 from rosbags.rosbag2.storage_sqlite3 import Sqlite3Reader
-from ruamel.yaml import YAML
 
 from fastac.streaming.ros.log_files import LogError
 from fastac.streaming.ros.messages import Messages
@@ -57,8 +57,10 @@ def test_publishers_are_offered_as_reliable(folder):
 
 
 def test_the_folder_says_what_sensor_it_is_of(folder, about):
-    content = YAML(typ="safe").load(folder / "metadata.yaml")
-    said = content["rosbag2_bagfile_information"]["custom_data"]
+    reader = DirectoryReader(folder)
+    reader.open()
+    said = reader.metadata.custom
+    reader.close()
     assert said["bundle_sha256"] == about.bundle_sha256
     assert said["frame_id"] == "left"
     assert said["unit of /fastac/points"] == "m"
