@@ -129,6 +129,8 @@ def _description(messages: Messages, timeout_s: float) -> About:
     while (parts := messages.next(deadline - time.monotonic())) is not None:
         if parts[0] == descriptions.TOPIC:
             return descriptions.decode(parts)
+        if parts[0] == end.TOPIC:
+            raise StreamError(f"{messages.address}: the stream has just ended")
     raise StreamError(
         f"{messages.address}: no stream within {timeout_s:g} s; is `fastac serve` running there?"
     )

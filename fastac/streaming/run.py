@@ -1,11 +1,26 @@
 """A stream from its session into its sinks, until it ends or an end is asked for."""
 
+import time
 from collections.abc import Sequence
 from contextlib import ExitStack
 
+from fastac.driver.live import StatusLine
 from fastac.driver.run import Stop
+from fastac.streaming.server import Publisher
 from fastac.streaming.session import Session
 from fastac.streaming.sink import Sink
+
+LOOK_S = 0.02
+"""Between two looks at who has come."""
+
+
+def await_readers(publisher: Publisher, count: int, stop: Stop, *, progress: bool) -> None:
+    """Wait until `count` readers take records, or an end is asked for."""
+    line = StatusLine(enabled=progress)
+    while publisher.subscribers < count and not stop.asked:
+        line.show(lambda: f"waiting for readers: {publisher.subscribers} of {count} are here")
+        time.sleep(LOOK_S)
+    line.close()
 
 
 def pump(
