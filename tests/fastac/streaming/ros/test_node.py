@@ -9,7 +9,7 @@ pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip ins
 
 import rclpy_stand_in as stand_in
 from offered import offered
-from ros_messages import assert_same
+from ros_messages import assert_same, pairs
 
 from fastac.streaming.ros import node as nodes
 from fastac.streaming.ros.messages import build
@@ -80,6 +80,12 @@ def test_stamps_may_be_those_of_arrival(monkeypatch, about, records):
     for publisher in ros.node.publishers:
         stamp = publisher.sent[0].header.stamp
         assert (stamp.sec, stamp.nanosec) == (7, 8)
+
+
+def test_only_the_newest_records_may_be_published(monkeypatch, about, records):
+    ros = run(monkeypatch, about, records, latest=True)
+    status = next(one for one in ros.node.publishers if one.topic == "/fastac/status")
+    assert pairs(status.sent[-1].status[0])["frame"] == "2"
 
 
 def test_the_node_waits_for_a_stream_and_for_the_next_one(monkeypatch, about, records):
