@@ -2,28 +2,14 @@
 
 import click
 
-from fastac.cli.common import INPUT, OUTPUT_FILE, load_bundle, progress_option, split_option
-
-INTERRUPTED = 130
-"""Exit status after Ctrl-C, as of shells."""
+from fastac.cli.common import INPUT, OUTPUT_FILE, load_bundle, progress_option
+from fastac.cli.stream_options import INTERRUPTED, hardware_options, source_options
 
 
 @click.command()
 @click.argument("bundle", type=INPUT)
-@click.option(
-    "--source",
-    help="Where frames come from: a dataset .h5, a video, a folder of frame files, or a camera (camera:0,"
-    " /dev/video0; never tried on a camera). [default: BUNDLE/data.h5]",
-)
-@click.option(
-    "--via",
-    type=click.Choice(["sim", "emulator", "uio", "pynq"]),
-    required=True,
-    help="What computes: the simulated Verilog, the emulator of its integers, or a board, through Linux'"
-    " UIO and u-dma-buf or through PYNQ. Neither has been run on a board.",
-)
-@split_option("all")
-@click.option("--frames", type=click.IntRange(1), help="Number of frames. [default: all there are]")
+@source_options
+@hardware_options()
 @click.option(
     "--batch",
     type=click.IntRange(1),
@@ -44,17 +30,6 @@ INTERRUPTED = 130
     "--calibration",
     type=INPUT,
     help="First load this file of `fastac calibration`; with the emulator the bundle it was written from.",
-)
-@click.option(
-    "--verilog", "verilog_folder", type=INPUT, help="Folder with hardware.json. [default: BUNDLE/verilog]"
-)
-@click.option("--bitstream", type=INPUT, help="With --via pynq: the .bit file, its .hwh file beside it.")
-@click.option(
-    "--timeout-s",
-    type=click.FloatRange(min=0, min_open=True),
-    default=1.0,
-    show_default=True,
-    help="How long a result may take before its frame counts as lost.",
 )
 @progress_option
 def run(
