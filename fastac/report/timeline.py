@@ -16,22 +16,15 @@ PIXELS = "pixels in"
 class StageTime:
     """One stage: what it adds to the time of a frame, and when it gives its first and its last output.
 
-    All in clock cycles; `first` and `last` count from the frame's first pixel.
+    All in clock cycles; `first` and `last` count from the frame's first pixel. `module` is that of the
+    paper's three of which the stage is a part ("normals", "depth" or "force"), or "input".
     """
 
     name: str
+    module: str
     adds: int
     first: int
     last: int
-
-    @property
-    def module(self) -> str:
-        """Which of the paper's three modules the stage is of, or "input"."""
-        if self.name == PIXELS:
-            return "input"
-        if self.name in RESULTS:
-            return "force"
-        return "normals" if self.name == "normals" else "depth"
 
     @property
     def label(self) -> str:
@@ -60,7 +53,7 @@ def of_image(stages: Mapping[str, int], height_px: int, width_px: int, lanes: in
     rows = (size - 1) * (width_px // lanes) + beats - 1
     frame = size * beats - 1
     with_solver = "source" in stages
-    found, now, spread, before_solver = [StageTime(PIXELS, 0, 0, image)], 0, image, with_solver
+    found, now, spread, before_solver = [StageTime(PIXELS, "input", 0, 0, image)], 0, image, with_solver
     for name, adds in stages.items():
         now += adds
         if name == "source":
@@ -70,5 +63,20 @@ def of_image(stages: Mapping[str, int], height_px: int, width_px: int, lanes: in
         elif name in RESULTS:
             spread = 0
         first = now if before_solver else now - spread
-        found.append(StageTime(name, adds, first, first + spread))
+        found.append(StageTime(name, _module(name, with_solver), adds, first, first + spread))
+    return found
+
+
+def _module(name: str, with_solver: bool) -> str:
+    if name == "normals":
+        return "normals"
+    return "depth" if with_solver and name not in RESULTS else "force"
+
+
+def modules(stages: list[StageTime]) -> dict[str, int]:
+    """What each module adds to the time until the result, in cycles; the sum is that time."""
+    found: dict[str, int] = {}
+    for stage in stages:
+        if stage.module != "input":
+            found[stage.module] = found.get(stage.module, 0) + stage.adds
     return found
