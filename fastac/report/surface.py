@@ -15,8 +15,8 @@ from fastac.scenes.schema import Scene
 
 COLOURS, SHADES = "YlOrRd", 64
 SHOWN_HEIGHT, MOST_RISE = 0.25, 10
-"""The heights' range is first drawn as this share of the image's width, so that a flat gel shows something too; at most
-this many times the true height."""
+"""The range of heights is first drawn as this share of the image's width, so that a flat gel shows something
+too; at most this many times the true height."""
 TOP = np.iinfo(np.uint16).max
 
 
