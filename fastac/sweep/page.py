@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from itertools import cycle
+from math import ceil, floor, log10
 from pathlib import Path
 
 import matplotlib.pyplot as plt
@@ -9,7 +11,9 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from fastac.report.figures import save_png
+from fastac.report.headline import Headline
 from fastac.report.paper import EDGE
+from fastac.report.plotly_look import AXIS, LAYOUT, config
 from fastac.report.render import render
 from fastac.report.tables import Table, number
 from fastac.store.files import write_text
@@ -24,6 +28,9 @@ PAPER_ERRORS = {
     "force_z_mae_n": EDGE["integer"]["force_mae_n"],
 }
 PAPER_LABEL = "the paper: its own sensor and board"
+MARKS = ("#d9792a", "#a05fb4", "#c23b6e", "#6d8f2a", "#2a8f9d")
+"""Colours of marked scenes, in their order."""
+CONFIG = config("toImage", "zoom2d", "pan2d", "resetScale2d")
 SHOWN = ("latency_cycles", "dsp", "lut", "ramb36", "energy_uj")
 
 
@@ -190,9 +197,10 @@ def figure(shown: Trade, error: str) -> go.Figure:
         confirmed = [row for row in rows if row.key in shown.confirmed]
         ring = {"size": 13, "symbol": "circle-open", "color": "#2a8f4e", "line": {"width": 2}}
         add(confirmed, "confirmed in RTL", mode="markers", marker=ring)
-        for name, row in shown.marked.items():
+        for colour, (name, row) in zip(cycle(MARKS), shown.marked.items(), strict=False):
             if error in row.metrics:
-                add([row], f"scene {name}", mode="markers", marker={"size": 14, "symbol": "star"})
+                star = {"size": 14, "symbol": "star", "color": colour}
+                add([row], f"scene {name}", mode="markers", marker=star)
         if cost == "latency_cycles" and error in PAPER_ERRORS:
             found.add_trace(
                 go.Scatter(
@@ -207,12 +215,46 @@ def figure(shown: Trade, error: str) -> go.Figure:
                 1,
                 k,
             )
+        costs = [row.metrics[cost] for row in rows] + [PAPER_CYCLES] * (
+            cost == "latency_cycles" and error in PAPER_ERRORS
+        )
         found.update_xaxes(title_text=label, type=scale(rows, cost), row=1, col=k)
-    found.update_yaxes(title_text=ERRORS[error], type="log", row=1, col=1)
-    found.update_yaxes(type="log")
-    found.update_layout(
-        height=520, margin={"t": 20}, legend={"orientation": "h", "y": -0.2}, template="simple_white"
-    )
+        if scale(rows, cost) == "log":
+            found.update_xaxes(**_ticks(costs), row=1, col=k)
+    errors = [row.metrics[error] for row in rows]
+    errors += [PAPER_ERRORS[name] for name in PAPER_ERRORS if name == error]
+    found.update_yaxes(title_text=ERRORS[error], row=1, col=1)
+    found.update_yaxes(type="log", **_ticks(errors))
+    for axes in (found.update_xaxes, found.update_yaxes):
+        axes(**AXIS)
+    legend = {"orientation": "h", "y": -0.2}
+    found.update_layout(height=520, margin={"t": 20, "r": 20}, legend=legend, **LAYOUT)
+    return found
+
+
+def _ticks(values: Sequence[float]) -> dict:
+    """Plotly's keywords for a logarithmic axis: plain numbers, the more in a decade the fewer decades there
+    are."""
+    known = [value for value in values if value > 0]
+    if not known:
+        return {}
+    decades = log10(max(known) / min(known))
+    steps = (1, 1.5, 2, 3, 4, 6, 8) if decades < 1 else (1, 2, 5) if decades < 3 else (1,)
+    powers = range(floor(log10(min(known))), ceil(log10(max(known))) + 1)
+    at = [step * 10.0**power for power in powers for step in steps]
+    text = [f"{value / 1000:g}k" if value >= 1000 else f"{value:g}" for value in at]
+    return {"tickvals": at, "ticktext": text, "tickangle": 0}
+
+
+def headlines(shown: Trade) -> list[Headline]:
+    """How many designs there are, and the least of each error and cost, with the design that has it."""
+    found = [Headline("designs measured", f"{len(shown.rows):,}", f"{len(shown.confirmed)} confirmed in RTL")]
+    for name, label in {**{error: ERRORS[error] for error in shown.errors}, **COSTS}.items():
+        known = front.with_metrics(shown.rows, (name, "latency_cycles"))
+        if known:
+            best = min(known, key=lambda row: (row.metrics[name], row.metrics["latency_cycles"]))
+            value = number(best.metrics[name])
+            found.append(Headline(f"least: {label}", value, named(best) or best.scene["name"]))
     return found
 
 
@@ -232,9 +274,9 @@ def picture(shown: Trade, error: str, path: Path) -> None:
             panel.plot(
                 *at(confirmed), "o", color="#2a8f4e", markersize=9, fillstyle="none", label="confirmed in RTL"
             )
-        for name, row in shown.marked.items():
+        for colour, (name, row) in zip(cycle(MARKS), shown.marked.items(), strict=False):
             if error in row.metrics:
-                panel.plot(*at([row]), "*", markersize=12, label=f"scene {name}")
+                panel.plot(*at([row]), "*", color=colour, markersize=12, label=f"scene {name}")
         if cost == "latency_cycles" and error in PAPER_ERRORS:
             panel.plot(PAPER_CYCLES, PAPER_ERRORS[error], "D", color="#c0392b", label=PAPER_LABEL)
         panel.set_xscale(scale(rows, cost))
@@ -253,7 +295,7 @@ def write(shown: Trade, folder: Path) -> list[Path]:
         picture(shown, error, path)
         written.append(path)
         script = "inline" if not figures else False
-        html = figure(shown, error).to_html(full_html=False, include_plotlyjs=script)
+        html = figure(shown, error).to_html(full_html=False, include_plotlyjs=script, config=CONFIG)
         figures.append((ERRORS[error], html))
     origins = {
         name: text for source in shown.sources for name, text in source.facts.get("origins", {}).items()
@@ -262,6 +304,7 @@ def write(shown: Trade, folder: Path) -> list[Path]:
     page = render(
         "sweep/trade.html.j2",
         figures=figures,
+        headlines=headlines(shown),
         tables=tables(shown),
         origins=origins,
         sources=shown.sources,
