@@ -62,8 +62,9 @@ def of_image(stages: Mapping[str, int], height_px: int, width_px: int, lanes: in
             spread = frame
         elif name in RESULTS:
             spread = 0
-        first = now if before_solver else now - spread
-        found.append(StageTime(name, _module(name, with_solver), adds, first, first + spread))
+        first = now if before_solver else max(now - spread, 0)
+        last = now + spread if before_solver else now
+        found.append(StageTime(name, _module(name, with_solver), adds, first, last))
     return found
 
 

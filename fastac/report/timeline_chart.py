@@ -56,7 +56,7 @@ class Row:
         if self.text_class:
             return f"left: calc({self.left_percent}% + 6px)"
         if end + ROOM <= 100:
-            return f"left: calc({end}% + 8px)"
+            return f"left: calc({end:.2f}% + 8px)"
         return f"right: calc({100 - self.left_percent:.2f}% + 6px)"
 
 
