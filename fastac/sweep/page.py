@@ -220,11 +220,11 @@ def figure(shown: Trade, error: str) -> go.Figure:
         )
         found.update_xaxes(title_text=label, type=scale(rows, cost), row=1, col=k)
         if scale(rows, cost) == "log":
-            found.update_xaxes(**_ticks(costs), row=1, col=k)
+            found.update_xaxes(**ticks(costs), row=1, col=k)
     errors = [row.metrics[error] for row in rows]
     errors += [PAPER_ERRORS[name] for name in PAPER_ERRORS if name == error]
     found.update_yaxes(title_text=ERRORS[error], row=1, col=1)
-    found.update_yaxes(type="log", **_ticks(errors))
+    found.update_yaxes(type="log", **ticks(errors))
     for axes in (found.update_xaxes, found.update_yaxes):
         axes(**AXIS)
     legend = {"orientation": "h", "y": -0.2}
@@ -232,7 +232,7 @@ def figure(shown: Trade, error: str) -> go.Figure:
     return found
 
 
-def _ticks(values: Sequence[float]) -> dict:
+def ticks(values: Sequence[float]) -> dict:
     """Plotly's keywords for a logarithmic axis: plain numbers, the more in a decade the fewer decades there
     are."""
     known = [value for value in values if value > 0]

@@ -49,6 +49,8 @@ def test_the_page_holds_everything(shown, tmp_path):
     ):
         assert text in page
     assert "163,500" in page
+    assert "<span>least: depth error, mm</span><b>0.01</b>" in page
+    assert page.index("headlines") < page.index("plotly") < page.index("<table>")
     with Image.open(files[1]) as image:
         assert image.format == "PNG"
         assert image.width > 1000
@@ -69,6 +71,19 @@ def test_what_the_figure_marks(shown):
     assert len(found["confirmed in RTL"]["x"]) == 1
     assert found[trade_page.PAPER_LABEL]["x"] == [163_500]
     assert found[trade_page.PAPER_LABEL]["y"] == [0.0741]
+
+
+@pytest.mark.parametrize(
+    ("values", "labels"),
+    [
+        ([0.004, 0.07], ["0.001", "0.002", "0.005", "0.01", "0.02", "0.05", "0.1", "0.2", "0.5"]),
+        ([1200, 3000], ["1k", "1.5k", "2k", "3k", "4k", "6k", "8k", "10k", "15k"]),
+        ([1, 20_000], ["1", "10", "100", "1k", "10k", "100k"]),
+    ],
+)
+def test_logarithmic_axes_have_plain_labels(values, labels):
+    assert trade_page.ticks(values)["ticktext"][: len(labels)] == labels
+    assert trade_page.ticks([0.0]) == {}
 
 
 def table(shown, start: str):
