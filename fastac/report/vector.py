@@ -1,7 +1,6 @@
 """Matplotlib's figures as SVG inside a page: sharp at any size, and in the page's own text colour."""
 
 import io
-import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,7 +11,9 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter, NullLocator
+from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
+
+from fastac.report.log_ticks import log_ticks
 
 INK = "#010203"
 """Colour of text and axes while a figure is drawn: `inline_svg` gives them the page's text colour."""
@@ -40,7 +41,6 @@ STYLE = {
     "axes.facecolor": "none",
 }
 _NOT_IN_PAGES = re.compile(r"<metadata>.*?</metadata>|\sxmlns(:xlink)?=\"[^\"]*\"", re.DOTALL)
-SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 DECADE = 10
 """An axis over less than this ratio is linear: a logarithmic one would have too few labels."""
 
@@ -66,19 +66,18 @@ def inline_svg(figure: Figure) -> str:
 
 
 def readable_scale(axis: Axis, low: float, high: float) -> None:
-    """Logarithmic over more than a decade, else linear; few labels, in plain numbers or powers of ten."""
-    place = axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale
-    if low <= 0 or high <= DECADE * low:
-        place("linear")
-        axis.set_major_locator(MaxNLocator(5))
+    """Logarithmic over more than a decade, else linear; few labels, all legible."""
+    if low > 0 and high > DECADE * low:
+        readable_log(axis, low, high)
         return
-    place("log")
-    wide = high > DECADE**3 * low
-    axis.set_major_locator(LogLocator(subs=(1.0,) if wide else (1.0, 2.0, 5.0), numticks=8))
+    (axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale)("linear")
+    axis.set_major_locator(MaxNLocator(5))
+
+
+def readable_log(axis: Axis, low: float, high: float) -> None:
+    """A logarithmic axis with few, legible labels from `low` to `high`; its limits stay what they are."""
+    (axis.axes.set_xscale if axis.axis_name == "x" else axis.axes.set_yscale)("log")
+    places, labels = log_ticks(low, high)
+    axis.set_major_locator(FixedLocator(places))
+    axis.set_major_formatter(FixedFormatter(labels))
     axis.set_minor_locator(NullLocator())
-    axis.set_minor_formatter(NullFormatter())
-    axis.set_major_formatter(FuncFormatter(_power if wide else lambda value, _: f"{value:g}"))
-
-
-def _power(value: float, _) -> str:
-    return f"10{str(round(math.log10(value))).translate(SUPERSCRIPT)}"

@@ -66,7 +66,7 @@ def test_force_found_against_true_force_for_each_axis():
         (0.02, 0.09, "linear", None),
         (0.0, 100.0, "linear", None),
         (0.02, 0.9, "log", ["0.02", "0.05", "0.1", "0.2", "0.5"]),
-        (1e-9, 1.0, "log", ["10⁻⁹", "10⁻⁸", "10⁻⁷", "10⁻⁶", "10⁻⁵", "10⁻⁴", "10⁻³", "10⁻²", "10⁻¹", "10⁰"]),
+        (1e-9, 1.0, "log", ["10⁻⁸", "10⁻⁶", "10⁻⁴", "0.01", "1"]),
     ],
 )
 def test_scales_have_few_plain_labels(low, high, scale, labels):
@@ -84,7 +84,7 @@ def test_scales_have_few_plain_labels(low, high, scale, labels):
         ]
         assert 3 <= len(inside) <= 10
         if labels:
-            assert set(inside) <= set(labels)
+            assert inside == labels
         assert not axis.yaxis.get_minorticklocs().size
 
 
