@@ -126,3 +126,29 @@ def report(folder, data, picture):
     if picture:
         one_picture.write(picture, model, samples, json.loads((folder / "report.json").read_text()))
     print_summary(folder)
+
+
+@click.command()
+@click.argument("a", type=INPUT)
+@click.argument("b", type=INPUT)
+@output_option("The page.", OUTPUT_FILE, "build/compare/A-B.html, by the names of the folders")
+@click.option("--force", is_flag=True, help="Replace the page if it exists.")
+def compare(a, b, output, force):
+    """Compare the finished builds in the folders A and B: scenes, errors, cycles, resources, energy.
+
+    Prints the keys in which their scenes differ, and each figure of both with the relative difference of B
+    from A; writes a page with the same and with the stages of both on one scale. Nothing is built or
+    simulated: the figures are those of the folders' report.json.
+
+    \b
+    Example: fastac compare build/paper build/fast
+    """
+    from fastac.report import comparison
+
+    shown = comparison.read((a, b))
+    path = output or Path("build/compare") / f"{shown.a.name}-{shown.b.name}.html"
+    if path.exists() and not force:
+        raise click.ClickException(f"{path}: exists already; --force replaces it")
+    click.echo(shown.text)
+    comparison.write(shown, path)
+    click.echo(f"\n{path}")

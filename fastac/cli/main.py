@@ -3,7 +3,7 @@
 import click
 
 from fastac.cli.bench import bench
-from fastac.cli.build import build, report, reproduce
+from fastac.cli.build import build, compare, report, reproduce
 from fastac.cli.common import Group
 from fastac.cli.data import data, protocol
 from fastac.cli.demos import grasp, vibration
@@ -37,7 +37,7 @@ def main():
 
 
 COMMANDS = (
-    *(build, reproduce, report, data, protocol, import_),
+    *(build, reproduce, report, compare, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
     *(verilog, registers, calibration, sim, run, verify, synth, sweep, trade, scope, study, prove, bench),
     *(vivado, vivado_reports, serve, listen, log),

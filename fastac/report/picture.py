@@ -11,32 +11,21 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
 
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
-from fastac.models.result import Result
+from fastac.report import timeline
+from fastac.report.panels import panels
+from fastac.report.timeline_chart import draw
 from fastac.scenes.schema import AXES
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import write_atomically
 
 DPI = 100
-
-
-def rgb(frame: np.ndarray) -> np.ndarray:
-    """A frame (H, W, 3 or 4) in B, G, R[, NIR] as an RGB picture (H, W, 3)."""
-    return frame[..., 2::-1]
-
-
-def draw_cycles(axis, stages: dict[str, int]) -> None:
-    """Each stage's clock cycles one after the other as one bar on a Matplotlib axis."""
-    left = 0
-    for k, (name, cycles) in enumerate(stages.items()):
-        axis.barh(0, cycles, left=left, color=plt.cm.tab20(k), label=f"{name}: {cycles:,}")
-        left += cycles
-    axis.set_xlim(0, left)
-    axis.set_yticks([])
-    axis.xaxis.set_major_formatter("{x:,.0f}")
-    axis.set_xlabel("clock cycles from the first pixel")
+UPPER_IN = 3.0
+"""Height of the frame's images, in inches."""
 
 
 def draw_force(axis, truth_n: np.ndarray, found_n: np.ndarray, shown: int, axis_name: str) -> None:
@@ -54,23 +43,6 @@ def draw_force(axis, truth_n: np.ndarray, found_n: np.ndarray, shown: int, axis_
     axis.set_anchor("N")
 
 
-def images(data: Dataset, sample: int, found: Result, labels: str) -> list[tuple[str, np.ndarray, dict]]:
-    """Title, image and Matplotlib's keywords of each panel of frame `sample`, the only one in `found`.
-
-    labels : the scene's `training.labels`; a network that has learned from forces alone finds no normals
-    """
-    frame = data.frames[sample]
-    panels = [("input (RGB)", rgb(frame), {})]
-    if frame.shape[-1] == 4:
-        panels.append(("NIR", frame[..., 3], {"cmap": "gray", "vmin": 0, "vmax": 255}))
-    if labels == "geometry":
-        panels.append(("normals", (found.normals[0] + 1) / 2, {}))
-    if found.depth_mm is not None:
-        panels.append(("depth, mm", found.depth_mm[0], {"cmap": "viridis"}))
-        panels.append(("displacement, mm", found.displacement_mm[0], {"cmap": "magma"}))
-    return panels
-
-
 def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     """Draw a held-out frame that went through the simulated hardware into `path` (.png, .svg or .pdf).
 
@@ -84,32 +56,35 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     if with_force:
         sample = shown[np.abs(data.forces_n(shown, scene.force_axes)).max(axis=1).argmax()]
     emulator = accuracy.with_background_of(bundle.pipeline, data)
-    panels = images(data, sample, emulator.run(data.frames[[sample]]), scene.training.labels)
-    count = len(panels) + (len(scene.force_axes) if with_force else 0)
-    figure = plt.figure(figsize=(2.3 * count, 4.4), layout="constrained")
-    grid = figure.add_gridspec(2, count, height_ratios=[5, 1])
-    for k, (title, image, style) in enumerate(panels):
-        axis = figure.add_subplot(grid[0, k])
-        drawn = axis.imshow(image, **style)
-        axis.set_title(title, fontsize=9)
+    shown_panels = panels(data, sample, emulator.run(data.frames[[sample]]), scene)
+    stages = timeline.of_scene(scene, report["latency_cycles_by_formula"]["stage"])
+    count = len(shown_panels) + (len(scene.force_axes) if with_force else 0)
+    below = 0.17 * len(stages) + 0.9
+    figure = plt.figure(figsize=(2.3 * count, UPPER_IN + below), layout="constrained")
+    upper, lower = figure.subfigures(2, height_ratios=[UPPER_IN, below])
+    grid = upper.add_gridspec(1, count)
+    for k, panel in enumerate(shown_panels):
+        axis = upper.add_subplot(grid[k])
+        axis.imshow(panel.pixels)
+        axis.set_title(f"{panel.title}, {panel.unit}" if panel.unit else panel.title, fontsize=9)
         axis.set_axis_off()
         axis.set_anchor("N")
-        if title.endswith("mm"):
-            bar = figure.colorbar(drawn, ax=axis, shrink=0.9, pad=0.02, location="bottom", panchor=(0.5, 1))
+        if panel.unit:
+            colours = ScalarMappable(Normalize(*panel.ends), panel.colours)
+            bar = upper.colorbar(colours, ax=axis, shrink=0.9, pad=0.02, location="bottom", panchor=(0.5, 1))
             bar.ax.tick_params(labelsize=7)
     if with_force:
         truth = data.forces_n(held_out, scene.force_axes)
         found = emulator.run(data.frames[held_out], wanted=["force_n"]).force_n
         place = int(np.flatnonzero(held_out == sample)[0])
         for k, force_axis in enumerate(scene.force_axes):
-            axis = figure.add_subplot(grid[0, len(panels) + k])
+            axis = upper.add_subplot(grid[len(shown_panels) + k])
             draw_force(axis, truth[:, k], found[:, k], place, AXES[force_axis])
             axis.tick_params(labelsize=7)
-    axis = figure.add_subplot(grid[1, :])
-    draw_cycles(axis, report["latency_cycles_by_formula"]["stage"])
+    axis = lower.add_subplot()
+    draw(axis, stages)
     axis.xaxis.label.set_fontsize(8)
-    axis.tick_params(labelsize=7)
-    figure.legend(*axis.get_legend_handles_labels(), fontsize=7, ncol=6, loc="outside lower center")
+    axis.tick_params(axis="x", labelsize=7)
     axis.set_title(heading(report), fontsize=9)
     with write_atomically(path) as temporary:
         figure.savefig(temporary, dpi=DPI)

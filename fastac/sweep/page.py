@@ -1,59 +1,21 @@
 """The trade of speed against accuracy as an interactive page, as pictures, and as tables."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 
-import matplotlib.pyplot as plt
-import plotly.graph_objects as go
-from plotly.subplots import make_subplots
-
-from fastac.report.figures import save_png
-from fastac.report.paper import EDGE
+from fastac.report.headline import Headline
+from fastac.report.plotly_look import config
 from fastac.report.render import render
 from fastac.report.tables import Table, number
 from fastac.store.files import write_text
 from fastac.sweep import front
 from fastac.sweep.front import COSTS, ERRORS, TUNING, Source
+from fastac.sweep.plots import figure, picture
 from fastac.sweep.results import Row
+from fastac.sweep.shown import PAPER_CYCLES, PAPER_LABEL, SHOWN, Trade, named, value_text
 
 PAGE, PICTURE = "trade.html", "trade_{}.png"
-PAPER_CYCLES = EDGE["image_to_force_cycles_at_150_mhz"]
-PAPER_ERRORS = {
-    "depth_mae_mm": EDGE["integer"]["depth_mae_mm"],
-    "force_z_mae_n": EDGE["integer"]["force_mae_n"],
-}
-PAPER_LABEL = "the paper: its own sensor and board"
-SHOWN = ("latency_cycles", "dsp", "lut", "ramb36", "energy_uj")
-
-
-@dataclass(frozen=True)
-class Trade:
-    """What is shown: the results files, their distinct points, and the marked scenes' rows by name."""
-
-    sources: Sequence[Source]
-    rows: Sequence[Row]
-    marked: dict[str, Row] = field(default_factory=dict)
-
-    @property
-    def errors(self) -> list[str]:
-        return [name for name in ERRORS if any(name in row.metrics for row in self.rows)]
-
-    @property
-    def confirmed(self) -> dict[str, dict]:
-        found = {}
-        for source in self.sources:
-            found |= source.results.confirmations()
-        return {row.key: found[row.key] for row in self.rows if row.key in found}
-
-
-def named(row: Row) -> str:
-    """The values chosen along the sweep's axes for a row, as text."""
-    return ", ".join(f"{key.split('.')[-1]} {_value(value)}" for key, value in row.axes.items())
-
-
-def _value(value) -> str:
-    return "+".join(map(str, value)) if isinstance(value, list) else str(value)
+CONFIG = config("toImage", "zoom2d", "pan2d", "resetScale2d")
 
 
 def _cells(row: Row, names: Sequence[str]) -> list[str]:
@@ -81,7 +43,7 @@ def keys_table(source: Source) -> Table:
     """The rows that differ from the base scene in one key only, key by key."""
     present = [name for name in ERRORS if any(name in row.metrics for row in source.done)]
     rows = [
-        [key, _value(value), *_cells(row, (*present, *SHOWN))]
+        [key, value_text(value), *_cells(row, (*present, *SHOWN))]
         for key, values in sorted(front.one_at_a_time(source).items())
         for value, row in values
     ]
@@ -147,102 +109,16 @@ def tables(shown: Trade) -> list[Table]:
     return [table for table in found if table.rows]
 
 
-def _hover(row: Row) -> str:
-    sensor = row.scene["sensor"]
-    lines = [f"<b>{row.scene['name']}</b>, {sensor['width_px']} px, {sensor['channels']}"]
-    lines += [f"{key} = {_value(value)}" for key, value in row.axes.items()]
-    lines += [f"{name}: {number(row.metrics[name])}" for name in (*ERRORS, *SHOWN) if name in row.metrics]
-    return "<br>".join(lines)
-
-
-def scale(rows: Sequence[Row], cost: str) -> str:
-    """The scale of a cost's axis: linear over less than a decade, where a logarithm has too few labels."""
-    values = [row.metrics[cost] for row in rows]
-    paper = [PAPER_CYCLES] if cost == "latency_cycles" else []
-    return "log" if min(values) > 0 and max(values + paper) > 10 * min(values) else "linear"
-
-
-def figure(shown: Trade, error: str) -> go.Figure:
-    """Error against each cost: all points, the front, marked scenes, confirmed points, the paper."""
-    found = make_subplots(1, len(COSTS), shared_yaxes=True, horizontal_spacing=0.03)
-    rows = front.with_metrics(shown.rows, (error,))
-    for k, (cost, label) in enumerate(COSTS.items(), start=1):
-
-        def add(rows: Sequence[Row], name: str, *, at=k, over=cost, **style) -> None:
-            found.add_trace(
-                go.Scatter(
-                    x=[row.metrics[over] for row in rows],
-                    y=[row.metrics[error] for row in rows],
-                    text=[_hover(row) for row in rows],
-                    hoverinfo="text",
-                    name=name,
-                    legendgroup=name,
-                    showlegend=at == 1,
-                    **style,
-                ),
-                1,
-                at,
-            )
-
-        add(rows, "designs", mode="markers", marker={"size": 6, "color": "#9aa7b5"})
-        line = {"shape": "hv", "color": "#1f6fb4"}
-        add(front.front(rows, (error, cost)), "front", mode="lines+markers", line=line)
-        confirmed = [row for row in rows if row.key in shown.confirmed]
-        ring = {"size": 13, "symbol": "circle-open", "color": "#2a8f4e", "line": {"width": 2}}
-        add(confirmed, "confirmed in RTL", mode="markers", marker=ring)
-        for name, row in shown.marked.items():
-            if error in row.metrics:
-                add([row], f"scene {name}", mode="markers", marker={"size": 14, "symbol": "star"})
-        if cost == "latency_cycles" and error in PAPER_ERRORS:
-            found.add_trace(
-                go.Scatter(
-                    x=[PAPER_CYCLES],
-                    y=[PAPER_ERRORS[error]],
-                    text=[PAPER_LABEL],
-                    name=PAPER_LABEL,
-                    mode="markers",
-                    hoverinfo="text+x+y",
-                    marker={"size": 13, "symbol": "diamond", "color": "#c0392b"},
-                ),
-                1,
-                k,
-            )
-        found.update_xaxes(title_text=label, type=scale(rows, cost), row=1, col=k)
-    found.update_yaxes(title_text=ERRORS[error], type="log", row=1, col=1)
-    found.update_yaxes(type="log")
-    found.update_layout(
-        height=520, margin={"t": 20}, legend={"orientation": "h", "y": -0.2}, template="simple_white"
-    )
+def headlines(shown: Trade) -> list[Headline]:
+    """How many designs there are, and the least of each error and cost, with the design that has it."""
+    found = [Headline("designs measured", f"{len(shown.rows):,}", f"{len(shown.confirmed)} confirmed in RTL")]
+    for name, label in {**{error: ERRORS[error] for error in shown.errors}, **COSTS}.items():
+        known = front.with_metrics(shown.rows, (name, "latency_cycles"))
+        if known:
+            best = min(known, key=lambda row: (row.metrics[name], row.metrics["latency_cycles"]))
+            value = number(best.metrics[name])
+            found.append(Headline(f"least: {label}", value, named(best) or best.scene["name"]))
     return found
-
-
-def picture(shown: Trade, error: str, path: Path) -> None:
-    """The same plot as a PNG file."""
-    plot, panels = plt.subplots(1, len(COSTS), figsize=(5 * len(COSTS), 4.2), sharey=True)
-    rows = front.with_metrics(shown.rows, (error,))
-    for panel, (cost, label) in zip(panels, COSTS.items(), strict=True):
-
-        def at(rows: Sequence[Row], over=cost) -> tuple[list[float], list[float]]:
-            return [row.metrics[over] for row in rows], [row.metrics[error] for row in rows]
-
-        panel.semilogy(*at(rows), ".", color="#9aa7b5", label="designs")
-        panel.step(*at(front.front(rows, (error, cost))), "o-", where="post", markersize=4, label="front")
-        confirmed = [row for row in rows if row.key in shown.confirmed]
-        if confirmed:
-            panel.plot(
-                *at(confirmed), "o", color="#2a8f4e", markersize=9, fillstyle="none", label="confirmed in RTL"
-            )
-        for name, row in shown.marked.items():
-            if error in row.metrics:
-                panel.plot(*at([row]), "*", markersize=12, label=f"scene {name}")
-        if cost == "latency_cycles" and error in PAPER_ERRORS:
-            panel.plot(PAPER_CYCLES, PAPER_ERRORS[error], "D", color="#c0392b", label=PAPER_LABEL)
-        panel.set_xscale(scale(rows, cost))
-        panel.set_xlabel(label)
-        panel.grid(alpha=0.3, which="both")
-    panels[0].set_ylabel(ERRORS[error])
-    panels[0].legend(fontsize=7)
-    save_png(plot, path)
 
 
 def write(shown: Trade, folder: Path) -> list[Path]:
@@ -253,7 +129,7 @@ def write(shown: Trade, folder: Path) -> list[Path]:
         picture(shown, error, path)
         written.append(path)
         script = "inline" if not figures else False
-        html = figure(shown, error).to_html(full_html=False, include_plotlyjs=script)
+        html = figure(shown, error).to_html(full_html=False, include_plotlyjs=script, config=CONFIG)
         figures.append((ERRORS[error], html))
     origins = {
         name: text for source in shown.sources for name, text in source.facts.get("origins", {}).items()
@@ -262,6 +138,7 @@ def write(shown: Trade, folder: Path) -> list[Path]:
     page = render(
         "sweep/trade.html.j2",
         figures=figures,
+        headlines=headlines(shown),
         tables=tables(shown),
         origins=origins,
         sources=shown.sources,

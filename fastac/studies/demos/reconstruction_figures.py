@@ -14,10 +14,15 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from fastac.report.figures import save_png
+from fastac.report.plotly_look import LAYOUT, SPACE_AXIS, config
+from fastac.report.render import render
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
 from fastac.studies.demos.reconstruction import ObjectResult
 
+CONFIG = config("toImage", "orbitRotation", "zoom3d", "pan3d", "resetCameraDefault3d")
+EYE = {"x": 1.9, "y": -2.7, "z": 2.3}
+"""Where the camera stands first, so that the whole skin is in view."""
 ARROWS = 400
 """About the largest number of force arrows in a plot: each stands for a square of pixels."""
 LONGEST = 8
@@ -110,7 +115,7 @@ def draw(item: ObjectResult, path: Path) -> None:
 def _cloud(item: ObjectResult, depth: np.ndarray) -> go.Scatter3d:
     x, y = pixel_centres_mm(item.sensor)
     displacement = rest_depth_mm(item.sensor) - depth
-    style = {"size": 1.8, "color": displacement.ravel(), "colorscale": "Magma", "cmin": 0}
+    style = {"size": 1.8, "color": displacement.ravel(), "colorscale": "Plasma", "cmin": 0}
     return go.Scatter3d(x=x.ravel(), y=y.ravel(), z=depth.ravel(), mode="markers", marker=style)
 
 
@@ -126,7 +131,7 @@ def _forces(item: ObjectResult, force_n: np.ndarray, depth_mm: np.ndarray) -> tu
 
 def page(shown: list[ObjectResult]) -> str:
     """The HTML page: per object the true and all reconstructed point clouds, and forces on the skin."""
-    parts = []
+    shown_objects = []
     for item in shown:
         depths = {"truth": item.truth.pressed.depth_mm}
         depths |= {name: found.result.depth_mm[0] for name, found in item.found.items()}
@@ -139,12 +144,12 @@ def page(shown: list[ObjectResult]) -> str:
         for column, known in enumerate(forces.values(), start=len(depths) + 1):
             for trace in _forces(item, *known):
                 figure.add_trace(trace, row=1, col=column)
-        figure.update_scenes(aspectmode="data")
+        figure.update_scenes(
+            aspectmode="data", camera_eye=EYE, xaxis=SPACE_AXIS, yaxis=SPACE_AXIS, zaxis=SPACE_AXIS
+        )
+        figure.update_layout(showlegend=False, height=480, margin={"t": 60, "b": 10}, **LAYOUT)
+        script = "inline" if not shown_objects else False
+        html = figure.to_html(full_html=False, include_plotlyjs=script, config=CONFIG)
         load = item.truth.pressed.pose["load_n"]
-        figure.update_layout(title=f"{item.name}, {load:g} N, simulated", showlegend=False, height=480)
-        parts.append(figure.to_html(full_html=False, include_plotlyjs=not parts))
-    style = "<style>body { font-family: sans-serif; margin: 2em; }</style>"
-    body = "\n".join(parts)
-    return (
-        f"<!doctype html><meta charset='utf-8'><title>Test objects</title>{style}<h1>Test objects</h1>{body}"
-    )
+        shown_objects.append((f"{item.name}, {load:g} N, simulated", html))
+    return render("studies/demos/objects.html.j2", objects=shown_objects)

@@ -1,5 +1,6 @@
 """Target figures for the virtual fingertip on its held-out grid, and whether they are reached."""
 
+from fastac.report.headline import Headline
 from fastac.report.paper import GRADIENT_MAE_MM_PER_PX, GRADIENT_REDUCTION_PERCENT
 from fastac.report.tables import Table, number
 from fastac.scenes.schema import AXES
@@ -50,10 +51,26 @@ def goals(sections: dict[str, dict]) -> list[dict]:
 
 def table(found: list[dict]) -> Table:
     """The goals, and whether they are reached."""
-    rows = []
-    for goal in found:
-        sign, bound = ("≤", goal["at_most"]) if "at_most" in goal else ("≥", goal["at_least"])
-        reached = "reached" if goal["reached"] else "NOT reached"
-        rows.append([goal["what"], number(goal["ours"]), f"{sign} {bound:g}", goal["unit"], reached])
+    rows = [
+        [goal["what"], number(goal["ours"]), _bound(goal), goal["unit"], _reached(goal)] for goal in found
+    ]
     note = "Held-out grid. Of goals not reached, see “What limits it”."
     return Table("Goals", ["figure", "ours", "goal", "unit", ""], rows, note)
+
+
+def headlines(found: list[dict]) -> list[Headline]:
+    """The goals for the top of the page: what was measured, and beside it the goal."""
+    return [
+        Headline(
+            goal["what"], f"{number(goal['ours'])} {goal['unit']}", f"goal {_bound(goal)}: {_reached(goal)}"
+        )
+        for goal in found
+    ]
+
+
+def _bound(goal: dict) -> str:
+    return f"≤ {goal['at_most']:g}" if "at_most" in goal else f"≥ {goal['at_least']:g}"
+
+
+def _reached(goal: dict) -> str:
+    return "reached" if goal["reached"] else "NOT reached"

@@ -52,6 +52,7 @@ def write(content: dict, sections: Mapping[str, Section], folder: Path, path: Pa
         content=content,
         whose=provenance(content),
         goals=goals,
+        headlines=reproduce_goals.headlines(content["goals"]),
         sections=shown,
     )
     write_text(path, page)

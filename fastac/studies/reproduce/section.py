@@ -54,7 +54,7 @@ class Section:
     tables : of that JSON
     reads : the build's results that `run` is given: "scene", "bundle", "data" or "report"
     needs : names of sections before it whose JSON `run` is given
-    pictures : file names, PNG, in the order in which the page shows them below the tables
+    pictures : file names, PNG, in the order in which the page shows them above the tables
     others : further files that `run` writes
     lacks : the one line that says why it cannot be run on this build; None if it can
     """

@@ -4,6 +4,7 @@ import shutil
 
 import pytest
 from command_line import fail, succeed
+from two_builds import FASTER, build
 
 STEPS = ("data", "normals", "integers", "force", "bundle", "evaluate", "verilog", "sim", "report")
 
@@ -78,3 +79,16 @@ def test_a_scene_from_frames_to_the_report(toml, tmp_path, one_process):
     assert reasons["force"] == "scene training.force_epochs = 2 was 1"
     assert all(reasons[name].startswith("needs force: ") for name in STEPS[4:])
     assert {path: path.stat().st_mtime_ns for path in folder.rglob("*") if path.is_file()} == before
+
+
+def test_two_builds_are_compared(tmp_path):
+    one, two = build(tmp_path / "one"), build(tmp_path / "two", **FASTER)
+    page = tmp_path / "new" / "page.html"
+    lines = succeed("compare", one, two, "-o", page).stdout.splitlines()
+    assert lines[-1] == str(page)
+    assert ["first", "pixel", "to", "force", "600", "150", "-75.0%"] in [line.split() for line in lines]
+    assert "<h1>one and two</h1>" in page.read_text()
+    assert fail("compare", one, two, "-o", page) == f"{page}: exists already; --force replaces it"
+    succeed("compare", two, one, "-o", page, "--force")
+    assert "<h1>two and one</h1>" in page.read_text()
+    assert fail("compare", one, tmp_path).startswith(f"{tmp_path}: no report.json in it")

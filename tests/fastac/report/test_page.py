@@ -229,15 +229,17 @@ class TestPage:
                 assert text.replace("→", "→") in page
             assert origin.replace("'", "&#39;") in page
         for title in (
-            "The frames that went",
-            "Force on the held-out grid",
+            "The reconstruction in three dimensions",
             "Where the cycles go",
+            "Force on the held-out grid",
+            "The frames that went",
             "Training",
         ):
             assert f"<h2>{title}" in page
         pictures = re.findall(r"data:image/png;base64,([A-Za-z0-9+/=]+)", page)
-        assert len(pictures) == 4
+        assert len(pictures) == 5 + 2 * 6  # of the main frame; with the depth error of both frames
         assert all(base64.b64decode(p).startswith(b"\x89PNG") for p in pictures)
+        assert page.count("<svg") == 1 + 5  # force; pixel network twice, force model, its last fits
         assert tiny_bundle.digest[:16] in page
         assert "row_inverse" in page
         by_stage = stored["energy_estimate_uj_per_frame_by_stage"]["value"]
@@ -252,6 +254,38 @@ class TestPage:
             "verilog",
         ]
 
+    def test_it_leads_with_pictures_then_headlines_then_tables(self, tiny_bundle, tiny_data, tmp_path):
+        report.write(fill(tmp_path), tiny_bundle, tiny_data)
+        page = (tmp_path / "report.html").read_text()
+        order = [
+            "<h1>tiny</h1>",
+            "<img ",
+            'class="headlines"',
+            "<canvas",
+            'class="timeline"',
+            "<svg",
+            "<table>",
+        ]
+        places = [page.index(text) for text in order]
+        assert places == sorted(places)
+        assert "<b>0 mismatches</b>" in page
+        assert "<b>3,000 cycles</b>" in page
+        assert "<b>21 µm</b>" in page
+        assert re.search(r"Frame (26|33), held out, .*; F_z found: \d\.\d+ N; true: 0\.060 N\.", page)
+
+    def test_the_smallest_stage_has_its_name_and_its_number(self, tiny_bundle, tiny_data, tmp_path):
+        folder = fill(tmp_path)
+        stages = {"normals": 27, "gradients": 11, "source": 261, "solution_buffer": 1, "force": 33}
+        hardware = HARDWARE | {"latency_cycles_by_formula": {"stage": stages}}
+        (folder / "verilog" / "hardware.json").write_text(json.dumps(hardware))
+        report.write(folder, tiny_bundle, tiny_data)
+        page = (folder / "report.html").read_text()
+        lines = page[page.index('<div class="timeline">') :].split("<h2>")[0]
+        bar = r"<span>{}</span>\s*<span class=\"adds\"><i [^>]*></i><b>{}</b></span>\s*<div class=\"track\""
+        for name, cycles in stages.items():
+            assert re.search(bar.format(name.replace("_", " "), cycles), lines), name
+        assert "the sum is 333 cycles" in page
+
     def test_without_force_there_is_no_force(self, tiny_bundle, tiny_data, make_scene, tmp_path):
         scene = make_scene(outputs=["normals"])
         trained = tiny_bundle.pipeline
@@ -265,6 +299,7 @@ class TestPage:
         report.write(folder, Bundle(pipeline, floats, "0" * 64), tiny_data)
         page = (folder / "report.html").read_text()
         assert "Force" not in page
+        assert "<canvas" not in page
         assert "first pixel → last normal, cycles" in page
 
     def test_results_that_are_missing_leave_no_report(self, tiny_bundle, tiny_data, tmp_path):

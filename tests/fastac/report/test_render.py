@@ -5,12 +5,14 @@ import matplotlib.pyplot as plt
 import pytest
 
 from fastac.report import figures
+from fastac.report.headline import Headline
 from fastac.report.render import render
 from fastac.report.tables import Table
 
 VALUES = {
     "content": {"scene": {"name": "a<b"}, "bundle_sha256": "ab" * 32, "frames_are": "simulated"},
     "whose": "Ours and the paper's.",
+    "headlines": [Headline("depth", "<1 mm", "goal ≤ 2: reached")],
     "goals": Table("Goals", ["figure", "ours"], [["depth", "<1"]], "A note."),
     "sections": [("Geometry", None, [], [("depth", "iVBO")]), ("Force", "no force", [], [])],
 }
@@ -26,7 +28,17 @@ def test_a_page_has_the_look_of_the_base_and_its_own_content():
     assert "<td>&lt;1</td>" in page
     assert '<p class="note">A note.</p>' in page
     assert '<p class="note">Absent: no force.</p>' in page
-    assert '<img alt="depth" src="data:image/png;base64,iVBO">' in page
+    assert '<img class="chart" alt="depth" src="data:image/png;base64,iVBO">' in page
+    assert "<b>&lt;1 mm</b><span>goal ≤ 2: reached</span>" in page
+    assert page.index("headlines") < page.index("<h3>Goals</h3>")
+
+
+def test_every_page_suits_narrow_screens_and_dark_colours():
+    page = render(PAGE, **VALUES)
+    assert '<meta name="viewport" content="width=device-width, initial-scale=1">' in page
+    assert "color-scheme: light dark" in page
+    assert "@media (prefers-color-scheme: dark)" in page
+    assert "@media (max-width: 640px)" in page
 
 
 def test_a_value_that_is_missing_is_an_error():

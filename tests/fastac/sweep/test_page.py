@@ -4,7 +4,7 @@ import re
 import pytest
 from PIL import Image
 
-from fastac.sweep import front
+from fastac.sweep import front, plots
 from fastac.sweep import page as trade_page
 from fastac.sweep.results import Results, Row
 
@@ -49,6 +49,8 @@ def test_the_page_holds_everything(shown, tmp_path):
     ):
         assert text in page
     assert "163,500" in page
+    assert "<span>least: depth error, mm</span><b>0.01</b>" in page
+    assert page.index("headlines") < page.index("plotly") < page.index("<table>")
     with Image.open(files[1]) as image:
         assert image.format == "PNG"
         assert image.width > 1000
@@ -69,6 +71,11 @@ def test_what_the_figure_marks(shown):
     assert len(found["confirmed in RTL"]["x"]) == 1
     assert found[trade_page.PAPER_LABEL]["x"] == [163_500]
     assert found[trade_page.PAPER_LABEL]["y"] == [0.0741]
+
+
+def test_logarithmic_axes_have_plain_labels():
+    assert {"0.005", "0.01", "0.02", "0.05"} <= set(plots.ticks([0.004, 0.0, 0.07])["ticktext"])
+    assert plots.ticks([0.0]) == {}
 
 
 def table(shown, start: str):
