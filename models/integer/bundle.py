@@ -4,8 +4,9 @@
     integers.npz   every integer table, by stage
     floats.npz     the float weights and the learning curves' source of truth
 
-A folder can also be carried in one file (models/integer/bundle_files.py). Nothing is pickled. The hash covers
-scene, scalars and all arrays, so a table that was changed by one bit is refused; its first 64 bits are readable from a hardware register.
+A folder can also be carried in one file (bundle_files.py). Nothing is pickled. The hash covers scene,
+scalars and all arrays, so a table that was changed by one bit is refused; its first 64 bits are readable from
+a hardware register.
 """
 
 import dataclasses
