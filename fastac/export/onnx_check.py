@@ -6,7 +6,7 @@ import numpy as np
 import onnx
 import onnxruntime
 
-from fastac.export.onnx_file import BACKGROUND, FLOAT_PREFIX, INPUT
+from fastac.export.onnx_file import BACKGROUND, FLOAT_PREFIX, INPUT, ExportError
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
 
@@ -86,6 +86,26 @@ def compare(
             known = getattr(floats, name.removeprefix(prefix)).astype(np.float64)
             largest[name] = float(np.abs(found[name] - known).max())
     return Differences(values, different, first, largest)
+
+
+def checked(bundle: Bundle, model: onnx.ModelProto, arithmetic: str) -> list[str]:
+    """What a comparison over `extreme_frames` found, as lines of text.
+
+    Raises ExportError where a value of the integers differs.
+    """
+    frames = extreme_frames(bundle.pipeline.background)
+    found = compare(bundle, session_of(model), arithmetic, frames)
+    runtime = f"onnxruntime {onnxruntime.__version__}, {len(frames)} extreme and random frames"
+    if found.different:
+        count = f"{found.different} of {found.values} values"
+        raise ExportError(f"{found.first}: {count} under {runtime} differ from the integers")
+    lines = []
+    if found.values:
+        lines.append(f"integers under {runtime}: {found.values:,} of {found.values:,} values equal")
+    if found.largest:
+        most = ", ".join(f"{name} {value:.3g}" for name, value in found.largest.items())
+        lines.append(f"float models under {runtime}, largest difference from ours: {most}")
+    return lines
 
 
 def _known(emulator, name: str, fraction: int) -> np.ndarray:

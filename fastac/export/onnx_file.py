@@ -107,6 +107,17 @@ def _facts(bundle: Bundle, arithmetic: str, model: onnx.ModelProto) -> dict[str,
     return facts
 
 
+def rows(model: onnx.ModelProto) -> list[list[str]]:
+    """Of each input and output its name, type, shape and what it is."""
+    found = []
+    for value in (*model.graph.input, *model.graph.output):
+        tensor = value.type.tensor_type
+        shape = ", ".join(d.dim_param or str(d.dim_value) for d in tensor.shape.dim)
+        kind = helper.tensor_dtype_to_np_dtype(tensor.elem_type).name
+        found.append([value.name, kind, f"({shape})", value.doc_string])
+    return found
+
+
 def write_onnx(model: onnx.ModelProto, output: Path) -> None:
     """Write a model; the file appears whole or not at all."""
     with write_atomically(output) as temporary:
