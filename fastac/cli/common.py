@@ -117,8 +117,11 @@ def bundle_folder(path: Path) -> Path:
 
 
 def folder_of(path: Path) -> Path:
-    """Where commands keep what they make of a bundle: in its folder, or in one named after a single file."""
-    return path.with_suffix("") if path.is_file() else path
+    """Where commands keep what they make of a bundle: in its folder, or beside a single file.
+
+    For NAME.fastac that is NAME-files: a build folder NAME keeps its own.
+    """
+    return path.with_name(f"{path.stem}-files") if path.is_file() else path
 
 
 def store_beside(path: Path) -> Path:

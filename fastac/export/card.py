@@ -124,7 +124,8 @@ def _geometry(sensor: dict) -> str:
 
 
 def _data(data: dict) -> str:
-    parts = [f"{data['frames_are']}: {data.get('source', 'source not known')}"]
+    kind, source = data["frames_are"], data.get("source", "source not known")
+    parts = [source if source.startswith(kind) else f"{kind}: {source}"]
     if "frames" in data:
         parts.append(f"{data['frames']} frames")
     if "frames_of_split" in data:

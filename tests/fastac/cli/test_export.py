@@ -42,7 +42,7 @@ class TestBundle:
     def test_commands_take_it(self, folder, single):
         """And write beside it what they write into a folder."""
         of_file, of_folder = (succeed("registers", path) for path in (single, folder))
-        assert of_file.stdout.startswith(f"{single.with_suffix('')}/registers: ")
+        assert of_file.stdout.startswith(f"{single.parent}/b-files/registers: ")
         assert of_folder.stdout.startswith(f"{folder}/registers: ")
 
     def test_card(self, folder, single):
