@@ -74,7 +74,7 @@ class Folder:
         try:
             return self._inside(JSON_FILE).read_bytes()
         except FileNotFoundError:
-            text = f"no such file; is {self.path} a bundle folder or a {SUFFIX} file?"
+            text = f"no such file; is {self.path} a bundle folder?"
             raise BundleError(f"{self.place(JSON_FILE)}: {text}") from None
         except OSError as error:
             raise BundleError(f"{self.place(JSON_FILE)}: not readable JSON: {error}") from None
@@ -120,12 +120,13 @@ class Archive:
 
 
 def open_files(path: Path) -> Folder | Archive:
-    """The files of the bundle in a folder or a single file. Raises BundleError for a damaged single file."""
+    """The files of the bundle in a folder or a single file.
+
+    Raises BundleError for a single file that is damaged or not there.
+    """
+    if path.suffix == SUFFIX and not path.exists():
+        raise BundleError(f"{path}: no such file")
     return read_archive(path) if path.is_file() else Folder(path)
-
-
-def is_single_file(path: Path) -> bool:
-    return path.suffix == SUFFIX and path.is_file()
 
 
 def read_archive(path: Path) -> Archive:
@@ -177,9 +178,14 @@ def _read(path: Path, archive: zipfile.ZipFile) -> Archive:
         raise BundleError(f"{path}: {shown(name)}: {wrong}")
     members = {}
     for name, member in found.items():
-        content = members[name] = _bytes(path, archive, member)
         facts = manifest["files"].get(name)
-        stated = facts.get("sha256") if isinstance(facts, dict) else None
+        facts = facts if isinstance(facts, dict) else {}
+        if facts.get("bytes") != member.file_size:
+            raise BundleError(
+                f"{path}: {name}: {member.file_size} bytes are declared, not {shown(facts.get('bytes'))}"
+            )
+        content = members[name] = _bytes(path, archive, member)
+        stated = facts.get("sha256")
         digest = hashlib.sha256(content).hexdigest()
         if stated != digest:
             raise BundleError(

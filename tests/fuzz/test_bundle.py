@@ -176,7 +176,8 @@ def contained(changes: dict[str, bytes]) -> bytes:
         if "manifest.json" not in changes:
             manifest = json.loads(members["manifest.json"])
             for name, content in changes.items():
-                manifest["files"][name] = {"sha256": hashlib.sha256(content).hexdigest()}
+                digest = hashlib.sha256(content).hexdigest()
+                manifest["files"][name] = {"bytes": len(content), "sha256": digest}
             members["manifest.json"] = json.dumps(manifest).encode()
         for name, content in members.items():
             archive.writestr(name, content)

@@ -165,6 +165,12 @@ def test_members_that_would_fill_the_memory(whole, tmp_path):
 def test_a_member_that_grows_more_than_compression_allows(whole, tmp_path):
     path = write(tmp_path / "a.fastac", members_of(whole[1]).items())
     declare(path, "floats.npz", MOST_BYTES // 2)
+    refused(path, f"floats.npz: {MOST_BYTES // 2} bytes are declared, not")
+    members = members_of(whole[1])
+    manifest = json.loads(members["manifest.json"])
+    manifest["files"]["floats.npz"]["bytes"] = MOST_BYTES // 2
+    path = write(tmp_path / "b.fastac", (members | {"manifest.json": json.dumps(manifest).encode()}).items())
+    declare(path, "floats.npz", MOST_BYTES // 2)
     refused(path, "'floats.npz': .* bytes of .* are declared")
 
 
@@ -195,6 +201,10 @@ def test_files_that_are_no_archives(tmp_path, content):
     path = tmp_path / "a.fastac"
     path.write_bytes(content)
     refused(path, "damaged or no .fastac file|manifest.json: missing")
+
+
+def test_no_such_file(tmp_path):
+    refused(tmp_path / "a.fastac", r"a\.fastac: no such file$")
 
 
 def test_other_files_are_no_bundles(tmp_path):
