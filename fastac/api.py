@@ -1,4 +1,4 @@
-"""The Python interface: a trained sensor from a folder, and what it measures in frames.
+"""The Python interface: a trained sensor from a folder or a file, and what it measures in frames.
 
     import fastac
 
@@ -78,7 +78,7 @@ class Measurement(Result):
 
 
 def load(path: Path | str) -> "TactileSensor":
-    """The trained sensor in a build folder, or in the folder of its bundle.
+    """The trained sensor in a build folder, in the folder of its bundle, or in a single file `NAME.fastac`.
 
     Raises BundleError, one line that names the file at fault, where there is none or it is damaged.
 

@@ -1,4 +1,4 @@
-"""Commands that measure the speed of models, driver, stream, virtual rig and a sweep's workers here."""
+"""Commands that measure the speed of models, ONNX, driver, stream, virtual rig and a sweep's workers."""
 
 import click
 
@@ -25,6 +25,26 @@ def models(folders):
     click.echo(benchmark.heading())
     for folder in folders:
         for line in benchmark.measure(folder):
+            click.echo(line)
+
+
+@bench.command()
+@click.argument("bundles", metavar="BUNDLE...", type=INPUT, nargs=-1, required=True)
+def onnx(bundles):
+    """Time BUNDLE's integers as ONNX under onnxruntime beside the emulator, one frame a call and many.
+
+    Needs the extra `onnx`: pip install -e '.[onnx]'.
+
+    \b
+    Example: fastac bench onnx build/paper
+    """
+    from fastac.export.extra import require_onnx
+
+    require_onnx()
+    from fastac.studies.benchmarks import onnx_runtime as benchmark
+
+    for bundle in bundles:
+        for line in benchmark.measure(bundle):
             click.echo(line)
 
 

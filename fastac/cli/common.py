@@ -105,7 +105,7 @@ def store_option(text: str):
 
 
 def load_bundle(path: Path):
-    """The bundle in a folder, or in a build folder's `bundle`."""
+    """The bundle in a folder, in a build folder's `bundle`, or in a single file."""
     from fastac.models.integer import bundle
 
     return bundle.load_bundle(path)
@@ -116,8 +116,18 @@ def bundle_folder(path: Path) -> Path:
     return path / "bundle" if (path / "bundle").is_dir() else path
 
 
+def folder_of(path: Path) -> Path:
+    """Where commands keep what they make of a bundle: in its folder, or beside a single file.
+
+    For NAME.fastac that is NAME-files: a build folder NAME keeps its own.
+    """
+    return path.with_name(f"{path.stem}-files") if path.is_file() else path
+
+
 def store_beside(path: Path) -> Path:
     """The step store of builds beside the one that the bundle in `path` belongs to."""
+    if path.is_file():
+        return path.absolute().parent / "store"
     return bundle_folder(path).absolute().parent.parent / "store"
 
 

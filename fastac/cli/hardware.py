@@ -10,6 +10,7 @@ from fastac.cli.common import (
     OUTPUT_FILE,
     OUTPUT_FOLDER,
     build_folder,
+    folder_of,
     load_bundle,
     output_option,
     progress_option,
@@ -34,7 +35,7 @@ def verilog(bundle, output, progress):
     """
     from fastac.flow import hardware
 
-    output = output or bundle / "verilog"
+    output = output or folder_of(bundle) / "verilog"
     hardware.write_verilog(load_bundle(bundle), output, progress=progress)
     file = output / f"{hardware.NAME}.v"
     click.echo(f"{file}: {file.stat().st_size / 1e6:.1f} MB")
@@ -56,7 +57,7 @@ def registers(bundle, output):
     from fastac.flow.hardware import interface_of
     from fastac.gateware.target.register_files.write import FILES, write_register_files
 
-    output = output or bundle / "registers"
+    output = output or folder_of(bundle) / "registers"
     write_register_files(interface_of(load_bundle(bundle)), output)
     click.echo(f"{output}: {', '.join(FILES.values())}")
 
@@ -136,9 +137,10 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     samples = read(data, model.scene, progress=progress)
     count = frames or (1 if trace else model.scene.simulation.frames)
     index = sensor_samples.evenly_spaced(sensor_samples.split_indices(samples, split, data), count)
-    output = output or bundle / "sim"
+    folder = folder_of(bundle)
+    output = output or folder / "sim"
     found = hardware.simulate(
-        model, samples, index, verilog_folder or bundle / "verilog", output, trace=trace, progress=progress
+        model, samples, index, verilog_folder or folder / "verilog", output, trace=trace, progress=progress
     )
     click.echo(json.dumps(found, indent=1))
     if trace:
@@ -194,7 +196,7 @@ def synth(source, data, output, place_and_route, modules, jobs, store, progress)
         scene = scenes.load(source)
         source = build_folder(scene, None)
         run_build(scene, source, data, progress, until="bundle")
-    output = output or source
+    output = output or folder_of(source)
     bundle = load_bundle(source)
     device = device_of(bundle.scene)
     content = synthesis.synthesise(

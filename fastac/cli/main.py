@@ -7,6 +7,7 @@ from fastac.cli.build import build, compare, report, reproduce
 from fastac.cli.common import Group
 from fastac.cli.data import data, protocol
 from fastac.cli.demos import grasp, vibration
+from fastac.cli.export import card, export
 from fastac.cli.hardware import calibration, registers, sim, synth, verilog
 from fastac.cli.log import log
 from fastac.cli.models import evaluate, objects, predict, train
@@ -28,8 +29,9 @@ def main():
     `fastac build SCENE` runs everything in order: dataset, training, Verilog, its simulation, report.
 
     A SCENE is a TOML file that describes a sensor, the outputs wanted and the hardware. A BUNDLE is the
-    folder of a trained model, all its integers; a build folder that contains one will do. DATA is an HDF5
-    dataset, simulated or imported. Every command explains itself with --help.
+    folder of a trained model, all its integers; a build folder that contains one will do, and so will a
+    single file NAME.fastac. DATA is an HDF5 dataset, simulated or imported. Every command explains itself
+    with --help.
 
     \b
     Example: fastac build scenes/paper.toml
@@ -41,6 +43,7 @@ COMMANDS = (
     *(train, evaluate, predict, objects, vibration, grasp),
     *(verilog, registers, calibration, sim, run, verify, synth, sweep, trade, scope, study, prove, bench),
     *(vivado, vivado_reports, serve, listen, log),
+    *(export, card),
 )
 for command in COMMANDS:
     main.add_command(command)

@@ -2,7 +2,7 @@
 
 import click
 
-from fastac.cli.common import INPUT, OUTPUT_FILE, load_bundle, progress_option
+from fastac.cli.common import INPUT, OUTPUT_FILE, folder_of, load_bundle, progress_option
 from fastac.cli.stream_options import INTERRUPTED, hardware_options, source_options
 
 
@@ -71,17 +71,18 @@ def run(
         if path is not None and path.exists() and not force:
             raise click.ClickException(f"{path}: exists already; --force replaces it")
     model = load_bundle(bundle)
-    verilog_folder = verilog_folder or bundle / "verilog"
+    folder = folder_of(bundle)
+    verilog_folder = verilog_folder or folder / "verilog"
     description = descriptions.read(verilog_folder)
     description.require_bundle(model.digest, str(verilog_folder / descriptions.FILE))
-    origin = source or str(bundle / "data.h5")
+    origin = source or str(folder / "data.h5")
     given = open_source(origin, model.scene, split=split, progress=progress)
     with open_transport(
         via,
         description,
         bundle=model,
         verilog=verilog_folder,
-        folder=bundle / "run",
+        folder=folder / "run",
         bitstream=bitstream,
         calibration=calibration,
         progress=progress,

@@ -92,11 +92,12 @@ def force_ablation(origin, data, displacements, output, store, progress):
     \b
     Example: fastac study force-ablation scenes/fingertip.toml --data build/fingertip/data.h5
     """
+    from fastac.models.integer import bundle as bundles
     from fastac.scenes import schema
     from fastac.studies.reproduce import force_ablation as ablation
 
     kinds = ("true", "found") if displacements == "both" else (displacements,)
-    name = load_bundle(origin).scene.name if origin.is_dir() else schema.load(origin).name
+    name = load_bundle(origin).scene.name if bundles.is_bundle(origin) else schema.load(origin).name
     output = output or Path("build") / name / "force_ablation"
     click.echo(ablation.table(ablation.run(origin, data, output, kinds, store, progress=progress)))
     click.echo(f"written: {output}/force_ablation.json, .png")

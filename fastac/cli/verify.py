@@ -8,6 +8,7 @@ from fastac.cli.common import (
     Lanes,
     build_folder,
     bundle_folder,
+    folder_of,
     load_bundle,
     output_option,
     progress_option,
@@ -70,10 +71,10 @@ def verify(source, data, split, lanes, frames, output, progress):
         folder = build_folder(scene, None)
         run_build(scene, folder, data, progress, until="bundle")
     model = load_bundle(folder)
-    data = data or folder / "data.h5"
+    data = data or folder_of(folder) / "data.h5"
     samples = read(data, model.scene, progress=progress)
     index = sensor_samples.evenly_spaced(sensor_samples.split_indices(samples, split, data), frames)
-    output = output or folder / "verify"
+    output = output or folder_of(folder) / "verify"
     content = campaign.run(
         bundle_folder(folder), samples, index, lanes, output, store=store_beside(folder), progress=progress
     )

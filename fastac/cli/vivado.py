@@ -10,6 +10,7 @@ from fastac.cli.common import (
     announce,
     build_folder,
     bundle_folder,
+    folder_of,
     output_option,
     progress_option,
     run_build,
@@ -59,7 +60,7 @@ def vivado(source, data, streams, board, saif, output, progress):
         scene = scenes.load(source)
         source = build_folder(scene, None)
         run_build(scene, source, data, progress, until="bundle")
-    output = output or source / "vivado"
+    output = output or folder_of(source) / "vivado"
     scene, chosen, rewritten = flow.write(
         bundle_folder(source),
         output,

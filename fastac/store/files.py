@@ -19,7 +19,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-_DAMAGE = (
+DAMAGE = (
     *(ValueError, EOFError, KeyError, AttributeError, TypeError, SyntaxError, RuntimeError, OverflowError),
     *(
         MemoryError,
@@ -104,16 +104,25 @@ def save_arrays(path: Path, arrays: Mapping[str, np.ndarray]) -> None:
         np.savez_compressed(file, **arrays)
 
 
-def load_arrays(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an .npz; raises DamagedFileError for anything else."""
+def load_arrays(
+    source: Path | BinaryIO, *, name: str | None = None, most_bytes: int | None = None
+) -> dict[str, np.ndarray]:
+    """The arrays of an .npz; raises DamagedFileError for anything else.
+
+    source : a path, or an open file that errors call `name`
+    most_bytes : what the arrays may need together, of an archive that came from elsewhere
+    """
     try:
-        with zipfile.ZipFile(path) as archive:
+        with zipfile.ZipFile(source) as archive:
+            total = sum(each.file_size for each in archive.infolist())
+            if most_bytes is not None and total > most_bytes:
+                raise ValueError(f"{total} bytes are declared, more than {most_bytes}")
             return {each.filename.removesuffix(".npy"): _member(archive, each) for each in archive.infolist()}
-    except (*_DAMAGE, OSError) as error:
+    except (*DAMAGE, OSError) as error:
         if isinstance(error, OSError) and error.filename is not None:  # it could not be opened
             raise
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise DamagedFileError(f"{path}: damaged or no .npz file ({reason})") from None
+        raise DamagedFileError(f"{name or source}: damaged or no .npz file ({reason})") from None
 
 
 def _member(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> np.ndarray:
@@ -131,7 +140,7 @@ def load_array(path: Path) -> np.ndarray:
             return read_npy(file, path.stat().st_size)
     except FileNotFoundError:
         raise
-    except _DAMAGE as error:
+    except DAMAGE as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise DamagedFileError(f"{path}: not a readable array: {reason}") from None
 

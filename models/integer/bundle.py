@@ -4,8 +4,9 @@
     integers.npz   every integer table, by stage
     floats.npz     the float weights and the learning curves' source of truth
 
-Nothing is pickled. The hash covers scene, scalars and all arrays, so a table that was changed by one bit is
-refused; its first 64 bits are readable from a hardware register.
+A folder can also be carried in one file (bundle_files.py). Nothing is pickled. The hash covers scene,
+scalars and all arrays, so a table that was changed by one bit is refused; its first 64 bits are readable from
+a hardware register.
 """
 
 import dataclasses
@@ -30,15 +31,25 @@ from fastac.models.integer import (
     source,
     words,
 )
+from fastac.models.integer.bundle_files import (
+    FLOATS,
+    INTEGERS,
+    JSON_FILE,
+    SUFFIX,
+    Archive,
+    BundleError,
+    Folder,
+    open_files,
+    version_error,
+)
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.solvers import SOLVERS
 from fastac.scenes.schema import Scene, describe, shown
-from fastac.store.files import DamagedFileError, inside, load_arrays, write_folder_atomically
+from fastac.store.files import write_folder_atomically
 
 FORMAT_VERSION = 4
 READABLE_VERSIONS = (3, FORMAT_VERSION)
 """3 knows no dots; all else is the same."""
-JSON_FILE = "bundle.json"
 CLASSES = {
     cls.__name__: cls
     for cls in (
@@ -62,10 +73,6 @@ CLASSES = {
     )
 }
 """What every bundle may hold, by the names in bundle.json; the solver's classes come from its table."""
-
-
-class BundleError(ValueError):
-    """A bundle that cannot be used; the message is one line that names file, key and value."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -158,44 +165,27 @@ def save(path: Path | str, pipeline: IntegerPipeline, floats: dict[str, np.ndarr
     everything = integers | {f"float.{k}": v for k, v in floats.items()}
     digest = _digest(content, everything)
     with write_folder_atomically(path) as temporary:
-        np.savez_compressed(temporary / "integers.npz", **{k: _narrow(v) for k, v in integers.items()})
-        np.savez_compressed(temporary / "floats.npz", **floats)
+        np.savez_compressed(temporary / INTEGERS, **{k: _narrow(v) for k, v in integers.items()})
+        np.savez_compressed(temporary / FLOATS, **floats)
         text = json.dumps({"sha256": digest, **content}, indent=1, sort_keys=True)
         (temporary / JSON_FILE).write_text(text + "\n")
     return Bundle(pipeline, floats, digest)
 
 
-def _arrays(folder: Path, name: str) -> dict[str, np.ndarray]:
-    path = _file(folder, name)
-    try:
-        return load_arrays(path)
-    except FileNotFoundError:
-        raise BundleError(f"{path}: no such file") from None
-    except DamagedFileError as error:
-        raise BundleError(str(error)) from None
-    except OSError as error:
-        raise BundleError(f"{path}: {error.strerror or error}") from None
-
-
-def _file(folder: Path, name: str) -> Path:
-    """A file of a bundle, which may come from elsewhere: links out of its folder are not followed."""
-    try:
-        return inside(folder, name)
-    except DamagedFileError as error:
-        raise BundleError(str(error)) from None
-
-
 def load(path: Path | str) -> Bundle:
-    """The bundle in a folder. Raises BundleError where it is incomplete, malformed, or its hash differs."""
-    content = _content(path := Path(path))
-    file = path / JSON_FILE
+    """The bundle in a folder or a single file.
+
+    Raises BundleError where it is incomplete, malformed, or its hash differs.
+    """
+    content = _content(files := open_files(Path(path)))
+    place = files.place(JSON_FILE)
     try:
         scene = Scene.model_validate(content["pipeline"]["fields"]["scene"]["scene"])
     except ValidationError as error:
-        raise BundleError(f"{file}: scene: {describe(error)}") from None
+        raise BundleError(f"{place}: scene: {describe(error)}") from None
     except (KeyError, TypeError) as error:
-        raise BundleError(f"{file}: pipeline: {error!r}") from None
-    return _of_content(content, path, scene)
+        raise BundleError(f"{place}: pipeline: {error!r}") from None
+    return _of_content(content, files, scene)
 
 
 def load_for(path: Path | str, scene: Scene) -> Bundle:
@@ -203,49 +193,58 @@ def load_for(path: Path | str, scene: Scene) -> Bundle:
 
     For steps of a build: they are given the scene, and of it only what they read counts.
     """
-    return _of_content(_content(Path(path)), Path(path), scene)
+    files = open_files(Path(path))
+    return _of_content(_content(files), files, scene)
 
 
-def _content(path: Path) -> dict:
-    file = _file(path, JSON_FILE)
+def _content(files: Folder | Archive) -> dict:
+    place = files.place(JSON_FILE)
     try:
-        content = json.loads(file.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise BundleError(f"{file}: no such file; is {path} a bundle folder?") from None
-    except (OSError, ValueError, RecursionError) as error:
-        raise BundleError(f"{file}: not readable JSON: {error}") from None
+        content = json.loads(files.content().decode("utf-8"))
+    except BundleError:
+        raise
+    except (ValueError, RecursionError) as error:
+        raise BundleError(f"{place}: not readable JSON: {error}") from None
     if not isinstance(content, dict) or content.get("format_version") not in READABLE_VERSIONS:
         version = content.get("format_version") if isinstance(content, dict) else None
-        raise BundleError(
-            f"{file}: format_version = {shown(version)}: expected {' or '.join(map(str, READABLE_VERSIONS))}"
-        )
+        raise version_error(place, version, READABLE_VERSIONS)
     return content
 
 
-def _of_content(content: dict, path: Path, scene: Scene) -> Bundle:
+def _of_content(content: dict, files: Folder | Archive, scene: Scene) -> Bundle:
     stated = content.pop("sha256", None)
     integers = {
-        k: v.astype(np.int64) if v.dtype.kind == "i" else v for k, v in _arrays(path, "integers.npz").items()
+        k: v.astype(np.int64) if v.dtype.kind == "i" else v for k, v in files.arrays(INTEGERS).items()
     }
-    floats = _arrays(path, "floats.npz")
+    floats = files.arrays(FLOATS)
     digest = _digest(content, integers | {f"float.{k}": v for k, v in floats.items()})
     if stated != digest:
         raise BundleError(
-            f"{path}: sha256 = {shown(stated)}: the content's is {digest}; it was changed or damaged"
+            f"{files.path}: sha256 = {shown(stated)}: the content's is {digest}; it was changed or damaged"
+        )
+    if files.digest not in (None, digest):
+        raise BundleError(
+            f"{files.path}: bundle_sha256 = {shown(files.digest)}: the bundle's is {digest};"
+            " the manifest is another bundle's"
         )
     try:
         pipeline = _restore(content["pipeline"], integers, CLASSES | _solver_classes(scene), scene)
     except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise BundleError(f"{path / JSON_FILE}: pipeline: {error!r}") from None
+        raise BundleError(f"{files.place(JSON_FILE)}: pipeline: {error!r}") from None
     return Bundle(pipeline, floats, digest)
 
 
 def load_bundle(path: Path) -> Bundle:
-    """The bundle in a folder, or in a build folder's `bundle`."""
+    """The bundle in a folder, in a build folder's `bundle`, or in a single file."""
     return load(bundle_folder(path))
 
 
 def bundle_folder(path: Path) -> Path:
-    """The folder of `load_bundle`'s bundle."""
+    """The folder, or the single file, of `load_bundle`'s bundle."""
     inside = path / "bundle"
     return inside if (inside / JSON_FILE).exists() else path
+
+
+def is_bundle(path: Path) -> bool:
+    """Whether a path is meant to be a bundle: a folder, or a single file by its name."""
+    return path.is_dir() or path.suffix == SUFFIX

@@ -1,8 +1,10 @@
 """Damaged bundles, whole ones whose content was changed and signed anew, and archives of arrays."""
 
+import hashlib
 import io
 import json
 import tempfile
+import zipfile
 from functools import cache
 from pathlib import Path
 
@@ -13,6 +15,7 @@ from fuzzing import Case, Link, Reader
 from hypothesis import strategies as st
 from mutations import NASTY, changed_bytes, texts
 
+from fastac.export.bundle_file import write_bundle_file
 from fastac.models import random_bundle
 from fastac.models.integer import bundle
 from fastac.report import verification
@@ -99,8 +102,6 @@ def array_files() -> list[bytes]:
 @st.composite
 def archives(draw) -> bytes:
     """A zip file with arrays that declare anything, and names that lead elsewhere."""
-    import zipfile
-
     file = io.BytesIO()
     with zipfile.ZipFile(
         file, "w", draw(st.sampled_from((zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)))
@@ -155,6 +156,52 @@ def folders(draw) -> Case:
     return {f"bundle/{key}": content for key, content in files.items()}
 
 
+@cache
+def single_file() -> bytes:
+    """A small bundle of random integers in one file."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder)
+        for name, content in sample().items():
+            (made / "bundle").mkdir(exist_ok=True)
+            (made / "bundle" / name).write_bytes(content)
+        write_bundle_file(made / "bundle", made / "a.fastac")
+        return (made / "a.fastac").read_bytes()
+
+
+def contained(changes: dict[str, bytes]) -> bytes:
+    """The single file with some members replaced, and a manifest that has their hashes."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(single_file())) as known, zipfile.ZipFile(file, "w") as archive:
+        members = {name: known.read(name) for name in known.namelist()} | changes
+        if "manifest.json" not in changes:
+            manifest = json.loads(members["manifest.json"])
+            for name, content in changes.items():
+                digest = hashlib.sha256(content).hexdigest()
+                manifest["files"][name] = {"bytes": len(content), "sha256": digest}
+            members["manifest.json"] = json.dumps(manifest).encode()
+        for name, content in members.items():
+            archive.writestr(name, content)
+    return file.getvalue()
+
+
+def manifests() -> st.SearchStrategy[bytes]:
+    with zipfile.ZipFile(io.BytesIO(single_file())) as archive:
+        text = archive.read("manifest.json")
+    return texts([json.loads(text)], dumped, [text], JSON_FRAGMENTS, NASTY)
+
+
+SINGLE_FILES = st.one_of(
+    st.deferred(
+        lambda: changed_bytes([single_file(), sample()["integers.npz"]], (b"PK\x05\x06", b"PK\x01\x02"))
+    ),
+    archives(),
+    st.deferred(manifests).map(lambda text: contained({"manifest.json": text})),
+    NPZ.map(lambda content: contained({"integers.npz": content})),
+    st.deferred(descriptions).map(lambda text: contained({"bundle.json": text})),
+    st.binary(max_size=200).map(lambda content: contained({"README.md": content})),
+)
+
+
 def whole(text: bytes) -> Case:
     return {f"bundle/{name}": content for name, content in (sample() | {"bundle.json": text}).items()}
 
@@ -188,6 +235,12 @@ READERS = [
         count=10_000,
     ),
     Reader("bundle's files", folders(), bundle.load_bundle, command),
+    Reader(
+        "bundle in one file",
+        SINGLE_FILES.map(lambda content: {"a.fastac": content}),
+        lambda f: bundle.load_bundle(f / "a.fastac"),
+        lambda f: ["card", f / "a.fastac"],
+    ),
     Reader(
         "archive of arrays", NPZ.map(lambda content: {"a.npz": content}), lambda f: load_arrays(f / "a.npz")
     ),

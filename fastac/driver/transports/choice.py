@@ -8,7 +8,7 @@ import numpy as np
 
 from fastac.driver.description import Description
 from fastac.driver.transports.transport import Transport, TransportError
-from fastac.models.integer.bundle import Bundle, load_bundle
+from fastac.models.integer.bundle import Bundle, is_bundle, load_bundle
 
 BOARDS = ("uio", "pynq")
 
@@ -39,7 +39,7 @@ def open_transport(
     if via == "emulator":
         from fastac.driver.transports.emulator import EmulatorTransport
 
-        others = [load_bundle(calibration)] if calibration and calibration.is_dir() else []
+        others = [load_bundle(calibration)] if calibration and is_bundle(calibration) else []
         transport = EmulatorTransport(bundle, description, calibrations=others)
         yield transport
     elif via == "sim":
@@ -73,7 +73,7 @@ def _of_board(via: str, description: Description, bitstream: Path | None) -> Tra
 
 def words_of_calibration(path: Path, hardware: Bundle) -> np.ndarray:
     """The words (words,) uint32 in a file of `fastac calibration`, or what it would write of a bundle."""
-    if path.is_dir():
+    if is_bundle(path):
         from fastac.gateware.calibration import calibration_words
 
         return calibration_words(load_bundle(path), hardware)

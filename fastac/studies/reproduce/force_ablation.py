@@ -24,7 +24,7 @@ import numpy as np
 from fastac.flow import frames
 from fastac.flow import steps as build_steps
 from fastac.flow.steps import NORMALS
-from fastac.models.integer.bundle import bundle_folder, load_bundle
+from fastac.models.integer.bundle import bundle_folder, is_bundle, load_bundle
 from fastac.models.training.hyperforce_3d import input_components, train
 from fastac.report.paper import FORCE_FULL, FORCE_MAE_N
 from fastac.scenes import schema as scenes
@@ -207,7 +207,7 @@ def run(
     origin: Path, path: Path, output: Path, kinds: tuple[str, ...], store: Path, *, progress: bool
 ) -> dict:
     """The comparison for a scene's file, a bundle or a build folder; writes JSON and plot to `output`."""
-    bundle = bundle_folder(origin) if origin.is_dir() else None
+    bundle = bundle_folder(origin) if is_bundle(origin) else None
     scene = load_bundle(origin).scene if bundle else scenes.load(origin)
     output.mkdir(parents=True, exist_ok=True)
     found = compare(scene, path, kinds, output, bundle=bundle, store=store, progress=progress)

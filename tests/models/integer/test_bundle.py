@@ -212,7 +212,8 @@ class TestRefusals:
     def test_another_version(self, folder, version):
         content = json.loads((folder / "bundle.json").read_text())
         (folder / "bundle.json").write_text(json.dumps({**content, "format_version": version}))
-        refused(folder, f"format_version = {version!r}: expected 3 or 4")
+        hint = {0: "; it was written by an older", 5: "; it was written by a newer"}.get(version, "")
+        refused(folder, f"format_version = {version!r}: expected 3 or 4{hint}")
 
     @pytest.mark.parametrize("text", ["", "{", "[1]", "7", "\udcff"])
     def test_text_that_is_no_bundle(self, folder, text):
