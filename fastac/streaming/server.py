@@ -121,7 +121,7 @@ class Publisher:
             self._send(descriptions.encode(self._about))
 
     def _offered(self, parts: list[bytes | memoryview]) -> bool:
-        """Whether all readers had room but those known to have none, and got the message; else none got it."""
+        """Whether each reader had room, of those that had any the last time; else no reader got it."""
         try:
             self._socket.send_multipart(parts, zmq.NOBLOCK, copy=False)
         except zmq.Again:
