@@ -105,9 +105,10 @@ def rates(kinds: list[Kind], frames: np.ndarray) -> str:
     rows = []
     for kind in kinds:
         alone, served = (f"{RATE_FRAMES / seconds[kind.name, served]:.0f}" for served in (False, True))
-        left_out = f"{kind.publisher.dropped} of {kind.publisher.sent}"
-        rows.append([kind.name, f"{sizes[kind.name] / 1e3:.1f}", alone, served, left_out])
-    return text_table(["records", "kB each", "a second", "a second, published", "left out"], rows)
+        kind.publisher.close()
+        got = f"{len(kind.reader.times()[0])} of {kind.publisher.sent}"
+        rows.append([kind.name, f"{sizes[kind.name] / 1e3:.1f}", alone, served, got])
+    return text_table(["records", "kB each", "a second", "a second, published", "read"], rows)
 
 
 def latencies(kinds: list[Kind], frames: np.ndarray, count: int) -> str:
@@ -134,7 +135,8 @@ def measure(folder: Path, frames: int = FRAMES) -> Iterator[str]:
     bundle = load_bundle(folder)
     shown = noise(bundle)
     shape = " × ".join(map(str, shown.shape[1:]))
-    yield f"{folder}, {shape}, emulator on {os.cpu_count()} cores"
+    load = os.getloadavg()[0]  # before anything is measured, so of other programs
+    yield f"{folder}, {shape}, emulator on {os.cpu_count()} cores; load of other programs {load:.1f}"
     with served(bundle, folder) as kinds:
         yield f"as fast as they go, the fastest of {REPEATS} runs over {RATE_FRAMES} frames:"
         yield rates(kinds, shown)
