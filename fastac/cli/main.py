@@ -12,6 +12,7 @@ from fastac.cli.models import evaluate, objects, predict, train
 from fastac.cli.prove import prove
 from fastac.cli.recordings import import_
 from fastac.cli.run import run
+from fastac.cli.stream import listen, serve
 from fastac.cli.studies import study
 from fastac.cli.trade import scope, sweep, trade
 from fastac.cli.verify import verify
@@ -38,7 +39,7 @@ COMMANDS = (
     *(build, reproduce, report, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
     *(verilog, registers, calibration, sim, run, verify, synth, sweep, trade, scope, study, prove, bench),
-    *(vivado, vivado_reports),
+    *(vivado, vivado_reports, serve, listen),
 )
 for command in COMMANDS:
     main.add_command(command)

@@ -1,8 +1,10 @@
 """What a run shows while it runs and at its end: forces, flags, frame rate and latency."""
 
+import math
 import sys
 import time
 from collections import Counter, deque
+from collections.abc import Callable
 from typing import TextIO
 
 import numpy as np
@@ -17,53 +19,75 @@ KEPT = 100_000
 """Latest latencies of which the summary has median and percentile."""
 
 
-class Live:
-    """Shows each result on `stream`: one refreshed line on a terminal, a line a second elsewhere."""
+class StatusLine:
+    """Text on `stream` now and then: one refreshed line on a terminal, a line a second elsewhere."""
 
     def __init__(self, stream: TextIO | None = None, *, enabled: bool = True):
         self._stream = sys.stderr if stream is None else stream
         self._terminal = self._stream.isatty()
         self._enabled = enabled
-        self._start = time.monotonic()
-        self._shown = -FILE_S  # so that the first result is shown
+        self._shown = -math.inf  # so that the first text is shown
+        self._width = 0
+
+    def show(self, text: Callable[[], str]) -> None:
+        """Show what `text` gives, if it is time to."""
+        now = time.monotonic()
+        if not self._enabled or now - self._shown < (TERMINAL_S if self._terminal else FILE_S):
+            return
+        self._shown, shown = now, text()
+        if self._terminal:
+            self._stream.write("\r" + shown.ljust(self._width))
+            self._width = len(shown)
+        else:
+            self._stream.write(shown + "\n")
+        self._stream.flush()
+
+    def close(self) -> None:
+        """End the refreshed line."""
+        if self._width:
+            self._stream.write("\n")
+            self._width = 0
+
+
+class Rate:
+    """Results a second of wall-clock time, over the latest of them."""
+
+    def __init__(self):
         self._arrived: deque[float] = deque(maxlen=WINDOW)
+
+    def add(self) -> None:
+        self._arrived.append(time.monotonic())
+
+    def __float__(self) -> float:
+        if len(self._arrived) < 2:
+            return 0.0
+        return (len(self._arrived) - 1) / max(self._arrived[-1] - self._arrived[0], 1e-9)
+
+
+class Live:
+    """Shows each result on `stream`: one refreshed line on a terminal, a line a second elsewhere."""
+
+    def __init__(self, stream: TextIO | None = None, *, enabled: bool = True):
+        self._line = StatusLine(stream, enabled=enabled)
+        self._start = time.monotonic()
+        self._rate = Rate()
         self._latencies: deque[float] = deque(maxlen=KEPT)
         self._counts: Counter[str] = Counter()
         self._last: Found | None = None
-        self._width = 0
 
     def add(self, found: Found) -> None:
-        now = time.monotonic()
-        self._arrived.append(now)
+        self._rate.add()
         self._counts["frames"] += 1
         for name in ("lost", "bad", "suspect", "slipping"):
             self._counts[name] += bool(getattr(found, name))
         if not found.lost:
             self._last = found
             self._latencies.append(float(found.host_latency_s))
-        if self._enabled and now - self._shown >= (TERMINAL_S if self._terminal else FILE_S):
-            self._shown = now
-            self._show(found)
-
-    def _show(self, found: Found) -> None:
-        text = line(found, self._rate())
-        if self._terminal:
-            self._stream.write("\r" + text.ljust(self._width))
-            self._width = len(text)
-        else:
-            self._stream.write(text + "\n")
-        self._stream.flush()
-
-    def _rate(self) -> float:
-        """Results a second of wall-clock time."""
-        if len(self._arrived) < 2:
-            return 0.0
-        return (len(self._arrived) - 1) / max(self._arrived[-1] - self._arrived[0], 1e-9)
+        self._line.show(lambda: line(found, float(self._rate)))
 
     def close(self) -> None:
         """End the refreshed line."""
-        if self._enabled and self._terminal and self._width:
-            self._stream.write("\n")
+        self._line.close()
 
     def summary(self) -> list[str]:
         """Lines about the whole run."""

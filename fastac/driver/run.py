@@ -5,8 +5,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
 from types import FrameType
-
-import numpy as np
+from typing import TypeVar
 
 from fastac.driver.driver import Driver
 from fastac.driver.live import Live
@@ -37,7 +36,10 @@ class Stop:
             signal.signal(number, handler)
 
 
-def until_stopped(frames: Iterable[np.ndarray], stop: Stop) -> Iterator[np.ndarray]:
+T = TypeVar("T")
+
+
+def until_stopped(frames: Iterable[T], stop: Stop) -> Iterator[T]:
     """The frames until an end is asked for."""
     for frame in frames:
         if stop.asked:

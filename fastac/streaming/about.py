@@ -4,9 +4,10 @@ The message has two parts: b"about" and JSON. A server sends it to whoever subsc
 nothing but Python.
 """
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+
+from fastac.streaming import json_text
 
 TOPIC = b"about"
 FORMAT_VERSION = 1
@@ -61,10 +62,29 @@ class About:
         }
 
 
+CHECKS: dict[str, json_text.Check] = {
+    "scene": json_text.text,
+    "bundle_sha256": json_text.text,
+    "height_px": json_text.count,
+    "width_px": json_text.count,
+    "channels": json_text.several(json_text.text),
+    "pitch_mm": json_text.number,
+    "depth_origin_px": json_text.several(json_text.count),
+    "force_axes": json_text.several(json_text.text),
+    "arrays": json_text.several(json_text.text),
+    "validity": json_text.several(json_text.text),
+    "via": json_text.text,
+    "simulated_clock": json_text.flag,
+    "clock_mhz": json_text.number,
+    "source": json_text.text,
+    "frames_per_second": json_text.or_none(json_text.number),
+}
+
+
 def encode(about: About) -> list[bytes]:
     """The parts of the message."""
     content = {"format_version": FORMAT_VERSION, **asdict(about), "units": about.units}
-    return [TOPIC, json.dumps(content, separators=(",", ":"), allow_nan=False).encode()]
+    return [TOPIC, json_text.write(content)]
 
 
 def decode(parts: Sequence[bytes | memoryview]) -> About:
@@ -72,15 +92,6 @@ def decode(parts: Sequence[bytes | memoryview]) -> About:
     if len(parts) != 2 or bytes(parts[0]) != TOPIC:
         raise AboutError(f"message of {len(parts)} parts: describes no stream")
     try:
-        content = json.loads(bytes(parts[1]))
-    except ValueError:
-        raise AboutError("description of a stream: no JSON") from None
-    version = content.get("format_version") if isinstance(content, dict) else None
-    if version != FORMAT_VERSION:
-        raise AboutError(f"stream: format_version = {version!r}: this version reads {FORMAT_VERSION}")
-    names = About.__dataclass_fields__
-    missing = next((name for name in names if name not in content), None)
-    if missing is not None:
-        raise AboutError(f"description of a stream: {missing}: missing")
-    values = {name: tuple(v) if isinstance(v := content[name], list) else v for name in names}
-    return About(**values)
+        return About(**json_text.values(json_text.read(parts[1], FORMAT_VERSION), CHECKS))
+    except json_text.JsonError as error:
+        raise AboutError(f"description of a stream: {error}") from None

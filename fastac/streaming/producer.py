@@ -24,6 +24,14 @@ def available(description: Description) -> tuple[str, ...]:
     return tuple(name for name in ARRAYS if name == "image" or OUTPUTS[name] in there)
 
 
+def require(description: Description, arrays: Sequence[str]) -> None:
+    """Raise ValueError, one line, for an array that this hardware does not find."""
+    there = available(description)
+    for name in arrays:
+        if name not in there:
+            raise ValueError(f"array {name!r}: this stream can have {', '.join(there)}")
+
+
 def about(
     scene: Scene,
     description: Description,
@@ -62,10 +70,7 @@ def records(
     in_flight : as of `Driver.frames`: 1 for the least delay, None for the highest rate
     Raises ValueError for an array that this hardware does not find.
     """
-    there = available(driver.description)
-    for name in arrays:
-        if name not in there:
-            raise ValueError(f"array {name!r}: this stream can have {', '.join(there)}")
+    require(driver.description, arrays)
     waiting: deque[Stamped] = deque()
 
     def sent() -> Iterator[np.ndarray]:

@@ -8,18 +8,24 @@ A record is a message of several parts, which any language can read without this
     part 2    JSON, the timing: the hardware's clock counts and the host's latency
     part 3 …  the arrays in the order of part 1, C order, little-endian
 
+Integers of the JSON need 64 bits: `source_time_ns`, `made_ns` and `force_raw` may exceed 2**53, beyond which
+a reader that takes all numbers for floats, as JavaScript does, loses their last digits.
+
 Everything but part 2 is a function of the frames and the sensor's bundle: emulator, simulated hardware and a
-board give the same bytes. This module needs NumPy and nothing else.
+board give the same bytes. The messages before and after the records are those of about.py and end.py. This
+module needs NumPy and nothing else.
 """
 
 import hashlib
-import json
 import math
+import reprlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+
+from fastac.streaming import json_text
 
 TOPIC = b"record"
 FORMAT_VERSION = 1
@@ -32,6 +38,7 @@ ARRAYS = {
 """Unit and type of the arrays that a record may have."""
 FIXED_PARTS = 3
 MAX_ARRAY_BYTES = 2**28
+MOST_AXES = 4
 
 
 class RecordError(ValueError):
@@ -122,24 +129,33 @@ class StreamRecord:
         return sha.hexdigest()
 
 
-SCALARS = {
-    "frame": int,
-    "source_time_ns": int,
-    "lost": bool,
-    "bad": bool,
-    "suspect": bool,
-    "slipping": bool,
-    "reasons": list,
-    "errors": list,
-    "force_n": dict,
-    "force_raw": dict,
-    "slip_px": (float, type(None)),
-    "slip_dots": (int, type(None)),
+SCALARS: dict[str, json_text.Check] = {
+    "frame": json_text.count,
+    "source_time_ns": json_text.whole,
+    "lost": json_text.flag,
+    "bad": json_text.flag,
+    "suspect": json_text.flag,
+    "slipping": json_text.flag,
+    "reasons": json_text.several(json_text.text),
+    "errors": json_text.several(json_text.text),
+    "force_n": json_text.by_name(json_text.number),
+    "force_raw": json_text.by_name(json_text.whole),
+    "slip_px": json_text.or_none(json_text.number),
+    "slip_dots": json_text.or_none(json_text.count),
+}
+"""The facts but for the arrays, and what is checked of each."""
+TIMES: dict[str, json_text.Check] = {
+    "first_pixel_to_result_s": json_text.or_none(json_text.number),
+    "last_pixel_to_result_s": json_text.or_none(json_text.number),
+    "hardware_time_s": json_text.or_none(json_text.number),
+    "host_latency_s": json_text.or_none(json_text.number),
+    "made_ns": json_text.whole,
 }
 
 
 def encode(record: StreamRecord) -> list[bytes | memoryview]:
-    """The parts of a record's message. Raises RecordError for an array of another name."""
+    """The parts of a record's message. Raises RecordError for an array of another name, or a number that is
+    not finite."""
     arrays, described = [], []
     for name, array in record.arrays.items():
         if name not in ARRAYS:
@@ -149,7 +165,11 @@ def encode(record: StreamRecord) -> list[bytes | memoryview]:
         described.append({"name": name, "unit": unit, "dtype": dtype, "shape": array.shape})
         arrays.append(array.reshape(-1).view(np.uint8).data)
     facts = {"format_version": FORMAT_VERSION, **{name: getattr(record, name) for name in SCALARS}}
-    return [TOPIC, _json({**facts, "arrays": described}), _json(vars(record.timing)), *arrays]
+    try:
+        texts = json_text.write({**facts, "arrays": described}), json_text.write(vars(record.timing))
+    except ValueError:
+        raise RecordError(f"record of frame {record.frame}: a number is not finite") from None
+    return [TOPIC, *texts, *arrays]
 
 
 def decode(parts: Sequence[bytes | memoryview]) -> StreamRecord:
@@ -159,48 +179,30 @@ def decode(parts: Sequence[bytes | memoryview]) -> StreamRecord:
     """
     if len(parts) < FIXED_PARTS or bytes(parts[0]) != TOPIC:
         raise RecordError(f"message of {len(parts)} parts: no record")
-    facts, timing = _object(parts[1], "facts"), _object(parts[2], "timing")
-    version = facts.get("format_version")
-    if version != FORMAT_VERSION:
-        raise RecordError(f"record: format_version = {version!r}: this version reads {FORMAT_VERSION}")
-    values: dict[str, Any] = {}
-    for name, kind in SCALARS.items():
-        value = facts.get(name)
-        if not isinstance(value, kind) or (kind is int and isinstance(value, bool)):
-            raise RecordError(f"record: {name} = {value!r}: missing, or of another type")
-        values[name] = tuple(value) if kind is list else value
+    try:
+        facts = json_text.read(parts[1], FORMAT_VERSION)
+        scalars = json_text.values(facts, SCALARS)
+        timing = Timing(**json_text.values(json_text.read_object(parts[2]), TIMES))
+    except json_text.JsonError as error:
+        raise RecordError(f"record: {error}") from None
     described, octets = facts.get("arrays"), parts[FIXED_PARTS:]
     if not isinstance(described, list) or len(described) != len(octets):
         raise RecordError(f"record: {len(octets)} arrays: not as many as the facts name")
     arrays = dict(_array(one, part) for one, part in zip(described, octets, strict=True))
-    known = {name: timing.get(name) for name in Timing.__dataclass_fields__}
-    return StreamRecord(**values, arrays=arrays, timing=Timing(**{**known, "made_ns": known["made_ns"] or 0}))
+    if len(arrays) != len(octets):
+        raise RecordError("record: an array is there twice")
+    return StreamRecord(**scalars, arrays=arrays, timing=timing)
 
 
 def _array(described: Any, octets: bytes | memoryview) -> tuple[str, np.ndarray]:
     """Name and values of one array."""
     name = described.get("name") if isinstance(described, dict) else None
-    if name not in ARRAYS:
-        raise RecordError(f"record: array {name!r}: expected some of {', '.join(ARRAYS)}")
+    if not isinstance(name, str) or name not in ARRAYS:
+        raise RecordError(f"record: array {reprlib.repr(name)}: expected some of {', '.join(ARRAYS)}")
     dtype, shape = np.dtype(ARRAYS[name][1]), described.get("shape")
-    if not isinstance(shape, list) or not all(type(n) is int and 0 < n <= MAX_ARRAY_BYTES for n in shape):
-        raise RecordError(f"record: array {name}: shape = {shape!r}")
-    array = np.frombuffer(octets, np.uint8)
-    expected = math.prod(shape) * dtype.itemsize
-    if described.get("dtype") != dtype.str or expected != len(array):
-        raise RecordError(f"record: array {name}: {len(array)} bytes: not {shape} of {dtype.str}")
-    return name, array.view(dtype).reshape(shape)
-
-
-def _json(content: dict) -> bytes:
-    return json.dumps(content, separators=(",", ":"), allow_nan=False).encode()
-
-
-def _object(part: bytes | memoryview, name: str) -> dict:
-    try:
-        found = json.loads(bytes(part))
-    except ValueError:
-        raise RecordError(f"record: {name}: no JSON") from None
-    if not isinstance(found, dict):
-        raise RecordError(f"record: {name}: no JSON object")
-    return found
+    is_shape = isinstance(shape, list) and 0 < len(shape) <= MOST_AXES
+    if not is_shape or not all(type(n) is int and 0 < n <= MAX_ARRAY_BYTES for n in shape):
+        raise RecordError(f"record: array {name}: shape = {reprlib.repr(shape)}")
+    if described.get("dtype") != dtype.str or math.prod(shape) * dtype.itemsize != len(octets):
+        raise RecordError(f"record: array {name}: {len(octets)} bytes: not {shape} of {dtype.str}")
+    return name, np.frombuffer(octets, dtype).reshape(shape)

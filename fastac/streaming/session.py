@@ -6,7 +6,7 @@ with open_session(Path("build/paper"), "build/paper/data.h5", via="emulator") as
 """
 
 import json
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import islice
@@ -17,6 +17,7 @@ import numpy as np
 from fastac.driver import description as descriptions
 from fastac.driver.description import Description
 from fastac.driver.driver import TIMEOUT_S, Driver
+from fastac.driver.run import Stop, until_stopped
 from fastac.driver.sources import Source, open_source
 from fastac.driver.transports.choice import open_transport
 from fastac.flow.hardware import describe
@@ -25,6 +26,9 @@ from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.streaming import clock, producer
 from fastac.streaming.about import About
 from fastac.streaming.record import StreamRecord
+
+KEPT_BYTES = 2**28
+"""Most bytes of a recording's frames that are kept to be sent again."""
 
 
 def description_of(bundle: Bundle, verilog: Path, *, needed: bool) -> Description:
@@ -39,6 +43,24 @@ def description_of(bundle: Bundle, verilog: Path, *, needed: bool) -> Descriptio
         found.require_bundle(bundle.digest, str(path))
         return found
     return descriptions.parse(json.dumps(describe(TopZynq(bundle), rtlil="")), str(path))
+
+
+def repeated(
+    frames: Iterable[np.ndarray], again: Callable[[], Iterable[np.ndarray]], most_bytes: int = KEPT_BYTES
+) -> Iterator[np.ndarray]:
+    """The frames over and over, without an end unless there is none.
+
+    again : gives the frames anew; asked for where they take more than `most_bytes`, else they are kept
+    """
+    kept, size, count = [], 0, 0
+    for frame in frames:
+        count, size = count + 1, size + frame.nbytes
+        kept.append(frame)
+        if size > most_bytes:
+            kept.clear()
+        yield frame
+    while count:
+        yield from kept if size <= most_bytes else again()
 
 
 @dataclass(frozen=True)
@@ -57,27 +79,27 @@ class Session:
     paced: bool
     loop: bool
 
-    def records(self, *, frames: int | None = None, in_flight: int | None = None) -> Iterator[StreamRecord]:
+    def records(
+        self, *, frames: int | None = None, in_flight: int | None = None, stop: Stop | None = None
+    ) -> Iterator[StreamRecord]:
         """The record of each frame, in order, until the source ends or `frames` have been sent.
 
         in_flight : as of `Driver.frames`; None: 1 where frames come at a camera's pace, else the highest rate
+        stop : once it asks for an end, no further frame is sent, and those in flight are given
         """
         source = self.opened()
         paced = self.paced or source.live
         stamped = clock.arriving(source.frames) if source.live else self._recorded(source)
         if in_flight is None and paced:
             in_flight = 1
-        yield from producer.records(
-            self.driver, islice(stamped, frames), arrays=self.about.arrays, in_flight=in_flight
-        )
+        stamped = islice(stamped, frames)
+        if stop is not None:
+            stamped = until_stopped(stamped, stop)
+        yield from producer.records(self.driver, stamped, arrays=self.about.arrays, in_flight=in_flight)
 
     def _recorded(self, source: Source) -> Iterator[clock.Stamped]:
-        def again() -> Iterator[np.ndarray]:
-            yield from source.frames
-            while self.loop:
-                yield from self.opened().frames
-
-        return clock.recorded(again(), self.about.frames_per_second, paced=self.paced)
+        frames = repeated(source.frames, lambda: self.opened().frames) if self.loop else source.frames
+        return clock.recorded(frames, self.about.frames_per_second, paced=self.paced)
 
 
 @contextmanager
@@ -117,6 +139,7 @@ def open_session(
     first = opened()
     rate = frames_per_second or (None if first.live else clock.DEFAULT_FPS)
     chosen = producer.available(description) if arrays is None else tuple(arrays)
+    producer.require(description, chosen)
     with open_transport(
         via,
         description,

@@ -1,0 +1,134 @@
+"""A stream's records published over ZeroMQ, to any number of readers, in any language.
+
+The socket is an XPUB: readers subscribe to b"record", b"about" and b"end", the first parts of the messages
+(record.py, about.py, end.py), or to everything, b"". Whoever subscribes gets the description soon after.
+"""
+
+import threading
+import time
+
+import zmq
+
+from fastac.streaming import about as descriptions
+from fastac.streaming import end
+from fastac.streaming import record as records
+from fastac.streaming.about import About
+from fastac.streaming.address import DEFAULT_ADDRESS, require
+from fastac.streaming.record import StreamRecord
+
+KEPT = 256
+"""Messages that are kept for a reader that does not take them; then those that follow are left out for it."""
+ANSWER_S = 0.02
+"""How soon a new reader is answered while no record is sent."""
+LINGER_S = 2.0
+"""How long the last messages may take to leave at the end."""
+MOST_BYTES_IN = 256
+"""Readers send nothing but the names of what they subscribe to."""
+SUBSCRIBE, UNSUBSCRIBE = b"\x01", b"\x00"
+
+
+class ServerError(OSError):
+    """An address at which no stream can be offered; the message is one line."""
+
+
+class Publisher:
+    """A sink that sends each record to whoever has subscribed, and never waits for them.
+
+    address : where; a port of * is any that is free, and `address` then says which
+    kept : messages that are kept for each reader that is slow
+    sent : records that were sent; dropped : those of them that at least one reader was too slow to take
+    subscribers : readers that take records now
+
+    Raises AddressError or ServerError, one line, where the address is none or is in use.
+    """
+
+    def __init__(self, address: str = DEFAULT_ADDRESS, *, kept: int = KEPT):
+        require(address)
+        self.sent = self.dropped = self.subscribers = 0
+        self._records = 0
+        self._about: About | None = None
+        self._context = zmq.Context()
+        self._socket = socket = self._context.socket(zmq.XPUB)
+        socket.sndhwm = kept
+        socket.setsockopt(zmq.XPUB_VERBOSER, 1)  # every reader's subscription is shown, not only the first
+        socket.setsockopt(zmq.XPUB_NODROP, 1)  # so that it can be known who is slow
+        socket.setsockopt(zmq.TCP_KEEPALIVE, 1)
+        socket.maxmsgsize = MOST_BYTES_IN
+        try:
+            socket.bind(address)
+        except zmq.ZMQError as error:
+            self._context.destroy(linger=0)
+            hint = "; name another with --bind" if error.errno == zmq.EADDRINUSE else ""
+            raise ServerError(f"{address}: {error.strerror}{hint}") from None
+        self.address = socket.last_endpoint.decode()
+        self._lock = threading.Lock()
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._answer_on, name="fastac-publisher", daemon=True)
+        self._thread.start()
+
+    def announce(self, about: About) -> None:
+        """Describe the stream to all who listen and to those who come."""
+        with self._lock:
+            self._about = about
+            self._send(descriptions.encode(about))
+
+    def add(self, record: StreamRecord) -> None:
+        self._records += 1
+        with self._lock:
+            self._answer()
+            if self.subscribers:
+                self.sent += 1
+                self.dropped += not self._send(records.encode(record))
+
+    def close(self) -> None:
+        """Send the end of the stream, wait a little until all has left, and free the address."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self._thread.join()
+        self._answer()
+        last, until = end.encode(end.End(self._records)), time.monotonic() + LINGER_S
+        while not self._offered(last):
+            if time.monotonic() > until:
+                self._send(last)
+                break
+            time.sleep(ANSWER_S)
+        self._context.destroy(linger=max(0, round(1e3 * (until - time.monotonic()))))
+
+    def _answer_on(self) -> None:
+        while not self._closing.wait(ANSWER_S):
+            with self._lock:
+                self._answer()
+
+    def _answer(self) -> None:
+        """Take note of who has come and gone, and describe the stream to those who have come."""
+        is_asked = False
+        while True:
+            try:
+                message = self._socket.recv(zmq.NOBLOCK)
+            except zmq.Again:
+                break
+            kind, topic = message[:1], message[1:]
+            is_new = kind == SUBSCRIBE
+            if records.TOPIC.startswith(topic) and kind in (SUBSCRIBE, UNSUBSCRIBE):
+                self.subscribers = max(0, self.subscribers + (1 if is_new else -1))
+            is_asked |= is_new and descriptions.TOPIC.startswith(topic)
+        if is_asked and self._about is not None:
+            self._send(descriptions.encode(self._about))
+
+    def _offered(self, parts: list[bytes | memoryview]) -> bool:
+        """Whether all readers had room for the message; else none has got it."""
+        try:
+            self._socket.send_multipart(parts, zmq.NOBLOCK)
+        except zmq.Again:
+            return False
+        return True
+
+    def _send(self, parts: list[bytes | memoryview]) -> bool:
+        """Send to those readers that have room; whether all have."""
+        if self._offered(parts):
+            return True
+        self._socket.setsockopt(zmq.XPUB_NODROP, 0)
+        self._offered(parts)
+        self._socket.setsockopt(zmq.XPUB_NODROP, 1)
+        return False
