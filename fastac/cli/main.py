@@ -8,6 +8,7 @@ from fastac.cli.common import Group
 from fastac.cli.data import data, protocol
 from fastac.cli.demos import grasp, vibration
 from fastac.cli.hardware import calibration, registers, sim, synth, verilog
+from fastac.cli.live import live
 from fastac.cli.models import evaluate, objects, predict, train
 from fastac.cli.prove import prove
 from fastac.cli.recordings import import_
@@ -39,7 +40,7 @@ COMMANDS = (
     *(build, reproduce, report, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
     *(verilog, registers, calibration, sim, run, verify, synth, sweep, trade, scope, study, prove, bench),
-    *(vivado, vivado_reports, serve, listen),
+    *(vivado, vivado_reports, serve, listen, live),
 )
 for command in COMMANDS:
     main.add_command(command)

@@ -81,10 +81,10 @@ def hardware_options(via: str | None = None):
     return lambda command: _add(command, options)
 
 
-def stream_options(*, arrays: str = ALL, paced: bool = True):
+def stream_options(*, arrays: str = ALL, paced: bool = True, loop: bool | None = False):
     """The argument BUNDLE and all options of a stream, for `opened_stream` but for `frames`.
 
-    arrays, paced : the defaults
+    arrays, paced, loop : the defaults; loop None: the command chooses
     """
     options = [
         click.argument("bundle", type=INPUT),
@@ -109,7 +109,9 @@ def stream_options(*, arrays: str = ALL, paced: bool = True):
             show_default=True,
             help="Give a recording's frames at that rate, or as fast as they are computed.",
         ),
-        click.option("--loop", is_flag=True, help="Begin a recording again at its end."),
+        click.option(
+            "--loop/--no-loop", default=loop, help="Begin a recording again at its end, or end there too."
+        ),
         click.option(
             "--capture-background/--no-capture-background",
             default=True,

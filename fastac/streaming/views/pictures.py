@@ -3,6 +3,7 @@
 x is the column u, y the row v, z the skin's height, all in mm; x = y = 0 at the image's centre.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -15,11 +16,11 @@ SURFACE_PX = 64
 """Most vertices along each side of the surface that is drawn."""
 RAMP = np.array(
     [
-        *((68, 1, 84), (71, 44, 122), (59, 81, 139), (44, 113, 142), (33, 144, 141)),
-        *((39, 173, 129), (92, 200, 99), (170, 220, 50), (253, 231, 37)),
+        *((226, 221, 208), (190, 219, 190), (128, 199, 186), (70, 165, 190)),
+        *((38, 118, 178), (42, 68, 146), (28, 32, 88)),
     ]
 )
-"""Red, green, blue of presses from none to the deepest: nine points of the colour map viridis."""
+"""Red, green, blue of presses from none, the colour of the skin at rest, to the deepest."""
 LEAST_PRESS_MM, LEAST_FORCE_N = 0.05, 0.05
 """The full scales of presses and forces to begin with, so that noise is not shown as a contact."""
 ARROW_SHARE = 0.35
@@ -60,7 +61,7 @@ _TABLE = np.stack(
 
 @dataclass(frozen=True)
 class Arrow:
-    """The force on the skin: `vector_mm` ends at `tip_mm`, both (3,) mm; force_n (3,) N along x, y, z.
+    """The force on the skin: `vector_mm` ends at `tip_mm`, both (3,) mm.
 
     The vector's z is negative in compression: it points into the skin.
     """
@@ -74,13 +75,14 @@ class Sight:
     """What a view knows of a sensor beside its records, and the scales of what it has seen.
 
     rest_depth_mm : (H - 2, W - 2), as `rest_depth_mm`
-    full_press_mm, full_force_n : the largest press and force so far
+    full_press_mm, full_force_n, full_shear_n : the largest press, force, and force along the skin so far
     """
 
     about: About
     rest_depth_mm: np.ndarray
     full_press_mm: float = LEAST_PRESS_MM
     full_force_n: float = LEAST_FORCE_N
+    full_shear_n: float = LEAST_FORCE_N
     x_mm: np.ndarray = field(init=False, repr=False)
     y_mm: np.ndarray = field(init=False, repr=False)
 
@@ -104,7 +106,9 @@ class Sight:
         if press_mm is not None:
             self.full_press_mm = max(self.full_press_mm, float(press_mm.max()))
         if record.force_n:
-            self.full_force_n = max(self.full_force_n, float(np.linalg.norm(list(record.force_n.values()))))
+            x, y, z = (record.force_n.get(axis, 0.0) for axis in "xyz")
+            self.full_force_n = max(self.full_force_n, math.hypot(x, y, z))
+            self.full_shear_n = max(self.full_shear_n, math.hypot(x, y))
 
     def arrow(self, record: StreamRecord, press_mm: np.ndarray | None) -> Arrow | None:
         """The force, as long as its share of `full_force_n`; None where the record has none.

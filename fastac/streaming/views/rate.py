@@ -7,7 +7,7 @@ LEAST_NS = 250_000_000
 """No rate is told before so much time has passed: the first frames come in a burst."""
 
 
-class Rate:
+class FrameRate:
     """Frames a second, over the last second of the host's clock."""
 
     def __init__(self):

@@ -24,7 +24,7 @@ from fastac.streaming.views.pictures import (
     thinned,
     triangles,
 )
-from fastac.streaming.views.rate import Rate
+from fastac.streaming.views.rate import FrameRate
 from fastac.streaming.views.worker import Every, Newest
 
 APPLICATION = "fastac"
@@ -92,7 +92,7 @@ class RerunView:
             import rerun
         except ImportError:
             raise ViewError(MISSING) from None
-        self._rr, self._sight, self._rate = rerun, sight, Rate()
+        self._rr, self._sight, self._rate = rerun, sight, FrameRate()
         self._status: dict[str, str] = {}
         self.recording = rerun.RecordingStream(APPLICATION, recording_id=None)
 
