@@ -8,8 +8,11 @@ date.
 """
 
 import os
+import shutil
+import socket
 import sys
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -34,6 +37,9 @@ AXES = {"x": (57, 135, 229), "y": (217, 89, 38), "z": (25, 158, 112)}
 """Colours of curves: those of the page."""
 ARROW = (228, 87, 46)
 FRAME, SOURCE_TIME = "frame", "source_time"
+PORT, EXAMPLE = 9876, "rerun+http://127.0.0.1:9876/proxy"
+"""Where a Rerun viewer listens, unless it is told otherwise."""
+ANSWER_S = 2.0
 MISSING = "rerun: not installed: pip install 'fastac[view]'"
 
 
@@ -72,16 +78,43 @@ def shown(sight: Sight, url: str | None = None) -> Newest:
 
     Raises ViewError where Rerun is not installed, or the viewer does not start.
     """
+    if url is not None:
+        _require_answer(url)
+    elif not display():
+        raise ViewError("rerun: no display here for its viewer: take --view page or --rerun-url")
     view = RerunView(sight)
     try:
         if url is None:
-            view.recording.spawn(default_blueprint=view.blueprint())
-        else:
-            view.recording.connect_grpc(url, default_blueprint=view.blueprint())
+            import rerun
+
+            beside = shutil.which("rerun", path=str(Path(sys.executable).parent))
+            rerun.spawn(
+                connect=False,
+                executable_path=beside,
+                hide_welcome_screen=True,
+                recording=view.recording,
+            )
+            _require_answer(EXAMPLE)
+        view.recording.connect_grpc(url, default_blueprint=view.blueprint())
     except (RuntimeError, ValueError, OSError) as error:
         raise ViewError(f"{url or 'rerun'}: {error}") from None
     view.begin()
     return Newest(view.take, per_second=PER_SECOND, done=view.end)
+
+
+def _require_answer(url: str) -> None:
+    """Raise ViewError unless somebody listens at a viewer's address: Rerun itself would wait for long."""
+    try:
+        address = urlsplit(url)
+        place = address.hostname, address.port or PORT
+        if not address.scheme.startswith("rerun") or not address.hostname:
+            raise ValueError
+    except ValueError:
+        raise ViewError(f"{url}: expected an address such as {EXAMPLE}") from None
+    try:
+        socket.create_connection(place, timeout=ANSWER_S).close()
+    except OSError as error:
+        raise ViewError(f"{url}: no Rerun viewer answers: {error.strerror or error}") from None
 
 
 class RerunView:
