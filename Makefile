@@ -58,6 +58,7 @@ BENCHED = $(patsubst %/bundle/bundle.json,%,$(wildcard build/paper/bundle/bundle
 
 bench: $(READY)
 	$(FASTAC) bench models $(BENCHED)
+	$(FASTAC) bench stream $(BENCHED)
 
 # The figures of docs/mathematics.md.
 identities: $(READY)

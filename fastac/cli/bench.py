@@ -1,4 +1,4 @@
-"""Commands that measure the speed of models, driver, virtual rig and a sweep's workers on this machine."""
+"""Commands that measure the speed of models, driver, stream, virtual rig and a sweep's workers here."""
 
 import click
 
@@ -40,6 +40,24 @@ def driver(folders):
 
     for folder in folders:
         for line in benchmark.measure(folder):
+            click.echo(line)
+
+
+@bench.command()
+@click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
+@click.option(
+    "--frames", type=click.IntRange(1), default=2000, show_default=True, help="Frames for the latency."
+)
+def stream(folders, frames):
+    """Time the stream of records: how many a second, and from a frame to its record in another process.
+
+    \b
+    Example: fastac bench stream build/paper
+    """
+    from fastac.studies.benchmarks import stream as benchmark
+
+    for folder in folders:
+        for line in benchmark.measure(folder, frames):
             click.echo(line)
 
 

@@ -175,17 +175,22 @@ class Found:
         """(axes, N, N) or (n, axes, N, N) float32: each inner pixel's share of the force, N."""
         if not self._has("force_map"):
             return None
-        scaled = self.words("force_map") * self.description.force.scales
-        return np.moveaxis(scaled, -1, -3).astype(np.float32)
+        words, scales = self.words("force_map"), self.description.force.scales
+        return np.stack([(words[..., k] * scale).astype(np.float32) for k, scale in enumerate(scales)], -3)
 
     @property
     def normals(self) -> np.ndarray | None:
         """(H, W, 3) or (n, H, W, 3) float32, outward unit vectors."""
         if not self._has("normals"):
             return None
-        words = self.words("normals").astype(np.float64)
-        length = np.linalg.norm(words, axis=-1, keepdims=True)
-        return (words / np.maximum(length, 1)).astype(np.float32)
+        words = self.words("normals")
+        components = [words[..., k] for k in range(3)]
+        squares = [np.square(component, dtype=np.float64) for component in components]
+        length = np.maximum(np.sqrt(squares[0] + squares[1] + squares[2]), 1)
+        found = np.empty(words.shape, np.float32)
+        for k, component in enumerate(components):  # a sixth of the time of one division of all three
+            found[..., k] = component / length
+        return found
 
     def __getitem__(self, k: int) -> "Found":
         """One of several frames."""

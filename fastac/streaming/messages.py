@@ -8,9 +8,9 @@ import zmq
 
 from fastac.streaming import about, end
 from fastac.streaming.address import require
-from fastac.streaming.record import MAX_ARRAY_BYTES
+from fastac.streaming.record import FIXED_PARTS, MAX_ARRAY_BYTES
 
-Parts = list[bytes]
+Parts = list[bytes | memoryview]
 KEPT = 256
 """Messages that wait for a reader that does not take them, beside those that the server keeps for it."""
 LOOK_MS = 100
@@ -55,7 +55,8 @@ class Messages:
         deadline = None if timeout_s is None else time.monotonic() + timeout_s
         while not self._closing.is_set():
             with contextlib.suppress(zmq.Again):
-                return self._socket.recv_multipart(zmq.NOBLOCK)
+                frames = self._socket.recv_multipart(zmq.NOBLOCK, copy=False)
+                return [frame.bytes if k < FIXED_PARTS else frame.buffer for k, frame in enumerate(frames)]
             if self._is_gone:
                 raise StreamError(f"{self.address}: the server is gone before the stream's end")
             left_ms = LOOK_MS if deadline is None else 1e3 * (deadline - time.monotonic())

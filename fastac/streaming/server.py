@@ -34,6 +34,8 @@ class ServerError(OSError):
 class Publisher:
     """A sink that sends each record to whoever has subscribed, and never waits for them.
 
+    A record's arrays are sent from where they are: they must not be changed afterwards.
+
     address : where; a port of * is any that is free, and `address` then says which
     kept : messages that are kept for each reader that is slow
     sent : records that were sent; dropped : those of them that at least one reader was too slow to take
@@ -119,7 +121,7 @@ class Publisher:
     def _offered(self, parts: list[bytes | memoryview]) -> bool:
         """Whether all readers had room for the message; else none has got it."""
         try:
-            self._socket.send_multipart(parts, zmq.NOBLOCK)
+            self._socket.send_multipart(parts, zmq.NOBLOCK, copy=False)
         except zmq.Again:
             return False
         return True
