@@ -37,7 +37,7 @@ def _add(command, options):
 
 
 def source_options(command):
-    """--source, --split, --frames: which frames go in."""
+    """--source, --split, --fit, --frames: which frames go in."""
     options = [
         click.option(
             "--source",
@@ -45,6 +45,12 @@ def source_options(command):
             " (camera:0, /dev/video0; never tried on a camera). [default: BUNDLE/data.h5]",
         ),
         split_option("all"),
+        click.option(
+            "--fit",
+            is_flag=True,
+            help="Resample photographs, videos and cameras of any size to the sensor's frames, as fastac import"
+            " does. [default: only those as large as the photographs of BUNDLE/data.h5]",
+        ),
         click.option("--frames", type=click.IntRange(1), help="Number of frames. [default: all there are]"),
     ]
     return _add(command, options)
@@ -128,6 +134,7 @@ def opened_stream(
     *,
     source,
     split,
+    fit,
     via,
     verilog_folder,
     bitstream,
@@ -150,6 +157,7 @@ def opened_stream(
         verilog=verilog_folder,
         bitstream=bitstream,
         split=split,
+        fit=fit,
         frames_per_second=fps,
         paced=paced,
         loop=loop,

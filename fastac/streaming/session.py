@@ -17,6 +17,7 @@ import numpy as np
 from fastac.driver import description as descriptions
 from fastac.driver.description import Description
 from fastac.driver.driver import TIMEOUT_S, Driver
+from fastac.driver.fitting import fitting_of
 from fastac.driver.run import Stop, until_stopped
 from fastac.driver.sources import Source, open_source
 from fastac.driver.transports.choice import open_transport
@@ -112,6 +113,7 @@ def open_session(
     verilog: Path | None = None,
     bitstream: Path | None = None,
     split: str = "all",
+    fit: bool = False,
     frames_per_second: float | None = None,
     paced: bool = False,
     loop: bool = False,
@@ -124,6 +126,7 @@ def open_session(
     origin : as `fastac.driver.sources.open_source` takes it; None: data.h5 of the build folder
     via : what computes: "emulator", "sim", "uio" or "pynq"; all but the emulator need the Verilog's folder
     arrays : which arrays the records have; None: all that there are
+    fit : resample frames of any size to the sensor's; else only those as large as its dataset's photographs
     frames_per_second : of a recording; None: its own rate, or DEFAULT_FPS of `fastac.streaming.clock`
     capture_background : let the hardware take the source's own background first, where the source has one
     Raises SourceError, BundleError, DescriptionError, TransportError or DriverError, each one line.
@@ -133,11 +136,15 @@ def open_session(
     description = description_of(bundle, verilog, needed=via != "emulator")
     origin = origin or str(bundle_folder / "data.h5")
 
+    fitting = fitting_of(bundle_folder, bundle.pipeline.background, any_size=fit)
+
     def opened() -> Source:
-        return open_source(origin, bundle.scene, split=split, progress=progress)
+        return open_source(origin, bundle.scene, split=split, fitting=fitting, progress=progress)
 
     first = opened()
-    rate = frames_per_second or (None if first.live else clock.DEFAULT_FPS)
+    rate = frames_per_second or first.frames_per_second
+    if rate is None and not first.live:
+        rate = clock.DEFAULT_FPS
     chosen = producer.available(description) if arrays is None else tuple(arrays)
     producer.require(description, chosen)
     with open_transport(
