@@ -1,8 +1,8 @@
 """Frames of another size than the sensor's, resampled as the importers resample photographs.
 
-An importer keeps the middle of a photograph and its aspect, averages areas, and fills what lies beside it from the
-background (sensor/importers/resample.py). A dataset says how large its photographs were: frames of a video or a
-camera of that size become what the sensor's models were trained on.
+An importer keeps the middle of a photograph and its aspect, averages areas, and fills what lies beside it
+from the background (sensor/importers/resample.py). A dataset says how large its photographs were: frames of a
+video or a camera of that size become what the sensor's models were trained on.
 """
 
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ class Fitting:
     """How frames of another size become the sensor's.
 
     background : (H, W, 3) uint8, the bundle's; its rim lies beside frames of another aspect
-    photograph_px : height and width of the photographs that the sensor's dataset was imported from, where known
+    photograph_px : height and width of the photographs that the dataset was imported from, where known
     any_size : fit frames of any size; else only those of `photograph_px`
     """
 
@@ -50,7 +50,7 @@ class Fitting:
 
 
 def fitting_of(build: Path, background: np.ndarray, *, any_size: bool = False) -> Fitting:
-    """The fitting for a build folder's bundle: the size of its dataset's photographs, if its dataset is there.
+    """The fitting for a build folder's bundle: the size of its dataset's photographs, if that is there.
 
     Nothing else of the dataset is read, so nothing of it is checked here.
     """

@@ -1,8 +1,8 @@
 """Where frames come from: a dataset, a video, a folder of photographs or arrays, or a camera.
 
 Each is an iterable of frames (H, W, C) uint8 in the order of the scene's channels. Frames of another size are
-refused in one line, unless they are as large as the photographs that the sensor's dataset was imported from, or the
-user asks for it: then they are resampled as the importer resampled those (fastac/driver/fitting.py).
+refused in one line, unless they are as large as the photographs that the sensor's dataset was imported from,
+or the user asks for it: then they are resampled as the importer resampled those (fastac/driver/fitting.py).
 """
 
 from collections.abc import Iterator

@@ -1,7 +1,7 @@
-"""The live view as a page that this machine serves to browsers: no other program, no network, no installation.
+"""The live view as a page that this machine serves to its browsers: nothing is installed or loaded elsewhere.
 
-Each browser gets the newest record when it has drawn the one before, at most PER_SECOND of them; forces, latencies
-and flags of all others come with it, so that curves have every frame. The stream waits for none of them.
+Each browser gets the newest record when it has drawn the one before, at most PER_SECOND of them; forces,
+latencies and flags of all others come with it, so that curves have every frame. The stream waits for none.
 """
 
 import logging
@@ -145,7 +145,7 @@ class PageView:
         connection.send(page_message.of_about(self._sight))
         last = max(0, self._count - 1)  # the newest record at once
         shown = left_out = 0
-        while self._await(connection, lambda: self._count > last):
+        while self._await(connection, lambda last=last: self._count > last):
             sent_s = time.monotonic()
             with self._changed:
                 count, record, rate = self._count, self._newest, self._per_second

@@ -1,8 +1,8 @@
 """Who may see the page, and its files.
 
-A request needs the token of the page's address, in the address or in the cookie that the page sets, and must be
-meant for this server: the name in Host is an IP address, localhost or the machine's own (a page elsewhere whose name
-was made to point here has another one), and Origin, where there is one, is the page itself.
+A request needs the token of the page's address, in the address or in the cookie that the page sets, and must
+be meant for this server: the name in Host is an IP address, localhost or the machine's own (a page elsewhere
+whose name was made to point here has another one), and Origin, where there is one, is the page itself.
 """
 
 import secrets
@@ -48,6 +48,12 @@ class Access:
     def answer(self, request: Request) -> Response | None:
         """What to answer; None: it asks for the stream and may have it."""
         try:
+            return self._answer(request)
+        except ValueError:  # of urllib, for what is no address
+            return _response(400, "Bad Request", "no address")
+
+    def _answer(self, request: Request) -> Response | None:
+        try:
             host, origin = request.headers["Host"], request.headers.get("Origin")
         except (KeyError, MultipleValuesError):
             return _response(400, "Bad Request", "one Host, please")
@@ -69,11 +75,13 @@ class Access:
 
     def _is_own(self, host: str) -> bool:
         """Whether Host names this machine in a way that nobody else can choose."""
+        name = (urlsplit(f"//{host}").hostname or "").lower()
+        if name in self._names:
+            return True
         try:
-            name = (urlsplit(f"//{host}").hostname or "").lower()
             ip_address(name)
         except ValueError:
-            return name in self._names
+            return False
         return True
 
     def _is_known(self, request: Request, query: str) -> bool:
@@ -86,7 +94,7 @@ class Access:
                 continue
             given += [cookies[self._cookie].value] if self._cookie in cookies else []
         wanted = self.token.encode()
-        return any([secrets.compare_digest(one.encode(), wanted) for one in given])
+        return any(secrets.compare_digest(one.encode(), wanted) for one in given)
 
 
 def _response(status: int, reason: str, content: str | bytes, more: dict[str, str] | None = None) -> Response:

@@ -2,8 +2,8 @@
 
     number of parts, and the length of each: uint32, little-endian; then the parts
 
-    b"about"   the stream's description (JSON of about.py), what the page draws with (JSON), skin at rest (float32)
-    b"record"  facts and timing of the record (JSON, parts 1 and 2 of record.py), what is drawn (JSON), its arrays
+    b"about"   the stream's description (JSON of about.py), what the page draws with (JSON), skin at rest
+    b"record"  facts and timing (JSON, parts 1 and 2 of record.py), what is drawn (JSON), arrays
 
 Arrays are thinned to what a page can show, and normals are sent as colours.
 """

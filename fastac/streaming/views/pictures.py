@@ -38,7 +38,7 @@ def rest_depth_mm(bundle: Bundle) -> np.ndarray:
 
 
 def thinned(image: np.ndarray, most: int) -> np.ndarray:
-    """Every n-th row and column of an image (rows, columns, …), so that there are at most `most` of either."""
+    """Every n-th row and column of an image (rows, columns, …): at most `most` of either."""
     step = -(-max(image.shape[:2]) // most)
     return image[::step, ::step]
 

@@ -1,10 +1,10 @@
 """Records as a recording of Rerun: in its viewer, the newest ones; in a file .rrd, every one.
 
-Entities: camera/image, camera/nir, normals, depth (a DepthImage whose values are mm), force_map/AXIS, skin/surface
-(a mesh in mm, coloured by the press), skin/force (an arrow), plots/force_n, plots/latency_ms/hardware and host,
-plots/frames_per_second, status (states) and events (a text for each frame that is flagged or lost). Timelines:
-`frame`, the frame's number, and `source_time`, the source's time stamp: since a recording's beginning, or a camera's
-date.
+Entities: camera/image, camera/nir, normals, depth (a DepthImage whose values are mm), force_map/AXIS,
+skin/surface (a mesh in mm, coloured by the press), skin/force (an arrow), plots/force_n,
+plots/latency_ms/hardware and host, plots/frames_per_second, status (states) and events (a text for each frame
+that is flagged or lost). Timelines: `frame`, the frame's number, and `source_time`, the source's time stamp:
+since a recording's beginning, or a camera's date.
 """
 
 import os
@@ -149,9 +149,13 @@ class RerunView:
         self._static("skin", rr.ViewCoordinates.RIGHT_HAND_Z_UP)
         if about.force_axes:
             names = [f"F_{axis}, N" for axis in about.force_axes]
-            self._static("plots/force_n", rr.SeriesLines(names=names, colors=[AXES[axis] for axis in about.force_axes]))
+            self._static(
+                "plots/force_n", rr.SeriesLines(names=names, colors=[AXES[axis] for axis in about.force_axes])
+            )
         simulated = ", simulated" if about.simulated_clock else ""
-        self._static("plots/latency_ms/hardware", rr.SeriesLines(names=f"hardware{simulated}, ms", colors=AXES["x"]))
+        self._static(
+            "plots/latency_ms/hardware", rr.SeriesLines(names=f"hardware{simulated}, ms", colors=AXES["x"])
+        )
         self._static("plots/latency_ms/host", rr.SeriesLines(names="host, ms", colors=AXES["y"]))
         self._static("plots/frames_per_second", rr.SeriesLines(names="frames/s", colors=AXES["x"]))
         self._grid = thinned(self._sight.rest_depth_mm, SURFACE_PX)

@@ -8,7 +8,7 @@ _IMPORTED_NS = time.time_ns()
 
 
 def started_ns() -> int:
-    """When this process began, ns since 1970; where the system does not say, when this module was imported."""
+    """When this process began, ns since 1970; where that is not known, when this module was imported."""
     try:
         fields = Path("/proc/self/stat").read_text().rpartition(")")[2].split()
         ticks = int(fields[19])  # of the system's clock since it was started

@@ -18,7 +18,7 @@ LOG_RECORDS = 64
 
 
 class _Worker:
-    """A sink whose records a thread hands to `take`; an error there is raised at the next `add` or at the end.
+    """A sink whose records a thread hands to `take`; errors there are raised at the next `add` or at the end.
 
     waiting : records that may wait; None: the newest alone, and older ones are left out
     rest_s : least time between the beginnings of two calls of `take`

@@ -1,4 +1,4 @@
-"""Frames of videos and photographs, fitted to the sensor as the importers did with those it was trained on."""
+"""Frames of videos and photographs, fitted as the importers did with those the sensor was trained on."""
 
 import shutil
 from pathlib import Path

@@ -9,7 +9,7 @@ const FLAGS = ["slipping", "suspect", "bad", "lost"]; // bits 0 to 3 of a row's 
 const at = (id) => document.getElementById(id);
 const surface = new Surface(at("surface"));
 const history = new History();
-let about, rest, ramp, newest, waiting = false, paused = false;
+let about, rest, ramp, newest, held, paused = false;
 
 // Numbers in words
 
@@ -138,22 +138,23 @@ function connect() {
   const next = () => {
     if (socket.readyState === WebSocket.OPEN) socket.send("next");
   };
-  socket.onopen = () => (at("origin").textContent = "Connected: the sensor's bundle is being loaded …");
-  socket.onmessage = ({ data }) => {
-    const message = decode(data);
-    if (message.kind === "about") return describe(message);
-    history.add(message.drawn.history);
+  const show = (message) => {
     const first = !newest;
+    history.add(message.drawn.history);
     requestAnimationFrame(() => {
       newest = message;
       words(message);
       redraw();
-      if (first) {
-        document.documentElement.dataset.firstPicture = Date.now();
-        requestAnimationFrame(next); // when it is on the screen
-      } else if (paused) waiting = true;
+      if (first) requestAnimationFrame(next); // when it is on the screen
       else next();
     });
+  };
+  socket.onopen = () => (at("origin").textContent = "Connected: the sensor's bundle is being loaded …");
+  socket.onmessage = ({ data }) => {
+    const message = decode(data);
+    if (message.kind === "about") return describe(message);
+    if (paused) held = message;
+    else show(message);
   };
   socket.onclose = ({ wasClean }) => {
     status("waiting", wasClean ? "the stream has ended" : "no connection: is fastac live still running?");
@@ -163,10 +164,8 @@ function connect() {
     paused = !paused;
     at("pause").textContent = paused ? "Go on" : "Pause";
     at("pause").setAttribute("aria-pressed", paused);
-    if (!paused && waiting) {
-      waiting = false;
-      next();
-    }
+    if (!paused && held) show(held);
+    held = undefined;
   };
 }
 

@@ -45,7 +45,9 @@ def columns(played):
                 values = batch.column(component)
                 known = index in batch.schema.names
                 keys = batch.column(index).to_pylist() if known else [None] * len(values)
-                found |= {key: value.as_py() for key, value in zip(keys, values, strict=True) if value.is_valid}
+                found |= {
+                    key: value.as_py() for key, value in zip(keys, values, strict=True) if value.is_valid
+                }
         return dict(sorted(found.items(), key=lambda item: str(item[0])))
 
     return of

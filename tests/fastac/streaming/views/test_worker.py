@@ -79,10 +79,14 @@ def test_what_a_view_raises_ends_the_stream(kind):
         sink = Newest(broken, per_second=1e6, done=ended.set)
     else:
         sink = Every(broken, done=ended.set, waiting=1)
-    with pytest.raises(OSError, match="no space left"):
+
+    def stream() -> None:
         for frame in range(1000):  # also where the records that wait are never taken
             sink.add(record(frame))
             ended.wait(WAIT_S)
+
+    with pytest.raises(OSError, match="no space left"):
+        stream()
     sink.close()  # it has been said
 
 
