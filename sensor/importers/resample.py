@@ -88,10 +88,7 @@ class Resampling:
         The sum is as `frame`, but for rounding, where `background` is the same photograph's, rounded.
         """
         share, beside = self._coverage, background.astype(float)
-        for axis in (
-            0,
-            1,
-        ):  # where a pixel is covered in part, the rest of it is as its neighbour further out
+        for axis in (0, 1):  # of a pixel that is covered in part, the rest is as its neighbour further out
             edge, along = np.moveaxis(beside, axis, 0), np.moveaxis(share, axis, 0).max(axis=(1, 2))
             for k in np.flatnonzero((along > 1e-9) & (along < 1 - 1e-9)):
                 outward = k - 1 if k < len(edge) // 2 else k + 1
