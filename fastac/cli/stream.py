@@ -53,7 +53,8 @@ def serve(bundle, frames, bind, wait, progress, **options):
             interrupted = pump(session, [publisher, tally], frames=frames, stop=stop)
     finally:
         publisher.close()
-    click.echo(f"{tally.summary()}, {publisher.sent} sent, {publisher.dropped} left out for slow readers")
+    slow = f", {publisher.overruns} times a reader was too slow" if publisher.overruns else ""
+    click.echo(f"{tally.summary()}, {publisher.sent} sent{slow}")
     if interrupted:
         raise SystemExit(INTERRUPTED)
 

@@ -25,7 +25,7 @@ def json_lines(about: About, *, digests: bool) -> tuple[str | None, Row]:
     def row(record: StreamRecord) -> str:
         content: dict[str, Any] = {name: getattr(record, name) for name in SCALARS}
         content["arrays"] = {name: array.shape for name, array in record.arrays.items()}
-        content["timing"] = vars(record.timing)
+        content |= {"errors": record.errors, "timing": vars(record.timing)}
         if digests:
             content["digest"] = record.digest
         return json.dumps(content)
@@ -50,7 +50,7 @@ def csv_lines(about: About, *, digests: bool) -> tuple[str | None, Row]:
     columns += ["digest"] * digests
 
     def row(record: StreamRecord) -> str:
-        content = {name: getattr(record, name) for name in SCALARS} | vars(record.timing)
+        content = {name: getattr(record, name) for name in (*SCALARS, "errors")} | vars(record.timing)
         content |= {name: int(content[name]) for name in FLAGS}
         content |= {name: " ".join(content[name]) for name in ("reasons", "errors")}
         for unit in ("n", "raw"):

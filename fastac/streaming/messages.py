@@ -45,7 +45,7 @@ class Messages:
             socket.connect(address)
         except zmq.ZMQError as error:
             self.close()
-            raise StreamError(f"{address}: {error.strerror}") from None
+            raise StreamError(f"{address}: {zmq.strerror(error.errno)}") from None
 
     def next(self, timeout_s: float | None = None) -> Parts | None:
         """The next message; None if none comes in time, or after `stop`.

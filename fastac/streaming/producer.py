@@ -87,11 +87,11 @@ def record_of(
     found: Found, number: int, source_time_ns: int, frame: np.ndarray, arrays: Sequence[str]
 ) -> StreamRecord:
     """The record of what the hardware found in a frame (H, W, C) uint8."""
-    images = {"image": frame} if "image" in arrays else {}
     made_ns = time.time_ns()
     if found.lost:
-        return StreamRecord(number, source_time_ns, lost=True, arrays=images, timing=Timing(made_ns=made_ns))
-    images |= {name: getattr(found, name) for name in arrays if name != "image"}
+        seen = {"image": frame} if "image" in arrays else {}
+        return StreamRecord(number, source_time_ns, lost=True, arrays=seen, timing=Timing(made_ns=made_ns))
+    images = {name: frame if name == "image" else getattr(found, name) for name in arrays}
     axes = found.force_axes
     return StreamRecord(
         frame=number,

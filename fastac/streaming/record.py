@@ -5,7 +5,8 @@ A record is a message of several parts, which any language can read without this
     part 0    b"record"
     part 1    JSON, the facts: number of the frame, its time stamp, force, slip, flags, and for each array its
               name, unit, type and shape
-    part 2    JSON, the timing: the hardware's clock counts and the host's latency
+    part 2    JSON, what depends on when things happened: the hardware's clock counts, the host's latency, and
+              the names of the errors that stood in the hardware's register
     part 3 …  the arrays in the order of part 1, C order, little-endian
 
 Integers of the JSON need 64 bits: `source_time_ns`, `made_ns` and `force_raw` may exceed 2**53, beyond which
@@ -77,7 +78,8 @@ class StreamRecord:
     force_n : newtons by axis, {"z": 1.02}; z is positive in compression; {} where no force is found
     force_raw : the same as integers, the hardware's accumulators
     slip_px, slip_dots : spread of the dots in contact about a rigid motion in px, and their number, or None
-    errors : names of the sticky errors that stood when the result came
+    errors : names of the sticky errors that stood when the result came; those of later frames in flight may
+        stand already, and how soon the host reads results counts too: so they are with the timing in bytes
     arrays : whichever of these are sent: depth_mm (H - 2, W - 2) float32, height z of the skin; normals
         (H, W, 3) float32; force_map_n (axes, H - 2, W - 2) float32; image (H, W, C) uint8, what was seen
     timing : clock counts and latencies
@@ -120,7 +122,7 @@ class StreamRecord:
 
     @property
     def digest(self) -> str:
-        """SHA-256 in hexadecimal of all but the timing."""
+        """SHA-256 in hexadecimal of all but part 2."""
         parts = encode(self)
         sha = hashlib.sha256()
         for part in (*parts[:2], *parts[FIXED_PARTS:]):
@@ -137,13 +139,12 @@ SCALARS: dict[str, json_text.Check] = {
     "suspect": json_text.flag,
     "slipping": json_text.flag,
     "reasons": json_text.several(json_text.text),
-    "errors": json_text.several(json_text.text),
     "force_n": json_text.by_name(json_text.number),
     "force_raw": json_text.by_name(json_text.whole),
     "slip_px": json_text.or_none(json_text.number),
     "slip_dots": json_text.or_none(json_text.count),
 }
-"""The facts but for the arrays, and what is checked of each."""
+"""The facts but for the arrays, by the record's attribute, and what is checked of each."""
 TIMES: dict[str, json_text.Check] = {
     "first_pixel_to_result_s": json_text.or_none(json_text.number),
     "last_pixel_to_result_s": json_text.or_none(json_text.number),
@@ -151,6 +152,8 @@ TIMES: dict[str, json_text.Check] = {
     "host_latency_s": json_text.or_none(json_text.number),
     "made_ns": json_text.whole,
 }
+"""The attributes of Timing."""
+ERRORS = {"errors": json_text.several(json_text.text)}
 
 
 def encode(record: StreamRecord) -> list[bytes | memoryview]:
@@ -165,8 +168,9 @@ def encode(record: StreamRecord) -> list[bytes | memoryview]:
         described.append({"name": name, "unit": unit, "dtype": dtype, "shape": array.shape})
         arrays.append(array.reshape(-1).view(np.uint8).data)
     facts = {"format_version": FORMAT_VERSION, **{name: getattr(record, name) for name in SCALARS}}
+    timing = {**vars(record.timing), "errors": record.errors}
     try:
-        texts = json_text.write({**facts, "arrays": described}), json_text.write(vars(record.timing))
+        texts = json_text.write({**facts, "arrays": described}), json_text.write(timing)
     except ValueError:
         raise RecordError(f"record of frame {record.frame}: a number is not finite") from None
     return [TOPIC, *texts, *arrays]
@@ -182,7 +186,8 @@ def decode(parts: Sequence[bytes | memoryview]) -> StreamRecord:
     try:
         facts = json_text.read(parts[1], FORMAT_VERSION)
         scalars = json_text.values(facts, SCALARS)
-        timing = Timing(**json_text.values(json_text.read_object(parts[2]), TIMES))
+        when = json_text.read_object(parts[2])
+        timing, errors = Timing(**json_text.values(when, TIMES)), json_text.values(when, ERRORS)
     except json_text.JsonError as error:
         raise RecordError(f"record: {error}") from None
     described, octets = facts.get("arrays"), parts[FIXED_PARTS:]
@@ -191,7 +196,7 @@ def decode(parts: Sequence[bytes | memoryview]) -> StreamRecord:
     arrays = dict(_array(one, part) for one, part in zip(described, octets, strict=True))
     if len(arrays) != len(octets):
         raise RecordError("record: an array is there twice")
-    return StreamRecord(**scalars, arrays=arrays, timing=timing)
+    return StreamRecord(**scalars, **errors, arrays=arrays, timing=timing)
 
 
 def _array(described: Any, octets: bytes | memoryview) -> tuple[str, np.ndarray]:

@@ -38,7 +38,9 @@ class Publisher:
 
     address : where; a port of * is any that is free, and `address` then says which
     kept : messages that are kept for each reader that is slow
-    sent : records that were sent; dropped : those of them that at least one reader was too slow to take
+    sent : records that were sent to at least one reader
+    overruns : how often a reader was so slow that records were left out for it; only the reader can know how
+        many (`missed` of client.py)
     subscribers : readers that take records now
 
     Raises AddressError or ServerError, one line, where the address is none or is in use.
@@ -46,7 +48,7 @@ class Publisher:
 
     def __init__(self, address: str = DEFAULT_ADDRESS, *, kept: int = KEPT):
         require(address)
-        self.sent = self.dropped = self.subscribers = 0
+        self.sent = self.overruns = self.subscribers = 0
         self._records = 0
         self._about: About | None = None
         self._context = zmq.Context()
@@ -61,7 +63,7 @@ class Publisher:
         except zmq.ZMQError as error:
             self._context.destroy(linger=0)
             hint = "; name another with --bind" if error.errno == zmq.EADDRINUSE else ""
-            raise ServerError(f"{address}: {error.strerror}{hint}") from None
+            raise ServerError(f"{address}: {zmq.strerror(error.errno)}{hint}") from None
         self.address = socket.last_endpoint.decode()
         self._lock = threading.Lock()
         self._closing = threading.Event()
@@ -80,7 +82,7 @@ class Publisher:
             self._answer()
             if self.subscribers:
                 self.sent += 1
-                self.dropped += not self._send(records.encode(record))
+                self.overruns += not self._send(records.encode(record))
 
     def close(self) -> None:
         """Send the end of the stream, wait a little until all has left, and free the address."""
@@ -90,11 +92,11 @@ class Publisher:
         self._thread.join()
         self._answer()
         last, until = end.encode(end.End(self._records)), time.monotonic() + LINGER_S
-        while not self._offered(last):
-            if time.monotonic() > until:
-                self._send(last)
-                break
-            time.sleep(ANSWER_S)
+        self._send(last)
+        while self.overruns and self.subscribers and time.monotonic() < until:
+            time.sleep(ANSWER_S)  # a slow reader gets the end only once it has room again
+            self._send(last)
+            self._answer()
         self._context.destroy(linger=max(0, round(1e3 * (until - time.monotonic()))))
 
     def _answer_on(self) -> None:
@@ -119,7 +121,7 @@ class Publisher:
             self._send(descriptions.encode(self._about))
 
     def _offered(self, parts: list[bytes | memoryview]) -> bool:
-        """Whether all readers had room for the message; else none has got it."""
+        """Whether each reader had room, of those that had any the last time; else no reader got it."""
         try:
             self._socket.send_multipart(parts, zmq.NOBLOCK, copy=False)
         except zmq.Again:
@@ -127,7 +129,7 @@ class Publisher:
         return True
 
     def _send(self, parts: list[bytes | memoryview]) -> bool:
-        """Send to those readers that have room; whether all have."""
+        """Send to those readers that have room; whether none is new among those that have not."""
         if self._offered(parts):
             return True
         self._socket.setsockopt(zmq.XPUB_NODROP, 0)

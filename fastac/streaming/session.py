@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """A stream from its beginning: a bundle, something that computes, and a source of frames.
 
 with open_session(Path("build/paper"), "build/paper/data.h5", via="emulator") as session:

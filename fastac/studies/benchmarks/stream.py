@@ -105,9 +105,10 @@ def rates(kinds: list[Kind], frames: np.ndarray) -> str:
     rows = []
     for kind in kinds:
         alone, served = (f"{RATE_FRAMES / seconds[kind.name, served]:.0f}" for served in (False, True))
-        left_out = f"{kind.publisher.dropped} of {kind.publisher.sent}"
-        rows.append([kind.name, f"{sizes[kind.name] / 1e3:.1f}", alone, served, left_out])
-    return text_table(["records", "kB each", "a second", "a second, published", "left out"], rows)
+        kind.publisher.close()
+        got = f"{len(kind.reader.times()[0])} of {kind.publisher.sent}"
+        rows.append([kind.name, f"{sizes[kind.name] / 1e3:.1f}", alone, served, got])
+    return text_table(["records", "kB each", "a second", "a second, published", "read"], rows)
 
 
 def latencies(kinds: list[Kind], frames: np.ndarray, count: int) -> str:
