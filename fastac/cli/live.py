@@ -113,6 +113,7 @@ def _run(bundle, frames, page, views, save, rerun_url, progress, options) -> boo
         rest = rest_depth_mm(session.bundle)
         sinks = []
         if save is not None:
+            save.parent.mkdir(parents=True, exist_ok=True)
             sinks.append(rerun_view.logged(Sight(session.about, rest), save))
         if "rerun" in views:
             viewer = rerun_view.shown(Sight(session.about, rest), rerun_url)

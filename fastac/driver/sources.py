@@ -52,7 +52,8 @@ def open_source(
     Raises SourceError, DatasetError or ImportFailure, in one line, where there are no frames of this scene.
     """
     if text.startswith((CAMERA, DEVICES)):
-        return Source(_checked(_camera(text), scene, text, fitting), live=True)
+        _require_photographs(scene.sensor, text)
+        return Source(_fitted(_camera(text), scene, text, fitting), live=True)
     path = Path(text)
     if path.suffix.lower() in DATASETS:
         data = read(path, scene, progress=progress)
@@ -62,8 +63,9 @@ def open_source(
         return _folder(path, scene, fitting)
     if not path.is_file():
         raise SourceError(f"{path}: no such file or folder")
+    _require_photographs(scene.sensor, text)
     video = Video(path)
-    frames = _checked(iter(video), scene, text, fitting)
+    frames = _fitted(iter(video), scene, text, fitting)
     return Source(frames, frames_per_second=video.frames_per_second())
 
 
@@ -72,21 +74,25 @@ def _are_photographs(sensor: Sensor) -> bool:
     return sensor.channels == "bgr" and sensor.frames == "channels"
 
 
-def _checked(
-    frames: Iterator[np.ndarray], scene: Scene, name: str, fitting: Fitting | None
-) -> Iterator[np.ndarray]:
-    """Frames B, G, R of a video or a camera, fitted, if the scene's sensor sees them so."""
-    sensor = scene.sensor
+def _require_photographs(sensor: Sensor, name: str) -> None:
+    """Raise SourceError where the sensor sends something else than what a video or a camera gives."""
     if not _are_photographs(sensor):
         wanted = "RAW10 images" if sensor.frames != "channels" else ", ".join(sensor.channel_names)
         raise SourceError(f"{name}: gives B, G, R: the scene's sensor sends {wanted}")
-    return (fitted(frame, sensor, f"{name}: frame {k}", fitting) for k, frame in enumerate(frames))
+
+
+def _fitted(
+    frames: Iterator[np.ndarray], scene: Scene, name: str, fitting: Fitting | None
+) -> Iterator[np.ndarray]:
+    """Frames of a video or a camera as the sensor's."""
+    return (fitted(frame, scene.sensor, f"{name}: frame {k}", fitting) for k, frame in enumerate(frames))
 
 
 def _camera(text: str) -> Iterator[np.ndarray]:
     """Frames of a camera through OpenCV. Never tried on a camera."""
     import cv2
 
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # what it has to say is said below
     number = text.removeprefix(CAMERA)
     camera = cv2.VideoCapture(int(number) if number.isdecimal() else number)
     if not camera.isOpened():

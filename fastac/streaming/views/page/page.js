@@ -77,7 +77,7 @@ function words({ facts, timing, drawn }) {
   at("ramp-end").textContent = `${drawn.full_press_mm.toFixed(2)} mm pressed`;
   const flagged = [...FLAGS].reverse().filter((name) => facts[name]);
   const told = flagged.map((name) => (name === "suspect" ? `suspect: ${facts.reasons.join(", ")}` : name));
-  told.push(...facts.errors.map((name) => `error ${name}`));
+  told.push(...timing.errors.map((name) => `error ${name}`));
   status(flagged[0] ?? "ok", told.join("; ") || "ok");
 }
 
