@@ -135,7 +135,8 @@ def measure(folder: Path, frames: int = FRAMES) -> Iterator[str]:
     bundle = load_bundle(folder)
     shown = noise(bundle)
     shape = " × ".join(map(str, shown.shape[1:]))
-    yield f"{folder}, {shape}, emulator on {os.cpu_count()} cores"
+    load = os.getloadavg()[0]  # before anything is measured, so of other programs
+    yield f"{folder}, {shape}, emulator on {os.cpu_count()} cores; load of other programs {load:.1f}"
     with served(bundle, folder) as kinds:
         yield f"as fast as they go, the fastest of {REPEATS} runs over {RATE_FRAMES} frames:"
         yield rates(kinds, shown)
