@@ -7,13 +7,16 @@ video or a camera of that size become what the sensor's models were trained on.
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import h5py
 import numpy as np
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.dataset import PHOTOGRAPH
-from fastac.sensor.importers.resample import Resampling
+
+if TYPE_CHECKING:
+    from fastac.sensor.importers.resample import Resampling
 
 DATA = "data.h5"
 
@@ -34,13 +37,15 @@ class Fitting:
     background: np.ndarray
     photograph_px: tuple[int, int] | None = None
     any_size: bool = False
-    _known: dict[tuple[int, int], tuple[Resampling, np.ndarray]] = field(default_factory=dict, repr=False)
+    _known: dict[tuple[int, int], tuple["Resampling", np.ndarray]] = field(default_factory=dict, repr=False)
 
     def takes(self, height: int, width: int) -> bool:
         return self.any_size or (height, width) == self.photograph_px
 
     def __call__(self, frame: np.ndarray) -> np.ndarray:
         """A frame (height, width, 3) uint8 as the sensor's, (H, W, 3) uint8."""
+        from fastac.sensor.importers.resample import Resampling  # SciPy, which most streams do without
+
         size = frame.shape[:2]
         if size not in self._known:
             resampling = Resampling(*size, *self.background.shape[:2])

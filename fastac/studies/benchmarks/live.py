@@ -4,8 +4,8 @@
 
 Frames go through the emulator as fast as they can, with nothing attached, with the page in a real browser
 without a window (Chromium, driven by Selenium), and with a recording of every frame for Rerun. The first
-picture is that of `fastac live` in a process of its own, until the browser, which runs already, has painted it.
-Processor time is that of the stream and its views in this process; the browser's is not in it.
+picture is that of `fastac live` in a process of its own, until the browser, which runs already, has painted
+it. Processor time is that of the stream and its views in this process; the browser's is not in it.
 """
 
 import os
@@ -32,7 +32,7 @@ from fastac.streaming.views.pictures import Sight, rest_depth_mm
 WARM = 64
 """Frames that are sent first: compiled loops are loaded, and the browser has its first picture."""
 WAIT_S = 120.0
-SIZE_PX = (1400, 860)
+SIZE_PX = (1400, 930)
 SHOWN = "return Number(document.getElementById('shown').textContent)"
 FIRST = re.compile(r"first picture: ([\d.]+) s")
 

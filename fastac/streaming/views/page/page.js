@@ -40,7 +40,7 @@ function describe(message) {
     `${about.source} → ${about.via}, ${about.height_px} × ${about.width_px} px, ${about.channels.join(", ")}`;
   at("about").textContent =
     `Bundle ${about.bundle_sha256.slice(0, 16)}, pixels of ${about.pitch_mm.toFixed(4)} mm, ${clock} of ` +
-    `${about.clock_mhz} MHz. F_z is positive in compression; times are the source's.`;
+    `${about.clock_mhz} MHz. F_z is positive in compression; the circle has F_x and F_y, the bar F_z; times are the source’s.`;
   if (about.simulated_clock) at("hardware-name").textContent = "Hardware, first pixel to result (simulated)";
   at("forces").replaceChildren(...axes.map((axis) => {
     const tile = document.createElement("div");

@@ -164,7 +164,7 @@ export class Surface {
   /** Three short axes in a corner, and the length of the image's side. */
   axes(context, project, width, height) {
     const length = 0.13 * this.size, origin = project(0, 0, 0);
-    const at = [34, height - 30];
+    const at = [34, height - 62];
     context.font = "12px system-ui, sans-serif";
     context.lineWidth = 2;
     for (const [name, ...end] of [["x", length, 0, 0], ["y", 0, length, 0], ["z", 0, 0, length]]) {
