@@ -77,7 +77,7 @@ def run(
     description = descriptions.read(verilog_folder)
     description.require_bundle(model.digest, str(verilog_folder / descriptions.FILE))
     origin = source or str(bundle / "data.h5")
-    fitting = fitting_of(bundle, model.pipeline.background, any_size=fit)
+    fitting = fitting_of(model.pipeline, any_size=fit)
     given = open_source(origin, model.scene, split=split, fitting=fitting, progress=progress)
     with open_transport(
         via,

@@ -49,7 +49,8 @@ def source_options(command):
             "--fit",
             is_flag=True,
             help="Resample photographs, videos and cameras of any size to the sensor's frames, as"
-            " fastac import does. [default: only those as large as the photographs of BUNDLE/data.h5]",
+            " fastac import does. [default: only those of the size of the photographs that BUNDLE was trained"
+            " on]",
         ),
         click.option("--frames", type=click.IntRange(1), help="Number of frames. [default: all there are]"),
     ]

@@ -1,24 +1,20 @@
 """Frames of another size than the sensor's, resampled as the importers resample photographs.
 
 An importer keeps the middle of a photograph and its aspect, averages areas, and fills what lies beside it
-from the background (sensor/importers/resample.py). A dataset says how large its photographs were: frames of a
-video or a camera of that size become what the sensor's models were trained on.
+from the background (sensor/importers/resample.py). Datasets and bundles say how large the photographs were:
+frames of a video or a camera of that size become what the sensor's models were trained on.
 """
 
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-import h5py
 import numpy as np
 
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.sensor_schema import Sensor
-from fastac.sensor.dataset import PHOTOGRAPH
 
 if TYPE_CHECKING:
     from fastac.sensor.importers.resample import Resampling
-
-DATA = "data.h5"
 
 
 class SourceError(ValueError):
@@ -54,19 +50,13 @@ class Fitting:
         return np.clip(np.rint(resampling.covered(frame) + padding), 0, 255).astype(np.uint8)
 
 
-def fitting_of(build: Path, background: np.ndarray, *, any_size: bool = False) -> Fitting:
-    """The fitting for a build folder's bundle: the size of its dataset's photographs, if that is there.
-
-    Nothing else of the dataset is read, so nothing of it is checked here.
-    """
-    photograph_px = None
-    try:
-        with h5py.File(build / DATA, "r") as file:
-            if all(key in file.attrs for key in PHOTOGRAPH):
-                photograph_px = tuple(int(file.attrs[key]) for key in PHOTOGRAPH)
-    except (OSError, ValueError, TypeError):  # none there, or none of ours: whoever wants its frames says so
-        pass
-    return Fitting(background, photograph_px, any_size)
+def fitting_of(pipeline: IntegerPipeline, *, any_size: bool = False) -> Fitting:
+    """The fitting for a bundle's tables, which say how large the photographs were that it was trained on."""
+    size = pipeline.provenance.get("photograph_px")
+    is_size = (
+        isinstance(size, list | tuple) and len(size) == 2 and all(type(n) is int and n > 0 for n in size)
+    )
+    return Fitting(pipeline.background, tuple(size) if is_size else None, any_size)
 
 
 def fitted(frame: np.ndarray, sensor: Sensor, name: str, fitting: Fitting | None) -> np.ndarray:

@@ -127,7 +127,8 @@ def open_session(
     origin : as `fastac.driver.sources.open_source` takes it; None: data.h5 of the build folder
     via : what computes: "emulator", "sim", "uio" or "pynq"; all but the emulator need the Verilog's folder
     arrays : which arrays the records have; None: all that there are
-    fit : resample frames of any size to the sensor's; else only those as large as its dataset's photographs
+    fit : resample frames of any size to the sensor's; else only those of the size of the photographs that it
+        was trained on
     frames_per_second : of a recording; None: its own rate, or DEFAULT_FPS of `fastac.streaming.clock`
     capture_background : let the hardware take the source's own background first, where the source has one
     Raises SourceError, BundleError, DescriptionError, TransportError or DriverError, each one line.
@@ -137,7 +138,7 @@ def open_session(
     description = description_of(bundle, verilog, needed=via != "emulator")
     origin = origin or str(bundle_folder / "data.h5")
 
-    fitting = fitting_of(bundle_folder, bundle.pipeline.background, any_size=fit)
+    fitting = fitting_of(bundle.pipeline, any_size=fit)
 
     def opened() -> Source:
         return open_source(origin, bundle.scene, split=split, fitting=fitting, progress=progress)

@@ -1,7 +1,8 @@
 """Frames of videos and photographs, fitted as the importers did with those the sensor was trained on."""
 
-import shutil
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -69,18 +70,28 @@ def frames(source) -> np.ndarray:
     return np.array(list(source.frames)).astype(int)
 
 
-def test_a_dataset_says_how_large_its_photographs_were(imported, build, tmp_path):
-    assert imported.photograph_px == SIZE
-    assert fitting_of(build, imported.background).photograph_px == SIZE
-    assert fitting_of(tmp_path, imported.background).photograph_px is None
-    (tmp_path / "data.h5").write_text("no dataset")
-    assert fitting_of(tmp_path, imported.background).photograph_px is None
+def trained_on(background: np.ndarray, **provenance):
+    """A pipeline as far as a fitting reads it."""
+    return SimpleNamespace(background=background, provenance=provenance)
 
 
-def test_a_video_becomes_what_the_importer_made_of_the_same_photographs(sensor, build, imported, tmp_path):
+@pytest.fixture(scope="module")
+def fitting(imported) -> Fitting:
+    return fitting_of(trained_on(imported.background, photograph_px=list(imported.photograph_px)))
+
+
+def test_a_dataset_says_how_large_its_photographs_were(imported, fitting):
+    assert imported.photograph_px == fitting.photograph_px == SIZE
+
+
+@pytest.mark.parametrize("known", [{}, *({"photograph_px": size} for size in (None, [1], ["a", 2], [0, 2]))])
+def test_a_bundle_that_does_not_say_it(imported, known):
+    assert fitting_of(trained_on(imported.background, **known)).photograph_px is None
+
+
+def test_a_video_becomes_what_the_importer_made_of_the_same_photographs(sensor, fitting, imported, tmp_path):
     photographs = [photograph_of(k + 1) for k in range(3)]
     write_video(tmp_path / "press.mkv", photographs)
-    fitting = fitting_of(build, imported.background)
     source = open_source(str(tmp_path / "press.mkv"), sensor, fitting=fitting)
     assert source.frames_per_second == 25
     found, expected = frames(source), imported.frames[:3].astype(int)
@@ -90,15 +101,14 @@ def test_a_video_becomes_what_the_importer_made_of_the_same_photographs(sensor, 
     np.testing.assert_array_equal(found[:, [0, 1, -2, -1]], expected[:, [0, 1, -2, -1]])
 
 
-def test_photographs_of_a_folder_are_fitted_too(sensor, build, imported, tmp_path):
+def test_photographs_of_a_folder_are_fitted_too(sensor, fitting, imported, tmp_path):
     for k in (2, 10):
         save(tmp_path / f"{k}.bmp", photograph_of(k))
     save(tmp_path / "background.png", photograph_of(0))
-    source = open_source(str(tmp_path), sensor, fitting=fitting_of(build, imported.background))
+    source = open_source(str(tmp_path), sensor, fitting=fitting)
     assert source.count == 2
     np.testing.assert_allclose(source.background.astype(int), imported.background.astype(int), atol=1)
     write_video(tmp_path / "same.mkv", [photograph_of(2), photograph_of(10)])
-    fitting = fitting_of(build, imported.background)
     video = open_source(str(tmp_path / "same.mkv"), sensor, fitting=fitting)
     np.testing.assert_array_equal(frames(source), frames(video))
 
@@ -112,20 +122,20 @@ def test_frames_of_the_sensor_s_size_are_not_touched(sensor, imported, tmp_path)
         )
 
 
-def test_other_sizes_are_refused_unless_they_are_to_be_fitted(sensor, build, imported, tmp_path):
+def test_other_sizes_are_refused_unless_they_are_to_be_fitted(sensor, fitting, imported, tmp_path):
     path = tmp_path / "large.mkv"
     write_video(path, [np.kron(photograph_of(1), np.ones((2, 2, 1), np.uint8))])
     wanted = f"{path}: frame 0: 80 x 48 px: the sensor's frames are 16 x 16 px"
-    for fitting, more in [
+    for known, more in [
         (None, ""),
         (Fitting(imported.background), "; --fit resamples others too"),
-        (fitting_of(build, imported.background), ", resampled from 40 x 24 px; --fit resamples others too"),
+        (fitting, ", resampled from 40 x 24 px; --fit resamples others too"),
     ]:
         with pytest.raises(SourceError) as refused:
-            list(open_source(str(path), sensor, fitting=fitting).frames)
+            list(open_source(str(path), sensor, fitting=known).frames)
         assert str(refused.value) == wanted + more
-    fitting = fitting_of(build, imported.background, any_size=True)
-    (found,) = frames(open_source(str(path), sensor, fitting=fitting))
+    anything = replace(fitting, any_size=True)
+    (found,) = frames(open_source(str(path), sensor, fitting=anything))
     np.testing.assert_allclose(found, imported.frames[0].astype(int), atol=1)
 
 
@@ -139,18 +149,19 @@ def test_a_sensor_with_nir_takes_no_video(imported, tmp_path):
         )
 
 
-def test_a_video_of_the_photographs_through_the_whole_stream(sensor, build, imported, tmp_path):
-    """A build folder whose dataset was imported: its video is fitted without being asked for."""
+def test_a_video_of_the_photographs_through_the_whole_stream(sensor, tmp_path):
+    """A bundle that knows the size of its photographs: their video is fitted without being asked for."""
+    from fastac.models.integer import bundle
     from fastac.models.random_bundle import random_bundle
     from fastac.streaming.session import open_session
 
-    shutil.copy(build / "data.h5", tmp_path / "data.h5")
-    bundle = random_bundle(tmp_path / "bundle", sensor)
+    known = random_bundle(tmp_path / "random", sensor).pipeline
+    bundle.save(tmp_path / "bundle", known.replace(provenance={"photograph_px": list(SIZE)}), {})
     path = tmp_path / "press.mkv"
     write_video(path, [photograph_of(1), photograph_of(2)], rate=40)
     with open_session(tmp_path, str(path)) as session:
         records = list(session.records())
     assert session.about.frames_per_second == 40
     assert [record.source_time_ns for record in records] == [0, 25_000_000]
-    fitting = Fitting(bundle.pipeline.background, SIZE)
+    fitting = Fitting(known.background, SIZE)
     np.testing.assert_array_equal(records[1].image, fitting(photograph_of(2)))

@@ -57,6 +57,8 @@ function describe(message) {
     "map-card": has("force_map_n"), "force-card": axes.length > 0, "dial-card": axes.length > 0,
   };
   for (const [id, shown] of Object.entries(there)) at(id).hidden = !shown;
+  at("forces").hidden = !axes.length;
+  at("curves").classList.toggle("without-force", !axes.length);
   at("map-axis").textContent = axes.at(-1) ?? "";
   colours(at("ramp"), { shape: [1, 128], data: ramp.filter((_, k) => Math.floor(k / 3) % 2 === 0) });
 }
