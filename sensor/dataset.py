@@ -1,7 +1,9 @@
 """The dataset format: one HDF5 file, the same for simulated and recorded frames.
 
     frames          (N, H, W, C) uint8      attributes: pitch_mm, channels ("B,G,R,NIR"), source,
-    background      (H, W, C) uint8                     format_version; left_out (samples dropped), if any
+    background      (H, W, C) uint8                     format_version; left_out (samples dropped), if any;
+                                                        photograph_height_px, photograph_width_px (before
+                                                        they were resampled), if they were
     split           (N,) text: train, validation or test
     normals         (N, H, W, 3) float32    outward unit normals            ┐
     depth_mm        (N, H, W) float32       z, the skin's height            │ each present only
@@ -57,6 +59,7 @@ ARRAYS = {
     "tangential_mm": np.float32,
 }
 TEXTS = ("split", "group")
+PHOTOGRAPH = ("photograph_height_px", "photograph_width_px")
 REQUIRED = ("background", "split")
 
 
@@ -85,6 +88,7 @@ def write(
     markers_px: np.ndarray | None = None,
     tangential_mm: np.ndarray | None = None,
     left_out: int = 0,
+    photograph_px: tuple[int, int] | None = None,
 ) -> None:
     """Write a dataset to `path`; the file appears complete or not at all. See the module for shapes and
     units.
@@ -117,7 +121,7 @@ def write(
     if group is not None:
         texts["group"] = np.asarray(group, dtype=str)
     axes = tuple(force_axes)
-    known = {"indenter": poses, "force_axes": axes, "left_out": left_out}
+    known = {"indenter": poses, "force_axes": axes, "left_out": left_out, "photograph_px": photograph_px}
     data = Dataset(pitch_mm, tuple(channels), source, **known, **arrays, **texts)
     check(data, None, str(path))
     if not path.parent.is_dir():
@@ -131,6 +135,8 @@ def write(
             file.attrs["force_axes"] = ",".join(axes)
         if left_out:
             file.attrs["left_out"] = left_out
+        for key, size in zip(PHOTOGRAPH, photograph_px or (), strict=False):
+            file.attrs[key] = size
         for key, array in arrays.items():
             packed = {"compression": "lzf", "shuffle": True} if key in CHUNKED else {}
             chunks = (1, *array.shape[1:]) if key in CHUNKED else None
@@ -182,7 +188,8 @@ def _content(file: h5py.File, path: Path) -> dict:
     for key in kinds:
         if key not in file.attrs:
             raise DatasetError(f"{path}: {key}: missing attribute")
-    for key, kind in (kinds | {"force_axes": str, "left_out": np.integer}).items():
+    counts = dict.fromkeys(("left_out", *PHOTOGRAPH), np.integer)
+    for key, kind in (kinds | {"force_axes": str} | counts).items():
         if key not in file.attrs:
             continue
         check_attribute(file.attrs, key, path)
@@ -209,6 +216,8 @@ def _content(file: h5py.File, path: Path) -> dict:
     if "force_axes" in attributes:
         content["force_axes"] = tuple(attributes["force_axes"].split(","))
     content["left_out"] = int(attributes.get("left_out", 0))
+    if all(key in attributes for key in PHOTOGRAPH):
+        content["photograph_px"] = tuple(int(attributes[key]) for key in PHOTOGRAPH)
     for key in (*TEXTS, *ARRAYS):
         stored = file.get(key)
         if stored is None:

@@ -50,6 +50,8 @@ class Dataset:
     left_out: int = 0
     """How many of the protocol's samples were dropped: friction could not carry their tangential load, or, in
     a recording, markers were not found."""
+    photograph_px: tuple[int, int] | None = None
+    """Height and width of the photographs that an importer resampled (sensor/importers/resample.py)."""
 
     def __len__(self) -> int:
         return len(self.split)

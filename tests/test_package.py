@@ -12,7 +12,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 FOLDERS = ("models", "sensor", "gateware", "sim", "scenes")
 """Of the repository's root, linked into the package."""
-DATA = (".j2", ".json", ".toml", ".vlt", ".h", ".v", ".tcl")
+DATA = (".j2", ".json", ".toml", ".vlt", ".h", ".v", ".tcl", ".html", ".css", ".js")
 
 
 def tracked() -> list[str]:

@@ -2,7 +2,7 @@
 
 import click
 
-from fastac.cli.common import INPUT, Group, Lanes, progress_option, store_option
+from fastac.cli.common import INPUT, OUTPUT_FILE, Group, Lanes, progress_option, store_option
 
 
 @click.group(cls=Group)
@@ -78,6 +78,34 @@ def stream(folders, frames):
 
     for folder in folders:
         for line in benchmark.measure(folder, frames):
+            click.echo(line)
+
+
+@bench.command()
+@click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
+@click.option("--source", help="Where frames come from, as of fastac live. [default: BUILD_FOLDER/data.h5]")
+@click.option("--frames", type=click.IntRange(1), default=2000, show_default=True, help="Frames of each run.")
+@click.option(
+    "--screenshot",
+    type=OUTPUT_FILE,
+    help="Measure nothing: play so many frames at 25 a second, and write a picture of the page, PNG.",
+)
+def live(folders, source, frames, screenshot):
+    """Time the live view: frames a second with a page or a recording attached, and the first picture.
+
+    Needs Chromium, its driver and Selenium: the page is shown in a browser without a window.
+
+    \b
+    Example: fastac bench live build/paper
+    """
+    from fastac.studies.benchmarks import live as benchmark
+
+    for folder in folders:
+        if screenshot is not None:
+            benchmark.screenshot(folder, screenshot, frames, source)
+            click.echo(screenshot)
+            continue
+        for line in benchmark.measure(folder, frames, source):
             click.echo(line)
 
 

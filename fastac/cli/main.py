@@ -9,6 +9,7 @@ from fastac.cli.data import data, protocol
 from fastac.cli.demos import grasp, vibration
 from fastac.cli.export import card, export
 from fastac.cli.hardware import calibration, registers, sim, synth, verilog
+from fastac.cli.live import live
 from fastac.cli.log import log
 from fastac.cli.models import evaluate, objects, predict, train
 from fastac.cli.prove import prove
@@ -42,7 +43,7 @@ COMMANDS = (
     *(build, reproduce, report, compare, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
     *(verilog, registers, calibration, sim, run, verify, synth, sweep, trade, scope, study, prove, bench),
-    *(vivado, vivado_reports, serve, listen, log),
+    *(vivado, vivado_reports, serve, listen, live, log),
     *(export, card),
 )
 for command in COMMANDS:

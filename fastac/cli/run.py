@@ -37,6 +37,7 @@ def run(
     source,
     via,
     split,
+    fit,
     frames,
     batch,
     csv_file,
@@ -61,6 +62,7 @@ def run(
     """
     from fastac.driver import description as descriptions
     from fastac.driver.driver import Driver
+    from fastac.driver.fitting import fitting_of
     from fastac.driver.live import Live
     from fastac.driver.recorder import CsvRecorder, Hdf5Recorder
     from fastac.driver.run import run as run_frames
@@ -76,7 +78,8 @@ def run(
     description = descriptions.read(verilog_folder)
     description.require_bundle(model.digest, str(verilog_folder / descriptions.FILE))
     origin = source or str(folder / "data.h5")
-    given = open_source(origin, model.scene, split=split, progress=progress)
+    fitting = fitting_of(model.pipeline, any_size=fit)
+    given = open_source(origin, model.scene, split=split, fitting=fitting, progress=progress)
     with open_transport(
         via,
         description,

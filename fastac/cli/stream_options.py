@@ -2,7 +2,7 @@
 
 import click
 
-from fastac.cli.common import INPUT, progress_option, split_option
+from fastac.cli.common import INPUT, folder_of, progress_option, split_option
 
 INTERRUPTED = 130
 """Exit status after Ctrl-C, as of shells."""
@@ -37,7 +37,7 @@ def _add(command, options):
 
 
 def source_options(command):
-    """--source, --split, --frames: which frames go in."""
+    """--source, --split, --fit, --frames: which frames go in."""
     options = [
         click.option(
             "--source",
@@ -45,6 +45,13 @@ def source_options(command):
             " (camera:0, /dev/video0; never tried on a camera). [default: BUNDLE/data.h5]",
         ),
         split_option("all"),
+        click.option(
+            "--fit",
+            is_flag=True,
+            help="Resample photographs, videos and cameras of any size to the sensor's frames, as"
+            " fastac import does. [default: only those of the size of the photographs that BUNDLE was trained"
+            " on]",
+        ),
         click.option("--frames", type=click.IntRange(1), help="Number of frames. [default: all there are]"),
     ]
     return _add(command, options)
@@ -81,10 +88,12 @@ def hardware_options(via: str | None = None):
     return lambda command: _add(command, options)
 
 
-def stream_options(*, arrays: str = ALL, paced: bool = True, bundle_required: bool = True):
+def stream_options(
+    *, arrays: str = ALL, paced: bool = True, loop: bool | None = False, bundle_required: bool = True
+):
     """The argument BUNDLE and all options of a stream, for `opened_stream` but for `frames`.
 
-    arrays, paced : the defaults
+    arrays, paced, loop : the defaults; loop None: the command chooses
     """
     options = [
         click.argument("bundle", type=INPUT, required=bundle_required),
@@ -109,7 +118,9 @@ def stream_options(*, arrays: str = ALL, paced: bool = True, bundle_required: bo
             show_default=True,
             help="Give a recording's frames at that rate, or as fast as they are computed.",
         ),
-        click.option("--loop", is_flag=True, help="Begin a recording again at its end."),
+        click.option(
+            "--loop/--no-loop", default=loop, help="Begin a recording again at its end, or end there too."
+        ),
         click.option(
             "--capture-background/--no-capture-background",
             default=True,
@@ -126,6 +137,7 @@ def opened_stream(
     *,
     source,
     split,
+    fit,
     via,
     verilog_folder,
     bitstream,
@@ -143,11 +155,13 @@ def opened_stream(
     return open_session(
         bundle,
         source,
+        folder=folder_of(bundle),
         via=via,
         arrays=arrays,
         verilog=verilog_folder,
         bitstream=bitstream,
         split=split,
+        fit=fit,
         frames_per_second=fps,
         paced=paced,
         loop=loop,

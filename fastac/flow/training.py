@@ -257,4 +257,6 @@ def assemble(
     known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))
     pipeline = emulator_pipeline.with_limits(pipeline, data.frames[known])
     source = {"source": data.source, "frames": len(data), "channels": list(data.channels)}
+    if data.photograph_px is not None:
+        source["photograph_px"] = list(data.photograph_px)
     return bundle.save(output, replace(pipeline, provenance=source), floats)

@@ -18,6 +18,7 @@ import numpy as np
 from fastac.driver import description as descriptions
 from fastac.driver.description import Description
 from fastac.driver.driver import TIMEOUT_S, Driver
+from fastac.driver.fitting import fitting_of
 from fastac.driver.run import Stop, until_stopped
 from fastac.driver.sources import Source, open_source
 from fastac.driver.transports.choice import open_transport
@@ -105,14 +106,16 @@ class Session:
 
 @contextmanager
 def open_session(
-    bundle_folder: Path,
+    bundle_path: Path,
     origin: str | None = None,
     *,
     via: str = "emulator",
     arrays: Sequence[str] | None = None,
+    folder: Path | None = None,
     verilog: Path | None = None,
     bitstream: Path | None = None,
     split: str = "all",
+    fit: bool = False,
     frames_per_second: float | None = None,
     paced: bool = False,
     loop: bool = False,
@@ -122,23 +125,31 @@ def open_session(
 ) -> Iterator[Session]:
     """A stream that is ready to give its first record.
 
-    origin : as `fastac.driver.sources.open_source` takes it; None: data.h5 of the build folder
+    bundle_path : a build folder, a bundle's folder, or one file of `fastac export bundle`
+    folder : where data.h5, the Verilog's folder and simulators are; None: bundle_path
+    origin : as `fastac.driver.sources.open_source` takes it; None: data.h5 in `folder`
     via : what computes: "emulator", "sim", "uio" or "pynq"; all but the emulator need the Verilog's folder
     arrays : which arrays the records have; None: all that there are
+    fit : resample frames of any size to the sensor's; else only those of the size of the photographs that it
+        was trained on
     frames_per_second : of a recording; None: its own rate, or DEFAULT_FPS of `fastac.streaming.clock`
     capture_background : let the hardware take the source's own background first, where the source has one
     Raises SourceError, BundleError, DescriptionError, TransportError or DriverError, each one line.
     """
-    bundle = load_bundle(bundle_folder)
-    verilog = verilog or bundle_folder / "verilog"
+    bundle, folder = load_bundle(bundle_path), folder or bundle_path
+    verilog = verilog or folder / "verilog"
     description = description_of(bundle, verilog, needed=via != "emulator")
-    origin = origin or str(bundle_folder / "data.h5")
+    origin = origin or str(folder / "data.h5")
+
+    fitting = fitting_of(bundle.pipeline, any_size=fit)
 
     def opened() -> Source:
-        return open_source(origin, bundle.scene, split=split, progress=progress)
+        return open_source(origin, bundle.scene, split=split, fitting=fitting, progress=progress)
 
     first = opened()
-    rate = frames_per_second or (None if first.live else clock.DEFAULT_FPS)
+    rate = frames_per_second or first.frames_per_second
+    if rate is None and not first.live:
+        rate = clock.DEFAULT_FPS
     chosen = producer.available(description) if arrays is None else tuple(arrays)
     producer.require(description, chosen)
     with open_transport(
@@ -146,7 +157,7 @@ def open_session(
         description,
         bundle=bundle,
         verilog=verilog,
-        folder=bundle_folder / "run",
+        folder=folder / "run",
         bitstream=bitstream,
         progress=progress,
     ) as transport:

@@ -132,6 +132,7 @@ def import_folder(
         split=np.array([*(label.split for label, _ in rows), "train"]),
         normals=normals,
         valid=valid,
+        photograph_px=untouched.shape[:2],
         indenter={
             "center_px": center_px,
             "radius_px": radius_px,

@@ -3,6 +3,7 @@
 import re
 import warnings
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,17 +117,28 @@ class Video:
 
     def __iter__(self) -> Iterator[np.ndarray]:
         """Every frame, (height, width, C) uint8 in the order B, G, R."""
+        with self._opened() as (container, stream):
+            stream.thread_type = "AUTO"
+            stream.codec_context.options = {"max_pixels": str(MAX_FRAME_PX)}
+            for frame in container.decode(stream):
+                yield frame.to_ndarray(format="bgr24")
+
+    def frames_per_second(self) -> float | None:
+        """The mean rate that the file states; None where it states none."""
+        with self._opened() as (_, stream):
+            rate = stream.average_rate
+            return float(rate) if rate else None
+
+    @contextmanager
+    def _opened(self) -> Iterator[tuple]:
+        """The file and its first video stream. Raises ImportFailure for whatever happens in the block."""
         import av  # folders of photographs do without it
 
         try:
             with av.open(f"file:{self.path}", options=OPTIONS, metadata_errors="replace") as container:
                 if not container.streams.video:
                     raise ImportFailure(f"{self.path}: no video in this file")
-                stream = container.streams.video[0]
-                stream.thread_type = "AUTO"
-                stream.codec_context.options = {"max_pixels": str(MAX_FRAME_PX)}
-                for frame in container.decode(stream):
-                    yield frame.to_ndarray(format="bgr24")
+                yield container, container.streams.video[0]
         except ImportFailure:
             raise
         except Exception as error:  # FFmpeg's own, and what PyAV meets in damaged texts and sizes

@@ -169,4 +169,5 @@ def import_recording(
         force_n=labels.force_n,
         force_axes=labels.axes,
         group=labels.group,
+        photograph_px=backgrounds.shape[1:3],
     )

@@ -76,6 +76,26 @@ class Resampling:
         """A frame (height, width, C) resampled, with `background`'s padding, float64."""
         return self.background(background) + self.covered(image - background.astype(float))
 
+    @cached_property
+    def _coverage(self) -> np.ndarray:
+        """Share of each target pixel that the photograph covers, (target_height, target_width, 1)."""
+        rows, columns = (np.minimum(weights.sum(axis=1), 1) for weights in self._overlaps())
+        return (rows[:, None] * columns)[..., None]
+
+    def padding(self, background: np.ndarray) -> np.ndarray:
+        """What a `background` that is resampled already adds to `covered` frames, float64.
+
+        The sum is as `frame`, but for rounding, where `background` is the same photograph's, rounded.
+        """
+        share, beside = self._coverage, background.astype(float)
+        for axis in (0, 1):  # of a pixel that is covered in part, the rest is as its neighbour further out
+            edge, along = np.moveaxis(beside, axis, 0), np.moveaxis(share, axis, 0).max(axis=(1, 2))
+            for k in np.flatnonzero((along > 1e-9) & (along < 1 - 1e-9)):
+                outward = k - 1 if k < len(edge) // 2 else k + 1
+                if 0 <= outward < len(edge):
+                    edge[k] = edge[outward]
+        return (1 - share) * beside
+
     def points_px(self, points: np.ndarray) -> np.ndarray:
         """Convert positions (…, 2), (u, v) in px, from the original to the resampled image.
 

@@ -99,12 +99,15 @@ class TestResumes:
         assert ran(run(changed, folder, tiny_file)) == []
 
     def test_other_data_train_everything_again(self, tiny_scene, tiny_data, folder, tmp_path):
-        other = write(tiny_data, tmp_path / "other.h5", source="simulated: another day")
+        other = write(
+            tiny_data, tmp_path / "other.h5", source="simulated: another day", photograph_px=(320, 240)
+        )
         assert ran(run(tiny_scene, folder, other)) == TRAIN
         assert bundle.load(folder / "bundle").pipeline.provenance == {
             "source": "simulated: another day",
             "frames": 34,
             "channels": ["B", "G", "R", "NIR"],
+            "photograph_px": [320, 240],
         }
 
     def test_an_interrupted_training_goes_on_with_its_step(
