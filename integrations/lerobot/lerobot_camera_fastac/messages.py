@@ -3,7 +3,8 @@
 `fastac serve` sends messages of several parts; the first names the kind:
 
     b"about"    JSON: sensor, geometry, units, what computes
-    b"record"   JSON: what was found in a frame; JSON: timing; then the arrays, C order, little-endian
+    b"record"   JSON: what was found in a frame; JSON: timing and the errors that stood in the hardware's
+                register; then the arrays, C order, little-endian
     b"end"      JSON: no further record will come
 
 This file is used without FasTac, whose libraries LeRobot cannot have beside it; FasTac's tests compare every
@@ -111,13 +112,17 @@ def decode(parts: Sequence[bytes]) -> About | Record | None:
 def _record(parts: Sequence[bytes]) -> Record:
     _expect(len(parts) >= 3, f"record of {len(parts)} parts: expected 3 or more")
     facts, octets = _versioned(parts[1], "record"), parts[3:]
-    timing = Timing(**_fields(Timing, _json(parts[2], "timing"), "timing"))
+    when = _json(parts[2], "timing")
+    timing = Timing(**_fields(Timing, when, "timing"))
+    _expect(isinstance(when.get("errors"), list), "timing: errors: missing, or no list")
     described = facts.get("arrays")
     _expect(
         isinstance(described, list) and len(described) == len(octets), "record: arrays: not as many as sent"
     )
     arrays = dict(_array(one, part) for one, part in zip(described, octets, strict=True))
-    return Record(**_fields(Record, {**facts, "timing": timing, "arrays": arrays}, "record"))
+    return Record(
+        **_fields(Record, {**facts, "errors": when["errors"], "timing": timing, "arrays": arrays}, "record")
+    )
 
 
 def _array(described: Any, octets: bytes) -> tuple[str, np.ndarray]:

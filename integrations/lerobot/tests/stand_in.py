@@ -51,7 +51,6 @@ def record(frame: int, pressed_mm: float) -> list[bytes]:
         "suspect": pressed_mm > 1,
         "slipping": False,
         "reasons": ["change"] if pressed_mm > 1 else [],
-        "errors": [],
         "force_n": {"x": 0.25 * pressed_mm, "y": -0.5 * pressed_mm, "z": pressed_mm},
         "force_raw": {"x": 1, "y": 2, "z": 3},
         "slip_px": None,
@@ -67,6 +66,7 @@ def record(frame: int, pressed_mm: float) -> list[bytes]:
         "hardware_time_s": 0.01 * frame,
         "host_latency_s": 1e-3,
         "made_ns": time.time_ns(),
+        "errors": [],
     }
     return [
         b"record",
