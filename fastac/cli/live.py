@@ -45,9 +45,7 @@ def live(bundle, frames, loop, views, save, force, rerun_url, host, port, opens,
     with a secret token, which is printed. Cameras have never been tried.
 
     \b
-    Examples: fastac live build/paper
-              fastac live build/paper --source press.mp4 --view page --open
-              fastac live build/paper --no-pace --view none --save press.rrd --frames 500
+    Example: fastac live build/gelsight --source press.mp4 --view page --open
     """
     from fastac.streaming.views import rerun_view
 

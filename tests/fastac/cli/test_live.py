@@ -102,4 +102,4 @@ def test_ctrl_c_ends_a_view_that_is_looked_at(tiny_folder, tiny_file):
 
 
 def test_help():
-    assert "Examples: fastac live build/paper" in run("live", "--help").output
+    assert "Example: fastac live build/gelsight" in run("live", "--help").output
