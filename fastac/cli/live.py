@@ -45,9 +45,7 @@ def live(bundle, frames, loop, views, save, force, rerun_url, host, port, opens,
     with a secret token, which is printed. Cameras have never been tried.
 
     \b
-    Examples: fastac live build/paper
-              fastac live build/paper --source press.mp4 --view page --open
-              fastac live build/paper --no-pace --view none --save press.rrd --frames 500
+    Example: fastac live build/gelsight --source press.mp4 --view page --open
     """
     from fastac.streaming.views import rerun_view
 
@@ -55,8 +53,8 @@ def live(bundle, frames, loop, views, save, force, rerun_url, host, port, opens,
         raise click.ClickException(f"{save}: exists already; --force replaces it")
     if save is not None and save.suffix != ".rrd":
         raise click.ClickException(f"{save}: expected a name that ends in .rrd")
-    if (save is not None or rerun_url or "rerun" in views) and not rerun_view.installed():
-        raise click.ClickException(rerun_view.MISSING)
+    if save is not None or rerun_url or "rerun" in views:
+        rerun_view.require_installed()
     views = _chosen(views, rerun_url)
     if loop is None:
         loop = save is None and bool(views)

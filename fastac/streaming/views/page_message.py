@@ -43,7 +43,7 @@ def split(message: bytes) -> list[bytes]:
 def of_about(sight: Sight) -> bytes:
     """The description of the stream."""
     rest = np.ascontiguousarray(thinned(sight.rest_depth_mm, SURFACE_PX), "<f4")
-    x, y = (axis[:: _step(sight)].tolist() for axis in (sight.x_mm, sight.y_mm))
+    x, y = (axis.tolist() for axis in sight.grid_mm())
     drawn = {"ramp": RAMP.tolist(), "x_mm": x, "y_mm": y, "arrays": [_described("rest_mm", rest)]}
     return joined([*descriptions.encode(sight.about), json_text.write(drawn), rest.tobytes()])
 
@@ -75,11 +75,6 @@ def of_record(sight: Sight, record: StreamRecord) -> tuple[Parts, dict, Parts]:
     }
     facts = records.encode(replace(record, arrays={}))
     return facts, drawn, [array.reshape(-1).view(np.uint8).data for array in arrays.values()]
-
-
-def _step(sight: Sight) -> int:
-    """Every how manyeth row and column of the surface is sent."""
-    return -(-max(sight.rest_depth_mm.shape) // SURFACE_PX)
 
 
 def _described(name: str, array: np.ndarray) -> dict:

@@ -39,8 +39,12 @@ def rest_depth_mm(bundle: Bundle) -> np.ndarray:
 
 def thinned(image: np.ndarray, most: int) -> np.ndarray:
     """Every n-th row and column of an image (rows, columns, …): at most `most` of either."""
-    step = -(-max(image.shape[:2]) // most)
+    step = _step(image, most)
     return image[::step, ::step]
+
+
+def _step(image: np.ndarray, most: int) -> int:
+    return -(-max(image.shape[:2]) // most)
 
 
 def colours_of_normals(normals: np.ndarray) -> np.ndarray:
@@ -91,6 +95,11 @@ class Sight:
         pitch = self.about.pitch_mm
         self.x_mm = ((np.arange(columns) - (columns - 1) / 2) * pitch).astype(np.float32)
         self.y_mm = ((np.arange(rows) - (rows - 1) / 2) * pitch).astype(np.float32)
+
+    def grid_mm(self) -> tuple[np.ndarray, np.ndarray]:
+        """x and y of the columns and rows of the surface that is drawn."""
+        step = _step(self.rest_depth_mm, SURFACE_PX)
+        return self.x_mm[::step], self.y_mm[::step]
 
     @property
     def live(self) -> bool:

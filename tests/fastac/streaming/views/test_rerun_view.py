@@ -8,7 +8,8 @@ import pytest
 
 from fastac.streaming.session import open_session
 from fastac.streaming.views.pictures import Sight, colours_of_normals, rest_depth_mm, triangles
-from fastac.streaming.views.rerun_view import ViewError, logged, shown
+from fastac.streaming.views.rerun_recording import ViewError
+from fastac.streaming.views.rerun_view import logged, shown
 
 rerun = pytest.importorskip("rerun")
 FRAMES = 6
@@ -70,7 +71,7 @@ def test_depths_in_mm(played, columns):
     for frame, (octets,) in depths.items():
         depth = np.array(octets, np.uint8).view(np.float32).reshape(14, 14)
         np.testing.assert_array_equal(depth, records[frame].depth_mm)
-    assert columns("/depth", "DepthImage:meter")[0] == [1000.0]
+    assert columns("/depth", "DepthImage:meter")[None] == [1000.0]
 
 
 def test_pictures(played, columns):
@@ -81,7 +82,7 @@ def test_pictures(played, columns):
         np.testing.assert_array_equal(
             np.array(octets, np.uint8).reshape(16, 16, 3), records[frame].image[..., :3]
         )
-    assert columns("/camera/image", "Image:format")[0][0]["color_model"] == rerun.ColorModel.BGR.value
+    assert columns("/camera/image", "Image:format")[None][0]["color_model"] == rerun.ColorModel.BGR.value
     (nir,) = columns("/camera/nir", "Image:buffer")[2]
     np.testing.assert_array_equal(np.array(nir, np.uint8).reshape(16, 16), records[2].image[..., 3])
     (normals,) = columns("/normals", "Image:buffer")[2]
