@@ -52,7 +52,7 @@ def bundle(bundle, output, licence, force):
     default="integer",
     show_default=True,
     help="integer: what the hardware computes. float: the models before quantisation. both: in one file, the"
-    " outputs of the float models with the prefix float_.",
+    " outputs of the float models, which are named float_NAME.",
 )
 @click.option(
     "--background-input",
