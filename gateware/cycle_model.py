@@ -34,7 +34,7 @@ from fastac.models.integer.laplacian import STENCILS, boundary_term
 from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed, signed_width, to_words
-from fastac.models.vision.dots import bridge_reach, expected_follower
+from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 

@@ -10,8 +10,8 @@ from fastac.gateware.target.device import Device, DeviceError, device_of
 from fastac.models.integer import assemble
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.random_bundle import force_weights, layers
-from fastac.models.vision.dots import bridge_reach, expected_follower
+from fastac.models.random_tables import force_weights, layers
+from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.synth import resources

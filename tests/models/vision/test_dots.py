@@ -19,7 +19,8 @@ from fastac.models.vision.dots import (
 from fastac.models.vision.markers import Detector, MarkerError, associate
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.optics.camera import background
-from fastac.sensor.optics.skin_paint import coverage, marker_pixels
+from fastac.sensor.optics.marker_grid import marker_pixels
+from fastac.sensor.optics.skin_paint import coverage
 
 SIDE = 96
 PHOTOGRAPHS = Path(__file__).parents[4] / "shared/data/fots/markers"

@@ -5,7 +5,8 @@ import pytest
 from scipy.ndimage import map_coordinates
 
 from fastac.scenes.sensor_schema import Sensor
-from fastac.sensor.optics.skin_paint import albedo, grain, marker_centres_mm, marker_pixels
+from fastac.sensor.optics.marker_grid import marker_centres_mm, marker_pixels
+from fastac.sensor.optics.skin_paint import albedo, grain
 
 
 def sensor(**keys):
