@@ -12,7 +12,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.dot_follower import FRACTION, DotFollower, at_rest, guides_of
 from fastac.models.integer.dot_windows import BLOCK, DotWindows
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.random_tables import force_weights, frames, layers
+from fastac.models.random_tables import force_weights, frames, layers, network_bits
 from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.parts import DEFAULT_PART
 from fastac.scenes.schema import Scene
@@ -128,7 +128,7 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     x = np.linspace(-1, 1, size)
     pipeline = assemble(
         scene,
-        layers=layers(scene, background, rng, hidden),
+        layers=layers(network_bits(scene.numbers), background, rng, hidden),
         background=background,
         rest_depth_mm=size / 40 * (2 - x**2 - x[:, None] ** 2),
         bridge=bridge if scene.wants_bridge else None,
@@ -177,7 +177,7 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
     hidden = tuple(len(layer.weight) for layer in old.layers[:-1])
     pipeline = assemble(
         old.scene,
-        layers=layers(old.scene, old.background, np.random.default_rng(seed), hidden),
+        layers=layers(network_bits(old.scene.numbers), old.background, np.random.default_rng(seed), hidden),
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
         **stages,

@@ -9,6 +9,7 @@ from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.force import terms
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import quantise_layers
+from fastac.scenes.model_schema import Numbers
 from fastac.scenes.schema import Scene
 
 
@@ -23,14 +24,14 @@ def frames(background: np.ndarray, spans: tuple[int, ...], seed: int = 1) -> np.
 
 
 def layers(
-    scene: Scene, background: np.ndarray, rng: np.random.Generator, hidden: tuple[int, ...]
+    bits: dict[str, int], background: np.ndarray, rng: np.random.Generator, hidden: tuple[int, ...]
 ) -> tuple[Layer, ...]:
     """A quantised network of random weights, with n_z > 0 so that its slopes do not saturate on small
     changes.
 
-    hidden : neurons of each hidden layer
+    bits : see `network_bits`; hidden : neurons of each hidden layer
     """
-    channels, numbers = background.shape[-1], scene.numbers
+    channels = background.shape[-1]
     sizes = (channels + 2, *hidden, 3)
     weights = [rng.normal(size=(neurons, inputs)) / np.sqrt(inputs) for inputs, neurons in pairwise(sizes)]
     biases = [0.1 * rng.normal(size=neurons) for neurons in sizes[1:]]
@@ -42,10 +43,17 @@ def layers(
         biases,
         scales(channels),
         pixels.reshape(-1, channels + 2).astype(np.int64),
-        weight_bits=numbers.weight_bits,
-        activation_bits=numbers.activation_bits,
-        last_weight_bits=numbers.last_weight_bits,
+        **bits,
     )
+
+
+def network_bits(numbers: Numbers) -> dict[str, int]:
+    """The words of a pixel network, as `quantise_layers` takes them."""
+    return {
+        "weight_bits": numbers.weight_bits,
+        "activation_bits": numbers.activation_bits,
+        "last_weight_bits": numbers.last_weight_bits,
+    }
 
 
 def force_weights(

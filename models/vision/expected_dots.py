@@ -1,5 +1,7 @@
 """What a scene alone says of its dots, before there is an image: sizes of windows, where dots should be."""
 
+from functools import lru_cache
+
 import numpy as np
 
 from fastac.models.integer.dot_follower import FRACTION, DotFollower
@@ -30,6 +32,7 @@ def window_reach(spacing_px: float) -> int:
     return max(1, int(REACH_SPACINGS * spacing_px / CELL))
 
 
+@lru_cache
 def expected_follower(sensor: Sensor, *, loadable: bool = False) -> DotFollower:
     """What would follow the dots where the scene's virtual fingertip has them, whatever their darkness.
 
