@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from fastac.models.loops.memory import aligned_zeros
 from fastac.models.loops.vector_tile import NEURONS, PIXELS, tile_linear, tile_rectified, tile_requantised
 
 BLOCK = 4 * PIXELS
@@ -25,18 +26,27 @@ def packed(table: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
 
 
 @njit(nogil=True, cache=True)
-def _fill(frame, rest, start, count, features):
+def _fill(frame, channels, rest, start, count, features):
     """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`."""
-    channels = len(frame)
-    for c in range(len(rest)):
+    if channels == 4:
+        _differences(frame, 4, rest, start, count, features)
+    elif channels == 3:
+        _differences(frame, 3, rest, start, count, features)
+    else:
+        _differences(frame, channels, rest, start, count, features)
+    for c in range(channels, len(rest)):
         plane, known = features[c], rest[c, start:]
-        if c < channels:
-            seen = frame[c, start:]
-            for p in range(count):
-                plane[p] = np.float32(seen[p]) - known[p]
-        else:
-            for p in range(count):
-                plane[p] = known[p]
+        for p in range(count):
+            plane[p] = known[p]
+
+
+@njit(nogil=True, cache=True, inline="always")
+def _differences(frame, channels, rest, start, count, features):
+    """The channels' features; `channels` written as a number lets the compiler use vectors."""
+    for c in range(channels):
+        plane, known, seen = features[c], rest[c, start:], frame[start * channels + c :]
+        for p in range(count):
+            plane[p] = np.float32(seen[p * channels]) - known[p]
 
 
 @njit(nogil=True, cache=True)
@@ -62,10 +72,10 @@ def _last_layer(table, inputs, x, y):
 
 
 @njit(nogil=True, cache=True)
-def forward(frame, rest, hidden, neurons, tops, requantised, last, out):
-    """Run the network on one frame and write its outputs into `out`.
+def forward(frame, rest, hidden, neurons, tops, requantised, last, start, stop, out):
+    """Run the network on the pixels from `start` to before `stop` of one frame.
 
-    frame : (C, pixels) uint8, planes of the channels
+    frame : (pixels · C) uint8, the channels of a pixel side by side
     rest : (C + 2, pixels) float32, planes of the background's channels and of the two coordinate codes
     hidden : (layers, tiles, rows, NEURONS), each hidden layer's `packed` table, padded to a common shape
     neurons : (layers,) number of neurons of each hidden layer
@@ -73,21 +83,21 @@ def forward(frame, rest, hidden, neurons, tops, requantised, last, out):
     requantised : whether activations are requantised as in `integer.network.Requantisation`, or only
         rectified
     last : the last layer's `packed` table
-    out : (outputs, pixels), in the last layer's type
+    out : (outputs, as many pixels or more), in the last layer's type
     """
-    pixels, rows = frame.shape[1], hidden.shape[1] * NEURONS
-    features = np.zeros((len(rest), BLOCK), tops.dtype)
-    a, b = np.empty((rows, BLOCK), tops.dtype), np.empty((rows, BLOCK), tops.dtype)
-    found = np.empty((len(last) * NEURONS, BLOCK), out.dtype)
-    for start in range(0, pixels, BLOCK):
-        count = min(BLOCK, pixels - start)
-        _fill(frame, rest, start, count, features)
+    rows, channels, pixels = hidden.shape[1] * NEURONS, len(rest) - 2, stop - start
+    features = aligned_zeros(len(rest), BLOCK, tops)
+    a, b = aligned_zeros(rows, BLOCK, tops), aligned_zeros(rows, BLOCK, tops)
+    found = aligned_zeros(len(last) * NEURONS, BLOCK, out)
+    for first in range(0, pixels, BLOCK):
+        count = min(BLOCK, pixels - first)
+        _fill(frame, channels, rest, start + first, count, features)
         x, y, spare, inputs = features, a, b, len(rest)
         for k in range(len(hidden)):
             _layer(hidden[k], inputs, neurons[k], x, y, tops[k], requantised)
             x, y, spare, inputs = y, spare, y, neurons[k]
         _last_layer(last, inputs, x, found)
         for j in range(len(out)):
-            place, row = out[j, start:], found[j]
+            place, row = out[j, first:], found[j]
             for p in range(count):
                 place[p] = row[p]
