@@ -10,12 +10,12 @@ from fastac.models.loops.poisson import divide_modes, transform_source
 
 
 @njit(nogil=True, cache=True)
-def _solve(board, member, k, source, tables, modes, behind):
+def _solve(board, member, bell, k, source, tables, modes, behind):
     rows, columns, columns_back, factors, halves, rows_back, last = tables
     size = source[1]
     transform_source(board, member, *source, rows, modes)
     divide_modes(board, member, columns, columns_back, factors, halves, size, modes)
-    find_depth(board, member, k, size, modes, rows_back, last, *behind)
+    find_depth(board, member, bell, k, size, modes, rows_back, last, *behind)
 
 
 class TransformTables:

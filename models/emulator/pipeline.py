@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exactness import NotExactError
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.loops.frames import Outputs, choose_outputs, over_frames, require_frames
+from fastac.models.loops.frames import IdleWorkers, Outputs, choose_outputs, over_frames, require_frames
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
 
@@ -21,13 +21,14 @@ class Emulator:
 
     pipeline: IntegerPipeline
     _worker: Callable[[frozenset[str]], Callable] = field(init=False, repr=False)
-    """Makes what computes the given outputs in one thread: float64 tables where they are exact."""
+    """Makes what computes the given outputs: float64 tables where they are exact."""
+    _idle: IdleWorkers = field(init=False, repr=False, default_factory=IdleWorkers)
 
     @property
     def scene(self) -> Scene:
         return self.pipeline.scene
 
-    @property
+    @cached_property
     def outputs(self) -> Outputs:
         """Shapes for one frame and element types of everything that the scene wants; see `Result`."""
         return direct.outputs(self.pipeline)
@@ -49,14 +50,8 @@ class Emulator:
         """
         outputs = choose_outputs(self.outputs, wanted)
         require_frames(frames, self.pipeline.background)
-        found = over_frames(
-            partial(self._worker, frozenset(outputs)),
-            frames,
-            outputs,
-            progress=progress,
-            label="integer pipeline",
-        )
-        return Result(**found)
+        with self._idle.lent(self._worker, frozenset(outputs)) as worker:
+            return Result(**over_frames(worker, frames, outputs, progress=progress, label="integer pipeline"))
 
 
 def _direct_worker(pipeline: IntegerPipeline, outputs: frozenset[str]) -> Callable:

@@ -11,7 +11,7 @@ from numba import njit
 from fastac.models.loops.dots import bridge, dark_pixels, follow
 from fastac.models.loops.measures import measure
 from fastac.models.loops.memory import aligned_zeros
-from fastac.models.loops.network_kernel import forward
+from fastac.models.loops.network_kernel import block_memory, forward
 from fastac.models.loops.pixels import (
     depth_and_displacement,
     displacement_words,
@@ -23,7 +23,7 @@ from fastac.models.loops.pixels import (
 )
 from fastac.models.loops.poisson import COLUMNS, PIXELS, SOLUTION
 from fastac.models.loops.sines import BAND, rows_product, unfold_rows
-from fastac.models.loops.tasks import done, take, tasks, wait
+from fastac.models.loops.tasks import begin, done, linger, take, tasks, wait
 from fastac.models.loops.weights import weigh, weigh_terms
 
 _compiled = njit(nogil=True, cache=True)
@@ -31,7 +31,7 @@ _compiled = njit(nogil=True, cache=True)
 SLOPES, DISPLACEMENTS, MEASURES, LOST = 0, 1, 2, -1
 """Columns of `counts`: saturated slopes and displacements, and the first of those of `loops/measures.py`; behind
 them all, lost dots."""
-TASK_PIXELS = 512
+TASK_PIXELS = 256
 """Pixels of a task, in whole rows."""
 
 
@@ -41,22 +41,25 @@ def rows_each(width: int) -> int:
 
 
 @_compiled
-def find_slopes(board, member, k, frames, flat, background, network, dots, settings, bridged, slopes, weight, found):
+def find_slopes(board, member, bell, k, frames, flat, background, network, dots, settings, bridged, slopes, weight, found):
     """Phase PIXELS: from a frame to its slopes, and to what else follows from its pixels alone.
 
     k : the frame's number; frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same
     background : (H · W · C) uint8; network : `FrameNetwork.tables`; dots : `FollowedDots.tables`
     settings : 2**−f of the slopes' fraction f; their largest word; rows of a task; whether slopes, measures
-        and dots are wanted
+        and dots are wanted; whether no other phase follows
     bridged : thresholds of darkness, and how far a bridge reaches, or 0
     slopes : (2, H · W); weight : (axes, 2, H · W) of the force of slopes; without one, no elements
     found : `counts` and `shares`, and the places of normals, their words, and slopes
     """
-    unit, limit, each, wants_slopes, wants_measures, wants_dots = settings
+    unit, limit, each, wants_slopes, wants_measures, wants_dots, is_last = settings
     threshold, reach = bridged
     counts, shares, normals, normal_words, slopes_found = found
+    begin(board, member, bell)
     _, height, width, channels = frames.shape
     normal = np.empty((3, each * width), np.float64)
+    rest, hidden, _, tops, _, last = network
+    memory = block_memory(rest, hidden, tops, last, normal)
     dark, over = np.empty((each, width), np.bool_), np.empty((2, each * width if reach else 0), np.bool_)
     others = 1 if wants_dots else 0
     task = take(board, PIXELS, member)
@@ -70,7 +73,7 @@ def find_slopes(board, member, k, frames, flat, background, network, dots, setti
             if wants_measures:
                 measure(flat[k], background, width, channels, first, rows, counts[task, MEASURES:])
             if wants_slopes or normals.size or normal_words.size:
-                forward(flat[k], *network, start, stop, normal)
+                forward(flat[k], *network, memory, start, stop, normal)
                 if normal_words.size:
                     interleave_normals(normal, normal_words[k, 3 * start : 3 * stop])
                 if normals.size:
@@ -89,10 +92,12 @@ def find_slopes(board, member, k, frames, flat, background, network, dots, setti
                     shares[task, axis] = weigh(p, weight[axis, 0, start:]) + weigh(q, weight[axis, 1, start:])
         done(board, PIXELS)
         task = take(board, PIXELS, member)
+    if is_last:
+        linger(board, member, bell)
 
 
 @_compiled
-def find_depth(board, member, k, size, modes, sine, half_unit, tables, settings, bends, weight, z, found):
+def find_depth(board, member, bell, k, size, modes, sine, half_unit, tables, settings, bends, weight, z, found):
     """Phase SOLUTION: from the solution's modes to its rows, depth, displacement, and what follows from these.
 
     k : the frame's number; size : N
@@ -127,6 +132,7 @@ def find_depth(board, member, k, size, modes, sine, half_unit, tables, settings,
                 weigh_terms(part, bends, weight, start, shares[band])
         done(board, SOLUTION)
         band = take(board, SOLUTION, member)
+    linger(board, member, bell)
 
 
 @_compiled
@@ -157,11 +163,11 @@ def conclude(board, phase, k, counts, shares, dots, limits, force, found):
         if measures.size:
             measures[k, j] = value
     if validity.size:
-        validity[k] = flags
+        validity[k, 0] = flags
     if steep.size:
-        steep[k] = totals[SLOPES]
+        steep[k, 0] = totals[SLOPES]
     if far.size:
-        far[k] = totals[DISPLACEMENTS]
+        far[k, 0] = totals[DISPLACEMENTS]
     for axis in range(len(constant)):
         total, of_dots = constant[axis], 0
         for task in range(len(shares)):

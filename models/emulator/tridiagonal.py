@@ -43,11 +43,11 @@ def _recur(board, member, elimination, substitution, unit, halves, modes):
 
 
 @njit(nogil=True, cache=True)
-def _solve(board, member, k, source, tables, modes, behind):
+def _solve(board, member, bell, k, source, tables, modes, behind):
     rows, elimination, substitution, unit, halves, rows_back, last = tables
     transform_source(board, member, *source, rows, modes)
     _recur(board, member, elimination, substitution, unit, halves, modes)
-    find_depth(board, member, k, source[1], modes, rows_back, last, *behind)
+    find_depth(board, member, bell, k, source[1], modes, rows_back, last, *behind)
 
 
 class RecurrenceTables:

@@ -21,7 +21,7 @@ from fastac.models.integer.frame_validity import REASONS
 from fastac.models.loops.dots import NO_DOTS, FollowedDots
 from fastac.models.loops.measures import BRIGHTNESS, CHANGE, CLIPPED, DETAIL
 from fastac.models.loops.poisson import PIXELS, SOLUTION
-from fastac.models.loops.tasks import new_board
+from fastac.models.loops.tasks import BELL, new_board
 from fastac.models.loops.team import together
 
 if TYPE_CHECKING:
@@ -34,14 +34,23 @@ OF_SOLUTION = {
     "displacement_mm": np.float32,
     "displacement_words": np.int64,
 }
-OF_FRAME = {"force_raw": np.int64, "force_n": np.float64, "validity_measures": np.int64}
-COUNTED = ("validity", "gradient_saturated", "displacement_saturated")
+OF_FRAME = {
+    "force_raw": np.int64,
+    "force_n": np.float64,
+    "validity_measures": np.int64,
+    "validity": np.int64,
+    "gradient_saturated": np.int64,
+    "displacement_saturated": np.int64,
+}
 """What the compiled stages find, in the order in which they take its places, with element types."""
+UNWANTED = {name: np.empty((0, 0), kind) for name, kind in (OF_PIXELS | OF_SOLUTION | OF_FRAME).items()}
 NO_WEIGHT = np.empty((0, 0, 0))
 
 
 class Worker:
     """Scratch memory for one frame; called with frames and the places of their outputs, see `over_frames`."""
+
+    can_share = True
 
     def __init__(self, tables: "ExactTables", outputs: frozenset[str]):
         self.tables, self.pipeline = tables, (pipeline := tables.pipeline)
@@ -61,6 +70,7 @@ class Worker:
         self.counts = np.zeros((max(steps), MEASURES + BRIGHTNESS + channels), np.int64)
         self.shares = np.zeros((max(steps), len(tables.weight) if wanted.force else 0))
         self.before, self.ending = self._before(each), self._ending()
+        self.adds = wanted.dots or wanted.slip or wanted.force_map
 
     def _before(self, each: int) -> tuple:
         """What `find_slopes` takes between the frames and the places."""
@@ -73,7 +83,15 @@ class Worker:
             np.array(pipeline.background).reshape(-1),
             tables.network.tables,
             NO_DOTS if self.dots is None else self.dots.tables,
-            (2.0**-ratio.fraction, float(ratio.limit), each, wanted.slopes, wanted.validity, wanted.dots),
+            (
+                2.0**-ratio.fraction,
+                float(ratio.limit),
+                each,
+                wanted.slopes,
+                wanted.validity,
+                wanted.dots,
+                not wanted.solver,
+            ),
             (threshold, reach),
             self.slopes,
             tables.weight if wanted.force and not wanted.solver else NO_WEIGHT,
@@ -124,31 +142,27 @@ class Worker:
         """Fill the places `out` (frames, …) of frames (frames, H, W, C) uint8, each by so many threads."""
         if not (frames.flags.c_contiguous and frames.flags.writeable):
             frames = frames.copy()  # so that nothing is compiled for other kinds of arrays
-
-        def places(kinds: dict[str, type]) -> tuple[np.ndarray, ...]:
-            return tuple(
-                out[name].reshape(len(frames), -1) if name in out else np.empty((0, 0), kind)
-                for name, kind in kinds.items()
-            )
-
-        own = self.counts, self.shares
-        flat = frames.reshape(len(frames), -1)
-        before = (frames, flat, *self.before, (*own, *places(OF_PIXELS)))
-        behind = None if self.behind is None else (*self.behind, (*own, *places(OF_SOLUTION)))
-        counted = (out[name] if name in out else np.empty(0, np.int64) for name in COUNTED)
-        found = (*places(OF_FRAME), *counted)
+        count, flat = len(frames), frames.reshape(len(frames), -1)
+        rows = {name: array.reshape(count, -1) for name, array in out.items()}
+        own, places = (self.counts, self.shares), UNWANTED | rows
+        before = (frames, flat, *self.before, own + tuple(places[name] for name in OF_PIXELS))
+        behind = None
+        if self.behind is not None:
+            behind = (*self.behind, own + tuple(places[name] for name in OF_SOLUTION))
+        found = tuple(places[name] for name in OF_FRAME)
         blank = new_board(threads, *self.steps)
-        for k in range(len(frames)):
+        for k in range(count):
             board = blank.copy()
             together(partial(self._tasks, board, k, before, behind), threads)
             conclude(board, self.last, k, *self.ending, found)
-            self._add(k, out)
+            if self.adds:
+                self._add(k, out)
 
     def _tasks(self, board: np.ndarray, k: int, before: tuple, behind: tuple | None, member: int) -> None:
         """One thread's part of frame k."""
-        find_slopes(board, member, k, *before)
+        find_slopes(board, member, BELL, k, *before)
         if behind is not None:
-            self.tables.solver.solve(board, member, k, *self.between, behind)
+            self.tables.solver.solve(board, member, BELL, k, *self.between, behind)
 
     def _add(self, k: int, out: dict[str, np.ndarray]) -> None:
         """What is found of frame k without compiled loops: its dots, slip and force map."""

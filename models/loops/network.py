@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from fastac.models.integer.features import coordinate_codes
-from fastac.models.loops.network_kernel import forward, packed
+from fastac.models.loops.network_kernel import forward_whole, packed
 
 
 class FrameNetwork:
@@ -51,5 +51,5 @@ class FrameNetwork:
     def __call__(self, frame: np.ndarray) -> np.ndarray:
         """The network's outputs (3, H · W) for a frame (H, W, C) uint8."""
         found = np.empty((self.outputs, frame.shape[0] * frame.shape[1]), self.real)
-        forward(np.ascontiguousarray(frame).reshape(-1), *self.tables, 0, found.shape[1], found)
+        forward_whole(np.ascontiguousarray(frame).reshape(-1), *self.tables, found)
         return found

@@ -71,8 +71,20 @@ def _last_layer(table, inputs, x, y):
             tile_linear(real, source, weights, inputs, seen, BLOCK, found, real)
 
 
+@njit(nogil=True, cache=True, inline="always")
+def block_memory(rest, hidden, tops, last, out):
+    """Scratch memory of one thread for `forward`: features, activations of two layers, outputs."""
+    rows = hidden.shape[1] * NEURONS
+    return (
+        aligned_zeros(len(rest), BLOCK, tops),
+        aligned_zeros(rows, BLOCK, tops),
+        aligned_zeros(rows, BLOCK, tops),
+        aligned_zeros(len(last) * NEURONS, BLOCK, out),
+    )
+
+
 @njit(nogil=True, cache=True)
-def forward(frame, rest, hidden, neurons, tops, requantised, last, start, stop, out):
+def forward(frame, rest, hidden, neurons, tops, requantised, last, memory, start, stop, out):
     """Run the network on the pixels from `start` to before `stop` of one frame.
 
     frame : (pixels · C) uint8, the channels of a pixel side by side
@@ -83,12 +95,11 @@ def forward(frame, rest, hidden, neurons, tops, requantised, last, start, stop, 
     requantised : whether activations are requantised as in `integer.network.Requantisation`, or only
         rectified
     last : the last layer's `packed` table
+    memory : see `block_memory`
     out : (outputs, as many pixels or more), in the last layer's type
     """
-    rows, channels, pixels = hidden.shape[1] * NEURONS, len(rest) - 2, stop - start
-    features = aligned_zeros(len(rest), BLOCK, tops)
-    a, b = aligned_zeros(rows, BLOCK, tops), aligned_zeros(rows, BLOCK, tops)
-    found = aligned_zeros(len(last) * NEURONS, BLOCK, out)
+    channels, pixels = len(rest) - 2, stop - start
+    features, a, b, found = memory
     for first in range(0, pixels, BLOCK):
         count = min(BLOCK, pixels - first)
         _fill(frame, channels, rest, start + first, count, features)
@@ -101,3 +112,10 @@ def forward(frame, rest, hidden, neurons, tops, requantised, last, start, stop, 
             place, row = out[j, first:], found[j]
             for p in range(count):
                 place[p] = row[p]
+
+
+@njit(nogil=True, cache=True)
+def forward_whole(frame, rest, hidden, neurons, tops, requantised, last, out):
+    """`forward` of all pixels of one frame."""
+    memory = block_memory(rest, hidden, tops, last, out)
+    forward(frame, rest, hidden, neurons, tops, requantised, last, memory, 0, out.shape[1], out)

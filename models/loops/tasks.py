@@ -26,13 +26,17 @@ LINE = 8
 """int64 in a cache line: what members wait for does not lie beside what they take."""
 SPINS = 64
 """How often to look before the processor is offered to others: a few microseconds."""
+LINGER = 300
+"""How often to look for the next frame, each time offering the processor to others: some 0.1 ms."""
+BELL = np.zeros((1, 1, LINE), np.int64)
+"""How many frames have been begun, by all teams of the process."""
 
 
 def new_board(members: int, *tasks: int) -> np.ndarray:
     """A board for a team with so many tasks in each phase, of which none is taken.
 
-    A row for each phase: the numbers of tasks and of members, how many are done, and how many of each member's
-    share are taken, each in a cache line of its own.
+    A row for each phase: the numbers of tasks and of members, and the BELL when the frame was begun; how many are
+    done; how many of each member's share are taken. Each has a cache line of its own.
     """
     board = np.zeros((len(tasks), 2 + members, LINE), np.int64)
     board[:, 0, 0], board[:, 0, 1] = tasks, members
@@ -115,3 +119,24 @@ def wait(board, phase):
         looked += 1
         if looked > SPINS:
             _offer_processor()
+
+
+@njit(nogil=True, cache=True)
+def begin(board, member, bell):
+    """Tell the other members that a frame is begun, for member 0; before anything else."""
+    if member == 0:
+        board[0, 0, 2] = _add_one(bell, 0, 0) + 1
+
+
+@njit(nogil=True, cache=True)
+def linger(board, member, bell):
+    """Stay a moment, for members but 0, until the next frame is begun; after everything else.
+
+    Who leaves now needs Python's lock, for which member 0 would have to wait, and must be woken for the next frame.
+    """
+    begun = board[0, 0, 2]
+    if member and begun:
+        looked = 0
+        while looked < LINGER and _read(bell, 0, 0) == begun:
+            _offer_processor()
+            looked += 1

@@ -12,10 +12,13 @@ from functools import partial
 from queue import SimpleQueue
 
 
+CORES = os.cpu_count() or 1
+
+
 def threads() -> int:
     """Number of threads: OMP_NUM_THREADS if it is set, as for BLAS, otherwise one per core."""
     stated = os.environ.get("OMP_NUM_THREADS", "")
-    return int(stated) if stated.isdecimal() and int(stated) else os.cpu_count() or 1
+    return int(stated) if stated.isdecimal() and int(stated) else CORES
 
 
 class _Helper:
