@@ -31,17 +31,12 @@ _compiled = njit(nogil=True, cache=True)
 SLOPES, DISPLACEMENTS, MEASURES, LOST = 0, 1, 2, -1
 """Columns of `counts`: saturated slopes and displacements, and the first of those of `loops/measures.py`; behind
 them all, lost dots."""
-TASK_PIXELS = 256
-"""Pixels of a task, in whole rows."""
-
-
-def rows_each(width: int) -> int:
-    """Rows of a frame that are a task."""
-    return max(1, TASK_PIXELS // width)
 
 
 @_compiled
-def find_slopes(board, member, bell, k, frames, flat, background, network, dots, settings, bridged, slopes, weight, found):
+def find_slopes(
+    board, member, bell, k, frames, flat, background, network, dots, settings, bridged, slopes, weight, found
+):
     """Phase PIXELS: from a frame to its slopes, and to what else follows from its pixels alone.
 
     k : the frame's number; frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same
@@ -97,7 +92,9 @@ def find_slopes(board, member, bell, k, frames, flat, background, network, dots,
 
 
 @_compiled
-def find_depth(board, member, bell, k, size, modes, sine, half_unit, tables, settings, bends, weight, z, found):
+def find_depth(
+    board, member, bell, k, size, modes, sine, half_unit, tables, settings, bends, weight, z, found
+):
     """Phase SOLUTION: from the solution's modes to its rows, depth, displacement, and what follows from these.
 
     k : the frame's number; size : N

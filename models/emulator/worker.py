@@ -13,14 +13,13 @@ from fastac.models.emulator.stages import (
     SLOPES,
     conclude,
     find_slopes,
-    rows_each,
 )
 from fastac.models.emulator.wanted import Wanted
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.frame_validity import REASONS
 from fastac.models.loops.dots import NO_DOTS, FollowedDots
 from fastac.models.loops.measures import BRIGHTNESS, CHANGE, CLIPPED, DETAIL
-from fastac.models.loops.poisson import PIXELS, SOLUTION
+from fastac.models.loops.poisson import PIXELS, SOLUTION, rows_each
 from fastac.models.loops.tasks import BELL, new_board
 from fastac.models.loops.team import together
 

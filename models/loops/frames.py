@@ -142,9 +142,9 @@ class _Batch:
         while (start := self._begin()) is not None:
             try:
                 work = work or self.worker()
-                part = slice(start, start + self.step)
+                part = slice(start, min(start + self.step, len(self.frames)))
                 work(self.frames[part], {name: array[part] for name, array in self.found.items()})
-                self._end(None)
+                self._end(part.stop - start)
             except BaseException as error:
                 self._end(error)
                 raise
@@ -158,12 +158,12 @@ class _Batch:
             self.next, self.busy = start + self.step, self.busy + 1
             return start
 
-    def _end(self, error: BaseException | None) -> None:
-        """Of a chunk; after an error no other is begun."""
+    def _end(self, result: int | BaseException) -> None:
+        """Of a chunk: its number of frames, or an error, after which no other is begun."""
         with self.changed:
             self.busy -= 1
-            if error is not None:
-                self.next, self.error = len(self.frames), self.error or error
+            if isinstance(result, BaseException):
+                self.next, self.error = len(self.frames), self.error or result
             else:
-                self.told(self.step)
+                self.told(result)
             self.changed.notify_all()

@@ -1,4 +1,5 @@
-"""Compiled loops of the Poisson solvers that the emulator and the float pipeline share, as tasks of a team."""
+"""A frame's phases, and compiled loops of the Poisson solvers, as tasks of a team: what the emulator and the float
+pipeline share."""
 
 import numpy as np
 from numba import njit
@@ -20,7 +21,13 @@ _compiled = njit(nogil=True, cache=True)
 
 PIXELS, ROWS, COLUMNS, SOLUTION = range(4)
 """Phases of a frame: slopes; the transform of the source's rows; what is done to each mode; the solution's rows."""
-PHASES = 4
+TASK_PIXELS = 256
+"""Pixels of a task, in whole rows."""
+
+
+def rows_each(width: int) -> int:
+    """Rows of a frame that are a task."""
+    return max(1, TASK_PIXELS // width)
 
 
 @_compiled
