@@ -62,13 +62,16 @@ def find_slopes(board, member, bell, k, frames, flat, network, settings, bridged
                 bridge(dark[:rows], reach, p, q, over)
             if slopes_found.size:
                 interleave_slopes(p, q, np.float32(1), slopes_found[k, 2 * start : 2 * stop])
-            for axis in range(len(weight)):
-                shares[task, axis] = 0
+            if len(weight):
+                part = change[: stop - start]
+                for axis in range(len(weight)):
+                    shares[task, axis] = 0
                 for component in range(2):
-                    for j in range(stop - start):
-                        change[j] = slopes[component, start + j] - at_rest[component, start + j]
-                    part = change[: stop - start]
-                    shares[task, axis] += weigh(part, weight[axis, component, start:])
+                    values, known = slopes[component, start:stop], at_rest[component, start:stop]
+                    for j in range(len(part)):
+                        part[j] = values[j] - known[j]
+                    for axis in range(len(weight)):
+                        shares[task, axis] += weigh(part, weight[axis, component, start:])
         done(board, PIXELS)
         task = take(board, PIXELS, member)
     if is_last:

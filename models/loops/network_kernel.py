@@ -27,26 +27,26 @@ def packed(table: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
 
 @njit(nogil=True, cache=True)
 def _fill(frame, channels, rest, start, count, features):
-    """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`."""
+    """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`; C is 3 or 4."""
+    seen = frame[start * channels :]
+    # All channels in one loop, so that the compiler loads them together and sorts them in vectors.
+    blue, green, red, near = features[0], features[1], features[2], features[3]
+    b, g, r, n = rest[0, start:], rest[1, start:], rest[2, start:], rest[3, start:]
     if channels == 4:
-        _differences(frame, 4, rest, start, count, features)
-    elif channels == 3:
-        _differences(frame, 3, rest, start, count, features)
+        for p in range(count):
+            blue[p] = np.float32(seen[4 * p]) - b[p]
+            green[p] = np.float32(seen[4 * p + 1]) - g[p]
+            red[p] = np.float32(seen[4 * p + 2]) - r[p]
+            near[p] = np.float32(seen[4 * p + 3]) - n[p]
     else:
-        _differences(frame, channels, rest, start, count, features)
+        for p in range(count):
+            blue[p] = np.float32(seen[3 * p]) - b[p]
+            green[p] = np.float32(seen[3 * p + 1]) - g[p]
+            red[p] = np.float32(seen[3 * p + 2]) - r[p]
     for c in range(channels, len(rest)):
         plane, known = features[c], rest[c, start:]
         for p in range(count):
             plane[p] = known[p]
-
-
-@njit(nogil=True, cache=True, inline="always")
-def _differences(frame, channels, rest, start, count, features):
-    """The channels' features; `channels` written as a number lets the compiler use vectors."""
-    for c in range(channels):
-        plane, known, seen = features[c], rest[c, start:], frame[start * channels + c :]
-        for p in range(count):
-            plane[p] = np.float32(seen[p * channels]) - known[p]
 
 
 @njit(nogil=True, cache=True)
@@ -87,7 +87,7 @@ def block_memory(rest, hidden, tops, last, out):
 def forward(frame, rest, hidden, neurons, tops, requantised, last, memory, start, stop, out):
     """Run the network on the pixels from `start` to before `stop` of one frame.
 
-    frame : (pixels · C) uint8, the channels of a pixel side by side
+    frame : (pixels · C) uint8, the C = 3 or 4 channels of a pixel side by side
     rest : (C + 2, pixels) float32, planes of the background's channels and of the two coordinate codes
     hidden : (layers, tiles, rows, NEURONS), each hidden layer's `packed` table, padded to a common shape
     neurons : (layers,) number of neurons of each hidden layer
