@@ -3,15 +3,16 @@
 from numba import njit
 
 from fastac.models.emulator.exactness import added, folded_transform, largest_word, require_exact
-from fastac.models.emulator.stages import find_depth
+from fastac.models.emulator.stages import find_depth, find_slopes
 from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.words import half_unit
 from fastac.models.loops.poisson import divide_modes, transform_source
 
 
 @njit(nogil=True, cache=True)
-def _solve(board, member, bell, k, source, tables, modes, behind):
+def _emulate(board, member, bell, k, before, source, tables, modes, behind):
     rows, columns, columns_back, factors, halves, rows_back, last = tables
+    find_slopes(board, member, bell, k, *before)
     size = source[1]
     transform_source(board, member, *source, rows, modes)
     divide_modes(board, member, columns, columns_back, factors, halves, size, modes)
@@ -21,7 +22,7 @@ def _solve(board, member, bell, k, source, tables, modes, behind):
 class TransformTables:
     """`dst2d.Solver` in float64; see `solvers.SOLVERS`."""
 
-    solve = staticmethod(_solve)
+    emulate = staticmethod(_emulate)
 
     def __init__(self, solver: Solver):
         division = solver.division

@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from fastac.models.emulator.exactness import added, folded_transform, largest_word, require_exact
-from fastac.models.emulator.stages import find_depth
+from fastac.models.emulator.stages import find_depth, find_slopes
 from fastac.models.integer.tridiagonal import Recurrence, TridiagonalSolver
 from fastac.models.loops.poisson import COLUMNS, ROWS, transform_source
 from fastac.models.loops.tasks import done, take, tasks, wait
@@ -43,8 +43,9 @@ def _recur(board, member, elimination, substitution, unit, halves, modes):
 
 
 @njit(nogil=True, cache=True)
-def _solve(board, member, bell, k, source, tables, modes, behind):
+def _emulate(board, member, bell, k, before, source, tables, modes, behind):
     rows, elimination, substitution, unit, halves, rows_back, last = tables
+    find_slopes(board, member, bell, k, *before)
     transform_source(board, member, *source, rows, modes)
     _recur(board, member, elimination, substitution, unit, halves, modes)
     find_depth(board, member, bell, k, source[1], modes, rows_back, last, *behind)
@@ -53,7 +54,7 @@ def _solve(board, member, bell, k, source, tables, modes, behind):
 class RecurrenceTables:
     """`tridiagonal.TridiagonalSolver` in float64; see `solvers.SOLVERS`."""
 
-    solve = staticmethod(_solve)
+    emulate = staticmethod(_emulate)
 
     def __init__(self, solver: TridiagonalSolver):
         row_forward = folded_transform("row_forward", solver.row_forward)

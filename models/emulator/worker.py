@@ -159,9 +159,10 @@ class Worker:
 
     def _tasks(self, board: np.ndarray, k: int, before: tuple, behind: tuple | None, member: int) -> None:
         """One thread's part of frame k."""
-        find_slopes(board, member, BELL, k, *before)
-        if behind is not None:
-            self.tables.solver.solve(board, member, BELL, k, *self.between, behind)
+        if behind is None:
+            find_slopes(board, member, BELL, k, *before)
+        else:
+            self.tables.solver.emulate(board, member, BELL, k, before, *self.between, behind)
 
     def _add(self, k: int, out: dict[str, np.ndarray]) -> None:
         """What is found of frame k without compiled loops: its dots, slip and force map."""

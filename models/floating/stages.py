@@ -126,6 +126,14 @@ def solve(board, member, bell, k, source, sine, modes, settings, rest_mm, bends,
 
 
 @_compiled
+def find_all(board, member, bell, k, before, behind):
+    """All phases of a frame: `find_slopes` and `solve`. In one call, for between two a thread would need Python's lock,
+    and wait for another that has it."""
+    find_slopes(board, member, bell, k, *before)
+    solve(board, member, bell, k, *behind)
+
+
+@_compiled
 def finish(board, phase):
     """Wait for a frame's last phase."""
     wait(board, phase)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fastac.models.floating.hyperforce import force_map
-from fastac.models.floating.stages import find_slopes, finish, solve
+from fastac.models.floating.stages import find_all, find_slopes, finish, solve
 from fastac.models.loops.poisson import PIXELS, SOLUTION, rows_each
 from fastac.models.loops.tasks import BELL, new_board
 from fastac.models.loops.team import together
@@ -120,9 +120,10 @@ class Worker:
         `seen`."""
         if member == 0 and self.dots is not None:
             seen.extend(self.dots.shifts_px(frame))
-        find_slopes(board, member, BELL, k, *before)
-        if behind is not None:
-            solve(board, member, BELL, k, *behind)
+        if behind is None:
+            find_slopes(board, member, BELL, k, *before)
+        else:
+            find_all(board, member, BELL, k, before, behind)
 
     def _add(
         self, k: int, out: dict[str, np.ndarray], shift_px: np.ndarray | None, seen: np.ndarray | None
