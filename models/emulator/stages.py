@@ -1,8 +1,8 @@
 """The emulator's compiled stages before and behind the Poisson solver, as tasks of a team (`loops/tasks.py`).
 
-Each counts what it finds in the task's own row of `counts` (tasks, columns) int64 and `shares` (tasks, axes) of the
-force: no thread waits for another's sums. These are integers, in float64 too, exact in whatever order. Places are
-those of `Result`, flat behind the axis of frames; what is not wanted has no elements.
+Each counts what it finds in the task's own row of `counts` (tasks, columns) int64 and `shares` (tasks, axes)
+of the force: no thread waits for another's sums. These are integers, in float64 too, exact in whatever order.
+Places are those of `Result`, flat behind the axis of frames; what is not wanted has no elements.
 """
 
 import numpy as np
@@ -29,8 +29,8 @@ from fastac.models.loops.weights import weigh, weigh_terms
 _compiled = njit(nogil=True, cache=True)
 
 SLOPES, DISPLACEMENTS, MEASURES, LOST = 0, 1, 2, -1
-"""Columns of `counts`: saturated slopes and displacements, and the first of those of `loops/measures.py`; behind
-them all, lost dots."""
+"""Columns of `counts`: saturated slopes and displacements, and the first of those of `loops/measures.py`;
+behind them all, lost dots."""
 
 
 @_compiled
@@ -95,7 +95,8 @@ def find_slopes(
 def find_depth(
     board, member, bell, k, size, modes, sine, half_unit, tables, settings, bends, weight, z, found
 ):
-    """Phase SOLUTION: from the solution's modes to its rows, depth, displacement, and what follows from these.
+    """Phase SOLUTION: from the solution's modes to its rows, depth, displacement, and what follows from
+    these.
 
     k : the frame's number; size : N
     sine : `FoldedSine.rows_back`; half_unit : what is added before the floor of its result
@@ -104,7 +105,8 @@ def find_depth(
         whether negative ones count as zero, 2**−shift, and the largest
     bends : of the force's terms; weight : (axes, terms, N · N); without a force, no elements
     z : (N · N), becomes the displacement, in words where these are wanted
-    found : `counts` and `shares`, and the places of depth words, depth in mm, displacement in mm and its words
+    found : `counts` and `shares`, and the places of depth words, depth in mm, displacement in mm and its
+        words
     """
     absolute, unit, wants_words, clamp, word_unit, top = settings
     rest, rest_mm = tables
@@ -137,10 +139,11 @@ def conclude(board, phase, k, counts, shares, dots, limits, force, found):
     """Wait for a frame's last phase, and add up what its tasks have counted.
 
     dots : which are seen, their shifts, and their weights (axes, M, 2) with exponents (axes,), of DotForce
-    limits : for each of FrameValidity's measures its column of `counts`, or −1 for lost dots; its limits, low and
-        high; and its flag
+    limits : for each of FrameValidity's measures its column of `counts`, or −1 for lost dots; its limits, low
+        and high; and its flag
     force : constants and units of the force, (axes,) each
-    found : places of raw force, force in N, measures, flags, and of how many slopes and displacements saturated
+    found : places of raw force, force in N, measures, flags, and of how many slopes and displacements
+        saturated
     """
     seen, shifts, dot_weight, exponent = dots
     columns, low, high, bits = limits

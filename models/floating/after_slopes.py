@@ -1,4 +1,5 @@
-"""The float pipeline's tables behind the slopes: displacement and force of the slopes' change from the background.
+"""The float pipeline's tables behind the slopes: displacement and force of the slopes' change from the
+background.
 
 Solver and force weights are linear, so that the background gives exactly zero.
 """

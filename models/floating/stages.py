@@ -1,8 +1,9 @@
-"""The float pipeline's compiled stages before and behind the Poisson solver, as tasks of a team (`loops/tasks.py`).
+"""The float pipeline's compiled stages before and behind the Poisson solver, as tasks of a team
+(`loops/tasks.py`).
 
-Each task writes its share of the force into its own row of `shares` (tasks, axes), so that sums are in the same
-order whoever did the tasks. Places are those of `Result`, flat behind the axis of frames; what is not wanted has no
-elements.
+Each task writes its share of the force into its own row of `shares` (tasks, axes), so that sums are in the
+same order whoever did the tasks. Places are those of `Result`, flat behind the axis of frames; what is not
+wanted has no elements.
 """
 
 import numpy as np
@@ -127,8 +128,8 @@ def solve(board, member, bell, k, source, sine, modes, settings, rest_mm, bends,
 
 @_compiled
 def find_all(board, member, bell, k, before, behind):
-    """All phases of a frame: `find_slopes` and `solve`. In one call, for between two a thread would need Python's lock,
-    and wait for another that has it."""
+    """All phases of a frame: `find_slopes` and `solve`. In one call, for between two a thread would need
+    Python's lock, and wait for another that has it."""
     find_slopes(board, member, bell, k, *before)
     solve(board, member, bell, k, *behind)
 

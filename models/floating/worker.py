@@ -116,8 +116,8 @@ class Worker:
         seen: list,
         member: int,
     ) -> None:
-        """One thread's part of frame k; the first also finds its dots, and puts shifts and which are seen into
-        `seen`."""
+        """One thread's part of frame k; the first also finds its dots, and puts shifts and which are seen
+        into `seen`."""
         if member == 0 and self.dots is not None:
             seen.extend(self.dots.shifts_px(frame))
         if behind is None:

@@ -87,7 +87,8 @@ def _follow(sums, half, last, rest, rest_px, first_low, first_high, guides, low,
 
 @_compiled
 def dark_pixels(frame, threshold, first, dark):
-    """`integer.SlopeBridge.dark` of rows of a frame (H, W, C), from `first` on, into `dark` (rows, W) bool."""
+    """`integer.SlopeBridge.dark` of rows of a frame (H, W, C), from `first` on, into `dark` (rows, W)
+    bool."""
     rows, width = dark.shape
     for i in range(rows):
         v = first + i
@@ -100,7 +101,8 @@ def dark_pixels(frame, threshold, first, dark):
 
 @_compiled
 def bridge(dark, reach, p_x, q_y, over):
-    """`integer.SlopeBridge` of rows of slopes p and q (rows · W,), in place; returns how many of them saturated.
+    """`integer.SlopeBridge` of rows of slopes p and q (rows · W,), in place; returns how many of them
+    saturated.
 
     dark : (rows, W); over : (2, rows · W or more) bool, which slopes saturated before, or no elements
     """
@@ -125,7 +127,8 @@ def bridge(dark, reach, p_x, q_y, over):
 
 @_compiled
 def follow(frame, threshold, sums, arguments):
-    """Find the dots of a frame (H, W, C) uint8; the others are `FollowedDots.tables`, which hold the results."""
+    """Find the dots of a frame (H, W, C) uint8; the others are `FollowedDots.tables`, which hold the
+    results."""
     _cell_sums(frame, threshold, sums)
     _follow(sums, *arguments)
 

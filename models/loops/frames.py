@@ -41,7 +41,8 @@ def require_frames(frames: np.ndarray, background: np.ndarray) -> None:
 
 
 class IdleWorkers:
-    """Workers that have done their work, kept for the next frames: their scratch memory takes time to make."""
+    """Workers that have done their work, kept for the next frames: their scratch memory takes time to
+    make."""
 
     def __init__(self):
         self._kept: dict[frozenset[str], deque[Callable]] = defaultdict(deque)
@@ -80,11 +81,11 @@ def over_frames(
 
     worker : called once in each thread, and returns the function that processes a chunk; that function may
         own scratch memory. It is called with a chunk of frames and, by name, the views of the result arrays
-        that it fills. Where it has an attribute `can_share` that is true, it can be given a number of threads as
-        well, which process each frame together.
+        that it fills. Where it has an attribute `can_share` that is true, it can be given a number of threads
+        as well, which process each frame together.
     label : name of the progress bar
-    Threads run in parallel because NumPy, torch and compiled loops release the interpreter's lock; where frames
-    are not shared, BLAS is limited to one thread in each. Raises ValueError without frames.
+    Threads run in parallel because NumPy, torch and compiled loops release the interpreter's lock; where
+    frames are not shared, BLAS is limited to one thread in each. Raises ValueError without frames.
     """
     if not len(frames):
         raise ValueError("frames: none to process")

@@ -1,7 +1,8 @@
 """A tile of a matrix product in vector registers, as an intrinsic for compiled (numba) loops.
 
-The tile has ROWS rows of COLUMN_BYTES, two of the processor's vectors, so that the sums stay in its registers. Each
-sum is one of fused multiply-adds in the order of the depth: products of integers are exact while their sums are.
+The tile has ROWS rows of COLUMN_BYTES, two of the processor's vectors, so that the sums stay in its
+registers. Each sum is one of fused multiply-adds in the order of the depth: products of integers are exact
+while their sums are.
 """
 
 import llvmlite.binding as llvm

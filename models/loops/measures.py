@@ -1,4 +1,5 @@
-"""Compiled loops over the pixels of one frame: what `integer.FrameValidity.of_pixels` measures, rows by rows."""
+"""Compiled loops over the pixels of one frame: what `integer.FrameValidity.of_pixels` measures, rows by
+rows."""
 
 from numba import int32, njit
 
@@ -9,8 +10,8 @@ CLIPPED, CHANGE, DETAIL, BRIGHTNESS = 0, 1, 2, 3
 
 
 def _row_of(channels: int):
-    """The loop over a row of pixels with so many channels: known beforehand, they let the compiler use vectors,
-    as sums of 32 bits do."""
+    """The loop over a row of pixels with so many channels: known beforehand, they let the compiler use
+    vectors, as sums of 32 bits do."""
 
     @_compiled
     def measure_row(row, known, before, sums):

@@ -1,4 +1,5 @@
-"""Memory that begins at a cache line: vectors are loaded at once, and threads share no line that they write."""
+"""Memory that begins at a cache line: vectors are loaded at once, and threads share no line that they
+write."""
 
 import numpy as np
 from numba import njit

@@ -27,7 +27,8 @@ def packed(table: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
 
 @njit(nogil=True, cache=True)
 def _fill(frame, channels, rest, start, count, features):
-    """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`; C is 3 or 4."""
+    """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`; C is 3 or
+    4."""
     seen = frame[start * channels :]
     # All channels in one loop, so that the compiler loads them together and sorts them in vectors.
     blue, green, red, near = features[0], features[1], features[2], features[3]

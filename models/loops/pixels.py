@@ -1,8 +1,8 @@
 """Compiled loops over pixels of one frame: slopes, divergence, depth and displacement, and their words.
 
 Each reads and writes memory once where NumPy would for every operation. They are IEEE's operations in the
-order that is written, so that integers in float64 stay exact. Images are flat, row after row, so that any rows of
-them are; an output of no elements is not wanted.
+order that is written, so that integers in float64 stay exact. Images are flat, row after row, so that any
+rows of them are; an output of no elements is not wanted.
 """
 
 import math
@@ -47,8 +47,8 @@ def interleave_slopes(p_x, q_y, unit, out):
 
 @_compiled
 def slope_words(component, n_z, unit, limit, out, over):
-    """`integer.GradientRatio` of a component of normals and n_z to slopes `out` (pixels,) along its axis; returns
-    how many saturated.
+    """`integer.GradientRatio` of a component of normals and n_z to slopes `out` (pixels,) along its axis;
+    returns how many saturated.
 
     unit : 2**−f, f the slopes' fraction; over : which saturated, if wanted
 
@@ -87,8 +87,8 @@ def limited_slopes(component, n_z, limit, out):
 
 @_compiled
 def source(slopes, width, first, ahead, scale, offset, out):
-    """Divergence of slopes (2, H · W) times `scale`, less `offset` ((H − 2) · (W − 2),): its rows from `first` on,
-    as many as `out` holds.
+    """Divergence of slopes (2, H · W) times `scale`, less `offset` ((H − 2) · (W − 2),): its rows from
+    `first` on, as many as `out` holds.
 
     ahead : of the divergence's `laplacian.Stencil`
     """
@@ -118,8 +118,8 @@ def depth_and_displacement(z, rest, absolute, unit, words, displacement_mm):
 
 @_compiled
 def framed_depth(z, width, first, rest, absolute, unit, rest_mm, depth_mm):
-    """Depth in multiples of `unit` mm of rows of solutions z from `first` on, into `depth_mm` (H · W,), and beside,
-    above and below them the depth of the undeformed skin, `rest_mm`."""
+    """Depth in multiples of `unit` mm of rows of solutions z from `first` on, into `depth_mm` (H · W,), and
+    beside, above and below them the depth of the undeformed skin, `rest_mm`."""
     columns = width - 2
     rows = len(z) // columns
     for i in range(rows):

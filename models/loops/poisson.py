@@ -1,5 +1,5 @@
-"""A frame's phases, and compiled loops of the Poisson solvers, as tasks of a team: what the emulator and the float
-pipeline share."""
+"""A frame's phases, and compiled loops of the Poisson solvers, as tasks of a team: what the emulator and the
+float pipeline share."""
 
 import numpy as np
 from numba import njit
@@ -20,7 +20,8 @@ from fastac.models.loops.tasks import done, take, tasks, wait
 _compiled = njit(nogil=True, cache=True)
 
 PIXELS, ROWS, COLUMNS, SOLUTION = range(4)
-"""Phases of a frame: slopes; the transform of the source's rows; what is done to each mode; the solution's rows."""
+"""Phases of a frame: slopes; the transform of the source's rows; what is done to each mode; the solution's
+rows."""
 TASK_PIXELS = 256
 """Pixels of a task, in whole rows."""
 

@@ -3,26 +3,27 @@
 S[k, N − 1 − n] = (−1)**k S[k, n], so that even modes k depend only on the sums x[n] + x[N − 1 − n] and odd
 ones only on the differences: two matrix products of half the size. In the inverse transform the even modes
 give one partial result and the odd ones another; their sum and their difference are the two halves of the
-row. A folded axis holds the sums, then the differences; its transform the even modes, then the odd ones. Each half
-is padded to whole tiles (loops/matrix_tile.py) with what the tables multiply by zero. With integers all of this is
-exact, within the bounds of the full product.
+row. A folded axis holds the sums, then the differences; its transform the even modes, then the odd ones. Each
+half is padded to whole tiles (loops/matrix_tile.py) with what the tables multiply by zero. With integers all
+of this is exact, within the bounds of the full product.
 
-Rows are transformed in bands of BAND rows, and columns in blocks as wide as a tile, so that threads can share them
-and each stays in the processor's cache.
+Rows are transformed in bands of BAND rows, and columns in blocks as wide as a tile, so that threads can share
+them and each stays in the processor's cache.
 """
 
 import numpy as np
 from numba import njit
 
-from fastac.models.loops.memory import aligned
 from fastac.models.loops.matrix_tile import ROWS, product_tile, tile_columns
+from fastac.models.loops.memory import aligned
 
 _compiled = njit(nogil=True, cache=True)
 
 BAND = 2 * ROWS
 """Rows of a band."""
 ASIDE = 8
-"""Numbers by which rows in memory are longer than both halves: at powers of two they would share cache lines."""
+"""Numbers by which rows in memory are longer than both halves: at powers of two they would share cache
+lines."""
 
 
 def is_foldable(matrix: np.ndarray) -> bool:
@@ -78,8 +79,8 @@ class FoldedSine:
         return aligned(np.zeros((self.bands * BAND, 2 * self.half + ASIDE), self.rows.dtype))
 
     def by_modes(self, table: np.ndarray) -> np.ndarray:
-        """A table whose last axis are N modes, (..., N), with them as they are stored, (..., 2 halves); 0 between
-        and beyond them."""
+        """A table whose last axis are N modes, (..., N), with them as they are stored, (..., 2 halves); 0
+        between and beyond them."""
         found = np.zeros((*table.shape[:-1], 2 * self.half), self.rows.dtype)
         found[..., : self.first] = table[..., 0::2]
         found[..., self.half : self.half + self.size - self.first] = table[..., 1::2]
@@ -111,7 +112,8 @@ def rows_product(x, panels, out):
 
 @_compiled
 def columns_product(tiles, x, out):
-    """Products of both halves of each column of a block, x (2 halves, tile columns) to `out` of the same shape.
+    """Products of both halves of each column of a block, x (2 halves, tile columns) to `out` of the same
+    shape.
 
     tiles : of FoldedSine
     """
@@ -133,7 +135,8 @@ def _rounded(value, half_unit):
 
 @_compiled
 def fold_rows(x, size, half, out):
-    """Fold rows x (rows · size,) into sums, and differences that begin at `half`, each row in a row of `out`."""
+    """Fold rows x (rows · size,) into sums, and differences that begin at `half`, each row in a row of
+    `out`."""
     middle = size // 2
     for i in range(len(x) // size):
         row = x[i * size : (i + 1) * size]
@@ -162,8 +165,8 @@ def unfold_rows(x, half, half_unit, size, out):
 
 @_compiled
 def fold_columns(x, first, size, half_unit, out):
-    """Round a block of columns of x, `size` rows from column `first` on, by `_rounded`, and fold each column into
-    sums and differences, `out` (2 halves, columns)."""
+    """Round a block of columns of x, `size` rows from column `first` on, by `_rounded`, and fold each column
+    into sums and differences, `out` (2 halves, columns)."""
     half, count = len(out) // 2, out.shape[1]
     middle = size // 2
     for i in range(middle):
@@ -181,8 +184,8 @@ def fold_columns(x, first, size, half_unit, out):
 
 @_compiled
 def unfold_columns(x, half_unit, out, first, size):
-    """Unfold the results of an inverse `columns_product`, x (2 halves, columns), into `size` rows of `out` from
-    column `first` on, and round by `_rounded`."""
+    """Unfold the results of an inverse `columns_product`, x (2 halves, columns), into `size` rows of `out`
+    from column `first` on, and round by `_rounded`."""
     half, count = len(x) // 2, x.shape[1]
     middle = size // 2
     for i in range(middle):

@@ -1,7 +1,7 @@
 """Tasks of one frame that the threads of a team share, for compiled (numba) loops: who does what, who waits.
 
-A team's board holds, for each phase of its work, how many tasks there are, are taken and are done. Each member
-waits until all of the phase before are done, and takes tasks until none is left:
+A team's board holds, for each phase of its work, how many tasks there are, are taken and are done. Each
+member waits until all of the phase before are done, and takes tasks until none is left:
 
     wait(board, FIRST)
     task = take(board, SECOND, member)
@@ -10,9 +10,10 @@ waits until all of the phase before are done, and takes tasks until none is left
         done(board, SECOND)
         task = take(board, SECOND, member)
 
-A member takes the tasks of its own share first, the same in each frame, for what it has written lies in its own
-processor's cache; then what others have not begun. So nobody waits for a member: a team of one does everything, and
-one that comes late finds nothing left to do. What was written before a `done` is seen after the `wait`.
+A member takes the tasks of its own share first, the same in each frame, for what it has written lies in its
+own processor's cache; then what others have not begun. So nobody waits for a member: a team of one does
+everything, and one that comes late finds nothing left to do. What was written before a `done` is seen after
+the `wait`.
 """
 
 import numpy as np
@@ -35,8 +36,8 @@ BELL = np.zeros((1, 1, LINE), np.int64)
 def new_board(members: int, *tasks: int) -> np.ndarray:
     """A board for a team with so many tasks in each phase, of which none is taken.
 
-    A row for each phase: the numbers of tasks and of members, and the BELL when the frame was begun; how many are
-    done; how many of each member's share are taken. Each has a cache line of its own.
+    A row for each phase: the numbers of tasks and of members, and the BELL when the frame was begun; how many
+    are done; how many of each member's share are taken. Each has a cache line of its own.
     """
     board = np.zeros((len(tasks), 2 + members, LINE), np.int64)
     board[:, 0, 0], board[:, 0, 1] = tasks, members
@@ -132,7 +133,8 @@ def begin(board, member, bell):
 def linger(board, member, bell):
     """Stay a moment, for members but 0, until the next frame is begun; after everything else.
 
-    Who leaves now needs Python's lock, for which member 0 would have to wait, and must be woken for the next frame.
+    Who leaves now needs Python's lock, for which member 0 would have to wait, and must be woken for the next
+    frame.
     """
     begun = board[0, 0, 2]
     if member and begun:

@@ -1,7 +1,7 @@
 """Threads that live as long as the process and take part in what others have begun.
 
-A thread that is woken needs some 20 µs, one that must first be made several times as much: nothing to a batch of
-frames, but a part of the time that one frame takes.
+A thread that is woken needs some 20 µs, one that must first be made several times as much: nothing to a batch
+of frames, but a part of the time that one frame takes.
 """
 
 import os
@@ -10,7 +10,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from queue import SimpleQueue
-
 
 CORES = os.cpu_count() or 1
 
@@ -57,11 +56,12 @@ os.register_at_fork(after_in_child=_forget_helpers)
 
 
 def together(work: Callable[[int], object], count: int) -> None:
-    """Call work(0) in this thread, and work(1) … work(count − 1) in others, the same ones each time; returns when
-    this thread's call returns.
+    """Call work(0) in this thread, and work(1) … work(count − 1) in others, the same ones each time; returns
+    when this thread's call returns.
 
-    The calls share tasks as in `loops/tasks.py`, so that it does not matter whether others are there, or when. A
-    call that begins late must find nothing left to do. Only the exceptions of this thread's call are raised.
+    The calls share tasks as in `loops/tasks.py`, so that it does not matter whether others are there, or
+    when. A call that begins late must find nothing left to do. Only the exceptions of this thread's call are
+    raised.
     """
     if len(_helpers) < count - 1:
         _make_helpers(count - 1)

@@ -18,8 +18,8 @@ def weigh(values, weight):
 
 @njit(nogil=True, cache=True)
 def weigh_terms(values, bends, weight, first, share):
-    """Write the sums of the `integer.force.terms` of values (pixels,) times weights (axes, terms, all pixels), from
-    pixel `first` on, into `share` (axes,).
+    """Write the sums of the `integer.force.terms` of values (pixels,) times weights (axes, terms, all
+    pixels), from pixel `first` on, into `share` (axes,).
 
     bends : none, (band,) or (band, deep), in the values' unit and type
     """
