@@ -6,13 +6,10 @@ rounding is a floor. `ExactTables` refuses tables for which it would not be exac
 are in float32 where that holds all their sums.
 """
 
-from collections.abc import Iterable
-
 import numpy as np
 
 from fastac.models.emulator.exactness import EXACT_FLOAT32, require_exact
 from fastac.models.emulator.solvers import SOLVERS
-from fastac.models.emulator.worker import Worker
 from fastac.models.integer.features import limits
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.laplacian import STENCILS
@@ -68,10 +65,6 @@ class ExactTables:
         if self.pipeline.scene.wants_force_map:
             require_exact("force_map", force.pixel_bound)
             self.kernel = np.ascontiguousarray(np.moveaxis(force.kernel, (3, 4), (0, 1)).astype(np.float64))
-
-    def worker(self, outputs: Iterable[str]) -> Worker:
-        """What fills the places of `outputs`, one frame after another; see `over_frames`."""
-        return Worker(self, frozenset(outputs))
 
 
 def _layer_table(layer: Layer, real: type) -> np.ndarray:

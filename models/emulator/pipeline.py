@@ -9,6 +9,7 @@ import numpy as np
 from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exactness import NotExactError
+from fastac.models.emulator.worker import Worker
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.loops.frames import IdleWorkers, Outputs, choose_outputs, over_frames, require_frames
 from fastac.models.result import Result
@@ -36,7 +37,7 @@ class Emulator:
     def __post_init__(self):
         # Now, not when first run: a step depends on the entry of the solvers' table that it looks up itself.
         try:
-            worker = ExactTables(self.pipeline).worker
+            worker = partial(Worker, ExactTables(self.pipeline))
         except NotExactError:
             worker = partial(_direct_worker, self.pipeline)
         object.__setattr__(self, "_worker", worker)
@@ -55,7 +56,7 @@ class Emulator:
 
 
 def _direct_worker(pipeline: IntegerPipeline, outputs: frozenset[str]) -> Callable:
-    """As `ExactTables.worker`, without tables: all outputs, in int64."""
+    """As `Worker`, without tables: all outputs, in int64."""
     return partial(direct.loop, pipeline)
 
 

@@ -1,11 +1,11 @@
 """The emulator on one frame after another, each by one thread or by several."""
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fastac.models.emulator.direct import slip_of
+from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.stages import (
     DISPLACEMENTS,
     LOST,
@@ -22,9 +22,6 @@ from fastac.models.loops.measures import BRIGHTNESS, CHANGE, CLIPPED, DETAIL
 from fastac.models.loops.poisson import PIXELS, SOLUTION, rows_each
 from fastac.models.loops.tasks import BELL, new_board
 from fastac.models.loops.team import together
-
-if TYPE_CHECKING:
-    from fastac.models.emulator.exact import ExactTables
 
 OF_PIXELS = {"normals": np.float32, "normal_words": np.int32, "slopes": np.float32}
 OF_SOLUTION = {
@@ -51,7 +48,7 @@ class Worker:
 
     can_share = True
 
-    def __init__(self, tables: "ExactTables", outputs: frozenset[str]):
+    def __init__(self, tables: ExactTables, outputs: frozenset[str]):
         self.tables, self.pipeline = tables, (pipeline := tables.pipeline)
         self.wanted = wanted = Wanted.of(pipeline, outputs)
         height, width, channels = pipeline.background.shape

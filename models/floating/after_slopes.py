@@ -5,7 +5,6 @@ Solver and force weights are linear, so that the background gives exactly zero.
 """
 
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,12 +13,9 @@ from fastac.models.integer.laplacian import STENCILS, eigenvalues, sine_matrix
 from fastac.models.loops.pixels import source
 from fastac.models.loops.sines import FoldedSine
 
-if TYPE_CHECKING:
-    from fastac.models.floating.pipeline import FloatPipeline
-
 
 class AfterSlopes:
-    """What is the same for all frames.
+    """What is the same for all frames of a FloatPipeline, `pipeline`.
 
     rest_slopes : (2, H · W), those that the network gives for the background frame
     solves : whether there is a depth solver; then
@@ -28,7 +24,7 @@ class AfterSlopes:
     weight : (axes, terms, pixels) of the force, float64; without a force, no elements
     """
 
-    def __init__(self, pipeline: "FloatPipeline"):
+    def __init__(self, pipeline):
         scene = pipeline.scene
         self.pipeline = pipeline
         self.stencil, self.solves = STENCILS[scene.poisson.divergence], scene.wants_solver

@@ -1,7 +1,6 @@
 """The float pipeline on one frame after another, each by one thread or by several."""
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,9 +11,6 @@ from fastac.models.loops.tasks import BELL, new_board
 from fastac.models.loops.team import together
 from fastac.models.vision.rigid_spread import rigid_spread_px
 
-if TYPE_CHECKING:
-    from fastac.models.floating.pipeline import FloatPipeline
-
 OF_PIXELS, OF_SOLUTION = ("normals", "slopes"), ("depth_mm", "displacement_mm")
 """What the compiled stages find, in the order in which they take its places."""
 UNWANTED = dict.fromkeys(OF_PIXELS + OF_SOLUTION, np.empty((0, 0), np.float32))
@@ -24,11 +20,14 @@ OF_DOTS = ("dot_shifts_px", "dots_seen", "force_n", "slip_px")
 
 
 class Worker:
-    """Scratch memory for one frame; called with frames and the places of their outputs, see `over_frames`."""
+    """Scratch memory for one frame; called with frames and the places of their outputs, see `over_frames`.
+
+    pipeline : the FloatPipeline
+    """
 
     can_share = True
 
-    def __init__(self, pipeline: "FloatPipeline", outputs: frozenset[str]):
+    def __init__(self, pipeline, outputs: frozenset[str]):
         self.pipeline, scene = pipeline, pipeline.scene
         height, width, _ = pipeline.background.shape
         each = rows_each(width)

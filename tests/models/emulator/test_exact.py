@@ -10,6 +10,7 @@ from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exactness import EXACT, NotExactError, require_exact
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.emulator.worker import Worker
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.force import PatchForce, terms
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
@@ -85,8 +86,10 @@ def int64_loop(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
 
 def emulated(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
     """By the emulator itself, which must not give way to the loop."""
-    emulator, outputs = ExactTables(pipeline), direct.outputs(pipeline)
-    return over_frames(lambda: emulator.worker(outputs), frames, outputs, progress=False, label="test")
+    tables, outputs = ExactTables(pipeline), direct.outputs(pipeline)
+    return over_frames(
+        lambda: Worker(tables, frozenset(outputs)), frames, outputs, progress=False, label="test"
+    )
 
 
 def check(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
