@@ -13,7 +13,7 @@
 """
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -106,12 +106,12 @@ class TactileSensor:
         """SHA-256 of the bundle, in hexadecimal; the register BUNDLE_HASH has its first 64 bits."""
         return self.bundle.digest
 
-    @property
+    @cached_property
     def outputs(self) -> dict[str, str]:
         """The scene's outputs, as fields of `Measurement`, and their units ("1": none)."""
         return measured(self.scene.outputs)
 
-    @property
+    @cached_property
     def force_axes(self) -> tuple[str, ...]:
         """The axes of force that the scene wants, in the order of `Measurement.force_n`."""
         return tuple(AXES[axis] for axis in self.scene.force_axes)
@@ -151,16 +151,18 @@ class TactileSensor:
         one = np.ndim(frames) == (2 if self._is_raw(frames) else 3)
         pipeline = self._pipeline(arithmetic)
         images = self._channels(frames, one=one)
+        known = pipeline.outputs
         if outputs is None:
-            outputs = [*self.outputs, *(flag for flag in FLAGS if flag in pipeline.outputs)]
+            outputs = self._usual.get(arithmetic)
+        if outputs is None:
+            outputs = self._usual[arithmetic] = (*self.outputs, *(flag for flag in FLAGS if flag in known))
         for name in (outputs := tuple(outputs)):
-            if name not in pipeline.outputs:
-                raise ValueError(f"outputs: {name!r}: expected some of {', '.join(pipeline.outputs)}")
-        found = pipeline.run(images, wanted=outputs, progress=progress)
-        arrays = {field.name: getattr(found, field.name) for field in fields(Result)}
+            if name not in known:
+                raise ValueError(f"outputs: {name!r}: expected some of {', '.join(known)}")
+        found = vars(pipeline.run(images, wanted=outputs, progress=progress))
         if one:
-            arrays = {name: None if array is None else array[0] for name, array in arrays.items()}
-        return Measurement(**arrays, force_axes=self.force_axes)
+            found = {name: None if array is None else array[0] for name, array in found.items()}
+        return Measurement(**found, force_axes=self.force_axes)
 
     def stream(
         self,
@@ -206,6 +208,15 @@ class TactileSensor:
         return accuracy.compare_pipelines(self.bundle, data, index, progress=progress)[0]
 
     @cached_property
+    def _usual(self) -> dict[str, tuple[str, ...]]:
+        """By arithmetic, what `run` finds where nothing is asked for; filled by it."""
+        return {}
+
+    @cached_property
+    def _takes_raw(self) -> bool:
+        return self.scene.sensor.frames == "raw10"
+
+    @cached_property
     def _emulator(self) -> Emulator:
         return Emulator(self.bundle.pipeline.replace(background=self.background))
 
@@ -221,11 +232,11 @@ class TactileSensor:
         return self._emulator if arithmetic == "integer" else self._floats
 
     def _is_raw(self, images: np.ndarray) -> bool:
-        return self.scene.sensor.frames == "raw10" and np.asarray(images).dtype == np.uint16
+        return self._takes_raw and np.asarray(images).dtype == np.uint16
 
     def _expected(self) -> str:
         height, width, channels = self.bundle.pipeline.background.shape
-        raw = f" or ({CELL * height}, {CELL * width}) uint16" if self.scene.sensor.frames == "raw10" else ""
+        raw = f" or ({CELL * height}, {CELL * width}) uint16" if self._takes_raw else ""
         return f"({height}, {width}, {channels}) uint8{raw}"
 
     def _channels(self, images: np.ndarray, *, one: bool) -> np.ndarray:

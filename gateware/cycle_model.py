@@ -1,12 +1,14 @@
 # amaranth: UnusedElaboratable=no
 """Clock cycles and multipliers of a scene's hardware from formulas, without a bundle or elaboration."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 
+from fastac.gateware.arithmetic.dsp_slice import DspSlice
 from fastac.gateware.arithmetic.frame_sum import beats_per_frame
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.dot_force import VALUES
@@ -34,7 +36,7 @@ from fastac.models.integer.laplacian import STENCILS, boundary_term
 from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed, signed_width, to_words
-from fastac.models.vision.dots import bridge_reach, expected_follower
+from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 
@@ -52,6 +54,22 @@ class Figures:
     followed: int = 0
     map_latency: int = 0
     stages: dict[str, int] = field(default_factory=dict)
+
+
+# Engines that are made only to be asked; asked again for every part that the same integers may be for.
+
+
+@lru_cache
+def _multipliers(engine: Callable, stage: object, lanes: int, dsp: DspSlice) -> int:
+    """Products of the engine of one of a solver's stages."""
+    return engine(stage, lanes=lanes, dsp=dsp).multipliers
+
+
+@lru_cache
+def _dot_clocks(follower: DotFollower, lanes: int) -> tuple[int, int]:
+    """Latency and interval of a DotStream."""
+    dots = DotStream(follower, lanes=lanes)
+    return dots.latency, dots.interval
 
 
 class CycleModel(FrameCycles):
@@ -142,11 +160,10 @@ class CycleModel(FrameCycles):
                 dsp=self.dsp,
             )
         else:
-            engines = (
-                kind.engines[type(stage)](stage, lanes=self.lanes, dsp=self.dsp)
+            multipliers = sum(
+                _multipliers(kind.engines[type(stage)], stage, self.lanes, self.dsp)
                 for stage in solver.parts.values()
             )
-            multipliers = sum(engine.multipliers for engine in engines)
         return Figures(interval=interval, multipliers=multipliers, stages=stages)
 
     @property
@@ -196,7 +213,8 @@ class CycleModel(FrameCycles):
 
     def _dots(self, follower: DotFollower) -> Figures:
         """Figures of DotForceStream."""
-        kind, scene, dots = WeightedSumStream, self.scene, DotStream(follower, lanes=self.lanes)
+        kind, scene = WeightedSumStream, self.scene
+        latency, interval = _dot_clocks(follower, self.lanes)
         multipliers = kind.multipliers_of(
             len(scene.force_axes),
             VALUES,
@@ -205,8 +223,8 @@ class CycleModel(FrameCycles):
             weight_bits=scene.numbers.dot_weight_bits,
             dsp=self.dsp,
         )
-        interval = max(dots.interval, len(follower.rest))
-        return Figures(dots.latency + kind.latency_of(VALUES, 1), interval, multipliers, dots.latency)
+        interval = max(interval, len(follower.rest))
+        return Figures(latency + kind.latency_of(VALUES, 1), interval, multipliers, latency)
 
     def _patch_force(self) -> Figures:
         scene, size, kind = self.scene, self.scene.inner_px, PatchForceStream

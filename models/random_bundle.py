@@ -1,7 +1,6 @@
 """Bundles of random integers, with small default sizes and words: test hardware that needs no training."""
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +11,9 @@ from fastac.models.integer.assemble import assemble, with_force, with_force_of
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.dot_follower import FRACTION, DotFollower, at_rest, guides_of
 from fastac.models.integer.dot_windows import BLOCK, DotWindows
-from fastac.models.integer.features import integer_features, scales
-from fastac.models.integer.force import terms
-from fastac.models.integer.network import Layer
-from fastac.models.integer.quantise import quantise_layers
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.vision.dots import bridge_reach, expected_follower
+from fastac.models.random_tables import force_weights, frames, layers, network_bits
+from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.parts import DEFAULT_PART
 from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import Sensor
@@ -102,42 +98,6 @@ def scene(
     )
 
 
-def frames(background: np.ndarray, spans: tuple[int, ...], seed: int = 1) -> np.ndarray:
-    """One random frame per entry of `spans`, uint8 (spans, H, W, C): background ± at most `span` per pixel.
-
-    Larger spans give steeper slopes.
-    """
-    rng = np.random.default_rng(seed)
-    changed = [background + rng.integers(-span, span + 1, background.shape) for span in spans]
-    return np.clip(changed, 0, 255).astype(np.uint8)
-
-
-def layers(
-    scene: Scene, background: np.ndarray, rng: np.random.Generator, hidden: tuple[int, ...]
-) -> tuple[Layer, ...]:
-    """A quantised network of random weights, with n_z > 0 so that its slopes do not saturate on small
-    changes.
-
-    hidden : neurons of each hidden layer
-    """
-    channels, numbers = background.shape[-1], scene.numbers
-    sizes = (channels + 2, *hidden, 3)
-    weights = [rng.normal(size=(neurons, inputs)) / np.sqrt(inputs) for inputs, neurons in pairwise(sizes)]
-    biases = [0.1 * rng.normal(size=neurons) for neurons in sizes[1:]]
-    weights[-1][2] *= 0.2
-    biases[-1][2] = 1.5
-    pixels = integer_features(frames(background, (60, 60, 255)), background)
-    return quantise_layers(
-        weights,
-        biases,
-        scales(channels),
-        pixels.reshape(-1, channels + 2).astype(np.int64),
-        weight_bits=numbers.weight_bits,
-        activation_bits=numbers.activation_bits,
-        last_weight_bits=numbers.last_weight_bits,
-    )
-
-
 def painted_dots(background: np.ndarray, sensor: Sensor) -> DotFollower:
     """Darken squares on a grid in a background (H, W, C) uint8, in place; returns what follows them."""
     height, width, channels = background.shape
@@ -150,22 +110,6 @@ def painted_dots(background: np.ndarray, sensor: Sensor) -> DotFollower:
     threshold = np.full((height // BLOCK, width // BLOCK), 60 * channels)
     windows = DotWindows(threshold, channels, expected_follower(sensor).windows.half)
     return at_rest(windows, background, places, spacing_px=spacing, reach=1)
-
-
-def force_weights(
-    scene: Scene, rng: np.random.Generator, follower: DotFollower | None
-) -> tuple[np.ndarray, ...]:
-    """Random weights of the force, as `with_force` takes them."""
-    axes, inner, size = len(scene.force_axes), scene.inner_px, scene.force.kernel_size
-    shape = (inner, inner, size, size)
-    if scene.force_from_slopes:
-        shape = (scene.sensor.height_px, scene.sensor.width_px, 2)
-    elif scene.force_of_weights:
-        shape = (inner, inner, terms(np.zeros(()), scene.force.bends_mm).size)
-    weights = rng.normal(size=(axes, *shape))
-    if not scene.wants_dots:
-        return (weights,)
-    return weights, rng.normal(scale=10, size=(axes, len(follower.rest), 2))
 
 
 def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,), seed: int = 1) -> Bundle:
@@ -184,7 +128,7 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     x = np.linspace(-1, 1, size)
     pipeline = assemble(
         scene,
-        layers=layers(scene, background, rng, hidden),
+        layers=layers(network_bits(scene.numbers), background, rng, hidden),
         background=background,
         rest_depth_mm=size / 40 * (2 - x**2 - x[:, None] ** 2),
         bridge=bridge if scene.wants_bridge else None,
@@ -233,7 +177,7 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
     hidden = tuple(len(layer.weight) for layer in old.layers[:-1])
     pipeline = assemble(
         old.scene,
-        layers=layers(old.scene, old.background, np.random.default_rng(seed), hidden),
+        layers=layers(network_bits(old.scene.numbers), old.background, np.random.default_rng(seed), hidden),
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
         **stages,

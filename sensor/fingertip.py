@@ -20,9 +20,9 @@ from fastac.sensor.geometry import rest_depth_mm
 from fastac.sensor.mechanics.press import ContactError, PressedSkin, Rig
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.sensor.optics.camera import background, render
+from fastac.sensor.optics.marker_grid import marker_pixels
 from fastac.sensor.optics.mosaic import CELL
 from fastac.sensor.optics.raw_window import background_raw10, render_raw10
-from fastac.sensor.optics.skin_paint import marker_pixels
 from fastac.sensor.protocol import FingertipError, stations
 from fastac.store.progress import progress_bar
 

@@ -5,7 +5,6 @@ row v along y; the origin of x and y is the centre of the image. Slopes are p = 
 """
 
 import numpy as np
-from scipy.interpolate import RectBivariateSpline
 
 from fastac.scenes.sensor_schema import Sensor
 
@@ -72,6 +71,8 @@ def deformed_slopes(displacement_mm: np.ndarray, sensor: Sensor) -> tuple[np.nda
 
     The undeformed skin's slopes are in closed form; the displacement's derivatives come from a cubic spline.
     """
+    from scipy.interpolate import RectBivariateSpline  # loads slowly, and all else here needs none of it
+
     rows = np.arange(sensor.height_px) * sensor.pitch_mm
     columns = np.arange(sensor.width_px) * sensor.pitch_mm
     spline = RectBivariateSpline(rows, columns, displacement_mm)

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import click
-import h5py
 
 from fastac.cli.common import (
     INPUT,
@@ -33,6 +32,8 @@ def data(scene, output, store, progress):
     \b
     Example: fastac data scenes/paper.toml
     """
+    import h5py
+
     from fastac.sensor.fingertip import generate
 
     scene = scenes.load(scene)

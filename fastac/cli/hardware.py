@@ -18,7 +18,6 @@ from fastac.cli.common import (
     split_option,
     store_option,
 )
-from fastac.report import synthesis_table
 from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
 
@@ -190,6 +189,7 @@ def synth(source, data, output, place_and_route, modules, jobs, store, progress)
     Example: fastac synth scenes/paper.toml
     """
     from fastac.gateware.target.device import device_of
+    from fastac.report import synthesis_table
     from fastac.synth import synthesis
 
     if source.suffix == ".toml":

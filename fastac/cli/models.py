@@ -1,7 +1,6 @@
 """Commands that train models, judge them and run them on frames."""
 
 import click
-import h5py
 import numpy as np
 
 from fastac.cli.common import (
@@ -107,6 +106,8 @@ def predict(bundle, data, use_float, split, output, progress):
     \b
     Example: fastac predict build/paper build/paper/data.h5 --split test -o outputs.h5
     """
+    import h5py
+
     from fastac import api
     from fastac.store.files import write_atomically
 

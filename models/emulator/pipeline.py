@@ -2,15 +2,16 @@
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exactness import NotExactError
+from fastac.models.emulator.worker import Worker
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.loops.frames import Outputs, choose_outputs, over_frames, require_frames
+from fastac.models.loops.frames import IdleWorkers, Outputs, choose_outputs, over_frames, require_frames
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
 
@@ -21,13 +22,14 @@ class Emulator:
 
     pipeline: IntegerPipeline
     _worker: Callable[[frozenset[str]], Callable] = field(init=False, repr=False)
-    """Makes what computes the given outputs in one thread: float64 tables where they are exact."""
+    """Makes what computes the given outputs: float64 tables where they are exact."""
+    _idle: IdleWorkers = field(init=False, repr=False, default_factory=IdleWorkers)
 
     @property
     def scene(self) -> Scene:
         return self.pipeline.scene
 
-    @property
+    @cached_property
     def outputs(self) -> Outputs:
         """Shapes for one frame and element types of everything that the scene wants; see `Result`."""
         return direct.outputs(self.pipeline)
@@ -35,7 +37,7 @@ class Emulator:
     def __post_init__(self):
         # Now, not when first run: a step depends on the entry of the solvers' table that it looks up itself.
         try:
-            worker = ExactTables(self.pipeline).worker
+            worker = partial(Worker, ExactTables(self.pipeline))
         except NotExactError:
             worker = partial(_direct_worker, self.pipeline)
         object.__setattr__(self, "_worker", worker)
@@ -49,18 +51,12 @@ class Emulator:
         """
         outputs = choose_outputs(self.outputs, wanted)
         require_frames(frames, self.pipeline.background)
-        found = over_frames(
-            partial(self._worker, frozenset(outputs)),
-            frames,
-            outputs,
-            progress=progress,
-            label="integer pipeline",
-        )
-        return Result(**found)
+        with self._idle.lent(self._worker, frozenset(outputs)) as worker:
+            return Result(**over_frames(worker, frames, outputs, progress=progress, label="integer pipeline"))
 
 
 def _direct_worker(pipeline: IntegerPipeline, outputs: frozenset[str]) -> Callable:
-    """As `ExactTables.worker`, without tables: all outputs, in int64."""
+    """As `Worker`, without tables: all outputs, in int64."""
     return partial(direct.loop, pipeline)
 
 

@@ -1,6 +1,8 @@
 """From a scene and quantised layers to the integer pipeline: all its tables, and the widths of its words."""
 
+import math
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -15,6 +17,7 @@ from fastac.models.integer.laplacian import STENCILS, boundary_term, divergence_
 from fastac.models.integer.network import GradientRatio, Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
+from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.solvers import SOLVERS
 from fastac.models.integer.source import PoissonSource
 from fastac.models.integer.words import Fixed, to_words
@@ -109,8 +112,10 @@ def assemble(
     slope_limit = ratio.limit * 2.0**-ratio.fraction
     # Its many small products are slower on several threads, and bounds then depend on the machine.
     with threadpool_limits(1):
-        chosen = SOLVERS[scene.poisson.solver].fitted(
-            offset=np.zeros_like(offset) if any_rest else offset,
+        constant = np.zeros_like(offset) if any_rest else offset
+        chosen = _fitted(
+            SOLVERS[scene.poisson.solver],
+            constant.tobytes(),
             source=Fixed(source.width, unit.fraction),
             slope_limit=2 * slope_limit if any_rest else slope_limit,
             divergence=divergence,
@@ -133,6 +138,15 @@ def assemble(
             depth.width, shift, numbers.displacement_bits, not scene.force.signed
         )
     return pipeline.replace(source=source, solver=chosen, depth=depth, quantiser=quantiser)
+
+
+@lru_cache(maxsize=16)
+def _fitted(kind: type[IntegerSolver], offset: bytes, **facts) -> IntegerSolver:
+    """`kind.fitted` with an `offset` of int64; kept for the next scene with the same words, as a table of
+    scenes or a sweep has many."""
+    words = np.frombuffer(offset, np.int64)
+    side = math.isqrt(len(words))
+    return kind.fitted(offset=words.reshape(side, side), **facts)
 
 
 def with_force(

@@ -86,45 +86,55 @@ def _follow(sums, half, last, rest, rest_px, first_low, first_high, guides, low,
 
 
 @_compiled
-def dark_pixels(frame, threshold, dark):
-    """`integer.SlopeBridge.dark` of a frame (H, W, C), into `dark` (H, W) bool."""
-    height, width, channels = frame.shape
-    for v in range(height):
+def dark_pixels(frame, threshold, first, dark):
+    """`integer.SlopeBridge.dark` of rows of a frame (H, W, C), from `first` on, into `dark` (rows, W)
+    bool."""
+    rows, width = dark.shape
+    for i in range(rows):
+        v = first + i
         for u in range(width):
             total = 0
-            for channel in range(channels):
+            for channel in range(frame.shape[2]):
                 total += frame[v, u, channel]
-            dark[v, u] = total < threshold[v // BLOCK, u // BLOCK]
+            dark[i, u] = total < threshold[v // BLOCK, u // BLOCK]
 
 
 @_compiled
-def bridge(dark, reach, slopes, over):
-    """`integer.SlopeBridge` of slopes (2, H, W), in place; returns how many of them saturated.
+def bridge(dark, reach, p_x, q_y, over):
+    """`integer.SlopeBridge` of rows of slopes p and q (rows · W,), in place; returns how many of them
+    saturated.
 
-    over : (2, H, W) bool, which slopes saturated before, or no elements
+    dark : (rows, W); over : (2, rows · W or more) bool, which slopes saturated before, or no elements
     """
-    height, width = dark.shape
+    rows, width = dark.shape
     saturated = 0
-    for v in range(height):
+    for i in range(rows):
         for u in range(width):
             column = u
-            if dark[v, u]:
+            if dark[i, u]:
                 for distance in range(1, reach + 1):
-                    if u >= distance and not dark[v, u - distance]:
+                    if u >= distance and not dark[i, u - distance]:
                         column = u - distance
                         break
-                    if u + distance < width and not dark[v, u + distance]:
+                    if u + distance < width and not dark[i, u + distance]:
                         column = u + distance
                         break
-            for k in range(2):
-                slopes[k, v, u] = slopes[k, v, column]
-                if len(over):
-                    saturated += over[k, v, column]
+                p_x[i * width + u], q_y[i * width + u] = p_x[i * width + column], q_y[i * width + column]
+            if over.size:
+                saturated += over[0, i * width + column] + over[1, i * width + column]
     return saturated
 
 
+@_compiled
+def follow(frame, threshold, sums, arguments):
+    """Find the dots of a frame (H, W, C) uint8; the others are `FollowedDots.tables`, which hold the
+    results."""
+    _cell_sums(frame, threshold, sums)
+    _follow(sums, *arguments)
+
+
 class FollowedDots:
-    """The dots of frames, one after another, in scratch memory of one thread."""
+    """The dots of frames, one after another, in scratch memory for one frame at a time."""
 
     def __init__(self, follower: DotFollower):
         windows = follower.windows
@@ -145,11 +155,23 @@ class FollowedDots:
         tables = (np.ascontiguousarray(table, np.int64) for table in tables)
         self.arguments = (windows.half, *tables, np.zeros((count + 1, 2), np.int64), self.shift, self.seen)
 
+        self.tables = (self.threshold, self.sums, self.arguments)
+        """What `follow` takes after the frame."""
+
     def __call__(self, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A frame (H, W, C) uint8 to shifts (M, 2) in px · 2**FRACTION and whether dots are seen, (M,) bool.
 
         Both are views of scratch memory, which the next frame overwrites.
         """
-        _cell_sums(frame, self.threshold, self.sums)
-        _follow(self.sums, *self.arguments)
+        follow(frame, *self.tables)
         return self.shift, self.seen
+
+
+def _no_dots() -> tuple:
+    shape, pairs, one = np.zeros((0, 0), np.int64), np.zeros((0, 2), np.int64), np.zeros(0, np.int64)
+    follower = (0, one, *(pairs,) * 5, one, one, pairs, pairs, np.zeros(0, np.bool_))
+    return shape, np.zeros((0, 0, 3), np.int64), follower
+
+
+NO_DOTS = _no_dots()
+"""In place of `FollowedDots.tables` where there is nothing to follow: the same types, no dots."""

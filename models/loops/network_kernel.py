@@ -3,6 +3,7 @@
 import numpy as np
 from numba import njit
 
+from fastac.models.loops.memory import aligned_zeros
 from fastac.models.loops.vector_tile import NEURONS, PIXELS, tile_linear, tile_rectified, tile_requantised
 
 BLOCK = 4 * PIXELS
@@ -25,18 +26,28 @@ def packed(table: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
 
 
 @njit(nogil=True, cache=True)
-def _fill(frame, rest, start, count, features):
-    """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`."""
-    channels = len(frame)
-    for c in range(len(rest)):
+def _fill(frame, channels, rest, start, count, features):
+    """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`; C is 3 or
+    4."""
+    seen = frame[start * channels :]
+    # All channels in one loop, so that the compiler loads them together and sorts them in vectors.
+    blue, green, red, near = features[0], features[1], features[2], features[3]
+    b, g, r, n = rest[0, start:], rest[1, start:], rest[2, start:], rest[3, start:]
+    if channels == 4:
+        for p in range(count):
+            blue[p] = np.float32(seen[4 * p]) - b[p]
+            green[p] = np.float32(seen[4 * p + 1]) - g[p]
+            red[p] = np.float32(seen[4 * p + 2]) - r[p]
+            near[p] = np.float32(seen[4 * p + 3]) - n[p]
+    else:
+        for p in range(count):
+            blue[p] = np.float32(seen[3 * p]) - b[p]
+            green[p] = np.float32(seen[3 * p + 1]) - g[p]
+            red[p] = np.float32(seen[3 * p + 2]) - r[p]
+    for c in range(channels, len(rest)):
         plane, known = features[c], rest[c, start:]
-        if c < channels:
-            seen = frame[c, start:]
-            for p in range(count):
-                plane[p] = np.float32(seen[p]) - known[p]
-        else:
-            for p in range(count):
-                plane[p] = known[p]
+        for p in range(count):
+            plane[p] = known[p]
 
 
 @njit(nogil=True, cache=True)
@@ -61,11 +72,23 @@ def _last_layer(table, inputs, x, y):
             tile_linear(real, source, weights, inputs, seen, BLOCK, found, real)
 
 
-@njit(nogil=True, cache=True)
-def forward(frame, rest, hidden, neurons, tops, requantised, last, out):
-    """Run the network on one frame and write its outputs into `out`.
+@njit(nogil=True, cache=True, inline="always")
+def block_memory(rest, hidden, tops, last, out):
+    """Scratch memory of one thread for `forward`: features, activations of two layers, outputs."""
+    rows = hidden.shape[1] * NEURONS
+    return (
+        aligned_zeros(len(rest), BLOCK, tops),
+        aligned_zeros(rows, BLOCK, tops),
+        aligned_zeros(rows, BLOCK, tops),
+        aligned_zeros(len(last) * NEURONS, BLOCK, out),
+    )
 
-    frame : (C, pixels) uint8, planes of the channels
+
+@njit(nogil=True, cache=True)
+def forward(frame, rest, hidden, neurons, tops, requantised, last, memory, start, stop, out):
+    """Run the network on the pixels from `start` to before `stop` of one frame.
+
+    frame : (pixels · C) uint8, the C = 3 or 4 channels of a pixel side by side
     rest : (C + 2, pixels) float32, planes of the background's channels and of the two coordinate codes
     hidden : (layers, tiles, rows, NEURONS), each hidden layer's `packed` table, padded to a common shape
     neurons : (layers,) number of neurons of each hidden layer
@@ -73,21 +96,27 @@ def forward(frame, rest, hidden, neurons, tops, requantised, last, out):
     requantised : whether activations are requantised as in `integer.network.Requantisation`, or only
         rectified
     last : the last layer's `packed` table
-    out : (outputs, pixels), in the last layer's type
+    memory : see `block_memory`
+    out : (outputs, as many pixels or more), in the last layer's type
     """
-    pixels, rows = frame.shape[1], hidden.shape[1] * NEURONS
-    features = np.zeros((len(rest), BLOCK), tops.dtype)
-    a, b = np.empty((rows, BLOCK), tops.dtype), np.empty((rows, BLOCK), tops.dtype)
-    found = np.empty((len(last) * NEURONS, BLOCK), out.dtype)
-    for start in range(0, pixels, BLOCK):
-        count = min(BLOCK, pixels - start)
-        _fill(frame, rest, start, count, features)
+    channels, pixels = len(rest) - 2, stop - start
+    features, a, b, found = memory
+    for first in range(0, pixels, BLOCK):
+        count = min(BLOCK, pixels - first)
+        _fill(frame, channels, rest, start + first, count, features)
         x, y, spare, inputs = features, a, b, len(rest)
         for k in range(len(hidden)):
             _layer(hidden[k], inputs, neurons[k], x, y, tops[k], requantised)
             x, y, spare, inputs = y, spare, y, neurons[k]
         _last_layer(last, inputs, x, found)
         for j in range(len(out)):
-            place, row = out[j, start:], found[j]
+            place, row = out[j, first:], found[j]
             for p in range(count):
                 place[p] = row[p]
+
+
+@njit(nogil=True, cache=True)
+def forward_whole(frame, rest, hidden, neurons, tops, requantised, last, out):
+    """`forward` of all pixels of one frame."""
+    memory = block_memory(rest, hidden, tops, last, out)
+    forward(frame, rest, hidden, neurons, tops, requantised, last, memory, 0, out.shape[1], out)

@@ -14,19 +14,20 @@ NEURONS, LANES, VECTORS = 4, 16, 2
 PIXELS = LANES * VECTORS
 
 
-def _vector(builder, value):
+def broadcast(builder, value, lanes: int = LANES):
     """A vector with `value` in each lane."""
-    kind = ir.VectorType(value.type, LANES)
+    kind = ir.VectorType(value.type, lanes)
     one = builder.insert_element(ir.Constant(kind, ir.Undefined), value, ir.Constant(ir.IntType(32), 0))
-    mask = ir.Constant(ir.VectorType(ir.IntType(32), LANES), [0] * LANES)
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), lanes), [0] * lanes)
     return builder.shuffle_vector(one, ir.Constant(kind, ir.Undefined), mask)
 
 
-def _call(builder, name: str, *values):
+def call(builder, name: str, *values):
+    """LLVM's intrinsic `name` of vectors, lane by lane."""
     kind = values[0].type
     size = {ir.FloatType(): "f32", ir.DoubleType(): "f64"}[kind.element]
     function = cgutils.get_or_insert_function(
-        builder.module, ir.FunctionType(kind, [kind] * len(values)), f"llvm.{name}.v{LANES}{size}"
+        builder.module, ir.FunctionType(kind, [kind] * len(values)), f"llvm.{name}.v{kind.count}{size}"
     )
     return builder.call(function, values)
 
@@ -36,7 +37,7 @@ def _linear(builder, total, scale, top):
 
 
 def _rectified(builder, total, scale, top):
-    zero = _vector(builder, ir.Constant(total.type.element, 0.0))
+    zero = broadcast(builder, ir.Constant(total.type.element, 0.0))
     return builder.select(builder.fcmp_ordered(">", total, zero), total, zero)
 
 
@@ -48,12 +49,12 @@ def _requantised(builder, total, scale, top):
     too large where the remainder a · scale − q, computed by a fused multiply-add with the exact sign, is
     negative.
     """
-    one = _vector(builder, ir.Constant(total.type.element, 1.0))
-    zero = _vector(builder, ir.Constant(total.type.element, 0.0))
+    one = broadcast(builder, ir.Constant(total.type.element, 1.0))
+    zero = broadcast(builder, ir.Constant(total.type.element, 0.0))
     a = _rectified(builder, total, scale, top)
-    q = _call(builder, "floor", builder.fmul(a, scale))
+    q = call(builder, "floor", builder.fmul(a, scale))
     q = builder.select(builder.fcmp_ordered("<", q, top), q, top)
-    remainder = _call(builder, "fma", a, scale, builder.fneg(q))
+    remainder = call(builder, "fma", a, scale, builder.fneg(q))
     return builder.fsub(q, builder.select(builder.fcmp_ordered("<", remainder, zero), one, zero))
 
 
@@ -83,7 +84,7 @@ def _tile(activation):
 
             def entry(row, j):
                 place = builder.add(builder.mul(row, number(NEURONS)), number(j))
-                return _vector(builder, load(_at(table, place, size), kind, 1, size))
+                return broadcast(builder, load(_at(table, place, size), kind, 1, size))
 
             def _at(base, place, size):
                 return builder.add(base, builder.mul(place, number(size)))
@@ -106,11 +107,11 @@ def _tile(activation):
                     weight = entry(row, j)
                     for k in range(VECTORS):
                         total = builder.load(sums[j][k])
-                        builder.store(_call(builder, "fma", weight, vectors[k], total), sums[j][k])
+                        builder.store(call(builder, "fma", weight, vectors[k], total), sums[j][k])
             for j in range(NEURONS):
                 scale = entry(number(1), j)
                 for k in range(VECTORS):
-                    found = activation(builder, builder.load(sums[j][k]), scale, _vector(builder, top))
+                    found = activation(builder, builder.load(sums[j][k]), scale, broadcast(builder, top))
                     start = builder.add(builder.mul(number(j), stride), number(k * LANES))
                     place = builder.inttoptr(_at(y, start, size), found.type.as_pointer())
                     builder.store(found, place, align=size)

@@ -15,7 +15,7 @@ Keer, Wear 231 (1999) 206. Load and displacement are vertical: the skin's slope 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.fft import irfft2, next_fast_len, rfft2
+import scipy  # its `fft` is loaded at the first press, for it takes long
 
 from fastac.scenes.sensor_schema import Elastomer, Sensor
 from fastac.sensor.geometry import pixel_centres_mm, rest_depth_mm
@@ -89,30 +89,32 @@ class Layer:
         # Zero padding: twice the image against wrap-around, and room for the response to die out.
         reach = int(np.ceil(6 * sensor.elastomer.thickness_mm / sensor.pitch_mm))
         self._shape = tuple(
-            next_fast_len(n + max(n, reach), real=True) for n in (sensor.height_px, sensor.width_px)
+            scipy.fft.next_fast_len(n + max(n, reach), real=True) for n in (sensor.height_px, sensor.width_px)
         )
         ky = 2 * np.pi * np.fft.fftfreq(self._shape[0], sensor.pitch_mm)
         kx = 2 * np.pi * np.fft.rfftfreq(self._shape[1], sensor.pitch_mm)
         self._response = layer_compliance(np.hypot(ky[:, None], kx), sensor.elastomer)
-        self._kernel = irfft2(self._response, self._shape)
+        self._kernel = scipy.fft.irfft2(self._response, self._shape)
 
     def displacement_mm(self, pressure_mpa: np.ndarray) -> np.ndarray:
         """Displacement (H, W) in mm from pressure (H, W) in MPa: u = c · (G ∗ (c · p))."""
-        spectrum = rfft2(self.modulation * pressure_mpa, self._shape)
-        full = irfft2(spectrum * self._response, self._shape)
+        spectrum = scipy.fft.rfft2(self.modulation * pressure_mpa, self._shape)
+        full = scipy.fft.irfft2(spectrum * self._response, self._shape)
         return self.modulation * full[: self.sensor.height_px, : self.sensor.width_px]
 
     def _window_operator(self, rows: slice, columns: slice):
         """The operator of `displacement_mm` restricted to a window of the image: a function from p to u."""
         height, width = rows.stop - rows.start, columns.stop - columns.start
-        shape = next_fast_len(2 * height, real=True), next_fast_len(2 * width, real=True)
+        shape = scipy.fft.next_fast_len(2 * height, real=True), scipy.fft.next_fast_len(2 * width, real=True)
         kernel = np.zeros(shape)
         for to_v, from_v in ((slice(0, height), slice(0, height)), (slice(1 - height, None),) * 2):
             for to_u, from_u in ((slice(0, width), slice(0, width)), (slice(1 - width, None),) * 2):
                 kernel[to_v, to_u] = self._kernel[from_v, from_u]
-        response = rfft2(kernel)
+        response = scipy.fft.rfft2(kernel)
         c = self.modulation[rows, columns]
-        return lambda p: c * irfft2(rfft2(c * p, shape) * response, shape)[:height, :width]
+        return lambda p: (
+            c * scipy.fft.irfft2(scipy.fft.rfft2(c * p, shape) * response, shape)[:height, :width]
+        )
 
     def press(self, x_mm: float, y_mm: float, *, ball_mm: float, load_n: float) -> Contact:
         """Press a rigid ball of diameter `ball_mm`, its centre above (x_mm, y_mm), along −z with `load_n`.

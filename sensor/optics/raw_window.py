@@ -10,9 +10,10 @@ import numpy as np
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 from fastac.sensor.optics.camera import BACKGROUND_EXPOSURES, noise_free_image
+from fastac.sensor.optics.marker_grid import marker_pixels
 from fastac.sensor.optics.mosaic import CELL
 from fastac.sensor.optics.raw_camera import MAXIMUM, RawCamera
-from fastac.sensor.optics.skin_paint import coverage, marker_pixels
+from fastac.sensor.optics.skin_paint import coverage
 
 
 def raw_camera(sensor: Sensor) -> RawCamera:

@@ -4,9 +4,9 @@ from functools import lru_cache
 
 import numpy as np
 from numba import njit
-from scipy.ndimage import map_coordinates
 
 from fastac.scenes.sensor_schema import Sensor
+from fastac.sensor.optics.marker_grid import marker_pixels
 
 
 @lru_cache
@@ -15,36 +15,6 @@ def grain(sensor: Sensor) -> np.ndarray:
     frames."""
     pattern = np.random.default_rng(0).standard_normal((sensor.height_px, sensor.width_px))
     return np.maximum(1 + sensor.grain * pattern, 0)
-
-
-@lru_cache
-def marker_centres_mm(sensor: Sensor) -> np.ndarray:
-    """x and y, (M, 2), of the dots on the undeformed skin, row by row: a centred grid inside the fixed
-    rim."""
-    if sensor.markers is None:
-        return np.empty((0, 2))
-    lines = []
-    for size_px in (sensor.width_px, sensor.height_px):
-        reach = (size_px - 1) / 2 * sensor.pitch_mm - sensor.elastomer.rim_mm
-        count = max(int(reach // sensor.markers.spacing_mm), 0)
-        lines.append(np.arange(-count, count + 1) * sensor.markers.spacing_mm)
-    x, y = np.meshgrid(*lines)
-    return np.stack([x.ravel(), y.ravel()], axis=-1)
-
-
-def marker_pixels(sensor: Sensor, tangential_mm: np.ndarray | None = None) -> np.ndarray:
-    """Image positions of the dots' centres, (M, 2) as (u, v) in px, on a skin displaced by `tangential_mm`.
-
-    tangential_mm : (H, W, 2), displacement along x and y of the point that is at each pixel of the undeformed
-        skin; None for the undeformed skin
-    """
-    centres = marker_centres_mm(sensor)
-    half = np.array([sensor.width_px - 1, sensor.height_px - 1]) / 2
-    pixels = centres / sensor.pitch_mm + half
-    if tangential_mm is None or not len(centres):
-        return pixels
-    moved = [map_coordinates(tangential_mm[..., k], pixels.T[::-1], order=1) for k in range(2)]
-    return pixels + np.stack(moved, axis=-1) / sensor.pitch_mm
 
 
 def albedo(sensor: Sensor, tangential_mm: np.ndarray | None = None) -> np.ndarray:

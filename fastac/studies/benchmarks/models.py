@@ -2,12 +2,13 @@
 
     fastac bench models BUILD_FOLDER…
 
-The emulator must equal the int64 loop on every value. The frames are random perturbations of the background
-and, where the build folder has its dataset, frames of that.
+All frames at once, and one after another as from a camera: then all cores share each frame. The emulator must
+equal the int64 loop on every value. The frames are random perturbations of the background and, where the
+build folder has its dataset, frames of that.
 """
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 
@@ -24,7 +25,7 @@ from fastac.report.tables import text_table
 from fastac.scenes.outputs import hardware_words, measured
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import evenly_spaced
-from fastac.studies.benchmarks.timing import fastest
+from fastac.studies.benchmarks.timing import fastest, fastest_each
 
 FRAMES, REPEATS = 64, 20
 LOOP_FRAMES, LOOP_REPEATS = 8, 2
@@ -45,10 +46,25 @@ def benchmark_frames(bundle: Bundle, folder: Path) -> np.ndarray:
     return frames
 
 
-def cells(name: str, seconds: tuple[float, float], frames: int) -> list[str]:
-    """A row of the table, from the wall-clock and the processor time of all `frames`."""
-    wall_ms, processor_ms = (1e3 * value / frames for value in seconds)
-    return [name, f"{wall_ms:.2f}", f"{1e3 / wall_ms:.0f}", f"{processor_ms:.2f}"]
+HEAD = ("model", "ms a frame", "frames/s", "processor ms", "one by one, ms", "frames/s", "times as long")
+
+
+def cells(
+    name: str, together: tuple[float, float], frames: int, single: tuple[float, float] | None = None
+) -> list[str]:
+    """A row of the table, from wall-clock and processor times of all `frames`: at once, and one by one."""
+    wall_ms, processor_ms = (1e3 * value / frames for value in together)
+    found = [name, f"{wall_ms:.2f}", f"{1e3 / wall_ms:.0f}", f"{processor_ms:.2f}"]
+    if single is None:
+        return [*found, "", "", ""]
+    single_ms = 1e3 * single[0] / frames
+    return [*found, f"{single_ms:.2f}", f"{1e3 / single_ms:.0f}", f"{single_ms / wall_ms:.2f}"]
+
+
+def one_by_one(run: Callable, frames: np.ndarray) -> None:
+    """Run each of `frames` by itself, as it would come from a camera."""
+    for k in range(len(frames)):
+        run(frames[k : k + 1])
 
 
 def scene_outputs(scene: Scene) -> dict[str, tuple[str, ...]]:
@@ -80,13 +96,15 @@ def measure(folder: Path) -> Iterator[str]:
     rows = []
     for name, model in models.items():
         wanted = scene_outputs(bundle.scene)[name]
-        seconds = fastest(partial(model.run, frames), REPEATS)
-        rows.append(cells(f"{name}, all results", seconds, FRAMES))
-        seconds = fastest(partial(model.run, frames, wanted=wanted), REPEATS)
-        rows.append(cells(f"{name}, {', '.join(wanted)}", seconds, FRAMES))
+        for label, run in (
+            ("all results", model.run),
+            (", ".join(wanted), partial(model.run, wanted=wanted)),
+        ):
+            together, single = fastest_each([partial(run, frames), partial(one_by_one, run, frames)], REPEATS)
+            rows.append(cells(f"{name}, {label}", together, FRAMES, single))
     seconds = fastest(partial(direct.loop, pipeline, few, loop), LOOP_REPEATS)
     rows.append(cells("int64 loop", seconds, LOOP_FRAMES))
-    yield text_table(["model", "ms a frame", "frames/s", "processor ms a frame"], rows)
+    yield text_table(HEAD, rows)
     count = compare(Emulator(pipeline).run(few), loop)
     yield f"emulator = int64 loop: {count:,} of {count:,} values, all outputs of {LOOP_FRAMES} frames"
 

@@ -13,7 +13,7 @@ from fastac.models.vision.markers import DetectedDots, MarkerError
 from fastac.report.tables import text_table
 from fastac.scenes.schema import AXES, Scene
 from fastac.sensor.dataset import DatasetError
-from fastac.sensor.optics.skin_paint import marker_pixels
+from fastac.sensor.optics.marker_grid import marker_pixels
 from fastac.sensor.samples import SPLITS
 from fastac.store.progress import progress_bar
 

@@ -17,7 +17,8 @@ from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.dataset import SPLITS, Dataset
 from fastac.sensor.geometry import pixel_centres_mm, rest_slopes
-from fastac.sensor.optics.skin_paint import coverage, marker_pixels
+from fastac.sensor.optics.marker_grid import marker_pixels
+from fastac.sensor.optics.skin_paint import coverage
 from fastac.sensor.rerender import rerender
 from fastac.sensor.samples import subset
 from fastac.store.files import load_arrays, write_json

@@ -14,7 +14,7 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
 from fastac.sensor.mechanics.fem.rig import FemRig
 from fastac.sensor.mechanics.press import ContactError, PressedSkin
-from fastac.sensor.optics.skin_paint import marker_pixels
+from fastac.sensor.optics.marker_grid import marker_pixels
 from fastac.store.progress import progress_bar
 from fastac.studies.demos.grip_control import friction_ratio
 from fastac.studies.slip.drags import Drag, steps

@@ -1,4 +1,6 @@
 import json
+import subprocess
+import sys
 
 from fastac.report.scope import ABSENT, Scope, table
 from fastac.store.record import RECORD
@@ -74,3 +76,18 @@ def test_a_column_for_each_scene(make_scene, tmp_path):
     assert lines[0].replace(" ", "") == "||tiny|two|"
     assert {line.count("|") for line in lines if line.startswith("|")} == {4}
     assert sum("estimated: " in line for line in lines) == 4
+
+
+def test_the_command_loads_only_what_it_needs(tiny_toml, tmp_path):
+    """A table of formulas must not wait for libraries that it has no use for."""
+    path = tmp_path / "tiny.toml"
+    path.write_text(tiny_toml)
+    code = f"""
+import sys
+from fastac.cli.main import main
+main(["scope", {str(path)!r}], standalone_mode=False)
+print(*sorted({{"h5py", "matplotlib", "numba", "scipy", "torch"}} & sys.modules.keys()), file=sys.stderr)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stderr.split() == []
+    assert "fits, and takes of the part" in done.stdout

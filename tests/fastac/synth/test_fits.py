@@ -6,10 +6,12 @@ import pytest
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.target.device import DEVICES, DeviceError, on_part
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import assemble, bundle
 from fastac.models.integer.assemble import with_loadable
 from fastac.models.random_bundle import frames, random_bundle, scene
 from fastac.scenes.parts import PARTS
 from fastac.scenes.schema import load
+from fastac.synth import fits
 from fastac.synth.fits import area, check_products, check_scene, random_pipeline
 
 ROOT = Path(__file__).parents[3]
@@ -126,3 +128,22 @@ def test_the_scene_for_the_kria_leaves_room_for_the_rest_of_a_block_design():
     assert (sum(found.multipliers.values()), sum(found.block_rams.values())) == (196, 94)
     short = baked.model_copy(update={"numbers": kria.numbers.model_copy(update={"data_bits": 24})})
     assert sum(area(random_pipeline(short)).multipliers.values()) == 131
+
+
+def test_a_pipeline_is_the_same_whatever_was_made_before(make_scene, tmp_path):
+    """Networks and solvers are kept for the next scene with the same words."""
+    adjoint = {"outputs": ["force_z"], "poisson": {"solver": "adjoint"}}
+    wanted = [
+        make_scene(),
+        make_scene(outputs=["depth"]),
+        make_scene(**adjoint, force={"clamp": False, "fit": "slopes"}),
+        make_scene(poisson={"mode": "difference"}),
+        make_scene(numbers={"weight_bits": 6}),
+    ]
+    together = [random_pipeline(each) for each in wanted]
+    for k, (each, found) in enumerate(zip(wanted, together, strict=True)):
+        fits._random_network.cache_clear()
+        assemble._fitted.cache_clear()
+        alone = random_pipeline(each)
+        digests = [bundle.save(tmp_path / f"{k}{n}", p, {}).digest for n, p in enumerate((found, alone))]
+        assert digests[0] == digests[1]

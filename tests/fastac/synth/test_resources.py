@@ -1,7 +1,6 @@
 # amaranth: UnusedElaboratable=no
 import json
 
-import numpy as np
 import pytest
 
 from fastac.gateware.cycle_model import multipliers
@@ -46,39 +45,6 @@ def test_stages_by_instance(instance, stage):
     assert resources.stage_of(instance) == stage
 
 
-def made_up(count: int, rng) -> list[dict]:
-    """Samples of two stages whose look-up tables are exact sums of what is known of them."""
-    found = []
-    for _ in range(count):
-        a, b = {"one": 1, "bits": float(rng.integers(1, 99))}, {"one": 1, "bits": float(rng.integers(1, 99))}
-        counted = {
-            "a": {"lut": 7 + 2 * a["bits"], "ramb36": 3.0},
-            "b": {"lut": 1 + 5 * b["bits"], "ramb36": 1.0},
-        }
-        features = {"a": a | {"ramb36": 3.0}, "b": b | {"ramb36": 2.0}}
-        found.append({"features": features, "counted": counted})
-    return found
-
-
-def test_the_fit_finds_what_there_is():
-    samples = made_up(6, np.random.default_rng(1))
-    factors = resources.fit(samples)
-    np.testing.assert_allclose(factors["a"]["lut"], [7, 2])
-    np.testing.assert_allclose(factors["b"]["lut"], [1, 5])
-    np.testing.assert_allclose(factors["b"]["ramb36"], [0.5])
-    for errors in resources.leave_one_out(samples).values():
-        np.testing.assert_allclose(errors, 0, atol=1e-9)
-
-
-def test_the_error_is_that_of_samples_left_out():
-    samples = made_up(6, np.random.default_rng(1))
-    samples[3]["counted"]["a"]["lut"] *= 2
-    errors = resources.leave_one_out(samples)["lut"]
-    whole = sum(stage["lut"] for stage in samples[3]["counted"].values())
-    a = samples[3]["counted"]["a"]["lut"] / 2
-    np.testing.assert_allclose(errors[3], -100 * a / whole)
-
-
 def test_a_stage_that_no_sample_has():
     with pytest.raises(ValueError, match="stage unheard: no sample has it"):
         resources.predict({}, {"unheard": {}})
@@ -86,8 +52,6 @@ def test_a_stage_that_no_sample_has():
 
 def test_the_committed_samples_cover_every_stage():
     assert {stage for s in SAMPLES for stage in s["features"]} == set(resources.stage_names())
-    for name in resources.FITTED:
-        assert np.isfinite(resources.leave_one_out(SAMPLES)[name]).all()
 
 
 @pytest.mark.parametrize(

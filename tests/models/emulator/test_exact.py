@@ -10,11 +10,13 @@ from fastac.models.emulator import direct
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.exactness import EXACT, NotExactError, require_exact
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.emulator.worker import Worker
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.force import PatchForce, terms
 from fastac.models.integer.network import GradientRatio, Layer, Requantisation
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.loops.frames import CHUNK, over_frames
+from fastac.models.loops.pixels import slope_words
 
 DEPTH, Z, XYZ, SLIP = "depth", "force_z", "force_xyz", "slip"
 MAP = ("force_z", "force_map")
@@ -84,8 +86,10 @@ def int64_loop(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
 
 def emulated(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
     """By the emulator itself, which must not give way to the loop."""
-    emulator, outputs = ExactTables(pipeline), direct.outputs(pipeline)
-    return over_frames(lambda: emulator.worker(outputs), frames, outputs, progress=False, label="test")
+    tables, outputs = ExactTables(pipeline), direct.outputs(pipeline)
+    return over_frames(
+        lambda: Worker(tables, frozenset(outputs)), frames, outputs, progress=False, label="test"
+    )
 
 
 def check(pipeline, frames: np.ndarray) -> dict[str, np.ndarray]:
@@ -265,10 +269,16 @@ def test_equals_the_integers_on_larger_images(tmp_path, size, solver, kernel):
     check(pipeline, frames_of(pipeline.background)[[0, 1, 3, 4, 6, 8]])
 
 
+def hidden_type(pipeline) -> np.dtype:
+    """In which the hidden layers are computed."""
+    _, hidden, *_ = ExactTables(pipeline).network.tables
+    return hidden.dtype
+
+
 def test_sums_beyond_float32(tmp_path):
     """A hidden layer whose sums take more than 24 bits."""
     pipeline = random_bundle.random_bundle(tmp_path / "b", random_bundle.scene((DEPTH, Z))).pipeline
-    assert ExactTables(pipeline).tables[0].dtype == np.float32
+    assert hidden_type(pipeline) == np.float32
     first, *others = pipeline.layers
     scale, by = first.requantisation, 12
     fine = replace(
@@ -279,7 +289,7 @@ def test_sums_beyond_float32(tmp_path):
         requantisation=replace(scale, shift=scale.shift + by),
     )
     wide = pipeline.replace(layers=(fine, *others))
-    assert ExactTables(wide).tables[0].dtype == np.float64
+    assert hidden_type(wide) == np.float64
     check(wide, frames_of(pipeline.background))
 
 
@@ -321,13 +331,9 @@ def test_a_surface_that_turns_away(tmp_path, n_z):
     assert (words[..., 2] <= 0).any() == (n_z <= 0)
 
 
-def test_quotients_just_below_an_integer(tmp_path):
+def test_quotients_just_below_an_integer():
     """Where float64 is nearest to rounding the quotient up: numerators of 52 bits, one below a multiple."""
     ratio = GradientRatio(normal_width=28, width=27, fraction=24)
-    pipeline = random_bundle.random_bundle(
-        tmp_path / "b", random_bundle.scene(("normals",), size=64)
-    ).pipeline
-    worker = ExactTables(pipeline.replace(ratio=ratio)).worker({"slopes", "gradient_saturated"})
     rng = np.random.default_rng(1)
     n_z = rng.integers(1 << 25, 1 << 27, 64 * 64) | 1
     # (n << 25) + n_z = 2 n_z k − remainder: of 200 quotients k the one with the smallest remainder.
@@ -341,10 +347,13 @@ def test_quotients_just_below_an_integer(tmp_path):
     assert (remainder.min(axis=0) < 1 << 18).mean() > 0.5
     normal = np.stack([n_x, -n_x, n_z])
     expected, over = ratio(normal.T)
-    out = {"slopes": np.empty((1, 64, 64, 2), np.float32), "gradient_saturated": np.empty(1, np.int64)}
-    worker._slopes(normal.astype(np.float64), pipeline.background, out)
-    np.testing.assert_array_equal(worker.slopes.reshape(2, -1).T, expected)
-    assert out["gradient_saturated"][0] == over.sum()
+    given, found = normal.astype(np.float64), np.empty((2, 64 * 64))
+    saturated = [
+        slope_words(given[k], given[2], 2.0**-24, float(ratio.limit), found[k], np.empty(0, bool))
+        for k in range(2)
+    ]
+    np.testing.assert_array_equal(found.T, expected)
+    assert sum(saturated) == over.sum()
 
 
 def test_only_what_is_wanted(tmp_path, monkeypatch):
@@ -362,7 +371,7 @@ def test_only_what_is_wanted(tmp_path, monkeypatch):
     def refuse(*_):
         raise AssertionError("nobody wants depth")
 
-    monkeypatch.setattr("fastac.models.emulator.dst2d.TransformTables.solve", refuse)
+    monkeypatch.setattr("fastac.models.emulator.dst2d.TransformTables.emulate", refuse)
     Emulator(pipeline).run(frames, wanted=["normals", "slopes", "normal_words", "gradient_saturated"])
     with pytest.raises(AssertionError, match="nobody wants depth"):
         Emulator(pipeline).run(frames, wanted=["force_n"])

@@ -315,3 +315,30 @@ class TestDots:
             alone = floating.run(dotted_data.frames[:3], wanted=[name])
             assert [key for key, value in vars(alone).items() if value is not None] == [name]
             np.testing.assert_array_equal(getattr(alone, name), getattr(whole, name))
+
+
+@pytest.mark.parametrize("solver", ["dst2d", "adjoint"])
+def test_the_same_values_by_any_number_of_threads(pair, tiny_data, monkeypatch, solver):
+    """Bit for bit, whether a frame comes alone or with others."""
+    changes = {} if solver == "dst2d" else {"outputs": ["normals"]}
+    pipeline, _ = pair(**changes)
+    if solver == "adjoint":
+        scene = pipeline.scene.model_copy(
+            update={
+                "outputs": ("force_z",),
+                "poisson": pipeline.scene.poisson.model_copy(update={"solver": solver}),
+                "force": pipeline.scene.force.model_copy(update={"clamp": False, "fit": "slopes"}),
+            }
+        )
+        weights = np.random.default_rng(1).normal(size=(1, 16, 16, 2))
+        pipeline = replace(pipeline, scene=scene, force_weights=weights)
+    monkeypatch.setenv("OMP_NUM_THREADS", "1")
+    frames = tiny_data.frames[:5]
+    expected = {name: value for name, value in vars(pipeline.run(frames)).items() if value is not None}
+    assert "force_n" in expected
+    for threads in ("2", "3"):
+        monkeypatch.setenv("OMP_NUM_THREADS", threads)
+        for part in (slice(5), slice(0, 1), slice(3, 4)):
+            found = pipeline.run(frames[part])
+            for name, values in expected.items():
+                assert getattr(found, name).tobytes() == values[part].tobytes(), name

@@ -65,10 +65,12 @@ def test_bridged_slopes_are_the_integers_slopes(reach):
     for frame in frames_of(3):
         slopes, over = rng.integers(-511, 512, (HEIGHT, WIDTH, 2)), rng.random((HEIGHT, WIDTH, 2)) < 0.2
         dark = np.empty((HEIGHT, WIDTH), bool)
-        dark_pixels(frame, windows.threshold, dark)
+        for first in range(0, HEIGHT, 3):
+            dark_pixels(frame, windows.threshold, first, dark[first : first + 3])
         np.testing.assert_array_equal(dark, known.dark(frame))
         for kind, count in ((np.float64, 2), (np.float32, 0)):
-            planes = np.moveaxis(slopes, -1, 0).astype(kind)
-            saturated = bridge(dark, reach, planes, np.ascontiguousarray(np.moveaxis(over, -1, 0)[:count]))
-            np.testing.assert_array_equal(np.moveaxis(planes, 0, -1), known(slopes, dark))
+            planes = np.moveaxis(slopes, -1, 0).astype(kind).reshape(2, -1)
+            flags = np.ascontiguousarray(np.moveaxis(over, -1, 0).reshape(2, -1)[:, : HEIGHT * WIDTH * count])
+            saturated = bridge(dark, reach, planes[0], planes[1], flags)
+            np.testing.assert_array_equal(planes.T.reshape(HEIGHT, WIDTH, 2), known(slopes, dark))
             assert saturated == (known(over, dark).sum() if count else 0)

@@ -3,8 +3,8 @@ import threading
 import numpy as np
 import pytest
 
-from fastac.models.loops import frames as module
-from fastac.models.loops.frames import CHUNK, choose_outputs, over_frames, require_frames
+from fastac.models.loops import team
+from fastac.models.loops.frames import CHUNK, IdleWorkers, choose_outputs, over_frames, require_frames
 
 OUTPUTS = {"double": ((2,), np.int64), "index": ((), np.int32)}
 
@@ -36,7 +36,7 @@ def run(count: int, worker):
 @pytest.mark.parametrize("threads", [1, 2, 3])
 @pytest.mark.parametrize("count", [1, 2, CHUNK, 5 * CHUNK + 3])
 def test_every_frame_has_its_place(monkeypatch, threads, count):
-    monkeypatch.setattr(module.os, "cpu_count", lambda: threads)
+    monkeypatch.setattr(team, "CORES", threads)
     made: list[Worker] = []
     frames, found = run(count, lambda: Worker(made))
     np.testing.assert_array_equal(found["double"], 2 * frames)
@@ -49,20 +49,73 @@ def test_every_frame_has_its_place(monkeypatch, threads, count):
 
 
 def test_few_frames_are_shared_out(monkeypatch):
-    monkeypatch.setattr(module.os, "cpu_count", lambda: 3)
+    monkeypatch.setattr(team, "CORES", 3)
     made: list[Worker] = []
     run(7, lambda: Worker(made))
     assert sorted(size for worker in made for size in worker.sizes) == [1, 3, 3]
 
 
-@pytest.mark.parametrize(("stated", "workers"), [("1", 1), ("2", 2), ("0", 3), ("many", 3), ("", 3)])
-def test_the_environment_limits_the_threads(monkeypatch, stated, workers):
-    monkeypatch.setattr(module.os, "cpu_count", lambda: 3)
-    monkeypatch.setenv("OMP_NUM_THREADS", stated)
-    assert module.threads() == workers
-    made: list[Worker] = []
-    run(workers, lambda: Worker(made))
-    assert [size for worker in made for size in worker.sizes] == [1] * workers
+class Sharer(Worker):
+    """One that threads can share: it notes with how many it is called."""
+
+    can_share = True
+
+    def __init__(self, made: list):
+        super().__init__(made)
+        self.shared = []
+
+    def __call__(self, frames, out, threads=1):
+        super().__call__(frames, out)
+        if threads > 1:
+            self.shared.append((len(frames), threads))
+
+
+@pytest.mark.parametrize(
+    ("count", "shared"), [(1, [(1, 4)]), (3, [(3, 4)]), (4, []), (9, [(1, 4)]), (40, [])]
+)
+def test_what_is_left_over_is_shared(monkeypatch, count, shared):
+    monkeypatch.setattr(team, "CORES", 4)
+    made: list[Sharer] = []
+    frames, found = run(count, lambda: Sharer(made))
+    np.testing.assert_array_equal(found["double"], 2 * frames)
+    assert [each for worker in made for each in worker.shared] == shared
+
+
+def test_one_thread_shares_nothing(monkeypatch):
+    monkeypatch.setattr(team, "CORES", 1)
+    made: list[Sharer] = []
+    for count in (1, 3, 40):
+        frames, found = run(count, lambda: Sharer(made))
+        np.testing.assert_array_equal(found["double"], 2 * frames)
+    assert not any(worker.shared for worker in made)
+
+
+def test_idle_workers_are_lent_again():
+    idle, made = IdleWorkers(), []
+
+    def make(outputs):
+        made.append(outputs)
+        return object()
+
+    one, other = frozenset(["double"]), frozenset(["index"])
+    with idle.lent(make, one) as worker:
+        first, second = worker(), worker()
+    with idle.lent(make, one) as worker, idle.lent(make, one) as beside:
+        assert {worker(), beside()} == {first, second}
+    with idle.lent(make, other) as worker:
+        worker()
+    assert made == [one, one, other]
+
+    def interrupted():
+        with idle.lent(make, other) as worker:
+            worker()
+            raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        interrupted()
+    with idle.lent(make, other) as worker:
+        worker()
+    assert made == [one, one, other, other]
 
 
 def test_what_goes_wrong_in_a_thread_is_raised():

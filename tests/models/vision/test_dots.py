@@ -12,14 +12,11 @@ from fastac.models.vision.dots import (
     DARK_SHARE,
     bridge_of,
     detected_as,
-    expected_follower,
     follower_of,
     windows_of,
 )
 from fastac.models.vision.markers import Detector, MarkerError, associate
 from fastac.scenes.sensor_schema import Sensor
-from fastac.sensor.optics.camera import background
-from fastac.sensor.optics.skin_paint import coverage, marker_pixels
 
 SIDE = 96
 PHOTOGRAPHS = Path(__file__).parents[4] / "shared/data/fots/markers"
@@ -77,29 +74,6 @@ def test_the_bridge_reaches_over_a_dot(sensor):
     # Nothing of a dot is left, where one more or less wide would keep its own middle.
     assert not np.take_along_axis(dark, bridge.columns(dark), axis=-1).any()
     assert not bridge(shown < 100, dark).any()
-
-
-@pytest.mark.parametrize("geometry", ["flat", "fingertip"])
-def test_the_expected_follower_is_of_the_virtual_fingertip_s_dots(make_scene, geometry):
-    """It has as many dots, windows of the same size and the same reach as that of a rendered background."""
-    markers = {"spacing_mm": 1.0, "radius_mm": 0.2}
-    size = {"height_px": 32, "width_px": 32, "pitch_mm": 0.125}
-    sensor = make_scene(sensor={"geometry": geometry, **size, "markers": markers}).sensor
-    expected = expected_follower(sensor)
-    places = marker_pixels(sensor)
-    assert len(places) == 9
-    np.testing.assert_allclose(expected.rest / (1 << FRACTION), places, atol=0.5 / (1 << FRACTION))
-    shown = background(sensor, np.random.default_rng(1))
-    found = follower_of(shown, sensor)
-    assert len(found.rest) == len(places)
-    away = np.abs(found.rest[:, None] - expected.rest).max(axis=-1)
-    assert away.min(axis=1).max() < 0.1 * (1 << FRACTION)
-    assert sorted(away.argmin(axis=1)) == list(range(9))
-    assert (found.windows.half, found.reach) == (expected.windows.half, expected.reach)
-    assert found.windows.shape == expected.windows.shape
-    assert found.windows.mass_bound <= expected.windows.mass_bound
-    assert found.width <= expected.width
-    assert bridge_of(shown, sensor).dark(shown)[coverage(sensor, places) > 0.9].all()
 
 
 def test_detected_dots_are_in_the_follower_s_order(sensor):

@@ -5,8 +5,8 @@ import numpy as np
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 from fastac.sensor.optics.camera import noise_free_image
+from fastac.sensor.optics.marker_grid import marker_pixels
 from fastac.sensor.optics.raw_window import background_raw10, raw_camera, render_raw10, window_light
-from fastac.sensor.optics.skin_paint import marker_pixels
 
 
 def sensor(**keys):

@@ -2,6 +2,7 @@
 
 import re
 
+import pytest
 from click.testing import CliRunner
 
 from fastac.cli.main import main
@@ -22,6 +23,10 @@ def test_it_times_every_model_and_compares_it(tiny_folder, monkeypatch):
         "int64 loop"
     ]
     assert "normals, depth_mm, force_n" in names[1]
+    assert re.split(r"\s{2,}", lines[2]) == list(models.HEAD)
+    for line in lines[3:7]:
+        *_, at_once, _, _, one_by_one, _, ratio = re.split(r"\s{2,}", line)
+        assert float(ratio) == pytest.approx(float(one_by_one) / float(at_once), abs=0.5)
     count = re.fullmatch(
         r"emulator = int64 loop: ([\d,]+) of ([\d,]+) values, all outputs of 8 frames", lines[-1]
     )

@@ -6,7 +6,7 @@ import pytest
 from command_line import fail, succeed
 
 from fastac.sensor import dataset
-from fastac.sensor.optics.skin_paint import marker_pixels
+from fastac.sensor.optics.marker_grid import marker_pixels
 
 SIDE, PITCH = 48, 0.1
 

@@ -9,7 +9,7 @@ from fastac.sensor.geometry import rest_depth_mm
 from fastac.sensor.mechanics.indenter import Ball
 from fastac.sensor.mechanics.press import ContactError, PressedSkin
 from fastac.sensor.mechanics.rig import rig_of
-from fastac.sensor.optics.skin_paint import marker_centres_mm
+from fastac.sensor.optics.marker_grid import marker_centres_mm
 from fastac.studies.slip.drags import SHARES, drags
 from fastac.studies.slip.measurement import WANTED, record, true_spread
 

@@ -1,0 +1,72 @@
+"""Random weights of networks and forces, and random frames, for scenes whose models are not trained."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from fastac.models.integer.dot_follower import DotFollower
+from fastac.models.integer.features import integer_features, scales
+from fastac.models.integer.force import terms
+from fastac.models.integer.network import Layer
+from fastac.models.integer.quantise import quantise_layers
+from fastac.scenes.model_schema import Numbers
+from fastac.scenes.schema import Scene
+
+
+def frames(background: np.ndarray, spans: tuple[int, ...], seed: int = 1) -> np.ndarray:
+    """One random frame per entry of `spans`, uint8 (spans, H, W, C): background ± at most `span` per pixel.
+
+    Larger spans give steeper slopes.
+    """
+    rng = np.random.default_rng(seed)
+    changed = [background + rng.integers(-span, span + 1, background.shape) for span in spans]
+    return np.clip(changed, 0, 255).astype(np.uint8)
+
+
+def layers(
+    bits: dict[str, int], background: np.ndarray, rng: np.random.Generator, hidden: tuple[int, ...]
+) -> tuple[Layer, ...]:
+    """A quantised network of random weights, with n_z > 0 so that its slopes do not saturate on small
+    changes.
+
+    bits : see `network_bits`; hidden : neurons of each hidden layer
+    """
+    channels = background.shape[-1]
+    sizes = (channels + 2, *hidden, 3)
+    weights = [rng.normal(size=(neurons, inputs)) / np.sqrt(inputs) for inputs, neurons in pairwise(sizes)]
+    biases = [0.1 * rng.normal(size=neurons) for neurons in sizes[1:]]
+    weights[-1][2] *= 0.2
+    biases[-1][2] = 1.5
+    pixels = integer_features(frames(background, (60, 60, 255)), background)
+    return quantise_layers(
+        weights,
+        biases,
+        scales(channels),
+        pixels.reshape(-1, channels + 2).astype(np.int64),
+        **bits,
+    )
+
+
+def network_bits(numbers: Numbers) -> dict[str, int]:
+    """The words of a pixel network, as `quantise_layers` takes them."""
+    return {
+        "weight_bits": numbers.weight_bits,
+        "activation_bits": numbers.activation_bits,
+        "last_weight_bits": numbers.last_weight_bits,
+    }
+
+
+def force_weights(
+    scene: Scene, rng: np.random.Generator, follower: DotFollower | None
+) -> tuple[np.ndarray, ...]:
+    """Random weights of the force, as `with_force` takes them."""
+    axes, inner, size = len(scene.force_axes), scene.inner_px, scene.force.kernel_size
+    shape = (inner, inner, size, size)
+    if scene.force_from_slopes:
+        shape = (scene.sensor.height_px, scene.sensor.width_px, 2)
+    elif scene.force_of_weights:
+        shape = (inner, inner, terms(np.zeros(()), scene.force.bends_mm).size)
+    weights = rng.normal(size=(axes, *shape))
+    if not scene.wants_dots:
+        return (weights,)
+    return weights, rng.normal(scale=10, size=(axes, len(follower.rest), 2))
