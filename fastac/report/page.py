@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib.figure import Figure
 
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
@@ -37,9 +37,8 @@ def frames_figure(data: Dataset, index: np.ndarray, results: dict, scene: Scene)
             for axis, image in zip(scene.force_axes, found.force_map_n[k], strict=True):
                 panels.append((f"F_{'xyz'[axis]} map, N", image, {"cmap": "coolwarm"}))
         rows.append(panels)
-    figure, axes = plt.subplots(
-        len(rows), len(rows[0]), figsize=(2.6 * len(rows[0]), 2.5 * len(rows)), squeeze=False
-    )
+    figure = Figure(figsize=(2.6 * len(rows[0]), 2.5 * len(rows)))
+    axes = figure.subplots(len(rows), len(rows[0]), squeeze=False)
     for k, panels in enumerate(rows):
         for axis, (title, image, style) in zip(axes[k], panels, strict=True):
             shown = axis.imshow(image, **style)
@@ -53,7 +52,8 @@ def frames_figure(data: Dataset, index: np.ndarray, results: dict, scene: Scene)
 
 def force_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tuple[int, ...]) -> str:
     """Force found against true force, a panel for each axis."""
-    figure, panels = plt.subplots(1, len(force_axes), figsize=(4 * len(force_axes), 4), squeeze=False)
+    figure = Figure(figsize=(4 * len(force_axes), 4))
+    panels = figure.subplots(1, len(force_axes), squeeze=False)
     for k, (panel, force_axis) in enumerate(zip(panels[0], force_axes, strict=True)):
         truth = data.forces_n(index, (force_axis,))[:, 0]
         for name, marker in (("float", "o"), ("integer", "x")):
@@ -68,7 +68,8 @@ def force_figure(data: Dataset, index: np.ndarray, results: dict, force_axes: tu
 
 def cycles_figure(report: dict) -> str:
     """The clock cycles of each stage."""
-    figure, axis = plt.subplots(figsize=(8, 1.8))
+    figure = Figure(figsize=(8, 1.8))
+    axis = figure.subplots()
     draw_cycles(axis, report["latency_cycles_by_formula"]["stage"])
     axis.legend(fontsize=6, ncol=4, loc="upper center", bbox_to_anchor=(0.5, -0.35))
     return base64_png(figure)
@@ -77,7 +78,8 @@ def cycles_figure(report: dict) -> str:
 def curves_figure(bundle: Bundle) -> str:
     """Learning curves of every training step."""
     names = sorted({key.split(".")[1] for key in bundle.floats if key.startswith("history.")})
-    figure, axes = plt.subplots(1, max(len(names), 1), figsize=(4 * max(len(names), 1), 3), squeeze=False)
+    figure = Figure(figsize=(4 * max(len(names), 1), 3))
+    axes = figure.subplots(1, max(len(names), 1), squeeze=False)
     for axis, name in zip(axes[0], names, strict=False):
         curves = {
             key.removeprefix(f"history.{name}."): values

@@ -6,11 +6,9 @@
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
 
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
@@ -31,7 +29,7 @@ def draw_cycles(axis, stages: dict[str, int]) -> None:
     """Each stage's clock cycles one after the other as one bar on a Matplotlib axis."""
     left = 0
     for k, (name, cycles) in enumerate(stages.items()):
-        axis.barh(0, cycles, left=left, color=plt.cm.tab20(k), label=f"{name}: {cycles:,}")
+        axis.barh(0, cycles, left=left, color=colormaps["tab20"](k), label=f"{name}: {cycles:,}")
         left += cycles
     axis.set_xlim(0, left)
     axis.set_yticks([])
@@ -86,7 +84,7 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     emulator = accuracy.with_background_of(bundle.pipeline, data)
     panels = images(data, sample, emulator.run(data.frames[[sample]]), scene.training.labels)
     count = len(panels) + (len(scene.force_axes) if with_force else 0)
-    figure = plt.figure(figsize=(2.3 * count, 4.4), layout="constrained")
+    figure = Figure(figsize=(2.3 * count, 4.4), layout="constrained")
     grid = figure.add_gridspec(2, count, height_ratios=[5, 1])
     for k, (title, image, style) in enumerate(panels):
         axis = figure.add_subplot(grid[0, k])
@@ -113,7 +111,6 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     axis.set_title(heading(report), fontsize=9)
     with write_atomically(path) as temporary:
         figure.savefig(temporary, dpi=DPI)
-    plt.close(figure)
 
 
 def heading(report: dict) -> str:
