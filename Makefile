@@ -7,7 +7,7 @@ READY := $(VENV)/.ready
 SYNTH := $(VENV)/.synth
 
 .PHONY: all build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
-	stability synth verify verify-photographs trade scope reproduce samples clean
+	stability synth verify verify-photographs trade scope reproduce samples notebooks clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -126,6 +126,10 @@ reproduce: $(READY)
 # Ten thousand faults and misuses at the ports of small designs; what has passed is kept.
 faults: $(READY)
 	$(FASTAC) prove faults
+
+# Executed notebooks go to build/notebooks, their pictures to docs. These show simulated presses, whoever has photographs.
+notebooks: $(READY)
+	PHOTOGRAPHS=simulated $(VENV)/bin/python notebooks/execute.py --pictures docs/images/notebooks
 
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)
