@@ -9,7 +9,7 @@ DOCS := $(VENV)/.docs
 EVERYTHING := $(VENV)/.everything
 
 .PHONY: all build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
-	stability synth verify verify-photographs trade scope reproduce samples docs docs-links lerobot clean
+	stability synth verify verify-photographs trade scope reproduce samples docs docs-links lerobot notebooks clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -145,6 +145,10 @@ $(LEROBOT)/.ready: integrations/lerobot/pyproject.toml
 
 lerobot: $(READY) $(LEROBOT)/.ready
 	FASTAC=$(abspath $(FASTAC)) $(LEROBOT)/bin/python -m pytest integrations/lerobot
+
+# Executed notebooks go to build/notebooks, their pictures to docs. These show simulated presses, whoever has photographs.
+notebooks: $(EVERYTHING)
+	PHOTOGRAPHS=simulated $(VENV)/bin/python notebooks/execute.py --pictures docs/images/notebooks
 
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)

@@ -7,7 +7,6 @@ import click
 from fastac.cli.common import INPUT, OUTPUT_FILE, OUTPUT_FOLDER, output_option, progress_option
 from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
-from fastac.sweep import pools
 
 
 @click.command()
@@ -45,26 +44,13 @@ def sweep(spec, output, store, workers, scheduler, progress):
     \b
     Example: fastac sweep sweeps/quantisation.toml --workers 2
     """
-    from fastac.sweep import run as sweeps
-    from fastac.sweep import spec as sweep_spec
-    from fastac.sweep.points import Setting
-    from fastac.sweep.results import Results
+    from fastac.sweep.run import explore
 
-    content, base = sweep_spec.load(spec)
     if scheduler and workers:
         raise click.UsageError("--workers is of local processes: give it or --scheduler")
-    data = content.data and str((spec.parent / content.data).resolve())
-    if data is None and base.sensor.source == "recorded":
-        raise click.UsageError(f"{spec}: data: missing: scene {base.name} is of a recorded sensor")
-    setting = Setting(str(store.resolve()), data, content.split, content.frames)
-    # A point that cannot be made ends the sweep before it writes anything.
-    points = list(sweep_spec.grid(content, base, spec.parent)) if content.method == "grid" else None
-    results = Results(output or Path("build/sweep") / f"{spec.stem}.sqlite")
-    with pools.dask_pool(scheduler) if scheduler else pools.local_pool(workers) as pool:
-        counts = sweeps.run(
-            content, base, spec.parent, results, setting, pool, points=points, progress=progress
-        )
-    click.echo(f"{results.path}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+    output = output or Path("build/sweep") / f"{spec.stem}.sqlite"
+    counts = explore(spec, output, store=store, workers=workers, scheduler=scheduler, progress=progress)
+    click.echo(f"{output}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
 
 
 MARKED = ("paper", "fast", "force")

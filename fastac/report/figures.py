@@ -1,12 +1,13 @@
-"""Matplotlib's figures as PNG: in a file, or inside a page that needs no other file."""
+"""Matplotlib's figures as PNG: in a file, or inside a page that needs no other file.
+
+Nothing in the reports chooses Matplotlib's backend: a notebook that imports them still shows its own
+figures.
+"""
 
 import base64
 import io
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 

@@ -6,13 +6,10 @@
 
 from pathlib import Path
 
-import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
+from matplotlib.figure import Figure
 
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
@@ -60,7 +57,7 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     stages = timeline.of_scene(scene, report["latency_cycles_by_formula"]["stage"])
     count = len(shown_panels) + (len(scene.force_axes) if with_force else 0)
     below = 0.17 * len(stages) + 0.9
-    figure = plt.figure(figsize=(2.3 * count, UPPER_IN + below), layout="constrained")
+    figure = Figure(figsize=(2.3 * count, UPPER_IN + below), layout="constrained")
     upper, lower = figure.subfigures(2, height_ratios=[UPPER_IN, below])
     grid = upper.add_gridspec(1, count)
     for k, panel in enumerate(shown_panels):
@@ -88,7 +85,6 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
     axis.set_title(heading(report), fontsize=9)
     with write_atomically(path) as temporary:
         figure.savefig(temporary, dpi=DPI)
-    plt.close(figure)
 
 
 def heading(report: dict) -> str:

@@ -6,9 +6,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import matplotlib
-
-matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedFormatter, FixedLocator, MaxNLocator, NullLocator
@@ -47,13 +44,10 @@ DECADE = 10
 
 @contextmanager
 def drawing(width_in: float, height_in: float, rows: int = 1, **more) -> Iterator[tuple[Figure, object]]:
-    """A figure and its axes, as of `plt.subplots`, in the style of the pages; it is closed at the end."""
+    """A figure and its axes in the style of the pages; `more` as of `Figure.subplots`."""
     with matplotlib.rc_context(STYLE):
-        figure, axes = plt.subplots(rows, figsize=(width_in, height_in), layout="constrained", **more)
-        try:
-            yield figure, axes
-        finally:
-            plt.close(figure)
+        figure = Figure(figsize=(width_in, height_in), layout="constrained")
+        yield figure, figure.subplots(rows, **more)
 
 
 def inline_svg(figure: Figure) -> str:

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from itertools import cycle
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import plotly.graph_objects as go
+from matplotlib.figure import Figure
 from plotly.subplots import make_subplots
 
 from fastac.report.figures import save_png
@@ -116,7 +116,8 @@ def ticks(values: Sequence[float]) -> dict:
 
 def picture(shown: Trade, error: str, path: Path) -> None:
     """The same plot as a PNG file."""
-    plot, panels = plt.subplots(1, len(COSTS), figsize=(5 * len(COSTS), 4.2), sharey=True)
+    plot = Figure(figsize=(5 * len(COSTS), 4.2))
+    panels = plot.subplots(1, len(COSTS), sharey=True)
     rows = front.with_metrics(shown.rows, (error,))
     for panel, (cost, label) in zip(panels, COSTS.items(), strict=True):
 

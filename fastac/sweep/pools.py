@@ -3,7 +3,7 @@
 import os
 import threading
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
@@ -42,6 +42,23 @@ def local_pool(workers: int | None = None) -> Iterator[Pool]:
     single_threaded()  # before the processes start, since BLAS reads the variables when it is loaded
     spawn = get_context("spawn")
     yield Pool(lambda: ProcessPoolExecutor(workers, mp_context=spawn, initializer=_exit_with_parent), workers)
+
+
+@contextmanager
+def this_process() -> Iterator[Pool]:
+    """A pool of one task at a time in this process, for few points: another process takes seconds to start.
+
+    A task limits its libraries to one thread (`single_threaded`); the variables are as before at the end.
+    """
+    before = {name: os.environ.get(name) for name in THREAD_VARIABLES}
+    try:
+        yield Pool(lambda: ThreadPoolExecutor(1), 1)
+    finally:
+        for name, value in before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def _exit_with_parent() -> None:

@@ -16,11 +16,13 @@ from fastac.store.progress import progress_bar
 from fastac.store.recording import unrecorded
 from fastac.store.steps import Step, needed_steps
 from fastac.store.store import open_store
+from fastac.sweep import pools
 from fastac.sweep.point_steps import origins
 from fastac.sweep.points import PointModels, Setting, code_digest, generation, point_key
 from fastac.sweep.pools import Pool, single_threaded
 from fastac.sweep.results import Results, Row
-from fastac.sweep.spec import Point, Spec, grid
+from fastac.sweep.spec import Point, Spec, SpecError, grid
+from fastac.sweep.spec import load as load_spec
 
 ATTEMPTS = 2
 """Of a task whose process was killed; it may have been another one's fault."""
@@ -278,3 +280,44 @@ def run(
 
         source = Optimiser(spec, base, results, folder, pool.slots)
     return Sweep(results, setting, pool, source, progress=progress).run()
+
+
+def explore(
+    path: Path,
+    output: Path,
+    *,
+    store: Path = Path("build/store"),
+    workers: int | None = None,
+    scheduler: str | None = None,
+    progress: bool = True,
+) -> dict[str, int]:
+    """Measure all points of the specification in the TOML file `path` into the results file `output`.
+
+    store : folder of the step store, which keeps datasets and trained models
+    workers : local processes; None: one on each core; 0: none but this one, which is best for few points
+    scheduler : address of a Dask cluster, whose workers are used instead
+
+    Returns how many points are done, infeasible, failed, and known from before. Raises SpecError or
+    SceneError for a file that cannot be used, before anything is written, and SweepError where no scheduler
+    answers.
+
+    >>> explore(Path("sweeps/quantisation.toml"), Path("build/sweep/quantisation.sqlite"), workers=2)
+    """
+    spec, base = load_spec(path)
+    data = spec.data and str((path.parent / spec.data).resolve())
+    if data is None and base.sensor.source == "recorded":
+        raise SpecError(f"{path}: data: missing: scene {base.name} is of a recorded sensor")
+    setting = Setting(str(store.resolve()), data, spec.split, spec.frames)
+    # A point that cannot be made ends the sweep before it writes anything.
+    points = list(grid(spec, base, path.parent)) if spec.method == "grid" else None
+    results = Results(output)
+    if scheduler:
+        where = pools.dask_pool(scheduler)
+    else:
+        where = pools.this_process() if workers == 0 else pools.local_pool(workers)
+    threads = torch.get_num_threads()
+    try:
+        with where as pool:
+            return run(spec, base, path.parent, results, setting, pool, points=points, progress=progress)
+    finally:
+        torch.set_num_threads(threads)

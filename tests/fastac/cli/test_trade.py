@@ -44,9 +44,7 @@ def test_sweeps_that_cannot_start(spec, toml, tmp_path):
         run("sweep", edited(spec, "frame =", "frames ="), "--workers", 1, "--scheduler", "x").exit_code == 2
     )
     toml.write_text(toml.read_text().replace('channels = "bgr+nir"', 'channels = "bgr"\nsource = "recorded"'))
-    result = run("sweep", spec)
-    assert result.exit_code == 2
-    assert "data: missing" in result.output
+    assert "spec.toml: data: missing: scene tiny is of a recorded sensor" in fail("sweep", spec)
     assert "no such file" in fail("trade", tmp_path / "none.sqlite")
 
 

@@ -1,4 +1,6 @@
 import base64
+import subprocess
+import sys
 
 import jinja2
 import matplotlib.pyplot as plt
@@ -54,3 +56,13 @@ def test_figures_are_png_in_files_and_in_pages(tmp_path):
     assert base64.b64decode(figures.base64_png(path)) == path.read_bytes()
     assert base64.b64decode(figures.base64_png(plt.figure(figsize=(1, 1))))[:4] == b"\x89PNG"
     assert not plt.get_fignums()
+
+
+def test_a_program_keeps_its_own_backend():
+    """A notebook shows its figures in place, whatever it imports from builds and sweeps."""
+    program = (
+        "import matplotlib; matplotlib.use('svg');"
+        "import fastac.flow.build, fastac.report.picture, fastac.sweep.page; print(matplotlib.get_backend())"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "svg"

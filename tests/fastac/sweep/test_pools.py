@@ -1,3 +1,4 @@
+import os
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
@@ -41,6 +42,18 @@ def test_local_processes(tiny_toml, tiny_file, cache, tmp_path):
             found[name] = {row.key: row.metrics for row in results.rows()}
     assert len(found["local"]) == 2
     assert found["local"] == found["inline"]
+
+
+def test_this_process_has_its_variables_back(monkeypatch):
+    known, *others = pools.THREAD_VARIABLES
+    monkeypatch.setenv(known, "3")
+    for name in others:
+        monkeypatch.delenv(name)
+    with pools.this_process() as pool:
+        assert pool.slots == 1
+        pool.start().submit(pools.single_threaded).result()
+        assert os.environ[known] == "1"
+    assert [os.environ.get(name) for name in pools.THREAD_VARIABLES] == ["3", None, None]
 
 
 def test_no_scheduler():

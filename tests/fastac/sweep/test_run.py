@@ -2,8 +2,10 @@ import sqlite3
 from concurrent.futures import Executor, Future
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict
+from functools import partial
 
 import pytest
+import torch
 
 from fastac.sweep import point_steps, pools
 from fastac.sweep import run as sweeps
@@ -12,6 +14,7 @@ from fastac.sweep.points import Setting, code_digest
 from fastac.sweep.pools import Pool
 from fastac.sweep.results import Results
 from fastac.sweep.run import Grid, Sweep, perform
+from fastac.sweep.spec import SpecError
 
 SPEC = """
 scene = "tiny.toml"
@@ -94,6 +97,25 @@ def test_every_point_is_measured_and_kept(bench):
     again = Inline()
     assert bench(again)[0] == {"done": 0, "infeasible": 0, "failed": 0, "known": 6}
     assert again.tasks == []
+
+
+def test_a_specification_in_a_file(tiny_toml, tiny_file, cache, tmp_path, request):
+    """In this process, which keeps its threads."""
+    path, results = tmp_path / "spec.toml", tmp_path / "r.sqlite"
+    path.write_text('scene = "tiny.toml"\nframes = 3\n[axes]\n"numbers.data_bits" = [20]\n')
+    request.addfinalizer(partial(torch.set_num_threads, torch.get_num_threads()))
+    torch.set_num_threads(2)
+    (tmp_path / "tiny.toml").write_text(tiny_toml.replace("[sensor]", '[sensor]\nsource = "recorded"'))
+    with pytest.raises(SpecError, match=r"spec.toml: data: missing: scene tiny is of a recorded sensor"):
+        sweeps.explore(path, results, store=cache, workers=0, progress=False)
+    assert not results.exists()
+    (tmp_path / "tiny.toml").write_text(tiny_toml)
+    path.write_text(f'data = "{tiny_file}"\n{path.read_text()}')
+    counts = sweeps.explore(path, results, store=cache, workers=0, progress=False)
+    assert counts == {"done": 1, "infeasible": 0, "failed": 0, "known": 0}
+    [row] = Results(results).rows()
+    assert row.axes == {"numbers.data_bits": 20}
+    assert torch.get_num_threads() == 2
 
 
 def test_an_error_cancels_what_is_under_way(bench, monkeypatch):
