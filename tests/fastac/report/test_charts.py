@@ -75,7 +75,7 @@ def test_scales_have_few_plain_labels(low, high, scale, labels):
         axis.set_ylim(low or None, high)
         readable_scale(axis.yaxis, low, high)
         axis.set_ylim(low or None, high)
-        figure.canvas.draw()
+        figure.draw_without_rendering()
         assert axis.get_yscale() == scale
         inside = [
             tick.label1.get_text()
