@@ -12,11 +12,11 @@ from fastac.models.loops.poisson import divide_modes, transform_source
 @njit(nogil=True, cache=True)
 def _emulate(board, member, bell, k, before, source, tables, modes, behind):
     rows, columns, columns_back, factors, halves, rows_back, last = tables
-    find_slopes(board, member, bell, k, *before)
+    find_slopes(board, member, bell, k, before)
     size = source[1]
-    transform_source(board, member, *source, rows, modes)
+    transform_source(board, member, source, rows, modes)
     divide_modes(board, member, columns, columns_back, factors, halves, size, modes)
-    find_depth(board, member, bell, k, size, modes, rows_back, last, *behind)
+    find_depth(board, member, bell, k, size, modes, rows_back, last, behind)
 
 
 class TransformTables:

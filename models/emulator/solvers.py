@@ -3,11 +3,11 @@
 Each entry is made from the integer solver and has
 
     sine       the FoldedSine of the source's rows: where modes are, and how many tasks they are
-    tables     what `solve` takes as its tables
-    solve      the compiled stages from slopes to depth, as tasks of a team (`loops/tasks.py`):
-               solve(board, member, bell, k, source, tables, modes, behind), where k is the frame's number,
-               `source` what `loops.poisson.transform_source` takes first, and `behind` what
-               `stages.find_depth` takes last
+    tables     what `emulate` takes as its tables
+    emulate    the compiled stages of a frame, as tasks of a team (`loops/tasks.py`):
+               emulate(board, member, bell, k, before, source, tables, modes, behind), where k is the frame's
+               number, `modes` is the sine's memory, and `before`, `source` and `behind` are what
+               `stages.find_slopes`, `loops.poisson.transform_source` and `stages.find_depth` take
 
 and raises NotExactError, naming the stage, for integers that float64 would not hold exactly.
 """

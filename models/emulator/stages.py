@@ -27,19 +27,19 @@ from fastac.models.loops.tasks import begin, done, linger, take, tasks, wait
 from fastac.models.loops.weights import weigh, weigh_terms
 
 _compiled = njit(nogil=True, cache=True)
+_inlined = njit(nogil=True, cache=True, inline="always")
 
 SLOPES, DISPLACEMENTS, MEASURES, LOST = 0, 1, 2, -1
 """Columns of `counts`: saturated slopes and displacements, and the first of those of `loops/measures.py`;
 behind them all, lost dots."""
 
 
-@_compiled
-def find_slopes(
-    board, member, bell, k, frames, flat, background, network, dots, settings, bridged, slopes, weight, found
-):
+@_inlined
+def find_slopes(board, member, bell, k, before):
     """Phase PIXELS: from a frame to its slopes, and to what else follows from its pixels alone.
 
-    k : the frame's number; frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same
+    k : the frame's number; the others are in `before`, in this order:
+    frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same
     background : (H · W · C) uint8; network : `FrameNetwork.tables`; dots : `FollowedDots.tables`
     settings : 2**−f of the slopes' fraction f; their largest word; rows of a task; whether slopes, measures
         and dots are wanted; whether no other phase follows
@@ -47,6 +47,7 @@ def find_slopes(
     slopes : (2, H · W); weight : (axes, 2, H · W) of the force of slopes; without one, no elements
     found : `counts` and `shares`, and the places of normals, their words, and slopes
     """
+    frames, flat, background, network, dots, settings, bridged, slopes, weight, found = before
     unit, limit, each, wants_slopes, wants_measures, wants_dots, is_last = settings
     threshold, reach = bridged
     counts, shares, normals, normal_words, slopes_found = found
@@ -91,15 +92,14 @@ def find_slopes(
         linger(board, member, bell)
 
 
-@_compiled
-def find_depth(
-    board, member, bell, k, size, modes, sine, half_unit, tables, settings, bends, weight, z, found
-):
+@_inlined
+def find_depth(board, member, bell, k, size, modes, sine, half_unit, behind):
     """Phase SOLUTION: from the solution's modes to its rows, depth, displacement, and what follows from
     these.
 
     k : the frame's number; size : N
     sine : `FoldedSine.rows_back`; half_unit : what is added before the floor of its result
+    the others are in `behind`, in this order:
     tables : `Depth.rest` and the depth of the undeformed skin in mm, flat
     settings : whether depth is absolute; mm of its unit; whether displacements are wanted as words; of these
         whether negative ones count as zero, 2**−shift, and the largest
@@ -108,6 +108,7 @@ def find_depth(
     found : `counts` and `shares`, and the places of depth words, depth in mm, displacement in mm and its
         words
     """
+    tables, settings, bends, weight, z, found = behind
     absolute, unit, wants_words, clamp, word_unit, top = settings
     rest, rest_mm = tables
     counts, shares, depth_words, depth_mm, displacement_mm, words = found
@@ -132,6 +133,12 @@ def find_depth(
         done(board, SOLUTION)
         band = take(board, SOLUTION, member)
     linger(board, member, bell)
+
+
+@_compiled
+def slopes_alone(board, member, bell, k, before):
+    """`find_slopes`, where no other phase follows."""
+    find_slopes(board, member, bell, k, before)
 
 
 @_compiled

@@ -45,10 +45,10 @@ def _recur(board, member, elimination, substitution, unit, halves, modes):
 @njit(nogil=True, cache=True)
 def _emulate(board, member, bell, k, before, source, tables, modes, behind):
     rows, elimination, substitution, unit, halves, rows_back, last = tables
-    find_slopes(board, member, bell, k, *before)
-    transform_source(board, member, *source, rows, modes)
+    find_slopes(board, member, bell, k, before)
+    transform_source(board, member, source, rows, modes)
     _recur(board, member, elimination, substitution, unit, halves, modes)
-    find_depth(board, member, bell, k, source[1], modes, rows_back, last, *behind)
+    find_depth(board, member, bell, k, source[1], modes, rows_back, last, behind)
 
 
 class RecurrenceTables:

@@ -12,7 +12,7 @@ from fastac.models.emulator.stages import (
     MEASURES,
     SLOPES,
     conclude,
-    find_slopes,
+    slopes_alone,
 )
 from fastac.models.emulator.wanted import Wanted
 from fastac.models.integer.dot_follower import FRACTION
@@ -157,7 +157,7 @@ class Worker:
     def _tasks(self, board: np.ndarray, k: int, before: tuple, behind: tuple | None, member: int) -> None:
         """One thread's part of frame k."""
         if behind is None:
-            find_slopes(board, member, BELL, k, *before)
+            slopes_alone(board, member, BELL, k, before)
         else:
             self.tables.solver.emulate(board, member, BELL, k, before, *self.between, behind)
 

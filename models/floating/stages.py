@@ -19,16 +19,18 @@ from fastac.models.loops.tasks import begin, done, linger, take, tasks, wait
 from fastac.models.loops.weights import weigh, weigh_terms
 
 _compiled = njit(nogil=True, cache=True)
+_inlined = njit(nogil=True, cache=True, inline="always")
 
 SHORTEST = np.float32(1e-12)
 """Length below which a normal is not scaled to one."""
 
 
-@_compiled
-def find_slopes(board, member, bell, k, frames, flat, network, settings, bridged, slopes, force, found):
+@_inlined
+def find_slopes(board, member, bell, k, before):
     """Phase PIXELS: from a frame to its slopes, and to what else follows from its pixels alone.
 
-    k : the frame's number; frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same
+    k : the frame's number; the others are in `before`, in this order:
+    frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same
     network : `FrameNetwork.tables`
     settings : the largest slope; rows of a task; whether slopes are wanted; whether no other phase follows
     bridged : thresholds of darkness, and how far a bridge reaches, or 0
@@ -36,6 +38,7 @@ def find_slopes(board, member, bell, k, frames, flat, network, settings, bridged
     force : slopes at rest (2, H · W), and weights (axes, 2, H · W) of their change; without them, no elements
     found : `shares`, and the places of normals and slopes
     """
+    frames, flat, network, settings, bridged, slopes, force, found = before
     begin(board, member, bell)
     limit, each, wants_slopes, is_last = settings
     threshold, reach = bridged
@@ -79,21 +82,23 @@ def find_slopes(board, member, bell, k, frames, flat, network, settings, bridged
         linger(board, member, bell)
 
 
-@_compiled
-def solve(board, member, bell, k, source, sine, modes, settings, rest_mm, bends, weight, found):
+@_inlined
+def solve(board, member, bell, k, behind):
     """Phases ROWS to SOLUTION: from slopes to the displacement, and to what follows from it.
 
-    k : the frame's number; source : what `transform_source` takes first
+    k : the frame's number; the others are in `behind`, in this order:
+    source : see `transform_source`
     sine : `FoldedSine.rows`, `columns`, `columns_back`, `rows_back`, and factors as `divide_modes` takes them
     settings : N; whether negative displacements count as zero
     rest_mm : (H · W,) the depth at rest
     bends : of the force's terms; weight : (axes, terms, N · N); without a force, no elements
     found : `shares`, and the places of depth, displacement, and the displacement as it counts, all in mm
     """
+    source, sine, modes, settings, rest_mm, bends, weight, found = behind
     rows, columns, columns_back, rows_back, factors = sine
     size, clamp = settings
     shares, depth_mm, displacement_mm, counted_mm = found
-    transform_source(board, member, *source, rows, modes)
+    transform_source(board, member, source, rows, modes)
     divide_modes(board, member, columns, columns_back, factors, (None, None, None, None), size, modes)
     half, partial = rows_back.shape[1] * rows_back.shape[3], aligned_zeros(BAND, modes.shape[1], modes)
     part, width = np.empty(BAND * size, modes.dtype), size + 2
@@ -130,8 +135,20 @@ def solve(board, member, bell, k, source, sine, modes, settings, rest_mm, bends,
 def find_all(board, member, bell, k, before, behind):
     """All phases of a frame: `find_slopes` and `solve`. In one call, for between two a thread would need
     Python's lock, and wait for another that has it."""
-    find_slopes(board, member, bell, k, *before)
-    solve(board, member, bell, k, *behind)
+    find_slopes(board, member, bell, k, before)
+    solve(board, member, bell, k, behind)
+
+
+@_compiled
+def slopes_alone(board, member, bell, k, before):
+    """`find_slopes`, where no other phase follows."""
+    find_slopes(board, member, bell, k, before)
+
+
+@_compiled
+def depth_alone(board, member, bell, k, behind):
+    """`solve`, of slopes that are there."""
+    solve(board, member, bell, k, behind)
 
 
 @_compiled

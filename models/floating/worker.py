@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 
 from fastac.models.floating.hyperforce import force_map
-from fastac.models.floating.stages import find_all, find_slopes, finish, solve
+from fastac.models.floating.stages import depth_alone, find_all, finish, slopes_alone
 from fastac.models.loops.poisson import PIXELS, SOLUTION, rows_each
 from fastac.models.loops.tasks import BELL, new_board
 from fastac.models.loops.team import together
@@ -102,7 +102,9 @@ class Worker:
         size = self.pipeline.after.sine.size
         found, nothing = np.empty((1, size * size), np.float32), UNWANTED["depth_mm"]
         board = new_board(1, 0, *self.steps[1:])
-        solve(board, 0, BELL, 0, *self.behind, (self.shares, nothing, found, self.counted_mm.reshape(-1)))
+        depth_alone(
+            board, 0, BELL, 0, (*self.behind, (self.shares, nothing, found, self.counted_mm.reshape(-1)))
+        )
         return found.reshape(size, size)
 
     def _tasks(
@@ -120,7 +122,7 @@ class Worker:
         if member == 0 and self.dots is not None:
             seen.extend(self.dots.shifts_px(frame))
         if behind is None:
-            find_slopes(board, member, BELL, k, *before)
+            slopes_alone(board, member, BELL, k, before)
         else:
             find_all(board, member, BELL, k, before, behind)
 

@@ -5,7 +5,7 @@ import numpy as np
 from numba import njit
 
 from fastac.models.loops.memory import aligned_zeros
-from fastac.models.loops.pixels import source
+from fastac.models.loops.pixels import source as source_rows
 from fastac.models.loops.sines import (
     BAND,
     columns_product,
@@ -17,7 +17,7 @@ from fastac.models.loops.sines import (
 )
 from fastac.models.loops.tasks import done, take, tasks, wait
 
-_compiled = njit(nogil=True, cache=True)
+_inlined = njit(nogil=True, cache=True, inline="always")
 
 PIXELS, ROWS, COLUMNS, SOLUTION = range(4)
 """Phases of a frame: slopes; the transform of the source's rows; what is done to each mode; the solution's
@@ -31,12 +31,14 @@ def rows_each(width: int) -> int:
     return max(1, TASK_PIXELS // width)
 
 
-@_compiled
-def transform_source(board, member, slopes, size, ahead, scale, offset, sine, modes):
+@_inlined
+def transform_source(board, member, source, sine, modes):
     """Phase ROWS: from slopes (2, H · W) to the modes of each row of the source; see `pixels.source`.
 
-    size : N, rows and columns of the source; sine : `FoldedSine.rows`; modes : `FoldedSine.memory`
+    source : slopes; N, rows and columns of the source; `ahead`, `scale` and `offset` of `pixels.source`
+    sine : `FoldedSine.rows`; modes : `FoldedSine.memory`
     """
+    slopes, size, ahead, scale, offset = source
     half = sine.shape[1] * sine.shape[3]
     given = np.empty(BAND * size, offset.dtype)
     folded = aligned_zeros(BAND, modes.shape[1], modes)
@@ -45,14 +47,14 @@ def transform_source(board, member, slopes, size, ahead, scale, offset, sine, mo
     while band < tasks(board, ROWS):
         first = band * BAND
         found = given[: min(BAND, size - first) * size]
-        source(slopes, size + 2, first, ahead, scale, offset, found)
+        source_rows(slopes, size + 2, first, ahead, scale, offset, found)
         fold_rows(found, size, half, folded)
         rows_product(folded, sine, modes[first : first + BAND])
         done(board, ROWS)
         band = take(board, ROWS, member)
 
 
-@_compiled
+@_inlined
 def divide_modes(board, member, sine, sine_back, factors, halves, size, modes):
     """Phase COLUMNS: transform each column of modes, multiply it by its factors, and transform it back.
 
