@@ -41,7 +41,7 @@ class Worker:
             weight = after.weight
         self.behind = None
         if after is not None and after.solves and outputs - BEFORE_SOLVER:
-            self.behind = self._behind(weight)
+            self.behind = self._behind(weight, "depth_mm" in outputs)
             self.steps += [after.sine.bands, after.sine.blocks, after.sine.bands]
             self.last = SOLUTION
         self.shares = np.zeros((max(self.steps), len(weight)))
@@ -60,7 +60,7 @@ class Worker:
             of_slopes,
         )
 
-    def _behind(self, weight: np.ndarray) -> tuple:
+    def _behind(self, weight: np.ndarray, wants_depth: bool) -> tuple:
         """What `solve` takes between the frame's number and the places."""
         after, scene = self.pipeline.after, self.pipeline.scene
         size, sine = after.sine.size, after.sine
@@ -71,7 +71,8 @@ class Worker:
             (sine.rows, sine.columns, sine.columns_back, sine.rows_back, after.factors),
             sine.memory(),
             (size, not scene.force.signed),
-            after.rest_mm.reshape(-1),
+            # of the scene's mode nothing but the depth depends
+            after.rest_mm.reshape(-1) if wants_depth else np.empty(0, np.float32),
             np.array(scene.force.bends_mm, np.float32),
             weight,
         )
