@@ -88,7 +88,7 @@ def _chosen(views: tuple[str, ...], rerun_url: str | None) -> tuple[str, ...]:
     if views:
         return tuple(name for name in dict.fromkeys(views) if name != "none")
     if not rerun_view.installed():
-        reason = "Rerun is not installed (pip install 'fastac[view]')"
+        reason = "Rerun is not installed (pip install -e '.[view]')"
     elif not rerun_view.display():
         reason = "there is no display for Rerun's viewer"
     else:

@@ -71,7 +71,7 @@ def log(
     """Log a stream's records as standard ROS 2 messages, for `ros2 bag play` and viewers (docs/ros.md).
 
     Every record is written, those of lost frames too, with the time stamps of the frames. Ctrl-C ends the log
-    with exit status 130: it is complete up to there. Needs the extra `ros`: pip install 'fastac[ros]'.
+    with exit status 130: it is complete up to there. Needs the extra `ros`: pip install -e '.[ros]'.
 
     \b
     Example: fastac log build/paper --frames 100 --mcap touch.mcap

@@ -24,7 +24,7 @@ def require_packages() -> None:
     """Raise LogError unless the packages that write logs are installed."""
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
-        raise LogError(f"logs for ROS 2 need {' and '.join(missing)}: run pip install 'fastac[ros]'")
+        raise LogError(f"logs for ROS 2 need {' and '.join(missing)}: run pip install -e '.[ros]'")
 
 
 def refuse_existing(path: Path, *, force: bool) -> None:

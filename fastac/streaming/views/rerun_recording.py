@@ -26,7 +26,7 @@ AXES = {"x": (57, 135, 229), "y": (217, 89, 38), "z": (25, 158, 112)}
 """Colours of curves: those of the page."""
 ARROW = (228, 87, 46)
 FRAME, SOURCE_TIME = "frame", "source_time"
-MISSING = "rerun: not installed: pip install 'fastac[view]'"
+MISSING = "rerun: not installed: pip install -e '.[view]'"
 
 
 class ViewError(RuntimeError):

@@ -48,7 +48,7 @@ def browser(size_px: tuple[int, int] = SIZE_PX) -> Iterator:
         from selenium import webdriver
         from selenium.webdriver.chrome.service import Service
     except ImportError:
-        raise BenchmarkError("selenium: not installed: pip install 'fastac[test]'") from None
+        raise BenchmarkError("selenium: not installed: pip install -e '.[everything]'") from None
     program, driver = (shutil.which(name) for name in ("chromium", "chromedriver"))
     if program is None or driver is None:
         raise BenchmarkError("chromium, chromedriver: not installed (Debian: chromium, chromium-driver)")

@@ -49,9 +49,9 @@ def test_the_view_that_is_chosen_says_why(tiny_folder, tiny_file, monkeypatch):
     assert re.search(r"^page: http://127\.0\.0\.1:\d+/\?token=\S{32}$", done.stdout, re.MULTILINE)
     assert "page: 0 shown, 0 left out" in done.stdout
     monkeypatch.setattr(rerun_view, "installed", lambda: False)
-    assert "view: page: Rerun is not installed (pip install 'fastac[view]')" in succeed(*arguments).stderr
-    assert fail(*arguments, "--view", "rerun") == "rerun: not installed: pip install 'fastac[view]'"
-    assert fail(*arguments, "--save", "a.rrd") == "rerun: not installed: pip install 'fastac[view]'"
+    assert "view: page: Rerun is not installed (pip install -e '.[view]')" in succeed(*arguments).stderr
+    assert fail(*arguments, "--view", "rerun") == "rerun: not installed: pip install -e '.[view]'"
+    assert fail(*arguments, "--save", "a.rrd") == "rerun: not installed: pip install -e '.[view]'"
 
 
 def test_refusals(tiny_folder, tiny_file, tmp_path):

@@ -4,8 +4,8 @@ import importlib.util
 
 import pytest
 
-pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip install 'fastac[ros]'")
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install 'fastac[ros]'")
+pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
 
 from command_line import fail, run, succeed
 from mcap.reader import make_reader
@@ -136,7 +136,7 @@ def test_what_cannot_be_is_one_line(tiny_folder, tiny_file, tmp_path, monkeypatc
     monkeypatch.setattr(
         "fastac.streaming.ros.log_files.find_spec", lambda name: None if name == "mcap" else find(name)
     )
-    assert fail("log", tiny_folder, *mcap) == "logs for ROS 2 need mcap: run pip install 'fastac[ros]'"
+    assert fail("log", tiny_folder, *mcap) == "logs for ROS 2 need mcap: run pip install -e '.[ros]'"
 
 
 def test_help_has_an_example():

@@ -5,8 +5,8 @@ from dataclasses import asdict
 
 import pytest
 
-pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip install 'fastac[ros]'")
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install 'fastac[ros]'")
+pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
 
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory

@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install 'fastac[ros]'")
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
 
 import rclpy_stand_in as stand_in
 from offered import offered

@@ -4,8 +4,8 @@ import json
 
 import pytest
 
-pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip install 'fastac[ros]'")
-pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install 'fastac[ros]'")
+pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
+pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
 
 from ros_messages import assert_same, frames_in
 from rosbags.highlevel import AnyReader
