@@ -22,6 +22,7 @@ from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator import direct
 from fastac.models.emulator import solvers as emulator_solvers
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.emulator.tridiagonal import RecurrenceTables
 from fastac.models.integer import bundle as bundles
 from fastac.models.integer import solvers as integer_solvers
 from fastac.models.integer.tridiagonal import TridiagonalSolver
@@ -51,16 +52,8 @@ class ToySolver(TridiagonalSolver):
     """A solver whose class nobody knows: the tables have it under the name "toy"."""
 
 
-class ToyTables:
-    """Its emulator: the integers themselves, frame by frame."""
-
-    frame_axis = 0
-
-    def __init__(self, solver: ToySolver):
-        self.solver = solver
-
-    def solve(self, sources: np.ndarray) -> None:
-        sources[...] = self.solver(sources.astype(np.int64))
+class ToyTables(RecurrenceTables):
+    """Its emulator."""
 
 
 class ToyPoissonSolver(TridiagonalPoissonSolver):

@@ -60,8 +60,12 @@ def resolved(words: tuple[str, ...]) -> tuple[str, click.Command, list[str]]:
     return " ".join(name), command, rest
 
 
+HELP = main.context_settings["help_option_names"]
+"""A command keeps the help option of the first context that asks for it."""
+
+
 def options_of(command: click.Command) -> set[str]:
-    context = click.Context(command, help_option_names=["-h", "--help"])
+    context = click.Context(command, help_option_names=HELP)
     parameters = command.get_params(context)
     return {option for one in parameters for option in (*one.opts, *one.secondary_opts)}
 
@@ -70,12 +74,12 @@ def options_of(command: click.Command) -> set[str]:
 def test_a_command_in_a_block_is_accepted(documented):
     """By click, as it is written: all its options exist, have values of their kinds, and none is missing."""
     name, command, rest = resolved(documented.words)
-    context = click.Context(command, info_name=name)
+    context = click.Context(command, info_name=name, help_option_names=HELP)
     given, _, _ = command.make_parser(context).parse_args(list(rest))
     missing = [p.name for p in command.params if p.required and given.get(p.name) is None]
     assert missing == []
     if not any(PLACEHOLDER.match(word) for word in rest):
-        command.make_context(name, list(rest))
+        command.make_context(name, list(rest), help_option_names=HELP)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """The block diagram has the hardware's own components, words and clocks."""
 
 import pytest

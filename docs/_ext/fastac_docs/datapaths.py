@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """The datapaths of the scenes in Markdown: a diagram each, and their clocks and DSP slices."""
 
 from functools import cache

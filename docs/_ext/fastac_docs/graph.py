@@ -1,4 +1,5 @@
 # amaranth: UnusedElaboratable=no
+# amaranth: UnusedElaboratable=no
 """The block diagram of a datapath, read from the hardware: its components and the streams between them.
 
 Nothing is listed by hand: the components elaborate, and each `connect` of two streams is noted.
@@ -101,6 +102,7 @@ class _Recorder:
         module, pairs = _elaborated(parent)
         self.pairs += pairs
         for name, (part, *_) in module._named_submodules.items():
+            part._MustUse__used = True  # looked at, never elaborated: Amaranth shall not warn
             if not isinstance(part, wiring.Component):
                 continue
             self.alive.append(part)
