@@ -151,5 +151,5 @@ def test_no_viewer_where_there_is_no_display(played, monkeypatch):
 
 def test_without_rerun_a_line_says_how_to_install_it(played, tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "rerun", None)
-    with pytest.raises(ViewError, match=r"pip install 'fastac\[view\]'"):
+    with pytest.raises(ViewError, match=r"pip install -e '\.\[view\]'"):
         logged(played[1], tmp_path / "a.rrd")
