@@ -8,7 +8,7 @@ SYNTH := $(VENV)/.synth
 DOCS := $(VENV)/.docs
 EVERYTHING := $(VENV)/.everything
 
-.PHONY: all build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
+.PHONY: all venv build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
 	stability synth verify verify-photographs trade scope reproduce samples docs docs-links lerobot notebooks clean
 .DELETE_ON_ERROR:
 
@@ -19,6 +19,9 @@ $(READY): pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -e '.[test]'
 	touch $@
+
+# Everything that commands need, and nothing built.
+venv: $(READY)
 
 build: $(READY)
 	$(FASTAC) build scenes/$(SCENE).toml

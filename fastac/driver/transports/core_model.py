@@ -34,6 +34,8 @@ class CoreModel:
     def __init__(self, bundle: Bundle, description: Description, calibrations: Sequence[Bundle] = ()):
         self.hardware, self.calibrations, self.description = bundle, calibrations, description
         self._use(bundle, bundle.pipeline.background)
+        # The emulator loads its compiled loops when first run: now, not while the first frame waits.
+        self.emulator.run(bundle.pipeline.background[None], wanted=self.wanted)
         self._start_s = time.monotonic()
         self._facts = {register.offset: register for register in description.registers}
         self._offset = {register.name: register.offset for register in description.registers}

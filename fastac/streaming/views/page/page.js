@@ -59,6 +59,7 @@ function describe(message) {
   for (const [id, shown] of Object.entries(there)) at(id).hidden = !shown;
   at("forces").hidden = !axes.length;
   at("curves").classList.toggle("without-force", !axes.length);
+  at("surface-name").textContent = axes.length ? "Skin and force" : "Skin";
   at("map-axis").textContent = axes.at(-1) ?? "";
   colours(at("ramp"), { shape: [1, 128], data: ramp.filter((_, k) => Math.floor(k / 3) % 2 === 0) });
 }
