@@ -92,8 +92,8 @@ class Publisher:
         self._thread.join()
         self._answer()
         last, until = end.encode(end.End(self._records)), time.monotonic() + LINGER_S
-        self._send(last)
-        while self.overruns and self.subscribers and time.monotonic() < until:
+        is_slow = not self._send(last) or self.overruns
+        while is_slow and self.subscribers and time.monotonic() < until:
             time.sleep(ANSWER_S)  # a slow reader gets the end only once it has room again
             self._send(last)
             self._answer()

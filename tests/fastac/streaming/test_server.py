@@ -154,6 +154,15 @@ def test_what_readers_send_is_not_believed(publisher, make_record):
     context.destroy(linger=0)
 
 
+def test_the_end_comes_again_where_there_was_no_room_for_it(publisher, make_record, monkeypatch):
+    with connect(publisher.address) as stream:
+        publisher.add(make_record(0))
+        offered, full = publisher._offered, iter([True, True])
+        monkeypatch.setattr(publisher, "_offered", lambda parts: not next(full, False) and offered(parts))
+        publisher.close()
+        assert [record.frame for record in stream] == [0]
+
+
 def test_closing_twice(publisher):
     publisher.close()
     publisher.close()
