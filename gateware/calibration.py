@@ -70,8 +70,8 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
         yield f"scene.sensor.{name}", getattr(scene.sensor, name)
     for name in ("mode", "solver"):
         yield f"scene.poisson.{name}", getattr(scene.poisson, name)
-    for name in ("weights", "pixels_per_clock"):
-        yield f"scene.hardware.{name}", getattr(scene.hardware, name)
+    yield "scene.hardware.weights", scene.hardware.weights
+    yield "scene.hardware.pixels_per_clock", scene.pace.value
 
     def content(name: str, value) -> Iterator[tuple[str, object]]:
         if dataclasses.is_dataclass(value):

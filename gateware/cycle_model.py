@@ -66,9 +66,9 @@ def _multipliers(engine: Callable, stage: object, lanes: int, dsp: DspSlice) -> 
 
 
 @lru_cache
-def _dot_clocks(follower: DotFollower, lanes: int) -> tuple[int, int]:
+def _dot_clocks(follower: DotFollower, lanes: int, fold: int) -> tuple[int, int]:
     """Latency and interval of a DotStream."""
-    dots = DotStream(follower, lanes=lanes)
+    dots = DotStream(follower, lanes=lanes, fold=fold)
     return dots.latency, dots.interval
 
 
@@ -97,7 +97,7 @@ class CycleModel(FrameCycles):
         follower: DotFollower | None = None,
         solver: IntegerSolver | None = None,
     ):
-        self.scene, self.lanes = scene, scene.hardware.pixels_per_clock
+        self.scene, self.lanes, self.fold = scene, scene.lanes, scene.fold
         self.dsp = device_of(scene).dsp
         if flat is None:
             flat = scene.sensor.geometry == "flat"
@@ -214,7 +214,7 @@ class CycleModel(FrameCycles):
     def _dots(self, follower: DotFollower) -> Figures:
         """Figures of DotForceStream."""
         kind, scene = WeightedSumStream, self.scene
-        latency, interval = _dot_clocks(follower, self.lanes)
+        latency, interval = _dot_clocks(follower, self.lanes, self.fold)
         multipliers = kind.multipliers_of(
             len(scene.force_axes),
             VALUES,

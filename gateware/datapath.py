@@ -86,10 +86,10 @@ class Datapath(FrameCycles, wiring.Component):
 
     def __init__(self, pipeline: IntegerPipeline):
         scene = pipeline.scene
-        sensor, lanes = scene.sensor, scene.hardware.pixels_per_clock
+        sensor, lanes = scene.sensor, scene.lanes
         height, width, channels = sensor.height_px, sensor.width_px, len(sensor.channel_names)
         dsp = device_of(scene).dsp
-        self.pipeline, self.scene, self.lanes = pipeline, scene, lanes
+        self.pipeline, self.scene, self.lanes, self.fold = pipeline, scene, lanes, scene.fold
         self.guard = FrameGuard(height, width, channels, lanes=lanes)
         self.background = BackgroundSubtraction(
             height,
@@ -169,7 +169,7 @@ class Datapath(FrameCycles, wiring.Component):
                 )
             members["force"] = Out(self.force_stream.o.signature)
         if scene.wants_dots:
-            self.dots = DotForceStream(pipeline, lanes=lanes, dsp=dsp)
+            self.dots = DotForceStream(pipeline, lanes=lanes, fold=scene.fold, dsp=dsp)
             members["force"] = Out(self.dots.o.signature)
         if scene.wants_slip:
             word = self.displacement.o.payload.shape().elem_shape

@@ -32,12 +32,14 @@ class DotForceStream(wiring.Component):
     lost, taken : a dot is followed, M of them a frame; it is lost
     write : see `DotFollowerStream`. Only if `pipeline.follower.loadable`.
 
+    fold : clocks between two beats of darkness at full rate
+
     `latency` counts from the darkness of a frame's last pixels to the dots' sums, without back-pressure; the
     sum of both parts follows `ForceSum.latency` clocks after the later one.
     """
 
-    def __init__(self, pipeline: IntegerPipeline, *, lanes: int, dsp: DspSlice = DSP48E2):
-        self.dots = DotStream(pipeline.follower, lanes=lanes)
+    def __init__(self, pipeline: IntegerPipeline, *, lanes: int, fold: int = 1, dsp: DspSlice = DSP48E2):
+        self.dots = DotStream(pipeline.follower, lanes=lanes, fold=fold)
         weighted = pipeline.dot_force.weighted
         if weighted.input_width != pipeline.follower.width:
             raise ValueError(

@@ -25,18 +25,20 @@ RESULTS_WORD_BYTES = 4
 class FrameCycles:
     """Mixin that adds up its stages' latencies, intervals and multipliers, for Datapath and CycleModel.
 
-    The inheriting class has `scene`, `lanes` and, as far as the scene needs them, `guard`, `background`,
-    `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`, `displacement`,
-    `force_stream`, `bridge`, `darkness`, `dots` and `slip_stream`, each with `latency`, `interval` and
-    `multipliers`; `dots` is as `DotForceStream`, which also has `followed`, and the force of a map has its
-    `map_latency`.
+    The inheriting class has `scene`, `lanes`, `fold` and, as far as the scene needs them, `guard`,
+    `background`, `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`,
+    `displacement`, `force_stream`, `bridge`, `darkness`, `dots` and `slip_stream`, each with `latency`,
+    `interval` and `multipliers`; `dots` is as `DotForceStream`, which also has `followed`, and the force of
+    a map has its `map_latency`.
 
-    All times are in clocks, without back-pressure and with no other frame in the way. `stages` has each
+    All times are in clocks, without back-pressure and with no other frame in the way; beats enter `fold`
+    clocks apart. `stages` has each
     stage's share of the time from a frame's first pixel to its last result.
     """
 
     scene: Scene
     lanes: int
+    fold: int
 
     @property
     def beats(self) -> int:
@@ -44,12 +46,17 @@ class FrameCycles:
         return self.scene.sensor.height_px * self.scene.sensor.width_px // self.lanes
 
     @property
+    def input_clocks(self) -> int:
+        """Clocks from a frame's first accepted pixel to its last."""
+        return (self.beats - 1) * self.fold
+
+    @property
     def stages(self) -> dict[str, int]:
         stages = self._stages_without_dots
         if not self.scene.wants_dots:
             return stages
         # The dots are found beside the rest: what counts is how much later than the skin's they are.
-        skin, dark = sum(stages.values()), self.guard.latency + self.beats - 1 + self.darkness.latency
+        skin, dark = sum(stages.values()), self.guard.latency + self.input_clocks + self.darkness.latency
         stages["dots"] = max(dark + self.dots.latency - skin, 0) + ForceSum.latency
         if self.scene.wants_slip:
             displaced = skin - self.force_stream.latency
@@ -63,12 +70,15 @@ class FrameCycles:
         slopes = {"gradients": self.divider.latency} if scene.wants_slopes else {}
         if scene.wants_bridge:
             slopes["bridge"] = self.bridge.latency
+            if scene.wants_solver:
+                # The solver's last slopes are those before a frame's last, which wait for its last pixel.
+                slopes["bridge"] += self.fold - 1
         if not scene.wants_solver:
             stages = {"normals": self.first_pixel_to_normals} | slopes
             if scene.force_from_slopes:
                 stages["force"] = self.force_stream.latency
             return stages
-        stages = {"normals": self.first_pixel_to_normals - (self.beats - 1)} | slopes
+        stages = {"normals": self.first_pixel_to_normals - self.input_clocks} | slopes
         stages |= self.solver.stages
         stages["solution_buffer"] = SkidBuffer.latency
         if scene.wants_force:
@@ -94,7 +104,7 @@ class FrameCycles:
     def first_pixel_to_normals(self) -> int:
         """Clocks from a frame's first accepted pixel to its last beat of normals."""
         first = self.guard.latency + self.background.latency + self.mlp.latency + SkidBuffer.latency
-        return first + self.beats - 1
+        return first + self.input_clocks
 
     @property
     def first_pixel_to_depth(self) -> int:
@@ -110,7 +120,7 @@ class FrameCycles:
     @property
     def last_pixel_to_force(self) -> int:
         """Clocks from a frame's last accepted pixel to its force."""
-        return self.first_pixel_to_force - (self.beats - 1)
+        return self.first_pixel_to_force - self.input_clocks
 
     @property
     def first_pixel_to_force_map(self) -> int:
@@ -157,7 +167,8 @@ class FrameCycles:
         Normals fill their stream, so that their trailer needs clocks without a beat. Taken here, before the
         first pixel, they delay no frame that has begun.
         """
-        return max((0, *(output.packet.beats - self.beats for output in self.packets.values())))
+        clocks = self.beats * self.fold
+        return max((0, *(output.packet.beats - clocks for output in self.packets.values())))
 
     @property
     def look_ahead(self) -> int:
@@ -173,7 +184,7 @@ class FrameCycles:
         none.
 
         So images flow on while a trailer waits for its record: at full rate they come with `interval` less
-        their own beats between them. No frame makes it longer, as a packet has at most `interval` beats. One
+        their own clocks between them. No frame makes it longer, as a packet has at most `interval` beats. One
         more place, as a full queue takes no beat in the clock in which it gives one.
 
         Once the next image has begun, a force of patches goes on only with its beats (`look_ahead`). These
@@ -182,15 +193,15 @@ class FrameCycles:
         """
         output = self.packets[name]
         waits = self._trailer_at(output) - getattr(self, f"first_pixel_to_{name}") - 1
-        gap = self.interval - output.rows * output.beats
-        kept = waits + output.packet.trailer_beats - gap
+        gap = self.interval - ((output.rows * output.beats - 1) * self.fold + 1)
+        kept = -(-(waits + output.packet.trailer_beats - gap) // self.fold)
         pushing = self.look_ahead if output.complete and not OUTPUTS[name].needs_patches else 0
         return max(kept + 1 if kept > 0 else 0, pushing)
 
     @property
     def interval(self) -> int:
         """Initiation interval: clocks from frame to frame at full rate."""
-        intervals = [self.beats + self.frame_pause]
+        intervals = [self.beats * self.fold + self.frame_pause]
         if self.scene.wants_solver:
             intervals.append(self.solver.interval)
         if self.scene.wants_force:

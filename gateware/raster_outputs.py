@@ -153,7 +153,7 @@ def scene_outputs(scene: Scene, *, rows_reversed: bool) -> tuple[RasterOutput, .
         margin = 2 if raster.inner else 0
         shape = (
             *(scene.sensor.height_px - margin, scene.sensor.width_px - margin),
-            *(raster.words(len(scene.force_axes)), scene.hardware.pixels_per_clock),
+            *(raster.words(len(scene.force_axes)), scene.lanes),
         )
         found.append(
             RasterOutput(

@@ -14,6 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 from fastac.scenes.force_fits import FITS, FitFacts
 from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Slip, Training
 from fastac.scenes.outputs import OUTPUTS, OutputFacts
+from fastac.scenes.pace import Camera, Pace, PixelsPerClock, pace_of, slowest_pace
 from fastac.scenes.parts import DEFAULT_PART, check_part
 from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS, SolverFacts
@@ -53,7 +54,10 @@ class Protocol(Strict):
 
 
 class Hardware(Strict):
-    pixels_per_clock: Literal[1, 2, 4] = 1
+    pixels_per_clock: PixelsPerClock = 1
+    """Pixels that enter in a clock. Fractions share multipliers over the clocks between two pixels, so that
+    the hardware is smaller and what it computes the same. camera: the smallest that never makes the camera
+    of sensor.frames_per_second wait."""
     weights: Literal["loadable", "baked"] = "loadable"
     """Of the pixel network. loadable: in registers, written through AXI4-Lite, two products in a DSP slice
     where they fit. baked: constants as shifts and additions, which need no DSP."""
@@ -99,6 +103,8 @@ class Scene(Strict):
         require_known("poisson.solver", self.poisson.solver, SOLVERS)
         require_known("force.fit", self.force.fit, FITS)
         check_part(self.hardware.part, self.hardware.clock_mhz)
+        if self.hardware.pixels_per_clock == "camera" and self.camera_clocks_per_pixel is None:
+            raise ValueError("hardware.pixels_per_clock: 'camera' needs sensor.frames_per_second")
         self._check_dots()
         self._check_outputs()
         self._check_solver()
@@ -126,7 +132,7 @@ class Scene(Strict):
             raise ValueError("outputs: named twice")
         if len(set(self.force_axes)) != len(self.force_axes):
             raise ValueError("outputs: force_xyz has all three axes; name none beside it")
-        lanes = self.hardware.pixels_per_clock
+        lanes = self.lanes
         if self.sensor.width_px % lanes:
             raise ValueError(
                 f"hardware.pixels_per_clock: {lanes} does not divide sensor.width_px {self.sensor.width_px}"
@@ -161,7 +167,7 @@ class Scene(Strict):
             without = listed(name for name in SOLVERS if not SOLVERS[name].finds_depth)
             raise ValueError(f"force.fit: {self.force.fit!r} needs poisson.solver {without}")
         self._check_weights()
-        lanes = self.hardware.pixels_per_clock
+        lanes = self.lanes
         row_beats = -(-self.inner_px // lanes)
         if self.wants_solver and row_beats < facts.least_row_beats:
             raise ValueError(
@@ -213,6 +219,38 @@ class Scene(Strict):
             value = getattr(self.training, key)
             if value:
                 raise ValueError(f"training.{key}: {value} needs training.labels 'geometry'")
+
+    @property
+    def camera_clocks_per_pixel(self) -> float | None:
+        """Clocks between the camera's pixels; None where sensor.frames_per_second is not given."""
+        sensor = self.sensor
+        if sensor.frames_per_second is None:
+            return None
+        camera = Camera(
+            sensor.height_px,
+            sensor.width_px,
+            sensor.frames_per_second,
+            sensor.line_blanking_px,
+            sensor.frame_blanking_lines,
+        )
+        return camera.clocks_per_pixel(self.hardware.clock_mhz)
+
+    @property
+    def pace(self) -> Pace:
+        """How many pixels enter together, and how many clocks apart."""
+        if self.hardware.pixels_per_clock == "camera":
+            return slowest_pace(self.camera_clocks_per_pixel, self.sensor.width_px)
+        return pace_of(self.hardware.pixels_per_clock)
+
+    @property
+    def lanes(self) -> int:
+        """Pixels that enter together."""
+        return self.pace.lanes
+
+    @property
+    def fold(self) -> int:
+        """Clocks between two beats of pixels, over which multipliers are shared; 1: none is."""
+        return self.pace.fold
 
     @property
     def wants_solver(self) -> bool:

@@ -107,6 +107,13 @@ class Sensor(Strict):
     frames: Literal["channels", "raw10"] = "channels"
     """What a dataset holds: channels, and nothing processes them, or the camera's RAW10 images."""
     source: Literal["simulated", "recorded"] = "simulated"
+    frames_per_second: Positive | None = None
+    """Of the camera; with hardware.pixels_per_clock = "camera" it decides how many clocks a pixel may take.
+    Not given: the hardware's pace alone is known."""
+    line_blanking_px: Annotated[int, Field(ge=0, le=1 << 16)] = 0
+    """Pause of the camera's readout after each line, in pixels' times."""
+    frame_blanking_lines: Annotated[int, Field(ge=0, le=1 << 16)] = 0
+    """Pause of the camera's readout after each frame, in lines' times."""
     ellipsoid: Ellipsoid = Ellipsoid()
     elastomer: Elastomer = Elastomer()
     light: Light = Light()
@@ -125,6 +132,13 @@ class Sensor(Strict):
     def _raw10_is_used(self):
         if self.frames == "channels" and self.raw10 != Raw10():
             raise ValueError("raw10: settings of RAW10 frames need frames = 'raw10'")
+        return self
+
+    @model_validator(mode="after")
+    def _blanking_has_a_rate(self):
+        for key in ("line_blanking_px", "frame_blanking_lines"):
+            if getattr(self, key) and self.frames_per_second is None:
+                raise ValueError(f"{key}: {getattr(self, key)} needs frames_per_second")
         return self
 
     @property

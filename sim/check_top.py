@@ -97,6 +97,7 @@ def bench_settings(top: TopZynq) -> dict:
         "period_ps": 2 * round(0.5e6 / top.bundle.scene.hardware.clock_mhz),  # an even number of ps
         "linger_cycles": LINGER,
         "lanes": top.lanes,
+        "pace_cycles": top.bundle.scene.fold,
         "outputs": beat_bytes(top) if top.packets else beats,
         "axes": list(top.identity.axes),
         "registers": [*measured, "FRAME_VALIDITY", "STATUS", *(SLIP if top.identity.slip else ())],
@@ -153,7 +154,7 @@ def simulate(
         *path.first_pixel_to_packet.values(),
         path.first_pixel_to_force if path.wants_force else 0,
         path.first_pixel_to_depth if path.wants_depth else 0,
-        path.beats,
+        path.beats * path.fold,
     )
     settings = bench_settings(top) | {
         "octets": octets,

@@ -2,7 +2,7 @@
 
 import click
 
-from fastac.cli.common import INPUT, OUTPUT_FILE, Group, Lanes, progress_option, store_option
+from fastac.cli.common import INPUT, OUTPUT_FILE, Counts, Group, progress_option, store_option
 
 
 @click.group(cls=Group)
@@ -133,7 +133,7 @@ def rig(scene, store, progress):
 @bench.command()
 @click.argument("spec", type=INPUT)
 @click.option("--points", type=click.IntRange(1), default=40, show_default=True, help="Number of points.")
-@click.option("--workers", type=Lanes(), default="1,2", show_default=True, help="Numbers of workers.")
+@click.option("--workers", type=Counts(), default="1,2", show_default=True, help="Numbers of workers.")
 @store_option("trained models")
 def sweep(spec, points, workers, store):
     """Time the points of the sweep SPEC with several numbers of worker processes.

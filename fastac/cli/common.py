@@ -5,9 +5,11 @@ from pathlib import Path
 
 import click
 
+from fastac.scenes.pace import PACES
 
-class Lanes(click.ParamType):
-    """Numbers separated by commas, each once: pixels a clock, or worker processes."""
+
+class Counts(click.ParamType):
+    """Numbers separated by commas, each once, such as of worker processes."""
 
     name = "N,N,..."
 
@@ -15,12 +17,30 @@ class Lanes(click.ParamType):
         if isinstance(value, tuple):
             return value
         try:
-            lanes = tuple(int(part) for part in value.split(","))
+            counts = tuple(int(part) for part in value.split(","))
         except ValueError:
             self.fail(f"{value!r}: expected numbers separated by commas, such as 1,2,4", parameter, context)
-        if len(set(lanes)) != len(lanes):
+        if len(set(counts)) != len(counts):
             self.fail(f"{value!r}: a number is there twice", parameter, context)
-        return lanes
+        return counts
+
+
+class Paces(click.ParamType):
+    """Values of `hardware.pixels_per_clock` separated by commas, each once: 1, 2, 4, or 1/2 and less."""
+
+    name = "N,N,..."
+
+    def convert(self, value, parameter, context):
+        if isinstance(value, tuple):
+            return value
+        known = {str(pace.value): pace.value for pace in PACES}
+        parts = value.split(",")
+        for part in parts:
+            if part not in known:
+                self.fail(f"{part!r}: expected some of {', '.join(known)}", parameter, context)
+        if len(set(parts)) != len(parts):
+            self.fail(f"{value!r}: a number is there twice", parameter, context)
+        return tuple(known[part] for part in parts)
 
 
 INPUT = click.Path(path_type=Path)

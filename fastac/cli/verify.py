@@ -5,7 +5,7 @@ import click
 from fastac.cli.common import (
     INPUT,
     OUTPUT_FOLDER,
-    Lanes,
+    Paces,
     build_folder,
     bundle_folder,
     folder_of,
@@ -30,10 +30,10 @@ from fastac.sensor import samples as sensor_samples
 @split_option("all")
 @click.option(
     "--lanes",
-    type=Lanes(),
+    type=Paces(),
     default="1,2,4",
     show_default=True,
-    help="Pixels a clock at which to verify, some of 1, 2, 4.",
+    help="Pixels a clock at which to verify, some of 1, 2, 4, 1/2, 1/4, 1/8, 1/16.",
 )
 @click.option(
     "--frames",
@@ -43,24 +43,26 @@ from fastac.sensor import samples as sensor_samples
     help="Number of frames of the dataset, evenly spread over the split; seven special ones are added.",
 )
 @output_option(
-    "Folder for verify.json and, by lanes, bundles, Verilog and simulators.", OUTPUT_FOLDER, "BUNDLE/verify"
+    "Folder for verify.json and, by pixels a clock, bundles, Verilog and simulators.",
+    OUTPUT_FOLDER,
+    "BUNDLE/verify",
 )
 @progress_option
 def verify(source, data, split, lanes, frames, output, progress):
     """Simulate the hardware of SCENE or BUNDLE at several pixels a clock; compare every value with the model.
 
     A SCENE is trained first, unless its build folder holds the bundle. For each number of pixels a clock
-    (lanes) the same model is made into hardware. Frames of the dataset go through it back to back, then one
-    all black, one all white, a checkerboard, one with a bright pixel, two with missing pixels and rows and
-    one of 0 or 255 at random; two frames once more with random stalls at input and output. Weights that can
-    be loaded at run time are baked in instead where they need more DSP slices than the device has; the table
-    says so.
+    (--lanes) the same model is made into hardware; below 1, pixels come one in so many clocks. Frames of the
+    dataset go through it back to back, then one all black, one all white, a checkerboard, one with a bright
+    pixel, two with missing pixels and rows and one of 0 or 255 at random; two frames once more with random
+    stalls at input and output, as fast as they are taken. Weights that can be loaded at run time are baked in
+    instead where they need more DSP slices than the device has; the table says so.
 
     Finished rows are kept while Verilog and frames are the same. Times above 60 s to elaborate, 180 s to
     build and 20 s a frame (meant for two cores) are marked with "!". Ends with an error if any value differs.
 
     \b
-    Example: fastac verify scenes/paper.toml --lanes 1,4
+    Example: fastac verify scenes/paper.toml --lanes 1,4,1/16
     """
     from fastac.flow import verify as campaign
     from fastac.flow.frames import read

@@ -36,15 +36,16 @@ STALL = (0.3, 0.3)
 """Probabilities that the source of frames pauses, and that an output is not taken."""
 
 
-def derive(bundle: Bundle, folder: Path, *, lanes: int, weights: str | None = None) -> Bundle:
-    """The same model for hardware of `lanes` pixels a clock, as a bundle in `folder` with a hash of its own.
+def derive(bundle: Bundle, folder: Path, *, pace: int | str, weights: str | None = None) -> Bundle:
+    """The same model for hardware of `pace` pixels a clock, as a bundle in `folder` with a hash of its own.
 
     weights : "loadable" or "baked", of the pixel network; as they are if None. Every integer that the model
         computes stays the same; words that hold any weights are wider than those for the given ones.
-    Raises SceneError where the scene cannot have these lanes.
+    pace : a value of `hardware.pixels_per_clock`
+    Raises SceneError where the scene cannot have this pace.
     """
     content = bundle.scene.model_dump(mode="json")
-    content["hardware"]["pixels_per_clock"] = lanes
+    content["hardware"]["pixels_per_clock"] = pace
     pipeline = bundle.pipeline
     if weights is not None:
         content["hardware"]["weights"] = weights
@@ -56,18 +57,18 @@ def derive(bundle: Bundle, folder: Path, *, lanes: int, weights: str | None = No
     return bundles.save(folder, pipeline.replace(scene=scene), bundle.floats)
 
 
-def fit(bundle: Bundle, folder: Path, lanes: int) -> tuple[Bundle, str]:
-    """The model for so many lanes, with baked weights if loadable ones need more DSP slices than there are.
+def fit(bundle: Bundle, folder: Path, pace: int | str) -> tuple[Bundle, str]:
+    """The model for a pace, with baked weights if loadable ones need more DSP slices than there are.
 
     And a word on why they are not as the scene has them, or empty.
     """
-    derived = derive(bundle, folder, lanes=lanes)
+    derived = derive(bundle, folder, pace=pace)
     device = device_of(derived.scene)
     needed = sum(TopZynq(derived).datapath.multipliers.values())
     if needed <= device.dsps or not derived.pipeline.layers[0].loadable:
         return derived, ""
     note = f"baked: loadable weights need {needed} of {device.dsps} {device.dsp.name}"
-    return derive(bundle, folder, lanes=lanes, weights="baked"), note
+    return derive(bundle, folder, pace=pace, weights="baked"), note
 
 
 def special_frames(background: np.ndarray) -> np.ndarray:
@@ -92,10 +93,10 @@ def special_frames(background: np.ndarray) -> np.ndarray:
     )
 
 
-def elaborate(folder: Path, bundle: Path, lanes: int, *, progress: bool) -> None:
-    """A step: the model for hardware of so many lanes as a bundle, its Verilog, and a word on its weights."""
-    with watched(f"{lanes} px/clock: elaborating", enabled=progress):
-        derived, note = fit(bundles.load(bundle), folder / BUNDLE, lanes)
+def elaborate(folder: Path, bundle: Path, pace: int | str, *, progress: bool) -> None:
+    """A step: the model for hardware of a pace as a bundle, its Verilog, and a word on its weights."""
+    with watched(f"{pace} px/clock: elaborating", enabled=progress):
+        derived, note = fit(bundles.load(bundle), folder / BUNDLE, pace)
         write_text(folder / SOURCE, to_verilog(TopZynq(derived), name=NAME))
     write_json(folder / NOTE, {"note": note})
 
@@ -151,16 +152,18 @@ def run(
     bundle: Path,
     data: Dataset,
     index: np.ndarray,
-    lanes: Sequence[int],
+    paces: Sequence[int | str],
     folder: Path,
     *,
     store: Path,
     build_args: tuple[str, ...] = (),
     progress: bool,
 ) -> dict:
-    """Frames `index` and the special ones through the hardware at each number of lanes; writes verify.json.
+    """Frames `index` and the special ones through the hardware at each pace; writes verify.json.
 
-    At each, the frames go back to back, then the first and the last of them with random stalls. Elaborations
+    paces : values of `hardware.pixels_per_clock`
+    At each, the frames go back to back, at the pace of a camera that is as fast as the hardware, then the
+    first and the last of them with random stalls, pixels coming as fast as they are taken. Elaborations
     and simulations are steps of the store in the folder `store`.
     """
     model, kept = bundles.load(bundle), open_store(store)
@@ -182,18 +185,17 @@ def run(
         "rows": [],
     }
     shown = {"progress": progress}
-    for count in lanes:
-        design = Step(
-            "elaborate", elaborate, {"bundle": bundle, "lanes": count}, (BUNDLE, SOURCE, NOTE), shown
-        )
+    for pace in paces:
+        place = folder / f"px_{str(pace).replace('/', '_')}"
+        design = Step("elaborate", elaborate, {"bundle": bundle, "pace": pace}, (BUNDLE, SOURCE, NOTE), shown)
         elaborated = kept.perform(design)
-        elaborated.place(folder / f"lanes_{count}")
+        elaborated.place(place)
         note = read_json(elaborated.path(NOTE))["note"]
-        place = {"workplace": folder / f"lanes_{count}", "build_args": build_args}
+        local = {"workplace": place, "build_args": build_args}
         hardware = {"bundle": design.output(BUNDLE), "verilog": design.output(SOURCE)}
         for stimulus in runs:
-            step = Step("verify", simulated, hardware | stimulus, (), shown | place)
-            row = {"lanes": count, "note": note, **kept.perform(step).value}
+            step = Step("verify", simulated, hardware | stimulus, (), shown | local)
+            row = {"pixels_per_clock": pace, "note": note, **kept.perform(step).value}
             if not row["stalls"]:
                 row["elaboration_s"] = elaborated.seconds
             content["rows"].append(row)
@@ -203,13 +205,17 @@ def run(
 
 def table(content: dict) -> str:
     """The campaign for a terminal; a time beyond its limit is marked with an exclamation mark."""
-    head = ("lanes", "weights", "stalls", "frames", "values", "mismatches", "cycles", *LIMITS)
+    head = ("px/clock", "weights", "stalls", "frames", "values", "mismatches", "cycles", *LIMITS)
     rows = []
     for row in content["rows"]:
         times = [
             f"{row[key]:.1f}{'!' * (row[key] > limit)}" if key in row else "" for key, limit in LIMITS.items()
         ]
         counts = [f"{row[key]:,}" for key in ("frames", "values_compared", "mismatches", "cycles")]
-        rows.append((str(row["lanes"]), row["weights"], "random" if row["stalls"] else "", *counts, *times))
-    notes = {f"{row['lanes']} lanes: {row['note']}": None for row in content["rows"] if row["note"]}
+        rows.append(
+            (str(row["pixels_per_clock"]), row["weights"], "random" if row["stalls"] else "", *counts, *times)
+        )
+    notes = {
+        f"{row['pixels_per_clock']} px/clock: {row['note']}": None for row in content["rows"] if row["note"]
+    }
     return "\n".join([text_table(head, rows), *notes])

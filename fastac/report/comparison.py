@@ -10,6 +10,7 @@ from fastac.report.differences import CYCLES, ENERGY, INTEGERS, RESOURCES, Diffe
 from fastac.report.render import render
 from fastac.report.tables import Table, number
 from fastac.report.timeline_chart import Chart, chart
+from fastac.scenes.pace import pace_of
 from fastac.store.files import write_text
 
 SHOWN_FIRST = (
@@ -96,7 +97,8 @@ def _timelines(shown: Comparison) -> list[tuple[str, Chart]]:
     for build in (shown.a, shown.b):
         scene, stages = build.report["scene"], build.report["latency_cycles_by_formula"]["stage"]
         size = scene["sensor"]["height_px"], scene["sensor"]["width_px"]
-        found.append(timeline.of_image(stages, *size, scene["hardware"]["pixels_per_clock"]))
+        pace = build.report.get("pace", scene["hardware"])["pixels_per_clock"]
+        found.append(timeline.of_image(stages, *size, pace_of(pace)))
     end = max(stage.last for stages in found for stage in stages)
     return [(name, chart(stages, end)) for name, stages in zip(shown.names, found, strict=True)]
 

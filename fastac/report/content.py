@@ -6,6 +6,7 @@ from fastac.gateware.target.device import device_of
 from fastac.models.integer.bundle import Bundle
 from fastac.report import build_files
 from fastac.report import paper as paper_figures
+from fastac.scenes.schema import Scene
 from fastac.synth import energy, synthesis_figures, vivado_reports
 
 LATENCY_ORIGIN = (
@@ -53,6 +54,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
         "bundle_sha256": bundle.digest,
         "data": {**bundle.pipeline.provenance, "test_frames": errors["frames"]},
         "frames_are": "simulated" if scene.sensor.source == "simulated" else "recorded photographs",
+        "pace": pace(scene),
         "latency_cycles": {**latency, "origin": LATENCY_ORIGIN},
         "latency_cycles_by_formula": hardware["latency_cycles_by_formula"],
         "latency_ms": times,
@@ -73,6 +75,16 @@ def content(folder: Path, bundle: Bundle) -> dict:
         "paper": paper_figures.EDGE,
         **({"vivado": reported} if reported else {}),
     }
+
+
+def pace(scene: Scene) -> dict:
+    """Of pixels: how many the hardware takes in a clock, and beside a camera of a known rate, its margin."""
+    found = {"pixels_per_clock": scene.pace.value}
+    camera = scene.camera_clocks_per_pixel
+    if camera is not None:
+        found["camera_clocks_per_pixel"] = camera
+        found["margin_percent"] = 100 * scene.pace.margin(camera)
+    return found
 
 
 def bounds(bundle: Bundle) -> dict:

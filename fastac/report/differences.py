@@ -10,6 +10,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
 
 from fastac.report.tables import Table, number
+from fastac.scenes.pace import PixelsPerClock
 from fastac.scenes.schema import AXES
 from fastac.store.files import DamagedFileError, read_json
 
@@ -45,8 +46,11 @@ class _Sensor(TypedDict):
     width_px: Annotated[int, Field(gt=2, le=10**5)]
 
 
-class _Hardware(TypedDict):
-    pixels_per_clock: Annotated[int, Field(gt=0, le=16)]
+class _Pace(TypedDict):
+    pixels_per_clock: PixelsPerClock
+
+
+class _Hardware(_Pace):
     clock_mhz: Annotated[float, Field(gt=0, allow_inf_nan=False)]
 
 
@@ -83,6 +87,7 @@ class _Report(TypedDict):
     rtl_vs_integer: _Compared
     accuracy: _Accuracy
     resources: dict[str, _Stated]
+    pace: NotRequired[_Pace]
     energy_estimate_uj_per_frame: NotRequired[_Stated]
     vivado: NotRequired[_Vivado]
 

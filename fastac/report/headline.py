@@ -43,6 +43,10 @@ def headlines(report: dict) -> list[Headline]:
     if "initiation_interval" in cycles:
         count = cycles["initiation_interval"]
         note = f"{clock_mhz * 1e6 / count:,.0f} frames/s at {clock_mhz:g} MHz, assumed"
+        margin = report.get("pace", {}).get("margin_percent")
+        if margin is not None:
+            note += f"; the camera's pixels are {abs(margin):.0f}% "
+            note += "slower than the hardware" if margin >= 0 else "too fast for the hardware"
         found.append(Headline("a new frame every", f"{count:,} cycles", note))
     return [*found, *_errors(report), *_multipliers(report)]
 

@@ -62,6 +62,13 @@ class Scope:
             "demosaicing": "yes" if scene.sensor.frames == "raw10" else f"{ABSENT} (frames are channels)",
         }
 
+    def paced(self) -> dict[str, str]:
+        """How fast pixels may come, and how fast the camera sends them."""
+        scene, camera = self.scene, self.scene.camera_clocks_per_pixel
+        known = f"1 in {camera:.3g} clocks: {100 * scene.pace.margin(camera):+.0f}%" if camera else ABSENT
+        taken = f"1 in {scene.fold} clocks" if scene.fold > 1 else str(scene.lanes)
+        return {"hardware takes": taken, "camera sends, margin": known}
+
     def trained(self) -> dict[str, str]:
         scene, training = self.scene, self.scene.training
         width = "-".join(map(str, scene.network.hidden))
@@ -154,6 +161,7 @@ def table(scopes: Sequence[Scope]) -> str:
     """A Markdown table with a column for each scene."""
     sections = {
         "simulated or recorded": Scope.simulated,
+        "pixels a clock": Scope.paced,
         "trained": Scope.trained,
         "elaborated, look-up tables": Scope.elaborated,
         "compared in RTL, values a frame": Scope.verified,

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from fastac.scenes.pace import Pace
 from fastac.scenes.schema import Scene
 
 RESULTS = ("force", "dots", "slip")
@@ -34,10 +35,10 @@ class StageTime:
 def of_scene(scene: Scene, stages: Mapping[str, int]) -> list[StageTime]:
     """`of_image` for a scene's images."""
     sensor = scene.sensor
-    return of_image(stages, sensor.height_px, sensor.width_px, scene.hardware.pixels_per_clock)
+    return of_image(stages, sensor.height_px, sensor.width_px, scene.pace)
 
 
-def of_image(stages: Mapping[str, int], height_px: int, width_px: int, lanes: int) -> list[StageTime]:
+def of_image(stages: Mapping[str, int], height_px: int, width_px: int, pace: Pace) -> list[StageTime]:
     """The stages in order, before them the pixels themselves.
 
     stages : `latency_cycles_by_formula.stage` of report.json. With a solver, what stands before it are times
@@ -45,13 +46,14 @@ def of_image(stages: Mapping[str, int], height_px: int, width_px: int, lanes: in
         one, the first entry reaches to the last output.
 
     Outputs come as fast as the pixels up to the solver, there row by row as the rows come in, and behind the
-    stages that hold a frame at `lanes` values a clock.
+    stages that hold a frame at the same pace without the pauses between rows.
     """
     size = width_px - 2
+    lanes, fold = pace.lanes, pace.fold
     beats = -(-size // lanes)
-    image = height_px * width_px // lanes - 1
-    rows = (size - 1) * (width_px // lanes) + beats - 1
-    frame = size * beats - 1
+    image = (height_px * width_px // lanes - 1) * fold
+    rows = ((size - 1) * (width_px // lanes) + beats - 1) * fold
+    frame = (size * beats - 1) * fold
     with_solver = "source" in stages
     found, now, spread, before_solver = [StageTime(PIXELS, "input", 0, 0, image)], 0, image, with_solver
     for name, adds in stages.items():

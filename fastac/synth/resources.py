@@ -107,7 +107,7 @@ def blocks(width: int, depth: int) -> float:
 def kernel_memory(scene: Scene) -> Iterator[tuple[str, int, int, int]]:
     """As `memories`, of a force's kernels at every pixel, if the scene has them."""
     if scene.wants_force and scene.wants_solver and scene.force.kernel == "patch":
-        lanes, size = scene.hardware.pixels_per_clock, scene.inner_px
+        lanes, size = scene.lanes, scene.inner_px
         words = len(scene.force_axes) * scene.force.kernel_size**2
         yield "force", 1, lanes * words * scene.numbers.kernel_bits, size * -(-size // lanes)
 
@@ -151,7 +151,7 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
 
 def dot_memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
     """As `memories`, of what follows the dots: rows of windows, weights and, for slip, the shifts kept."""
-    stream = DotStream(pipeline.follower, lanes=pipeline.scene.hardware.pixels_per_clock).dots
+    stream = DotStream(pipeline.follower, lanes=pipeline.scene.lanes, fold=pipeline.scene.fold).dots
     window = stream.i.payload.shape().size
     yield "dots", 1, window, stream.kept_rows << (stream.row_beats - 1).bit_length()
     axes, count, _, terms = pipeline.dot_force.weighted.weight.shape
@@ -244,7 +244,7 @@ def packet_features(scene: Scene) -> dict[str, float]:
     """What look-up tables of packets are counted for, in the order of `PACKET_LUTS`."""
     outputs = scene_outputs(scene, rows_reversed=False)
     images, axes = sum(output.complete for output in outputs), len(scene.force_axes)
-    lanes = scene.hardware.pixels_per_clock
+    lanes = scene.lanes
     queued = lanes if lanes > 1 else 0
     counts = (1, axes, images, images * axes, images * queued, len(outputs) - images)
     return dict(zip(PACKET_LUTS, counts, strict=True))

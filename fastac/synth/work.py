@@ -58,7 +58,7 @@ class Frame:
     def __init__(self, pipeline: IntegerPipeline):
         scene = pipeline.scene
         self.height, self.width, self.channels = pipeline.background.shape
-        self.lanes = scene.hardware.pixels_per_clock
+        self.lanes = scene.lanes
         self.dsp = device_of(scene).dsp
         self.pixels = self.height * self.width
         self.size = self.width - 2

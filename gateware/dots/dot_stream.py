@@ -21,18 +21,18 @@ class DotStream(wiring.Component):
     write : see `DotFollowerStream`. Only if `follower.loadable`.
 
     `latency` clocks from a frame's last pixels to its last dot, without
-    back-pressure; it is negative where the last dot is known before the frame ends. `interval` = H·W/lanes
-    clocks per frame. Raises ValueError where dots are too many for the rate, see `DotFollowerStream`.
+    back-pressure; it is negative where the last dot is known before the frame ends. `interval` =
+    fold·H·W/lanes clocks per frame: pixels come `fold` clocks apart, or later. Raises ValueError where dots are too many for the rate, see `DotFollowerStream`.
     """
 
     multipliers = 0
 
-    def __init__(self, follower: DotFollower, *, lanes: int):
-        self.follower, self.lanes = follower, lanes
+    def __init__(self, follower: DotFollower, *, lanes: int, fold: int = 1):
+        self.follower, self.lanes, self.fold = follower, lanes, fold
         windows = follower.windows
         self.height, self.width = windows.image
         self.windows = DotWindowStream(windows, lanes=lanes)
-        row_clocks = CELL * self.width // lanes
+        row_clocks = CELL * self.width // lanes * fold
         self.dots = DotFollowerStream(follower, per_beat=self.windows.per_beat, row_clocks=row_clocks)
         members = {
             "i": In(self.windows.i.signature.flip()),
@@ -48,7 +48,7 @@ class DotStream(wiring.Component):
 
     @property
     def interval(self) -> int:
-        return self.height * self.width // self.lanes
+        return self.height * self.width // self.lanes * self.fold
 
     def elaborate(self, platform):
         m = Module()

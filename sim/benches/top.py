@@ -111,13 +111,14 @@ class Streams:
     """Driver of `s_axis` and monitors of all output streams, with random pauses.
 
     stall : probability per clock that the driver pauses before its next beat, and that a monitor is not ready
+    pace : clocks from an accepted beat to the offer of the next one
     beats : queue of the driver; append to it
     limit : number of beats after which the driver pauses
     blocked : no monitor is ready
     """
 
-    def __init__(self, dut, stall: tuple[float, float] = (0, 0), seed: int = 1):
-        self.dut, self.rng, self.stall = dut, random.Random(seed), stall
+    def __init__(self, dut, stall: tuple[float, float] = (0, 0), seed: int = 1, pace: int = 1):
+        self.dut, self.rng, self.stall, self.pace = dut, random.Random(seed), stall, pace
         self.beats: list[tuple[int, int, int]] = []  # (tdata, tlast, tuser)
         self.accepted_at: list[int] = []  # clock cycle in which each was accepted
         self.interrupt_at: list[int] = []  # clock cycles in which the interrupt rose
@@ -134,11 +135,12 @@ class Streams:
         """Drive and monitor until the test ends; start it as a background task."""
         dut, rng = self.dut, self.rng
         slow_in, slow_out = self.stall
-        offered, level = 0, 0
+        offered, level, rests_until = 0, 0, 0
         valid = False
         while True:
             if offered == len(self.accepted_at):
-                offer = offered < min(len(self.beats), self.limit) and rng.random() >= slow_in
+                waits = offered >= min(len(self.beats), self.limit) or self.cycle < rests_until
+                offer = not waits and rng.random() >= slow_in
                 if offer:
                     word, last, start = self.beats[offered]
                     dut.s_axis_tdata.value = word
@@ -153,6 +155,7 @@ class Streams:
             await ReadOnly()
             if valid and int(dut.s_axis_tready.value):
                 self.accepted_at.append(self.cycle)
+                rests_until = self.cycle + self.pace
             for sink in self.sinks.values():
                 sink.sample(self.cycle)
             before, level = level, int(dut.interrupt.value)
@@ -204,10 +207,13 @@ class Host:
 
 
 async def start(dut, stall: tuple[float, float] = (0, 0)) -> tuple[Streams, Host]:
-    """Start clock, reset, streams and host; enable frames, and check that the identity is the bundle's."""
+    """Start clock, reset, streams and host; enable frames, and check that the identity is the bundle's.
+
+    Without pauses, pixels come at the camera's pace; with pauses, as fast as the hardware takes them.
+    """
     Clock(dut.clk, SETTINGS["period_ps"], unit="ps").start()
     dut.rst.value = 1
-    streams = Streams(dut, stall)
+    streams = Streams(dut, stall, pace=1 if any(stall) else SETTINGS.get("pace_cycles", 1))
     host = Host(dut, AxiLiteMaster(AxiLiteBus.from_prefix(dut, "s_axil"), dut.clk, dut.rst))
     await ClockCycles(dut.clk, 3)
     dut.rst.value = 0

@@ -94,7 +94,7 @@ class Stimulus:
 
 def streams(scene: Scene) -> tuple[Stream, ...]:
     """The output streams of a scene's hardware."""
-    sensor, lanes = scene.sensor, scene.hardware.pixels_per_clock
+    sensor, lanes = scene.sensor, scene.lanes
     inner = (sensor.height_px - 2, sensor.width_px - 2)
     words = {"depth": 1, "force_map": len(scene.force_axes)}
     found = [Stream(name, *inner, words[name], lanes, True) for name in words if name in scene.outputs]
@@ -204,7 +204,7 @@ def write(
     clean, unknown_idle : see `Stimulus`
     """
     scene = bundle.scene
-    lanes = scene.hardware.pixels_per_clock
+    lanes = scene.lanes
     folder.mkdir(parents=True, exist_ok=True)
 
     def put(name: str, lines: Iterable[str]) -> int:

@@ -51,7 +51,7 @@ def of_pipeline(pipeline: IntegerPipeline) -> str:
 
 def _sentence(scene: Scene, path: Datapath) -> str:
     slices = ", ".join(f"{name} {count}" for name, count in path.multipliers.items())
-    lanes = scene.hardware.pixels_per_clock
+    lanes = scene.lanes
     return (
         f"{scene.sensor.height_px} × {scene.sensor.width_px} pixels, {lanes} a clock; a new frame every"
         f" {path.interval:,} clocks. DSP slices by formula: {sum(path.multipliers.values()):,} ({slices})."

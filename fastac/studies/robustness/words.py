@@ -39,7 +39,7 @@ def compare_hardware(folder: Path, bundle: Path, case: str, *, logs: Path) -> in
     """A step: beats of one case through its stage's hardware, all equal; the bench's output is in `logs`."""
     model = bundles.load(bundle)
     found = _cases(bundle, model.digest)[case]
-    return compare(found, logs, lanes=model.scene.hardware.pixels_per_clock)
+    return compare(found, logs, lanes=model.scene.lanes)
 
 
 def rows(bundle: Path, folder: Path, *, store: Path, rtl: bool, progress: bool) -> list[dict]:

@@ -8,7 +8,7 @@ from fastac.models.integer import bundle as bundles
 from fastac.sensor import dataset
 
 VERIFIED = {
-    "lanes": 2,
+    "pixels_per_clock": 2,
     "weights": "baked",
     "note": "",
     "stalls": False,
@@ -26,9 +26,9 @@ class TestVerify:
         """What `fastac verify` asks for; the campaign itself has tests of its own."""
         given = {}
 
-        def run(bundle, data, index, lanes, folder, *, store, progress):
+        def run(bundle, data, index, paces, folder, *, store, progress):
             given.update(
-                digest=bundles.load_bundle(bundle).digest, index=index.tolist(), lanes=lanes, folder=folder
+                digest=bundles.load_bundle(bundle).digest, index=index.tolist(), paces=paces, folder=folder
             )
             return {"rows": [VERIFIED | given.get("row", {})]}
 
@@ -39,12 +39,12 @@ class TestVerify:
         options = ("--data", tiny_file, "--lanes", "2,1", "--frames", 3, "--split", "test", "--no-progress")
         result = succeed("verify", tiny_folder, *options)
         assert campaign["digest"] == tiny_bundle.digest
-        assert campaign["lanes"] == (2, 1)
+        assert campaign["paces"] == (2, 1)
         assert len(campaign["index"]) == 3
         assert set(campaign["index"]) <= set(dataset.read(tiny_file).indices("test"))
         assert campaign["folder"] == tiny_folder / "verify"
         lines = result.stdout.splitlines()
-        assert lines[0].split()[:2] == ["lanes", "weights"]
+        assert lines[0].split()[:2] == ["px/clock", "weights"]
         assert lines[1].split() == ["2", "baked", "7", "50", "0", "99"]
         assert lines[2] == str(tiny_folder / "verify" / "verify.json")
 
@@ -52,7 +52,7 @@ class TestVerify:
         campaign["row"] = {"mismatches": 3, "first_mismatch": "depth: value 7"}
         message = fail("verify", tiny_folder, "--data", tiny_file, "-o", tmp_path)
         assert message == "3 mismatches; depth: value 7"
-        assert campaign["lanes"] == (1, 2, 4)
+        assert campaign["paces"] == (1, 2, 4)
 
     def test_campaign_of_a_scene_builds_its_bundle(self, campaign, monkeypatch, tmp_path, tiny_folder, toml):
         """In the build folder, whose dataset then serves."""

@@ -31,13 +31,13 @@ def campaign(bundle, data, index, lanes, place):
 
 
 def with_weights(bundle, tmp_path, weights):
-    return verify.derive(bundle, tmp_path / weights, lanes=1, weights=weights)
+    return verify.derive(bundle, tmp_path / weights, pace=1, weights=weights)
 
 
 class TestDerive:
     @pytest.mark.parametrize("lanes", [2, 4])
     def test_only_the_lanes_differ(self, tiny_bundle, tiny_data, tmp_path, lanes):
-        derived = verify.derive(tiny_bundle, tmp_path / "bundle", lanes=lanes)
+        derived = verify.derive(tiny_bundle, tmp_path / "bundle", pace=lanes)
         assert derived.digest != tiny_bundle.digest
         assert bundles.load(tmp_path / "bundle").digest == derived.digest
         assert derived.scene.hardware.pixels_per_clock == lanes
@@ -67,7 +67,7 @@ class TestDerive:
 
     def test_lanes_that_the_scene_cannot_have(self, bundle, tmp_path):
         with pytest.raises(SceneError, match=r"^scene random_bundle: hardware.pixels_per_clock = 3: "):
-            verify.derive(bundle, tmp_path / "bundle", lanes=3)
+            verify.derive(bundle, tmp_path / "bundle", pace=3)
         assert not (tmp_path / "bundle").exists()
 
 
@@ -137,14 +137,17 @@ def test_campaign(bundle, folder, data, tmp_path):
     assert content["bundle_sha256"] == bundle.digest
     assert (content["frame_indices"], content["special_frames"]) == ([0, 2], 7)
     rows = content["rows"]
-    assert [(row["lanes"], row["stalls"], row["frames"]) for row in rows] == [(2, False, 9), (2, True, 2)]
+    assert [(row["pixels_per_clock"], row["stalls"], row["frames"]) for row in rows] == [
+        (2, False, 9),
+        (2, True, 2),
+    ]
     for row in rows:
         assert row["mismatches"] == 0
         assert row["values_compared"] == row["frames"] * 16 * 16 * 3
         assert row["cycles"] >= row["frames"] * 128
         assert row["simulation_s_per_frame"] > 0
         assert ("build_s" in row) == ("elaboration_s" in row) == (not row["stalls"])
-        assert bundles.load(tmp_path / "lanes_2" / "bundle").digest == row["bundle_sha256"] != bundle.digest
+        assert bundles.load(tmp_path / "px_2" / "bundle").digest == row["bundle_sha256"] != bundle.digest
     assert rows[1]["cycles"] > 2 * 128 / 0.7
     assert rows[0]["verilog_sha256"] == rows[1]["verilog_sha256"]
 
@@ -189,13 +192,13 @@ class TestResuming:
         # The stalled frames are the first and the last: another second one does not concern them.
         campaign(folder, data, [0, 1], (1,), tmp_path)
         assert simulator.asked[2:] == [(1, False, 9)]
-        verify.derive(bundle, tmp_path / "other", lanes=1, weights="baked")
+        verify.derive(bundle, tmp_path / "other", pace=1, weights="baked")
         campaign(tmp_path / "other", data, [0, 1], (1,), tmp_path)
         assert simulator.asked[3:] == [(1, False, 9), (1, True, 2)]
 
 
 ROW = {
-    "lanes": 4,
+    "pixels_per_clock": 4,
     "weights": "baked",
     "note": "baked: loadable weights need 3 of 2 DSP48E2",
     "stalls": False,
@@ -213,7 +216,7 @@ def test_table():
     stalled = {k: v for k, v in ROW.items() if k not in ("elaboration_s", "build_s")} | {"stalls": True}
     lines = verify.table({"rows": [ROW, stalled]}).splitlines()
     assert lines[0].split() == [
-        *("lanes", "weights", "stalls", "frames", "values", "mismatches", "cycles"),
+        *("px/clock", "weights", "stalls", "frames", "values", "mismatches", "cycles"),
         *("elaboration_s", "build_s", "simulation_s_per_frame"),
     ]
     assert lines[1].split() == ["4", "baked", "14", "12,345", "0", "4,567", "60.0!", "181.0!", "3.1"]

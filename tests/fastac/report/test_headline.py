@@ -42,6 +42,15 @@ def test_equality_comes_first_then_cycles_errors_and_multipliers():
     ]
 
 
+@pytest.mark.parametrize(
+    ("margin_percent", "said"),
+    [(58.9, "59% slower than the hardware"), (-2.2, "2% too fast for the hardware")],
+)
+def test_a_known_camera_is_compared_with_the_hardware(margin_percent, said):
+    note = shown(pace={"margin_percent": margin_percent})["a new frame every"][1]
+    assert note == f"9,155 frames/s at 150 MHz, assumed; the camera's pixels are {said}"
+
+
 def test_a_mismatch_is_not_hidden():
     assert (
         shown(rtl_vs_integer=REPORT["rtl_vs_integer"] | {"mismatches": 1})["hardware against integers"][0]

@@ -10,6 +10,7 @@ from fastac.gateware.datapath import Datapath
 from fastac.models.random_bundle import random_bundle, scene
 from fastac.report import timeline
 from fastac.report.timeline import StageTime
+from fastac.scenes.pace import Pace
 
 BUFFERED = ("normals", "source", "column_forward", "division", "substitution")
 """A skid buffer stands behind these; its clock is theirs, so that their own outputs are one earlier."""
@@ -89,8 +90,8 @@ def test_first_and_last_outputs_are_those_of_the_simulated_datapath(changes, tmp
 
 def test_modules_add_up_to_the_whole_time():
     stages = {"normals": 27, "gradients": 11, "source": 261, "row_forward": 21, "force": 32, "slip": 5}
-    found = timeline.of_image(stages, 16, 16, 1)
+    found = timeline.of_image(stages, 16, 16, Pace())
     assert timeline.modules(found) == {"normals": 27, "depth": 293, "force": 37}
     assert found[-1] == StageTime("slip", "force", 5, 357, 357)
-    without_solver = timeline.of_image({"normals": 282, "gradients": 11, "force": 7}, 16, 16, 1)
+    without_solver = timeline.of_image({"normals": 282, "gradients": 11, "force": 7}, 16, 16, Pace())
     assert timeline.modules(without_solver) == {"normals": 282, "force": 18}
