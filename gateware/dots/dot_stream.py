@@ -20,9 +20,10 @@ class DotStream(wiring.Component):
     o : stream of one dot per beat, see `dot_layout`; M of them a frame, in the order of `follower.rest`
     write : see `DotFollowerStream`. Only if `follower.loadable`.
 
-    `latency` clocks from a frame's last pixels to its last dot, without
-    back-pressure; it is negative where the last dot is known before the frame ends. `interval` =
-    fold·H·W/lanes clocks per frame: pixels come `fold` clocks apart, or later. Raises ValueError where dots are too many for the rate, see `DotFollowerStream`.
+    `latency` clocks from a frame's last pixels to its last dot, without back-pressure; it is negative where
+    the last dot is known before the frame ends. `interval` = fold·H·W/lanes clocks per frame: pixels come
+    `fold` clocks apart, or later. Raises ValueError where dots are too many for the rate, see
+    `DotFollowerStream`.
     """
 
     multipliers = 0

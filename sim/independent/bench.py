@@ -31,6 +31,7 @@ def text(template: str, stimulus: Stimulus, top: str) -> str:
         beats=stimulus.beats,
         per_frame=stimulus.per_frame,
         clean=stimulus.clean,
+        pace=stimulus.pace,
         unknown_idle=stimulus.unknown_idle,
         accesses=stimulus.accesses,
         limit=stimulus.limit,

@@ -74,6 +74,7 @@ class Stimulus:
 
     octets, beats, per_frame : bytes of a beat of s_axis, number of beats, and of a frame
     clean : frames at the start without any pause; later ones have pauses at random on all streams
+    pace : clocks between two beats of the clean frames
     unknown_idle : between two offers all bits of the camera's payload are unknown in Icarus Verilog;
         otherwise they stay. In CXXRTL they are random.
     values : words that the output streams have to bring
@@ -85,6 +86,7 @@ class Stimulus:
     beats: int
     per_frame: int
     clean: int
+    pace: int
     unknown_idle: bool
     streams: tuple[Stream, ...]
     accesses: int
@@ -224,9 +226,10 @@ def write(
         beats=beats,
         per_frame=beats // len(frames),
         clean=clean,
+        pace=scene.fold,
         unknown_idle=unknown_idle,
         streams=outputs,
         accesses=count,
         values=sum(s.rows * s.columns * s.words for s in outputs) * len(frames),
-        limit=3 * (latency + beats) + 5000,
+        limit=3 * (latency + beats * scene.fold) + 5000,
     )
