@@ -9,7 +9,7 @@ DOCS := $(VENV)/.docs
 EVERYTHING := $(VENV)/.everything
 
 .PHONY: all venv build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
-	stability synth verify verify-photographs trade scope reproduce samples docs docs-links lerobot notebooks clean
+	stability synth verify verify-photographs trade scope chips reproduce samples docs docs-links lerobot notebooks clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -128,6 +128,10 @@ trade: $(READY)
 # Only what is required: a column for each scene, with the wall times of the builds that are there.
 scope: $(READY)
 	$(FASTAC) scope scenes/*.toml
+
+# Which part holds which scene at which rate of the camera.
+chips: $(READY)
+	$(FASTAC) chips scenes/*.toml
 
 # The paper's tables beside ours, into build/reproduce; `make reproduce SCENE=…` for another scene.
 reproduce: override SCENE := $(if $(filter file,$(origin SCENE)),fingertip,$(SCENE))

@@ -1,5 +1,6 @@
 """What the commands share: one-line errors, checks of output paths, options, folders of builds."""
 
+import math
 import os
 from pathlib import Path
 
@@ -23,6 +24,25 @@ class Counts(click.ParamType):
         if len(set(counts)) != len(counts):
             self.fail(f"{value!r}: a number is there twice", parameter, context)
         return counts
+
+
+class Rates(click.ParamType):
+    """Positive numbers separated by commas, each once, such as frames a second."""
+
+    name = "R,R,..."
+
+    def convert(self, value, parameter, context):
+        if isinstance(value, tuple):
+            return value
+        try:
+            rates = tuple(float(part) for part in value.split(","))
+        except ValueError:
+            rates = (0.0,)
+        if not all(0 < rate < math.inf for rate in rates):
+            self.fail(f"{value!r}: expected positive numbers such as 60,240", parameter, context)
+        if len(set(rates)) != len(rates):
+            self.fail(f"{value!r}: a number is there twice", parameter, context)
+        return rates
 
 
 class Paces(click.ParamType):

@@ -17,7 +17,7 @@ from fastac.cli.recordings import import_
 from fastac.cli.run import run
 from fastac.cli.stream import listen, serve
 from fastac.cli.studies import study
-from fastac.cli.trade import scope, sweep, trade
+from fastac.cli.trade import chips, scope, sweep, trade
 from fastac.cli.verify import verify
 from fastac.cli.vivado import vivado, vivado_reports
 
@@ -42,7 +42,22 @@ def main():
 COMMANDS = (
     *(build, reproduce, report, compare, data, protocol, import_),
     *(train, evaluate, predict, objects, vibration, grasp),
-    *(verilog, registers, calibration, sim, run, verify, synth, sweep, trade, scope, study, prove, bench),
+    *(
+        verilog,
+        registers,
+        calibration,
+        sim,
+        run,
+        verify,
+        synth,
+        sweep,
+        trade,
+        scope,
+        chips,
+        study,
+        prove,
+        bench,
+    ),
     *(vivado, vivado_reports, serve, listen, live, log),
     *(export, card),
 )

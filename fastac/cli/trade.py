@@ -1,10 +1,10 @@
-"""Commands that explore designs: sweeps, the trade of speed against accuracy, the scope of scenes."""
+"""Commands that explore designs: sweeps, the trade, the scope of scenes, the chips that hold them."""
 
 from pathlib import Path
 
 import click
 
-from fastac.cli.common import INPUT, OUTPUT_FILE, OUTPUT_FOLDER, output_option, progress_option
+from fastac.cli.common import INPUT, OUTPUT_FILE, OUTPUT_FOLDER, Rates, output_option, progress_option
 from fastac.report.tables import text_table
 from fastac.scenes import schema as scenes
 
@@ -158,6 +158,37 @@ def trade(results, output, marked, pick, by, scene_file, confirm, seed, progress
         click.echo(path)
     if different:
         raise click.ClickException(f"{different} designs differ in RTL")
+
+
+@click.command()
+@click.argument("scene_files", type=INPUT, nargs=-1, required=True, metavar="SCENE...")
+@click.option(
+    "--rates",
+    type=Rates(),
+    default="60,240,1000",
+    show_default=True,
+    help="Frames a second that the camera sends.",
+)
+@click.option(
+    "--clock-mhz",
+    type=click.FloatRange(min=0, min_open=True),
+    default=100,
+    show_default=True,
+    help="The clock of the hardware, an assumption.",
+)
+def chips(scene_files, rates, clock_mhz):
+    """Show which chip holds which SCENE at which rate of the camera.
+
+    Prints a Markdown table with a row for each scene and part, and a column for each rate: pixels a clock,
+    the fewest that never make the camera wait, and the shares of the part that such hardware takes. Area is
+    estimated from word widths, with random weights; nothing is trained or elaborated.
+
+    \b
+    Example: fastac chips scenes/small.toml scenes/paper.toml --rates 60,240
+    """
+    from fastac.report import chips as counting
+
+    click.echo(counting.table([scenes.load(path) for path in scene_files], rates, clock_mhz))
 
 
 @click.command()

@@ -53,6 +53,15 @@ def edited(path, old, new):
     return path
 
 
+def test_chips(toml):
+    lines = succeed("chips", toml, "--rates", "60,240", "--clock-mhz", 50).output.splitlines()
+    assert [cell.strip() for cell in lines[0].strip("|").split("|")][2:] == ["60 frames/s", "240 frames/s"]
+    assert "At 50 MHz" in "\n".join(lines)
+    refused = {"60,0": "expected positive numbers such as 60,240", "60,60": "a number is there twice"}
+    for given, said in refused.items():
+        assert f"{given!r}: {said}" in run("chips", toml, "--rates", given).stderr
+
+
 def test_scope(toml, tmp_path):
     found = succeed("scope", toml, "--builds", tmp_path).output
     assert found.splitlines()[0].replace(" ", "") == "||tiny|"
