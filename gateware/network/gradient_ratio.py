@@ -8,6 +8,19 @@ from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
 from fastac.models.integer.network import GradientRatio
 
 
+def check_ratio(ratio: GradientRatio) -> None:
+    """Raise ValueError unless `ratio` can be divided bit by bit."""
+    if ratio.normal_width < 2:
+        raise ValueError(f"normal_width {ratio.normal_width}: expected at least 2")
+    if not 0 <= ratio.fraction < ratio.width:
+        raise ValueError(f"fraction {ratio.fraction}: expected 0 to {ratio.width - 1}")
+    if ratio.width > ratio.normal_width + ratio.fraction:
+        raise ValueError(
+            f"width {ratio.width}: expected at most {ratio.normal_width + ratio.fraction},"
+            " what the largest slope needs"
+        )
+
+
 class GradientDivider(wiring.Component):
     """Divide `lanes` normals per clock, bit-exact to `ratio` for every input, also n_z <= 0.
 
@@ -30,15 +43,7 @@ class GradientDivider(wiring.Component):
 
     def __init__(self, ratio: GradientRatio, *, lanes: int):
         check_lanes(lanes)
-        if ratio.normal_width < 2:
-            raise ValueError(f"normal_width {ratio.normal_width}: expected at least 2")
-        if not 0 <= ratio.fraction < ratio.width:
-            raise ValueError(f"fraction {ratio.fraction}: expected 0 to {ratio.width - 1}")
-        if ratio.width > ratio.normal_width + ratio.fraction:
-            raise ValueError(
-                f"width {ratio.width}: expected at most {ratio.normal_width + ratio.fraction},"
-                " what the largest slope needs"
-            )
+        check_ratio(ratio)
         self.ratio, self.lanes = ratio, lanes
         normal = data.ArrayLayout(signed(ratio.normal_width), 3)
         slopes = data.ArrayLayout(signed(ratio.width), 2)

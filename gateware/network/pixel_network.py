@@ -16,7 +16,8 @@ from fastac.gateware.target.elaboration import shared_instances
 from fastac.models.integer.network import Layer
 
 
-def _check_chain(layers: Sequence[Layer]) -> None:
+def check_chain(layers: Sequence[Layer]) -> None:
+    """Raise ValueError unless each layer's activations are inputs of the next, and the last has 3 neurons."""
     if len(layers[-1].weight) != 3 or layers[-1].requantisation is not None:
         raise ValueError(f"layers[-1] of {len(layers[-1].weight)} neurons: expected 3, not requantised")
     for k, layer in enumerate(layers):
@@ -56,7 +57,7 @@ class NormalMlp(wiring.Component):
 
     def __init__(self, layers: Sequence[Layer], *, input_width: int, lanes: int, dsp: DspSlice = DSP48E2):
         check_lanes(lanes)
-        _check_chain(layers)
+        check_chain(layers)
         self.layers, self.input_width, self.lanes = tuple(layers), input_width, lanes
         self.loadable, self.dsp = layers[0].loadable, dsp
         self.latency = self.latency_of([layer.weight.shape[1] for layer in layers])
@@ -94,7 +95,7 @@ class NormalMlp(wiring.Component):
         """
         if len(layers) != len(self.layers):
             raise ValueError(f"{len(layers)} layers: expected {len(self.layers)}")
-        _check_chain(layers)
+        check_chain(layers)
         tables = [table for layer in layers for table in (layer, layer.requantisation) if table is not None]
         image, low = 0, 0
         for core, table in zip(self.cores[0].values(), tables, strict=True):

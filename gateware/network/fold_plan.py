@@ -1,0 +1,61 @@
+"""Folding: how a component that takes a beat every few clocks spreads values over them, and its handshake."""
+
+from dataclasses import dataclass
+
+from amaranth import Cat, Module, Signal, Value
+
+FOLDS = (2, 4, 8, 16)
+"""The numbers of clocks a pixel that folded hardware can be built for."""
+
+
+def check_fold(fold: int) -> None:
+    """Raise ValueError unless `fold` is one of FOLDS."""
+    if fold not in FOLDS:
+        raise ValueError(f"fold {fold}: expected one of {FOLDS}")
+
+
+@dataclass(frozen=True)
+class Series:
+    """A vector of `count` values that takes `clocks` clocks, at most `fold`, on as few streams as that allows.
+
+    Value k is on stream k % streams in clock k // streams: only in the last clock may streams be empty.
+    """
+
+    count: int
+    fold: int
+
+    @property
+    def streams(self) -> int:
+        return -(-self.count // self.fold)
+
+    @property
+    def clocks(self) -> int:
+        return -(-self.count // self.streams)
+
+    @property
+    def levels(self) -> int:
+        """Levels of an adder tree over the streams."""
+        return (self.streams - 1).bit_length()
+
+    def at(self, clock: int, stream: int) -> int | None:
+        """The value on `stream` in `clock`; None if it is empty."""
+        k = clock * self.streams + stream
+        return k if k < self.count else None
+
+
+def folded_handshake(m: Module, i, o, latency: int, fold: int) -> tuple[Signal, list[Value]]:
+    """Connect the streams `i` and `o` of a pipeline of `latency` clocks that takes a beat every `fold`.
+
+    Returns `advance`, the clock enable of all the pipeline's registers, as of `pipeline_handshake`, and for
+    0 to `latency` clocks with `advance` high whether a beat was accepted so many of them ago.
+    """
+    advance, accept, valid = Signal(), Signal(), Signal(latency)
+    m.d.comb += [
+        advance.eq(o.ready | ~o.valid),
+        i.ready.eq(advance & ~valid[: fold - 1].any()),
+        accept.eq(i.valid & ~valid[: fold - 1].any()),
+        o.valid.eq(valid[-1]),
+    ]
+    with m.If(advance):
+        m.d.sync += valid.eq(Cat(accept, valid))
+    return advance, [accept, *valid]
