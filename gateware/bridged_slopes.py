@@ -26,9 +26,9 @@ class BridgedSlopes(wiring.Component):
     `latency` is that of `SlopeBridgeStream`, from a beat's slopes, with its darkness there before.
     """
 
-    def __init__(self, bridge: SlopeBridge, *, slope_bits: int, lanes: int, ahead: int):
+    def __init__(self, bridge: SlopeBridge, *, slope_bits: int, lanes: int, ahead: int, fold: int = 1):
         self.queue = DarkQueue(bridge.windows, lanes=lanes, depth=ahead)
-        self.bridge = SlopeBridgeStream(bridge, slope_bits=slope_bits, lanes=lanes)
+        self.bridge = SlopeBridgeStream(bridge, slope_bits=slope_bits, lanes=lanes, fold=fold)
         slopes = stream.Signature(self.bridge.o.payload.slopes.shape())
         super().__init__(
             {

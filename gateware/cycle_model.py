@@ -15,11 +15,14 @@ from fastac.gateware.dot_force import VALUES
 from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
+from fastac.gateware.force.folded_sum import FoldedWeightedSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream, products_of
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.mlp_mvm import tile_multipliers
 from fastac.gateware.network.background import BackgroundSubtraction
+from fastac.gateware.network.folded_network import FoldedMlp
+from fastac.gateware.network.folded_ratio import FoldedDivider
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.network.slope_bridge import SlopeBridgeStream
@@ -105,11 +108,15 @@ class CycleModel(FrameCycles):
             hidden = scene.network.hidden
         sizes = (len(scene.sensor.channel_names) + 2, *hidden, NORMAL)
         self.guard, self.background = FrameGuard, BackgroundSubtraction
-        self.mlp = Figures(NormalMlp.latency_of(sizes[:-1]), multipliers=self._network_multipliers(sizes))
+        self.mlp = self._network(sizes)
         if scene.wants_slopes:
-            self.divider = Figures(GradientDivider.latency_of(scene.numbers.slope_bits))
+            bits = scene.numbers.slope_bits
+            folded = FoldedDivider.latency_of(bits, self.fold) if self.fold > 1 else None
+            self.divider = Figures(folded or GradientDivider.latency_of(bits))
         if scene.wants_bridge:
-            self.bridge = Figures(SlopeBridgeStream.latency_of(bridge_reach(scene.sensor), self.lanes))
+            self.bridge = Figures(
+                SlopeBridgeStream.latency_of(bridge_reach(scene.sensor), self.lanes, self.fold)
+            )
         if scene.wants_darkness:
             self.darkness = Figures(DarknessStream.latency_of(len(scene.sensor.channel_names)))
         if scene.wants_solver:
@@ -128,6 +135,13 @@ class CycleModel(FrameCycles):
             self.slip_stream = Figures(
                 DotSlip.latency_of(spread), DotSlip.interval_of(spread), RigidSums.multipliers
             )
+
+    def _network(self, sizes: Sequence[int]) -> Figures:
+        """Figures of the pixel network of so many features, hidden neurons of each layer, and 3."""
+        if self.fold > 1:
+            latency = FoldedMlp.latency_of(sizes[:-1], self.fold)
+            return Figures(latency, multipliers=FoldedMlp.multipliers_of(sizes, self.fold))
+        return Figures(NormalMlp.latency_of(sizes[:-1]), multipliers=self._network_multipliers(sizes))
 
     def _network_multipliers(self, sizes: Sequence[int]) -> int:
         """Multipliers of all lanes: those of the tiles, and one per hidden neuron for requantisation."""
@@ -148,8 +162,8 @@ class CycleModel(FrameCycles):
     def _solver(self, solver: IntegerSolver | None) -> Figures:
         sensor, poisson, size = self.scene.sensor, self.scene.poisson, self.scene.inner_px
         kind = SOLVERS[poisson.solver]
-        stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence)
-        interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes)
+        stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence, fold=self.fold)
+        interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes, fold=self.fold)
         if solver is None:
             multipliers = kind.multipliers_of(
                 size,
@@ -158,6 +172,7 @@ class CycleModel(FrameCycles):
                 data_bits=self.scene.numbers.data_bits,
                 coefficient_width=self.scene.numbers.coefficient_fraction_bits + 1,
                 dsp=self.dsp,
+                fold=self.fold,
             )
         else:
             multipliers = sum(
@@ -199,17 +214,14 @@ class CycleModel(FrameCycles):
             rows, columns = scene.sensor.height_px, scene.sensor.width_px
             values, input_bits = SLOPES, scene.numbers.slope_bits
             weight_bits = scene.numbers.slope_weight_bits
-        multipliers = kind.multipliers_of(
-            len(scene.force_axes),
-            values,
-            self.lanes,
-            input_bits=input_bits,
-            weight_bits=weight_bits,
-            dsp=self.dsp,
-        )
-        return Figures(
-            kind.latency_of(values, self.lanes), beats_per_frame(rows, columns, self.lanes), multipliers
-        )
+        axes, words = len(scene.force_axes), {"input_bits": input_bits, "weight_bits": weight_bits}
+        beats = beats_per_frame(rows, columns, self.lanes)
+        if self.fold > 1:
+            folded = FoldedWeightedSum
+            multipliers = folded.multipliers_of(axes, values, self.fold, **words, dsp=self.dsp)
+            return Figures(folded.latency_of(axes, values, self.fold), beats * self.fold, multipliers)
+        multipliers = kind.multipliers_of(axes, values, self.lanes, **words, dsp=self.dsp)
+        return Figures(kind.latency_of(values, self.lanes), beats, multipliers)
 
     def _dots(self, follower: DotFollower) -> Figures:
         """Figures of DotForceStream."""

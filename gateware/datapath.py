@@ -1,47 +1,27 @@
 # amaranth: UnusedElaboratable=no
 """The datapath from pixels to normals, depth and force, with just the stages that a scene needs."""
 
-from dataclasses import replace
-
 import numpy as np
 from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
+from fastac.gateware import stages
 from fastac.gateware.bridged_slopes import BridgedSlopes
 from fastac.gateware.dot_force import DotForceStream
 from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
-from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
-from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.network.background import BackgroundSubtraction
-from fastac.gateware.network.gradient_ratio import GradientDivider
-from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
-from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, TIMEOUT_BITS, FrameGuard
 from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.gateware.stream.tables import TableFormat
 from fastac.gateware.target.device import device_of
-from fastac.models.integer.features import WIDTH, coordinate_codes
-from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.features import coordinate_codes
 from fastac.models.integer.pipeline import IntegerPipeline
-
-
-def last_row_first(stage):
-    """`stage` (Depth, PatchForce or WeightedSum) with the rows of its tables reversed.
-
-    For solvers that output the last row first; the rows within each patch's kernel are reversed as well.
-    """
-    if isinstance(stage, PatchForce):
-        return replace(stage, kernel=stage.kernel[:, ::-1, :, ::-1])
-    if isinstance(stage, WeightedSum):
-        return replace(stage, weight=stage.weight[:, ::-1])
-    return replace(stage, rest=stage.rest[::-1])
-
 
 MARGIN = 4
 """Beats of darkness that are kept beyond those on their way to slopes: of the buffers' second places."""
@@ -72,7 +52,7 @@ class Datapath(FrameCycles, wiring.Component):
     suspect_valid, suspect : see FrameValidity; a frame's pulse comes before its depth
     verdict : stream of a frame's flags, see FrameValidity; offered before the frame's last result
     hold : see FrameGuard. Like the following members only if the network is loadable.
-    network : the network's parameters, see NormalMlp
+    network : the network's parameters, see NormalMlp; folded, the write port of their table, see FoldedMlp
     offset : write port of the source's offsets. Only in mode "difference" with a solver.
     rest : write port of the depth at rest. Only in mode "absolute" with a force.
     constant : the adjoint's constant, one accumulator per axis. Only for the adjoint.
@@ -88,7 +68,6 @@ class Datapath(FrameCycles, wiring.Component):
         scene = pipeline.scene
         sensor, lanes = scene.sensor, scene.lanes
         height, width, channels = sensor.height_px, sensor.width_px, len(sensor.channel_names)
-        dsp = device_of(scene).dsp
         self.pipeline, self.scene, self.lanes, self.fold = pipeline, scene, lanes, scene.fold
         self.guard = FrameGuard(height, width, channels, lanes=lanes)
         self.background = BackgroundSubtraction(
@@ -100,7 +79,7 @@ class Datapath(FrameCycles, wiring.Component):
             pipeline.background,
             lanes=lanes,
         )
-        self.mlp = NormalMlp(pipeline.layers, input_width=WIDTH, lanes=lanes, dsp=dsp)
+        self.mlp = stages.pixel_network(pipeline)
         normal_width = pipeline.layers[-1].accumulator_width
         self.loadable = pipeline.layers[0].loadable
         self.validity = FrameValidity(pipeline.validity, lanes=lanes, loadable=self.loadable)
@@ -123,53 +102,38 @@ class Datapath(FrameCycles, wiring.Component):
         self.wants_depth = "depth" in scene.outputs
         self.wants_force, self.wants_force_map = scene.wants_force, scene.wants_force_map
         self.wants_displacement = scene.wants_force and scene.wants_solver
-        self.rows_reversed = scene.wants_solver and SOLVERS[scene.poisson.solver].last_row_first
-        in_order = last_row_first if self.rows_reversed else lambda stage: stage
+        self.rows_reversed = stages.rows_reversed(pipeline)
+        depth = pipeline.depth
+        if self.rows_reversed:
+            depth = stages.last_row_first(depth)
         if self.wants_normals:
             members["normals"] = Out(stream.Signature(self.normal_layout))
         if scene.wants_slopes:
-            self.divider = GradientDivider(pipeline.ratio, lanes=lanes)
+            self.divider = stages.divider(pipeline)
         if scene.wants_bridge:
             between = (self.background.latency, self.mlp.latency, SkidBuffer.latency, self.divider.latency)
             self.bridge = BridgedSlopes(
-                pipeline.bridge, slope_bits=pipeline.ratio.width, lanes=lanes, ahead=sum(between) + MARGIN
+                pipeline.bridge,
+                slope_bits=pipeline.ratio.width,
+                lanes=lanes,
+                fold=scene.fold,
+                ahead=sum(between) + MARGIN,
             )
         if scene.wants_darkness:
             windows = (pipeline.bridge if scene.wants_bridge else pipeline.follower).windows
             self.darkness = DarknessStream(windows, lanes=lanes)
         if scene.wants_solver:
-            self.solver = SOLVERS[scene.poisson.solver](
-                pipeline.source,
-                *pipeline.solver.parts.values(),
-                height=height,
-                width=width,
-                lanes=lanes,
-                loadable=self.loadable and scene.poisson.mode == "difference",
-                dsp=dsp,
-            )
+            self.solver = stages.solver(pipeline)
         if self.wants_depth:
-            self.depth_output = DepthOutput(in_order(pipeline.depth), lanes=lanes)
+            self.depth_output = DepthOutput(depth, lanes=lanes)
             members["depth"] = Out(self.depth_output.o.signature)
         if self.wants_displacement:
-            self.displacement = Displacement(
-                in_order(pipeline.depth), pipeline.quantiser, lanes=lanes, loadable=self.loadable
-            )
+            self.displacement = Displacement(depth, pipeline.quantiser, lanes=lanes, loadable=self.loadable)
         if self.wants_force:
-            if isinstance(pipeline.force, PatchForce):
-                self.force_stream = PatchForceStream(
-                    in_order(pipeline.force), lanes=lanes, wants_map=self.wants_force_map, dsp=dsp
-                )
-            else:
-                self.force_stream = WeightedSumStream(
-                    in_order(pipeline.force),
-                    lanes=lanes,
-                    loadable=self.loadable and scene.force_from_slopes,
-                    bends=pipeline.bends,
-                    dsp=dsp,
-                )
+            self.force_stream = stages.force(pipeline)
             members["force"] = Out(self.force_stream.o.signature)
         if scene.wants_dots:
-            self.dots = DotForceStream(pipeline, lanes=lanes, fold=scene.fold, dsp=dsp)
+            self.dots = DotForceStream(pipeline, lanes=lanes, fold=scene.fold, dsp=device_of(scene).dsp)
             members["force"] = Out(self.dots.o.signature)
         if scene.wants_slip:
             word = self.displacement.o.payload.shape().elem_shape
@@ -192,7 +156,10 @@ class Datapath(FrameCycles, wiring.Component):
         """{name: (bits, value for this pipeline)} of the registers that a calibration sets."""
         if not self.loadable:
             return {}
-        registers = {"network": (self.mlp.parameter_bits, self.mlp.parameter_image(self.pipeline.layers))}
+        registers = {}
+        if self.fold == 1:
+            image = self.mlp.parameter_image(self.pipeline.layers)
+            registers["network"] = self.mlp.parameter_bits, image
         if self.pipeline.scene.force_from_slopes:
             force, mask = self.pipeline.force, (1 << self.pipeline.force.width) - 1
             words = [(int(c) & mask) << (k * force.width) for k, c in enumerate(force.constant)]
@@ -207,6 +174,8 @@ class Datapath(FrameCycles, wiring.Component):
     def loadable_tables(self) -> dict[str, tuple[TableFormat, np.ndarray]]:
         """{name: (format, values (depth, fields) for this pipeline)} of tables that a calibration sets."""
         tables, scene = {}, self.pipeline.scene
+        if self.loadable and self.fold > 1:
+            tables["network"] = self.mlp.table, self.mlp.table_values
         if self.loadable and scene.wants_solver and scene.poisson.mode == "difference":
             tables["offset"] = self.solver.source.table, self.solver.source.table_values
         if self.loadable and scene.wants_darkness:
@@ -251,11 +220,11 @@ class Datapath(FrameCycles, wiring.Component):
         ]
 
         if self.loadable:
-            m.d.comb += [
-                guard.hold.eq(self.hold),
-                mlp.parameters.eq(self.network),
-                validity.limits.eq(self.limits),
-            ]
+            m.d.comb += [guard.hold.eq(self.hold), validity.limits.eq(self.limits)]
+            if self.fold > 1:
+                connect(m, wiring.flipped(self.network), mlp.parameters)
+            else:
+                m.d.comb += mlp.parameters.eq(self.network)
 
         def fan_out(source, sinks, name):
             """Connect `source` to all `sinks`, through a Fork if there are several."""

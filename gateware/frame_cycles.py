@@ -70,9 +70,6 @@ class FrameCycles:
         slopes = {"gradients": self.divider.latency} if scene.wants_slopes else {}
         if scene.wants_bridge:
             slopes["bridge"] = self.bridge.latency
-            if scene.wants_solver:
-                # The solver's last slopes are those before a frame's last, which wait for its last pixel.
-                slopes["bridge"] += self.fold - 1
         if not scene.wants_solver:
             stages = {"normals": self.first_pixel_to_normals} | slopes
             if scene.force_from_slopes:

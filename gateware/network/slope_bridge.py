@@ -20,15 +20,16 @@ class SlopeBridgeStream(wiring.Component):
         a bit for each slope: it saturated; `dark`, a bit for each pixel
     o : the same without `dark`; `over` is of the slopes that were taken
 
-    `latency` = ceil(reach/lanes) + 2 clocks, without back-pressure: the beats ahead, window and choice.
-    Initiation interval: 1 clock per beat.
+    `latency` = fold · (ceil(reach/lanes) + 1) + 1 clocks, without back-pressure, for beats `fold` clocks apart: the
+    beats ahead, window and choice. Initiation interval: 1 clock per beat; after a row the beats that waited
+    for it leave `fold` clocks apart.
     """
 
     multipliers = 0
 
-    def __init__(self, bridge: SlopeBridge, *, slope_bits: int, lanes: int):
+    def __init__(self, bridge: SlopeBridge, *, slope_bits: int, lanes: int, fold: int = 1):
         check_lanes(lanes)
-        self.bridge, self.lanes = bridge, lanes
+        self.bridge, self.lanes, self.fold = bridge, lanes, fold
         self.row_beats = bridge.windows.image[1] // lanes
         self.ahead = self.beats_ahead(bridge.reach, lanes)
         if self.row_beats <= self.ahead:
@@ -50,12 +51,12 @@ class SlopeBridgeStream(wiring.Component):
         return -(-reach // lanes)
 
     @classmethod
-    def latency_of(cls, reach: int, lanes: int) -> int:
-        return cls.beats_ahead(reach, lanes) + 2
+    def latency_of(cls, reach: int, lanes: int, fold: int = 1) -> int:
+        return fold * (cls.beats_ahead(reach, lanes) + 1) + 1
 
     @property
     def latency(self) -> int:
-        return self.latency_of(self.bridge.reach, self.lanes)
+        return self.latency_of(self.bridge.reach, self.lanes, self.fold)
 
     def elaborate(self, platform):
         m = Module()
@@ -65,14 +66,17 @@ class SlopeBridgeStream(wiring.Component):
         entering = Signal(range(self.row_beats))
         column = Signal(range(self.row_beats))  # of the window's middle
         free, move = Signal(), Signal()
+        rest = Signal(range(self.fold))  # clocks until the window may move without a beat
         m.d.comb += [
             free.eq(self.o.ready | ~self.o.valid),
             # Between rows the window may move on without a beat; its oldest beats are then of a row.
-            move.eq(free & (self.i.valid | ((entering == 0) & here[0]))),
+            move.eq(free & (self.i.valid | ((entering == 0) & here[0] & (rest == 0)))),
             self.i.ready.eq(free),
         ]
         with m.If(self.o.ready):
             m.d.sync += self.o.valid.eq(0)
+        if self.fold > 1:
+            m.d.sync += rest.eq(Mux(move, self.fold - 1, Mux(rest == 0, 0, rest - 1)))
         with m.If(move):
             m.d.sync += [
                 *(
