@@ -25,8 +25,8 @@ def check_patch_size(size: int, kernel_size: int, bits: int, lanes: int) -> None
 class PatchGenerator(wiring.Component):
     """The K×K neighbourhood of every pixel of N×N frames, in raster order, `lanes` patches per beat.
 
-    Parameters: `size` N, `kernel_size` K, `bits` of a sample and whether it is `signed`, `lanes`. A row is
-    B = ceil(N/lanes) beats.
+    Parameters: `size` N, `kernel_size` K, `bits` of a sample and whether it is `signed`, `lanes`; `fold`, the
+    clocks from a beat to the next at least. A row is B = ceil(N/lanes) beats.
 
     Members
     -------
@@ -36,8 +36,9 @@ class PatchGenerator(wiring.Component):
         row's last beat are undefined.
 
     A beat of patches needs samples of up to `reach` = (K//2)·B + ceil((K//2)/lanes) beats later, its
-    look-ahead. So `latency` = `reach` + 3 clocks (line buffer, window, border) from a beat to the patches of
-    the same pixels, without back-pressure. Initiation interval: `interval` = N·B clocks per frame. The last
+    look-ahead. So `latency` = fold · `reach` + 3 clocks (line buffer, window, border) from a beat to the
+    patches of the same pixels, without back-pressure. Initiation interval: `interval` = fold · N·B clocks per
+    frame, and `fold` clocks per beat: the patches that leave on their own are no faster either. The last
     `reach` beats of patches of a frame leave together with the first input beats of the next frame or, while
     none is waiting, on their own. If the next frame begins but pauses during these `reach` steps, the rest of
     the previous frame waits with it.
@@ -46,9 +47,12 @@ class PatchGenerator(wiring.Component):
     outside the frame (zeros, the previous frame, half a frame from before a reset) is replaced with 0.
     """
 
-    def __init__(self, size: int, kernel_size: int, bits: int, *, lanes: int, signed: bool = False):
+    def __init__(
+        self, size: int, kernel_size: int, bits: int, *, lanes: int, signed: bool = False, fold: int = 1
+    ):
         check_patch_size(size, kernel_size, bits, lanes)
         self.size, self.kernel_size, self.bits, self.lanes = size, kernel_size, bits, lanes
+        self.fold = fold
         sample = Shape(bits, signed)
         patch = data.ArrayLayout(sample, kernel_size**2)
         super().__init__(
@@ -78,11 +82,11 @@ class PatchGenerator(wiring.Component):
 
     @property
     def latency(self) -> int:
-        return self.reach + 3
+        return self.fold * self.reach + 3
 
     @property
     def interval(self) -> int:
-        return self.size * self.row_beats
+        return self.fold * self.size * self.row_beats
 
     def elaborate(self, platform):
         m = Module()
@@ -93,7 +97,6 @@ class PatchGenerator(wiring.Component):
         valid = Signal(3)  # patches after the line buffers, in the window, at the output
         m.d.comb += [
             advance.eq(self.o.ready | ~self.o.valid),
-            self.i.ready.eq(advance),
             self.o.valid.eq(valid[-1]),
         ]
         with m.If(advance):
@@ -129,13 +132,21 @@ class PatchGenerator(wiring.Component):
         A step takes an input beat or, in the `reach` steps after a frame while no next frame waits, an empty
         beat. So all steps of a frame are consecutive `reach` steps after the input.
         """
-        index = Signal(range(self.interval))  # beats of the current frame already taken
+        beats = self.size * self.row_beats
+        index = Signal(range(beats))  # beats of the current frame already taken
         owed = Signal(
             max(1, self.reach.bit_length())
         )  # beats of patches of the previous frame that have not been emitted
-        last = index == self.interval - 1
+        last = index == beats - 1
+        may_step, ready = self.i.valid | ((index == 0) & owed.any()), advance
+        if self.fold > 1:
+            pause = Signal(range(self.fold))  # clocks until the next step
+            with m.If(advance):
+                m.d.sync += pause.eq(Mux(step, self.fold - 1, Mux(pause.any(), pause - 1, 0)))
+            may_step, ready = may_step & ~pause.any(), advance & ~pause.any()
         m.d.comb += [
-            step.eq(self.i.valid | ((index == 0) & owed.any())),
+            self.i.ready.eq(ready),
+            step.eq(may_step),
             emit.eq((index >= self.reach) | owed.any()),
         ]
         with m.If(advance & step):
