@@ -15,6 +15,7 @@ from fastac.gateware.dot_force import VALUES
 from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
+from fastac.gateware.force.folded_patch import FoldedPatchForce
 from fastac.gateware.force.folded_sum import FoldedWeightedSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream, products_of
 from fastac.gateware.frame_cycles import FrameCycles
@@ -239,21 +240,19 @@ class CycleModel(FrameCycles):
         return Figures(latency + kind.latency_of(VALUES, 1), interval, multipliers, latency)
 
     def _patch_force(self) -> Figures:
-        scene, size, kind = self.scene, self.scene.inner_px, PatchForceStream
-        multipliers = kind.multipliers_of(
-            len(scene.force_axes),
-            scene.force.kernel_size,
-            self.lanes,
-            input_bits=self._displacement_bits,
-            kernel_bits=scene.numbers.kernel_bits,
-            dsp=self.dsp,
-        )
-        return Figures(
-            kind.latency_of(size, scene.force.kernel_size, self.lanes),
-            beats_per_frame(size, size, self.lanes),
-            multipliers,
-            map_latency=kind.map_latency_of(size, scene.force.kernel_size, self.lanes),
-        )
+        scene, size, kernel = self.scene, self.scene.inner_px, self.scene.force.kernel_size
+        axes, beats = len(scene.force_axes), beats_per_frame(size, size, self.lanes)
+        words = {"input_bits": self._displacement_bits, "kernel_bits": scene.numbers.kernel_bits}
+        if self.fold > 1:
+            kind = FoldedPatchForce
+            latency = kind.latency_of(axes, size, kernel, self.fold)
+            multipliers = kind.multipliers_of(axes, kernel, self.fold, **words, dsp=self.dsp)
+            return Figures(latency, beats * self.fold, multipliers, map_latency=latency)
+        kind = PatchForceStream
+        multipliers = kind.multipliers_of(axes, kernel, self.lanes, **words, dsp=self.dsp)
+        latency = kind.latency_of(size, kernel, self.lanes)
+        map_latency = kind.map_latency_of(size, kernel, self.lanes)
+        return Figures(latency, beats, multipliers, map_latency=map_latency)
 
 
 def cycles(

@@ -3,6 +3,7 @@
 
 from dataclasses import replace
 
+from fastac.gateware.force.folded_patch import FoldedPatchForce
 from fastac.gateware.force.folded_sum import FoldedWeightedSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.fz_stream import PatchForceStream
@@ -66,13 +67,19 @@ def solver(pipeline: IntegerPipeline):
     )
 
 
-def force(pipeline: IntegerPipeline) -> WeightedSumStream | FoldedWeightedSum | PatchForceStream:
+Force = WeightedSumStream | FoldedWeightedSum | PatchForceStream | FoldedPatchForce
+
+
+def force(pipeline: IntegerPipeline) -> Force:
     """From displacements or slopes to the skin's force."""
     scene, dsp = pipeline.scene, device_of(pipeline.scene).dsp
     of_slopes = scene.force_from_slopes
     stage = last_row_first(pipeline.force) if rows_reversed(pipeline) and not of_slopes else pipeline.force
     if isinstance(stage, PatchForce):
-        return PatchForceStream(stage, lanes=scene.lanes, wants_map=scene.wants_force_map, dsp=dsp)
+        choice = {"wants_map": scene.wants_force_map, "dsp": dsp}
+        if scene.fold > 1:
+            return FoldedPatchForce(stage, fold=scene.fold, **choice)
+        return PatchForceStream(stage, lanes=scene.lanes, **choice)
     choice = {"loadable": pipeline.layers[0].loadable and of_slopes, "bends": pipeline.bends, "dsp": dsp}
     if scene.fold > 1:
         return FoldedWeightedSum(stage, fold=scene.fold, **choice)

@@ -29,7 +29,7 @@ OPTIONS = {
         ("normals", "depth", "force_z", "force_map"),
     ),
     "size": (16, 18, 21, 24, 36),
-    "lanes": (1, 2, 4),
+    "lanes": (1, 2, 4, "1/2", "1/4", "1/8", "1/16"),
     "solver": ("dst2d", "tridiagonal", "adjoint"),
     "mode": ("absolute", "difference"),
     "divergence": ("central", "backward"),

@@ -7,6 +7,7 @@ import random
 
 import numpy as np
 import pytest
+from top_hardware import MILD, NAME, Hardware
 
 from fastac.gateware.cycle_model import CycleModel
 from fastac.models.emulator.pipeline import Emulator
@@ -18,7 +19,6 @@ from fastac.sim.check_top import bench_settings, expected_words
 from fastac.sim.faults.frame_rules import FrameRules
 from fastac.sim.faults.packet_rules import PacketRules
 from fastac.sim.runner import QUICK, build
-from tests.gateware.test_top_zynq import MILD, NAME, Hardware
 
 CASES = {
     "normals, depth, force": {"outputs": ("normals", "depth", "force_z"), "channels": "bgr+nir"},

@@ -1,0 +1,54 @@
+"""The top level at fewer than one pixel a clock: the same integers, and cycles by formula."""
+
+import pytest
+from top_hardware import Hardware, check_frames
+
+DESIGNS = {
+    "patches": {"outputs": ("depth", "force_z", "force_map"), "lanes": "1/2", "mode": "absolute"},
+    "slopes": {"outputs": ("force_xyz",), "solver": "adjoint", "lanes": "1/8", "clamp": False},
+    "collapsed": {
+        "outputs": ("normals", "depth", "force_xyz"),
+        "solver": "tridiagonal",
+        "kernel": "collapsed",
+        "lanes": "1/16",
+        "mode": "difference",
+        "clamp": False,
+    },
+    "dots": {
+        "outputs": ("force_xyz",),
+        "solver": "adjoint",
+        "lanes": "1/4",
+        "dots": True,
+        "bridge_dots": True,
+        "size": 32,
+        "clamp": False,
+    },
+    "baked": {
+        "outputs": ("depth", "force_xyz"),
+        "kernel": "collapsed",
+        "lanes": "1/4",
+        "weights": "baked",
+        "channels": "bgr+nir",
+        "clamp": False,
+    },
+    "floor": {
+        "outputs": ("depth", "force_z"),
+        "size": 17,
+        "lanes": "1/8",
+        "rounding": "floor",
+        "divergence": "backward",
+        "kernel_size": 5,
+    },
+}
+LONG = ("collapsed", "patches")
+"""What `make test` runs; the others only `make test-all`."""
+
+
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=pytest.mark.long if n in LONG else pytest.mark.full) for n in DESIGNS],
+)
+def test_frames(tmp_path, name):
+    hardware = Hardware(tmp_path, **DESIGNS[name])
+    assert hardware.top.datapath.fold > 1
+    check_frames(hardware)
