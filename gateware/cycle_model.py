@@ -264,12 +264,15 @@ def cycles(
 ) -> dict:
     """Clock cycles of the scene's hardware without back-pressure, as the report's `latency_cycles`.
 
-    `stage`: shares of normals, depth and force; `part`: those of each stage; `first_pixel_to_…` for each
-    output of the scene, and to the last beat of its packet; `last_pixel_to_force`; `initiation_interval`.
+    `stage`: shares of normals, depth and force; `part`: those of each stage, and `force_part` those on the
+    way to a force that does not wait for the depth; `first_pixel_to_…` for each output of the scene, and to
+    the last beat of its packet; `last_pixel_to_force`; `initiation_interval`.
     Parameters as for `CycleModel`.
     """
     model = CycleModel(scene, hidden=hidden, flat=flat, follower=follower)
     found = {"stage": model.modules, "part": model.stages, "initiation_interval": model.interval}
+    if scene.force_beside_depth:
+        found["force_part"] = model.force_stages
     if scene.wants_force:
         found["first_pixel_to_force"] = model.first_pixel_to_force
         found["last_pixel_to_force"] = model.last_pixel_to_force

@@ -54,8 +54,8 @@ class Datapath(FrameCycles, wiring.Component):
     hold : see FrameGuard. Like the following members only if the network is loadable.
     network : the network's parameters, see NormalMlp; folded, the write port of their table, see FoldedMlp
     offset : write port of the source's offsets. Only in mode "difference" with a solver.
-    rest : write port of the depth at rest. Only in mode "absolute" with a force.
-    constant : the adjoint's constant, one accumulator per axis. Only for the adjoint.
+    rest : write port of the depth at rest. Only in mode "absolute" with a force of the displacement.
+    constant : that of a force of slopes, one accumulator per axis. Only with such a force.
     limits : limits of the flags, see FrameValidity
     threshold : write port of the thresholds of darkness. Only with dots or bridged slopes.
     dot_records : write port of what is known of each dot, see DotFollowerStream. Only with dots.
@@ -101,7 +101,7 @@ class Datapath(FrameCycles, wiring.Component):
         self.wants_normals = "normals" in scene.outputs
         self.wants_depth = "depth" in scene.outputs
         self.wants_force, self.wants_force_map = scene.wants_force, scene.wants_force_map
-        self.wants_displacement = scene.wants_force and scene.wants_solver
+        self.wants_displacement = scene.force_from_displacement
         self.rows_reversed = stages.rows_reversed(pipeline)
         depth = pipeline.depth
         if self.rows_reversed:
@@ -272,16 +272,20 @@ class Datapath(FrameCycles, wiring.Component):
                 if self.loadable:
                     connect(m, wiring.flipped(self.dot_records), dots.write)
             connect(m, found, wiring.flipped(self.force))
+        sinks = []
         if scene.force_from_slopes:
-            connect(m, slopes, force.i)
+            sinks.append(force.i)
             if self.loadable:
                 m.d.comb += force.constant.as_value().eq(self.constant)
+        if scene.wants_solver:
+            sinks.append(self.solver.i)
+        if scene.wants_slopes:
+            fan_out(slopes, sinks, "slopes_fork")
         if not scene.wants_solver:
             return m
 
         m.submodules.solver = solver = self.solver
         m.submodules.solution_buffer = solution = SkidBuffer(solver.o.payload.shape())
-        connect(m, slopes, solver.i)
         connect(m, solver.o, solution.i)
         if "offset" in self.loadable_tables:
             connect(m, wiring.flipped(self.offset), solver.offset)
@@ -290,7 +294,7 @@ class Datapath(FrameCycles, wiring.Component):
             m.submodules.depth_output = depth = self.depth_output
             connect(m, depth.o, wiring.flipped(self.depth))
             sinks.append(depth.i)
-        if self.wants_force:
+        if self.wants_displacement:
             m.submodules.displacement = displacement = self.displacement
             consumers = [force.i]
             if scene.wants_slip:

@@ -52,7 +52,13 @@ class FrameCycles:
 
     @property
     def stages(self) -> dict[str, int]:
-        stages = self._stages_without_dots
+        """Those on the way to the last result: to the depth, where the force does not wait for it."""
+        return self._depth_stages if self.scene.force_beside_depth else self.force_stages
+
+    @property
+    def force_stages(self) -> dict[str, int]:
+        """Those on the way to the force, or without a force to depth or normals."""
+        stages = self._skin_stages
         if not self.scene.wants_dots:
             return stages
         # The dots are found beside the rest: what counts is how much later than the skin's they are.
@@ -65,29 +71,40 @@ class FrameCycles:
         return stages
 
     @property
-    def _stages_without_dots(self) -> dict[str, int]:
+    def _skin_stages(self) -> dict[str, int]:
+        """Those on the way to the skin's force, or without a force to depth or normals."""
         scene = self.scene
-        slopes = {"gradients": self.divider.latency} if scene.wants_slopes else {}
-        if scene.wants_bridge:
-            slopes["bridge"] = self.bridge.latency
-        if not scene.wants_solver:
-            stages = {"normals": self.first_pixel_to_normals} | slopes
-            if scene.force_from_slopes:
-                stages["force"] = self.force_stream.latency
+        if scene.wants_solver and not scene.force_from_slopes:
+            stages = self._depth_stages
+            if scene.wants_force:
+                stages["force"] = self.displacement.latency + self.force_stream.latency
             return stages
-        stages = {"normals": self.first_pixel_to_normals - self.input_clocks} | slopes
-        stages |= self.solver.stages
-        stages["solution_buffer"] = SkidBuffer.latency
-        if scene.wants_force:
-            stages["force"] = self.displacement.latency + self.force_stream.latency
+        stages = {"normals": self.first_pixel_to_normals} | self._slope_stages
+        if scene.force_from_slopes:
+            stages["force"] = self.force_stream.latency
         return stages
+
+    @property
+    def _slope_stages(self) -> dict[str, int]:
+        """Those between normals and slopes."""
+        stages = {"gradients": self.divider.latency} if self.scene.wants_slopes else {}
+        if self.scene.wants_bridge:
+            stages["bridge"] = self.bridge.latency
+        return stages
+
+    @property
+    def _depth_stages(self) -> dict[str, int]:
+        """Those on the way to the solution of Poisson's equation."""
+        normals = {"normals": self.first_pixel_to_normals - self.input_clocks}
+        last = {"solution_buffer": SkidBuffer.latency}
+        return normals | self._slope_stages | self.solver.stages | last
 
     @property
     def modules(self) -> dict[str, int]:
         """Shares of the paper's three modules in the latency from first pixel to force, or else to depth."""
-        stages, scene = self.stages, self.scene
+        stages, scene = self.force_stages, self.scene
         share = {"normals": stages["normals"]}
-        if scene.wants_solver:
+        if scene.wants_solver and not scene.force_beside_depth:
             share["depth"] = sum(v for k, v in stages.items() if k not in ("normals", *OF_FORCE))
             if not scene.wants_force:
                 share["depth"] += self.depth_output.latency
@@ -112,7 +129,7 @@ class FrameCycles:
     @property
     def first_pixel_to_force(self) -> int:
         """Clocks from a frame's first accepted pixel to its force."""
-        return sum(self.stages.values())
+        return sum(self.force_stages.values())
 
     @property
     def last_pixel_to_force(self) -> int:
@@ -172,7 +189,7 @@ class FrameCycles:
         """Beats of the next frame's displacement that a frame's force may need to be pushed out, see
         PatchGenerator."""
         scene = self.scene
-        if not (scene.wants_force and scene.wants_solver and scene.force.kernel == "patch"):
+        if not (scene.force_from_displacement and scene.force.kernel == "patch"):
             return 0
         return PatchGenerator.reach_of(scene.inner_px, scene.force.kernel_size, self.lanes)
 

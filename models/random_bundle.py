@@ -48,6 +48,7 @@ def scene(
     channels: str = "bgr",
     kernel_size: int = 3,
     kernel: str = "patch",
+    source: str | None = None,
     clamp: bool | None = None,
     solver: str = "dst2d",
     weights: str = "loadable",
@@ -63,7 +64,7 @@ def scene(
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
-        clamp = SOLVERS[solver].can_clamp
+        clamp = SOLVERS[solver].can_clamp and source != "slopes"
     return Scene.model_validate(
         {
             "name": "random_bundle",
@@ -79,6 +80,7 @@ def scene(
             "numbers": (NUMBERS if numbers is None else numbers) | {"rounding": rounding},
             "poisson": {"mode": mode, "divergence": divergence, "solver": solver},
             "force": {
+                "source": source,
                 "kernel": kernel,
                 "kernel_size": kernel_size,
                 "clamp": clamp,

@@ -67,6 +67,10 @@ class Poisson(Strict):
 
 
 class Force(Strict):
+    source: Literal["displacement", "slopes"] | None = None
+    """What the force is of. displacement: of the solver's depth, less that at rest. slopes: a weighted sum of
+    the slopes, as with the adjoint, which is there when the last pixel is, beside a solver for the depth. Not
+    given: displacement where poisson.solver finds depth, slopes where it does not."""
     kernel: Literal["patch", "collapsed"] = "patch"
     """patch: a K×K kernel at every pixel, which a force map needs. collapsed: the same resultant, to the
     bit, from one weight a pixel."""
@@ -77,8 +81,8 @@ class Force(Strict):
     fit: str = "displacement"
     """How the model is found, an entry of scenes/force_fits.py. displacement: HyperForce, trained on the
     displacement; the adjoint's weights of the slopes follow from its kernels. weights: one weight a pixel of
-    the displacement, smooth over the image, by ridge regression. slopes: the same of the slopes, with the
-    adjoint only."""
+    the displacement, smooth over the image, by ridge regression. slopes: the same of the slopes, which
+    are then what the force is of."""
     band_mm: Positive | None = None
     """What is displaced beyond ±band_mm, in the contact and in the bulge around it, has weights of its own:
     the force is then not linear in the displacement. With fit 'weights'."""

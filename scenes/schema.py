@@ -138,12 +138,13 @@ class Scene(Strict):
                 f"hardware.pixels_per_clock: {lanes} does not divide sensor.width_px {self.sensor.width_px}"
             )
         for name in self.outputs:
-            facts, finds_depth = OUTPUTS[name], _solver_facts(self).finds_depth
+            facts = OUTPUTS[name]
             patches = not facts.needs_patches or self.force.kernel == "patch"
-            if facts.needs_force and not (self.wants_force and patches and finds_depth):
+            if facts.needs_force and not (self.force_from_displacement and patches):
                 kernel = ", force.kernel 'patch'," if facts.needs_patches else ""
                 raise ValueError(
-                    f"outputs: {name} needs a force beside it{kernel} and a poisson.solver with depth"
+                    f"outputs: {name} needs a force of the displacement beside it{kernel} and a"
+                    " poisson.solver with depth"
                 )
             if facts.needs_dots and not self.wants_dots:
                 raise ValueError(f"outputs: {name} needs force.dots = true and a force beside it")
@@ -161,11 +162,18 @@ class Scene(Strict):
         if self.wants_solver and not facts.finds_depth:
             others = (name for name in SOLVERS if SOLVERS[name].finds_depth)
             raise ValueError(f"poisson.solver: {solver!r} finds no depth; choose {listed(others)}")
-        if self.wants_force and self.force.clamp and not facts.can_clamp:
-            raise ValueError(f"force.clamp: the {solver} is linear and cannot clamp; set clamp = false")
-        if _fit_facts(self).of_slopes and facts.finds_depth:
+        if self.force.source == "displacement" and not facts.finds_depth:
+            raise ValueError(
+                f"force.source: 'displacement' needs a poisson.solver with depth, not {solver!r}"
+            )
+        if self.wants_force and self.force.clamp and not (facts.can_clamp and self.force_from_displacement):
+            linear = "a force of slopes" if facts.can_clamp else f"the {solver}"
+            raise ValueError(f"force.clamp: {linear} is linear and cannot clamp; set clamp = false")
+        if _fit_facts(self).of_slopes and facts.finds_depth and self.force.source != "slopes":
             without = listed(name for name in SOLVERS if not SOLVERS[name].finds_depth)
-            raise ValueError(f"force.fit: {self.force.fit!r} needs poisson.solver {without}")
+            raise ValueError(
+                f"force.fit: {self.force.fit!r} needs force.source 'slopes' or poisson.solver {without}"
+            )
         self._check_weights()
         lanes = self.lanes
         row_beats = -(-self.inner_px // lanes)
@@ -178,9 +186,11 @@ class Scene(Strict):
     def _check_weights(self) -> None:
         """Raise ValueError unless the force can be a sum of one weight a pixel where it is to be one."""
         force, of_weights = self.force, _fit_facts(self).of_weights
-        if of_weights and not (force.kernel == "collapsed" and _solver_facts(self).finds_depth):
+        finds_displacement = _solver_facts(self).finds_depth and force.source != "slopes"
+        if of_weights and not (force.kernel == "collapsed" and finds_displacement):
             raise ValueError(
-                f"force.fit: {force.fit!r} needs force.kernel 'collapsed' and a poisson.solver with depth"
+                f"force.fit: {force.fit!r} needs force.kernel 'collapsed' and a poisson.solver with depth,"
+                " and not force.source 'slopes'"
             )
         if force.band_mm and not of_weights:
             raise ValueError(f"force.band_mm: {force.band_mm:g} needs force.fit 'weights'")
@@ -256,12 +266,23 @@ class Scene(Strict):
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
         needed = any(facts.needs_depth for facts in _output_facts(self))
-        return needed or (self.wants_force and _solver_facts(self).finds_depth)
+        return needed or self.force_from_displacement
 
     @property
     def force_from_slopes(self) -> bool:
-        """Whether the force is a weighted sum of the slopes, without depth: by the solver "adjoint"."""
-        return self.wants_force and not _solver_facts(self).finds_depth
+        """Whether the force is a weighted sum of the slopes, without depth or beside it."""
+        of_slopes = self.force.source == "slopes" or not _solver_facts(self).finds_depth
+        return self.wants_force and of_slopes
+
+    @property
+    def force_from_displacement(self) -> bool:
+        """Whether the force is found from the solver's displacement."""
+        return self.wants_force and not self.force_from_slopes
+
+    @property
+    def force_beside_depth(self) -> bool:
+        """Whether depth is found too, and the force of the slopes does not wait for it."""
+        return self.force_from_slopes and self.wants_solver
 
     @property
     def force_of_weights(self) -> bool:

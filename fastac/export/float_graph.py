@@ -41,7 +41,7 @@ def add_floats(graph: Graph, pipeline: FloatPipeline, frames: str, background: s
             displacement = graph.node("Max", displacement, np.float32(0))
         bends = tuple(np.float32(bend) for bend in pipeline.scene.force.bends_mm)
         inputs = terms(graph, displacement, bends)
-    else:
+    if not pipeline.scene.force_from_displacement:
         inputs = [graph.node("Sub", slopes, pipeline.rest_slopes().astype(np.float32))]
     if pipeline.scene.wants_force and pipeline.force_weights is not None:
         _force(graph, pipeline, inputs, output)
@@ -105,7 +105,7 @@ def _solved(graph: Graph, pipeline: FloatPipeline, slopes: str, output: Callable
 def _force(graph: Graph, pipeline: FloatPipeline, inputs: list[str], output: Callable) -> None:
     """The resultant from the terms, or from the slopes' change (frames, H, W, 2) as one, summed in double."""
     weight = pipeline.pixel_weights.astype(np.float64)
-    per_term = pipeline.scene.wants_solver and pipeline.force_weights.ndim != KERNELS_NDIM
+    per_term = pipeline.scene.force_from_displacement and pipeline.force_weights.ndim != KERNELS_NDIM
     if not per_term:
         weight = weight.reshape(len(weight), -1, 1)
     total = None

@@ -91,6 +91,8 @@ def describe(top: TopZynq, rtlil: str) -> dict:
     """What the design says of itself: formulas' values, the host's interface, and the hash of its netlist."""
     path = top.datapath
     latency = {"stage": path.stages, "initiation_interval": path.interval}
+    if path.scene.force_beside_depth:
+        latency["force_stage"] = path.force_stages
     if path.wants_force:
         latency["first_pixel_to_force"] = path.first_pixel_to_force
     if path.wants_depth:

@@ -95,10 +95,11 @@ def _timelines(shown: Comparison) -> list[tuple[str, Chart]]:
     """The stages of both builds on one scale of clock cycles."""
     found = []
     for build in (shown.a, shown.b):
-        scene, stages = build.report["scene"], build.report["latency_cycles_by_formula"]["stage"]
+        scene, latency = build.report["scene"], build.report["latency_cycles_by_formula"]
         size = scene["sensor"]["height_px"], scene["sensor"]["width_px"]
         pace = build.report.get("pace", scene["hardware"])["pixels_per_clock"]
-        found.append(timeline.of_image(stages, *size, pace_of(pace)))
+        beside = latency.get("force_stage", {})
+        found.append(timeline.of_image(latency["stage"], *size, pace_of(pace), beside))
     end = max(stage.last for stages in found for stage in stages)
     return [(name, chart(stages, end)) for name, stages in zip(shown.names, found, strict=True)]
 

@@ -59,7 +59,7 @@ def write(folder: Path, bundle: Bundle, data: Dataset) -> None:
         index = data.indices("test")
         _, everything = accuracy.compare_pipelines(bundle, data, index, progress=False)
         forces = force_charts(data.forces_n(index, scene.force_axes), everything, scene.force_axes)
-    stages = timeline.of_scene(scene, report["latency_cycles_by_formula"]["stage"])
+    stages = timeline.of_scene(scene, report["latency_cycles_by_formula"])
     page = render(
         "report/build.html.j2",
         report=report,

@@ -54,7 +54,7 @@ def write(path: Path, bundle: Bundle, data: Dataset, report: dict) -> None:
         sample = shown[np.abs(data.forces_n(shown, scene.force_axes)).max(axis=1).argmax()]
     emulator = accuracy.with_background_of(bundle.pipeline, data)
     shown_panels = panels(data, sample, emulator.run(data.frames[[sample]]), scene)
-    stages = timeline.of_scene(scene, report["latency_cycles_by_formula"]["stage"])
+    stages = timeline.of_scene(scene, report["latency_cycles_by_formula"])
     count = len(shown_panels) + (len(scene.force_axes) if with_force else 0)
     below = 0.17 * len(stages) + 0.9
     figure = Figure(figsize=(2.3 * count, UPPER_IN + below), layout="constrained")

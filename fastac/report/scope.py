@@ -43,7 +43,7 @@ class Scope:
         content = self.scene.model_dump(mode="json")
         content["outputs"] = ["normals", "depth", "force_xyz", "force_map"]
         content["poisson"]["solver"] = "dst2d"
-        content["force"] |= {"kernel": "patch", "clamp": True, "fit": "displacement"}
+        content["force"] |= {"source": None, "kernel": "patch", "clamp": True, "fit": "displacement"}
         content["force"] |= {"dots": False, "band_mm": None, "deep_mm": None}
         content["training"]["labels"] = "geometry"
         return Scene.model_validate(content)

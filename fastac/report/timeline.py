@@ -32,15 +32,24 @@ class StageTime:
         return self.name.replace("_", " ")
 
 
-def of_scene(scene: Scene, stages: Mapping[str, int]) -> list[StageTime]:
-    """`of_image` for a scene's images."""
+def of_scene(scene: Scene, latency: Mapping[str, dict]) -> list[StageTime]:
+    """`of_image` for a scene's images; latency : `latency_cycles_by_formula` of report.json."""
     sensor = scene.sensor
-    return of_image(stages, sensor.height_px, sensor.width_px, scene.pace)
+    beside = latency.get("force_stage", {})
+    return of_image(latency["stage"], sensor.height_px, sensor.width_px, scene.pace, beside)
 
 
-def of_image(stages: Mapping[str, int], height_px: int, width_px: int, pace: Pace) -> list[StageTime]:
+def of_image(
+    stages: Mapping[str, int],
+    height_px: int,
+    width_px: int,
+    pace: Pace,
+    beside: Mapping[str, int] | None = None,
+) -> list[StageTime]:
     """The stages in order, before them the pixels themselves.
 
+    beside : `latency_cycles_by_formula.force_stage` of report.json, where the force does not wait for the
+        depth: its own stages follow behind the slopes
     stages : `latency_cycles_by_formula.stage` of report.json. With a solver, what stands before it are times
         from first output to first output, and from the solver on from last output to last output; without
         one, the first entry reaches to the last output.
@@ -57,16 +66,26 @@ def of_image(stages: Mapping[str, int], height_px: int, width_px: int, pace: Pac
     with_solver = "source" in stages
     found, now, spread, before_solver = [StageTime(PIXELS, "input", 0, 0, image)], 0, image, with_solver
     for name, adds in stages.items():
-        now += adds
         if name == "source":
+            found += _of_force(beside or {}, now + spread)
             before_solver, spread = False, rows
-        elif name in WHOLE_FRAME:
+        now += adds
+        if name in WHOLE_FRAME:
             spread = frame
         elif name in RESULTS:
             spread = 0
         first = now if before_solver else max(now - spread, 0)
         last = now + spread if before_solver else now
         found.append(StageTime(name, _module(name, with_solver), adds, first, last))
+    return found
+
+
+def _of_force(stages: Mapping[str, int], slopes_end: int) -> list[StageTime]:
+    """Those of a force that does not wait for the depth; slopes_end : when the last slopes are there."""
+    found, now = [], slopes_end
+    for name in (name for name in stages if name in RESULTS):
+        now += stages[name]
+        found.append(StageTime(name, "force", stages[name], now, now))
     return found
 
 
@@ -77,7 +96,8 @@ def _module(name: str, with_solver: bool) -> str:
 
 
 def modules(stages: list[StageTime]) -> dict[str, int]:
-    """What each module adds to the time until the result, in cycles; the sum is that time."""
+    """What each module adds to the time until the result, in cycles; the sum is that time, but for a force
+    beside the depth, which adds nothing to the depth's."""
     found: dict[str, int] = {}
     for stage in stages:
         if stage.module != "input":

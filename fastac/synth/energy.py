@@ -200,7 +200,7 @@ def works(pipeline: IntegerPipeline) -> dict[str, list[Work]]:
         stages["row_inverse"] = transform_works(frame, solver.row_inverse)
         if "depth" in scene.outputs and pipeline.depth.mode == "difference":
             stages["depth"] = rest_works(frame, pipeline.depth)
-        if scene.wants_force:
+        if scene.force_from_displacement:
             stages["displacement"] = displacement_works(frame, pipeline)
     if isinstance(pipeline.force, PatchForce):
         stages["force"] = patch_force_works(frame, pipeline.force)

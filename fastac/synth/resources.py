@@ -106,7 +106,7 @@ def blocks(width: int, depth: int) -> float:
 
 def kernel_memory(scene: Scene) -> Iterator[tuple[str, int, int, int]]:
     """As `memories`, of a force's kernels at every pixel, if the scene has them."""
-    if scene.wants_force and scene.wants_solver and scene.force.kernel == "patch":
+    if scene.force_from_displacement and scene.force.kernel == "patch":
         lanes, size = scene.lanes, scene.inner_px
         words = len(scene.force_axes) * scene.force.kernel_size**2
         yield "force", 1, lanes * words * scene.numbers.kernel_bits, size * -(-size // lanes)
@@ -138,7 +138,7 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
         rest = signed_width(int(np.abs(pipeline.depth.rest).max()))
         if "depth" in scene.outputs and difference and rest > 1:
             yield "depth", 1, lanes * rest, frame.inner_beats
-        if scene.wants_force and not difference:
+        if scene.force_from_displacement and not difference:
             yield "depth", 1, lanes * (pipeline.depth.width if loadable else rest), frame.inner_beats
     if scene.wants_dots:
         yield from dot_memories(pipeline)

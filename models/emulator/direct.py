@@ -47,7 +47,7 @@ def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
     measures = [*pipeline.validity.of_pixels(frame, pipeline.background)]
     if pipeline.validity.slopes:
         measures.append(saturated.sum())
-    force_input = slopes
+    force_input = slopes  # unless the force is of the displacement
     if pipeline.solver is not None:
         depth, displacement = pipeline.depth(solve(pipeline.solver, pipeline.source(slopes)))
         depth_mm = pipeline.rest_depth_mm.copy()

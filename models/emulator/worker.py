@@ -90,7 +90,7 @@ class Worker:
             ),
             (threshold, reach),
             self.slopes,
-            tables.weight if wanted.force and not wanted.solver else NO_WEIGHT,
+            tables.weight if wanted.force and pipeline.scene.force_from_slopes else NO_WEIGHT,
         )
 
     def _behind(self) -> tuple:
@@ -103,7 +103,7 @@ class Worker:
             (tables.rest.reshape(-1), pipeline.rest_depth_mm.astype(np.float32).reshape(-1)),
             (pipeline.depth.mode == "absolute", pipeline.depth_mm_per_unit, self.wanted.words, *to_words),
             np.array(pipeline.bends, np.float64),
-            tables.weight if self.wanted.force else NO_WEIGHT,
+            tables.weight if self.wanted.force and pipeline.scene.force_from_displacement else NO_WEIGHT,
             self.z.reshape(-1),
         )
 

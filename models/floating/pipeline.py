@@ -32,8 +32,8 @@ class FloatPipeline:
 
     network : the pixel network; background : (H, W, C) uint8, the no-contact reference frame
     rest_depth_mm : (H, W) depth of the undeformed skin, the boundary prior of the solver
-    force_weights : kernels (axes, N, N, K, K) or weights (axes, N, N, terms) in N per mm or, for the adjoint
-        solver, weights of the slopes (axes, H, W, 2) in N; None without force
+    force_weights : kernels (axes, N, N, K, K) or weights (axes, N, N, terms) in N per mm or, for a
+        force of slopes, their weights (axes, H, W, 2) in N; None without force
     bridge : of the slopes under the marker dots, where the scene wants it
     dots : the marker dots, where the scene wants their shifts
     dot_weights : (axes, M, 2) in N per px, what the shifts add to the force; None without

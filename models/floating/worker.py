@@ -40,8 +40,10 @@ class Worker:
         if after is not None and "force_n" in outputs:
             weight = after.weight
         self.behind = None
-        if after is not None and after.solves and outputs - BEFORE_SOLVER:
-            self.behind = self._behind(weight, "depth_mm" in outputs)
+        behind = outputs - BEFORE_SOLVER - ({"force_n"} if scene.force_from_slopes else set())
+        if after is not None and after.solves and behind:
+            of_displacement = weight if scene.force_from_displacement else no_weight
+            self.behind = self._behind(of_displacement, "depth_mm" in outputs)
             self.steps += [after.sine.bands, after.sine.blocks, after.sine.bands]
             self.last = SOLUTION
         self.shares = np.zeros((max(self.steps), len(weight)))
@@ -50,7 +52,7 @@ class Worker:
             threshold, reach = pipeline.bridge.windows.threshold.astype(np.int64), pipeline.bridge.reach
         wants_slopes, limit = "slopes" in outputs or after is not None, np.float32(scene.numbers.slope_limit)
         of_slopes = np.empty((0, 0), np.float32), no_weight
-        if self.behind is None and len(weight):
+        if scene.force_from_slopes and len(weight):
             of_slopes = after.rest_slopes, weight
         self.before = (
             pipeline.frame_network.tables,

@@ -86,7 +86,7 @@ def assemble(
         validity=FrameValidity.unlimited(
             background.shape,
             slopes=scene.wants_slopes,
-            displacements=scene.wants_force and scene.wants_solver,
+            displacements=scene.force_from_displacement,
             dots=len(follower.rest) if follower is not None else 0,
         ),
         bridge=bridge,
@@ -130,7 +130,7 @@ def assemble(
     other_rest = loadable and scene.poisson.mode == "absolute"
     depth = Depth(scene.poisson.mode, chosen.depth_format.width, rest, other_rest)
     quantiser = None
-    if scene.wants_force:
+    if scene.force_from_displacement:
         largest = scene.force.max_displacement_mm / pitch * 2.0**chosen.depth_format.fraction
         magnitude_bits = numbers.displacement_bits - scene.force.signed
         shift = max(int(largest).bit_length() - magnitude_bits, 0)

@@ -37,7 +37,9 @@ class IntegerPipeline:
     solver: IntegerSolver | None = None
     depth: Depth | None = None
     quantiser: DisplacementQuantiser | None = None
-    force: PatchForce | WeightedSum | None = None  # on the displacement or, for the adjoint, on the slopes
+    force: PatchForce | WeightedSum | None = (
+        None  # of the displacement or of the slopes
+    )
     force_n_per_unit: np.ndarray | None = None  # s_F, (axes,)
     bridge: SlopeBridge | None = None
     follower: DotFollower | None = None

@@ -29,7 +29,7 @@ def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> S
     finds_depth = SOLVERS[solver].finds_depth
     content["outputs"] = ["depth", *forces] if finds_depth else forces
     content["poisson"] |= {"solver": solver, "mode": mode or scene.poisson.mode}
-    content["force"] |= {"dots": False, "band_mm": None, "deep_mm": None}
+    content["force"] |= {"source": None, "dots": False, "band_mm": None, "deep_mm": None}
     content["force"] |= ({"fit": "displacement"} if finds_depth else {"clamp": False}) | force
     content["hardware"]["pixels_per_clock"] = 1
     try:
