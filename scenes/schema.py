@@ -143,8 +143,8 @@ class Scene(Strict):
             if facts.needs_force and not (self.force_from_displacement and patches):
                 kernel = ", force.kernel 'patch'," if facts.needs_patches else ""
                 raise ValueError(
-                    f"outputs: {name} needs a force of the displacement beside it{kernel} and a"
-                    " poisson.solver with depth"
+                    f"outputs: {name} needs a force beside it{kernel} and a poisson.solver with depth, and"
+                    " not force.source 'slopes'"
                 )
             if facts.needs_dots and not self.wants_dots:
                 raise ValueError(f"outputs: {name} needs force.dots = true and a force beside it")

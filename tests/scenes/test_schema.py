@@ -173,7 +173,27 @@ SENSOR = "[sensor]\ngeometry = "
         ),
         (
             MINIMAL.replace("depth", "force_z") + '[force]\nfit = "slopes"',
-            "force.fit: 'slopes' needs poisson.solver 'adjoint'",
+            "force.fit: 'slopes' needs force.source 'slopes' or poisson.solver 'adjoint'",
+        ),
+        (
+            MINIMAL.replace("depth", "force_z")
+            + '[force]\nsource = "displacement"\nclamp = false\n[poisson]\nsolver = "adjoint"',
+            "force.source: 'displacement' needs a poisson.solver with depth",
+        ),
+        (
+            MINIMAL.replace("depth", "force_z") + '[force]\nsource = "slopes"',
+            "force.clamp: a force of slopes is linear and cannot clamp",
+        ),
+        (
+            MINIMAL.replace('["depth"]', '["force_z", "force_map"]')
+            + '[force]\nsource = "slopes"\nclamp = false',
+            "outputs: force_map needs a force beside it, force.kernel 'patch', and a poisson.solver with"
+            " depth, and not force.source 'slopes'",
+        ),
+        (
+            MINIMAL.replace("depth", "force_z")
+            + '[force]\nsource = "slopes"\nclamp = false\nkernel = "collapsed"\nfit = "weights"',
+            "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth, and not",
         ),
         (
             MINIMAL + "height_px = 16\nwidth_px = 16\n"

@@ -51,6 +51,7 @@ SCENES = {
         ("force_xyz",), kernel="collapsed", clamp=False, band_mm=0.001, deep_mm=0.004
     ),
     "adjoint": random_bundle.scene(("force_xyz",), solver="adjoint", kernel="collapsed"),
+    "slopes beside depth": random_bundle.scene(("depth", "force_xyz"), source="slopes"),
     "bridged": random_bundle.scene(("depth",), bridge_dots=True),
 }
 

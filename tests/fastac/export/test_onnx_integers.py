@@ -46,6 +46,7 @@ SCENES = {
         (XYZ,), kernel="collapsed", clamp=False, band_mm=0.001, deep_mm=0.004
     ),
     "adjoint": random_bundle.scene((XYZ,), solver="adjoint", kernel="collapsed"),
+    "slopes beside depth": random_bundle.scene((DEPTH, XYZ), solver="tridiagonal", source="slopes"),
     "adjoint, baked": random_bundle.scene(
         ("normals", Z), solver="adjoint", kernel="collapsed", weights="baked"
     ),

@@ -128,6 +128,8 @@ CASES = {
         {"solver": "tridiagonal", "rounding": "floor", "clamp": False},
     ),
     "adjoint": ((Z,), {"solver": "adjoint"}),
+    "slopes beside depth": ((DEPTH, XYZ), {"solver": "tridiagonal", "source": "slopes"}),
+    "slopes beside depth, difference": ((DEPTH, Z), {"mode": "difference", "source": "slopes"}),
     "adjoint, three axes, backward": ((XYZ,), {"solver": "adjoint", "divergence": "backward"}),
 }
 
@@ -164,6 +166,7 @@ def frames_with_dots(pipeline) -> np.ndarray:
 
 
 DOTTED = {
+    "dots by slopes beside depth": ((DEPTH, XYZ), {"source": "slopes", "dots": True, "bridge_dots": True}),
     "dots by slopes": ((XYZ,), {"solver": "adjoint", "dots": True}),
     "bridge by slopes": ((Z,), {"solver": "adjoint", "bridge_dots": True}),
     "bridge alone": ((DEPTH,), {"bridge_dots": True, "divergence": "backward"}),

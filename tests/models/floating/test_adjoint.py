@@ -65,13 +65,12 @@ def kernels() -> np.ndarray:
 def force_n(tiny_bundle, tiny_data, make_scene, kernels):
     """Forces (frames, 3) of the float pipeline; `force_n("adjoint", divergence=…)`."""
 
-    def run(solver: str, *, clamp: bool = False, **poisson) -> np.ndarray:
+    def run(solver: str, *, clamp: bool = False, source: str | None = None, **poisson) -> np.ndarray:
         depth = [] if solver == "adjoint" else ["depth"]
-        scene = make_scene(
-            outputs=[*depth, "force_xyz"], force={"clamp": clamp}, poisson={"solver": solver, **poisson}
-        )
+        force = {"clamp": clamp, "source": source}
+        scene = make_scene(outputs=[*depth, "force_xyz"], force=force, poisson={"solver": solver, **poisson})
         weights, trained = kernels, tiny_bundle.pipeline
-        if solver == "adjoint":
+        if scene.force_from_slopes:
             weights = slope_weights(collapse(kernels), scene.poisson.divergence, scene.sensor.pitch_mm)
         arrays = tiny_bundle.floats | {"force.float_weights": weights}
         return (
@@ -93,6 +92,10 @@ def test_the_float_pipeline_finds_the_same_force_without_depth(force_n, solver, 
     found = force_n("adjoint", divergence=divergence, mode=mode)
     assert found.shape == (len(expected), 3)
     np.testing.assert_allclose(found, expected, rtol=0, atol=1e-5 * np.abs(expected).max())
+
+
+def test_beside_depth_the_force_of_slopes_is_the_adjoint_s(force_n):
+    np.testing.assert_array_equal(force_n("tridiagonal", source="slopes"), force_n("adjoint"))
 
 
 def test_the_clamp_is_what_the_adjoint_cannot_do(force_n):
