@@ -22,8 +22,7 @@ BORDER_CLOCKS = 3
 
 
 class FoldedPatchForce(wiring.Component):
-    """Sum the responses of a whole displacement frame, A = Σ_p f(p), bit-exact to `force(q)`, a pixel in `fold`
-    clocks.
+    """Sum the responses of a displacement frame, A = Σ_p f(p), as `force(q)` does, a pixel in `fold` clocks.
 
     Members
     -------
@@ -35,9 +34,9 @@ class FoldedPatchForce(wiring.Component):
         N · N beats in raster order. Only if `wants_map`.
 
     `latency` = fold · ((K//2)·N + K//2) + 9 + ceil(log2(multipliers)) + slots − 1 clocks from a frame's last
-    input beat to its force, without back-pressure: the patches' look-ahead at `fold` clocks a patch, 3 for the
-    patch generator, 5 and an adder tree for the products of a slot, 1 for the accumulator, and one clock for
-    each slot before a pixel's last (`shares_of` says which products are found in which slot). A response
+    input beat to its force, without back-pressure: the patches' look-ahead at `fold` clocks a patch, 3 for
+    the patch generator, 5 and an adder tree for the products of a slot, 1 for the accumulator, and one clock
+    for each slot before a pixel's last (`shares_of` says which products are found in which slot). A response
     leaves as late: `map_latency` is the same. Initiation interval: `interval` = fold · N² clocks per frame;
     what `PatchGenerator` says about the end of the previous frame applies here too. A force or map beat that
     is not taken stalls the whole pipeline before it.
@@ -80,8 +79,8 @@ class FoldedPatchForce(wiring.Component):
 
     @property
     def map_latency(self) -> int:
-        """Clocks from a displacement to the same pixel's beat of the force map, where `fold` clocks lie between
-        displacements."""
+        """Clocks from a displacement to the same pixel's beat of the force map, if they come every `fold`
+        clocks."""
         return self.map_latency_of(self.axes, self.size, self.force.size, self.fold)
 
     @property
@@ -137,7 +136,9 @@ class FoldedPatchForce(wiring.Component):
         m.d.comb += products.advance.eq(Cat(served).all())
         return m
 
-    def _sums(self, m: Module, products: SharedProducts, width: int, ends: str, name: str) -> tuple[list, Signal]:
+    def _sums(
+        self, m: Module, products: SharedProducts, width: int, ends: str, name: str
+    ) -> tuple[list, Signal]:
         """The sum of each axis over what `ends` says, and whether they are complete."""
         sums, done = [], {}
         for share, bits, part in zip(products.shares, products.widths, products.parts, strict=True):

@@ -19,8 +19,7 @@ from fastac.models.integer.force import WeightedSum
 
 
 class FoldedWeightedSum(wiring.Component):
-    """Sum a frame with weights, A = constant + Σ weight · x, bit-exact to `weighted(x)`, a pixel in `fold`
-    clocks.
+    """Sum a frame with weights, A = constant + Σ weight · x, as `weighted(x)` does, a pixel in `fold` clocks.
 
     Members
     -------
@@ -79,9 +78,7 @@ class FoldedWeightedSum(wiring.Component):
         axes: int, values: int, fold: int, *, input_bits: int, weight_bits: int, dsp: DspSlice
     ) -> int:
         """DSP slices: ceil(axes · values/fold) products of `dsp.slices(…)` slices each, see `shares_of`."""
-        return shared_multipliers(
-            axes, values, fold, input_bits=input_bits, weight_bits=weight_bits, dsp=dsp
-        )
+        return shared_multipliers(axes, values, fold, input_bits=input_bits, weight_bits=weight_bits, dsp=dsp)
 
     @property
     def latency(self) -> int:

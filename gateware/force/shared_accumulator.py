@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """The sums of several axes, whose terms come in turn, so that one adder serves all of them."""
 
+from itertools import pairwise
+
 import numpy as np
 from amaranth import Array, Module, Mux, Signal, signed
 from amaranth.lib import data, wiring
@@ -29,7 +31,13 @@ class SharedAccumulator(wiring.Component):
     latency = 1
 
     def __init__(
-        self, axes: int, *, width: int, term_width: int, start: np.ndarray | None = None, loadable: bool = False
+        self,
+        axes: int,
+        *,
+        width: int,
+        term_width: int,
+        start: np.ndarray | None = None,
+        loadable: bool = False,
     ):
         self.axes, self.width, self.loadable = axes, width, loadable
         self.initial = np.zeros(axes, np.int64) if start is None else start
@@ -62,7 +70,7 @@ class SharedAccumulator(wiring.Component):
             m.d.sync += self.done.eq(self.valid & self.ends)
             with m.If(self.valid):
                 m.d.sync += ring[-1].eq(Mux(fresh, begins, ring[0]) + self.term)
-                m.d.sync += [kept.eq(following) for kept, following in zip(ring, ring[1:], strict=False)]
+                m.d.sync += [kept.eq(following) for kept, following in pairwise(ring)]
                 with m.If(last_axis):
                     m.d.sync += fresh.eq(self.ends)
         m.d.comb += [total.eq(kept) for total, kept in zip(self.sums, ring, strict=True)]

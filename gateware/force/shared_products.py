@@ -102,8 +102,7 @@ class SharedProducts(wiring.Component):
 
     `latency` = 5 + ceil(log2(multipliers)) + slots − 1 clocks from a pixel to the sum of its last slot,
     without back-pressure, with the multipliers of the largest and the slots of the longest share: 2 for the
-    ROM, 3 for the products, the adder tree, and the slots before the last. Slot s of every share is at `parts`
-    in the same clock.
+    ROM, 3 for the products, the adder tree, and the slots before the last. All shares are in step.
     """
 
     def __init__(

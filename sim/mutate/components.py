@@ -111,6 +111,8 @@ COMPONENTS = (
             ),
         ),
     ),
+    Component("force/folded_patch", ("force/test_folded_patch.py::test_force_and_map_of_every_frame",)),
+    Component("force/folded_sum", ("force/test_folded_sum.py::test_bends_in_verilator",)),
     Component("force/force_sum", ("force/test_force_sum.py",)),
     Component(
         "force/patch_generator",
@@ -134,6 +136,16 @@ COMPONENTS = (
             ),
         ),
     ),
+    Component("force/shared_accumulator", ("force/test_shared_accumulator.py",)),
+    Component(
+        "force/shared_products",
+        (
+            "force/test_folded_sum.py::test_force_of_every_frame",
+            "force/test_folded_sum.py::test_bends_in_verilator",
+        ),
+        designs=2,
+    ),
+    Component("force/weight_rom", ("force/test_weight_rom.py",)),
     Component(
         "force/weighted_sum",
         (

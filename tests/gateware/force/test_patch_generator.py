@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 
 from fastac.gateware.force.patch_generator import PatchGenerator
+from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 
 
@@ -44,6 +45,27 @@ def test_patches_of_every_pixel(tmp_path, n, k, bits, lanes):
         mask=pack(present, bits),
         latencies=[(b, b, dut.latency) for b in range(len(words))],
     )
+
+
+@pytest.mark.parametrize("fold", [4, 16])
+@pytest.mark.quick("4")
+def test_patches_at_a_pace(fold):
+    """A beat in `fold` clocks at most; the last patches of a frame leave as slowly."""
+    rng = np.random.default_rng(fold)
+    n, k = 5, 3
+    frames = rng.integers(0, 1 << 4, (3, n, n))
+    inputs = pack(frames.reshape(-1, 1), 4)
+    expected = pack(patches(frames, k).reshape(-1, k * k), 4)
+    for stall in (0, {"i": 0.4, "o": 0.8}):
+        dut = PatchGenerator(n, k, 4, lanes=1, fold=fold)
+        assert dut.latency == fold * (n + 1) + 3
+        assert dut.interval == fold * n * n
+        payloads, taken = run_streams(dut, inputs, {"o": len(expected)}, stall=stall)
+        assert payloads["o"] == expected
+        assert np.diff(taken["i"]).min() >= fold
+        if stall == 0:
+            assert np.diff(taken["o"]).tolist() == [fold] * (len(expected) - 1)
+            assert {t - s for s, t in zip(taken["i"], taken["o"], strict=True)} == {dut.latency}
 
 
 def test_invalid_arguments():
