@@ -13,11 +13,14 @@ from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble as integer_assemble
 from fastac.models.integer import bundle, quantise
+from fastac.models.integer.constant_neurons import without_constant
 from fastac.models.integer.features import scales
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
+from fastac.models.training.digits import fewer_digits
+from fastac.models.training.prune import prune_neurons
 from fastac.models.vision.dots import bridge_of, detected_as, follower_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -75,12 +78,22 @@ def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
 
 
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
-    """Train the float pixel network; writes its arrays and learning curve."""
+    """Train the float pixel network, and prune it where the scene asks; writes its arrays and learning
+    curve."""
     if scene.training.labels == "force":
         network, history = from_forces.train(data, scene, progress=progress)
     else:
         skin = skin_alone(data, scene)
         network, history = train_normals.train(skin, scene.training, scene.network.hidden, progress=progress)
+        if scene.network.prune is not None:
+            network = prune_neurons(
+                network,
+                train_normals.labelled_splits(skin, scene.training),
+                scene.training,
+                growth=scene.network.prune,
+                slope_limit=scene.numbers.slope_limit,
+                progress=progress,
+            )
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
 
 
@@ -133,6 +146,18 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         last_weight_bits=scene.numbers.last_weight_bits,
     )
     layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
+    if scene.network.prune is not None:
+        layers = without_constant(layers, x)
+        if scene.hardware.weights == "baked":
+            layers = fewer_digits(
+                split,
+                layers,
+                network,
+                scene.training,
+                growth=scene.network.prune,
+                slope_limit=scene.numbers.slope_limit,
+                progress=progress,
+            )
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
 
 
