@@ -112,6 +112,7 @@ def fewer_digits(
     *,
     growth: float,
     slope_limit: float,
+    further_error: Callable[[Sequence[Layer]], float] | None = None,
     progress: bool = False,
 ) -> tuple[Layer, ...]:
     """Fine-tuned layers with as few digits of hidden weights and multipliers as the error allows.
@@ -121,13 +122,15 @@ def fewer_digits(
     network : the float network that the layers were quantised from, the teacher
     growth : largest relative growth of the mean slope error by the weights; by the multipliers it may grow by
         MULTIPLIER_GROWTH more
+    further_error : of layers, an error that must not grow by more either
     """
     judged = pixels.get("validation", pixels["train"])
     rng = np.random.default_rng(settings.seed)
     x = pixels["train"][0][rng.permutation(len(pixels["train"][0]))[:JUDGED_PX]]
 
-    def error(candidate: Sequence[Layer]) -> float:
-        return slope_error(candidate, *judged, slope_limit)
+    def errors(candidate: Sequence[Layer]) -> np.ndarray:
+        found = [slope_error(candidate, *judged, slope_limit)]
+        return np.array(found if further_error is None else [*found, further_error(candidate)])
 
     def tuned(candidate: tuple[Layer, ...], *, multipliers: bool) -> tuple[Layer, ...]:
         found, _ = finetune(
@@ -143,20 +146,20 @@ def fewer_digits(
         return found
 
     with threadpool_limits(1):  # sums over more threads depend on the machine
-        limit, share = (1 + growth) * error(layers), ROUND_SHARE
+        limit, share = (1 + growth) * errors(layers), ROUND_SHARE
         while share >= SMALLEST_SHARE:
             fewer = fewer_weight_digits(layers, x, share)
             if not any((a.weight != b.weight).any() for a, b in zip(fewer, layers, strict=True)):
                 break
             candidate = tuned(fewer, multipliers=True)
-            if error(candidate) <= limit:
+            if (errors(candidate) <= limit).all():
                 layers = candidate
             else:
                 share /= 2
-        limit = (1 + MULTIPLIER_GROWTH) * error(layers)
+        limit = (1 + MULTIPLIER_GROWTH) * errors(layers)
         for digits in MULTIPLIER_DIGITS:
             candidate = tuned(with_multipliers(layers, lambda m, d=digits: at_most(m, d)), multipliers=False)
-            if error(candidate) <= limit:
+            if (errors(candidate) <= limit).all():
                 return candidate
     return layers
 

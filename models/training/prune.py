@@ -5,7 +5,7 @@ the next layer's weights and biases; then the network is trained on. Where the e
 network before that neuron is what is kept.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import torch
@@ -21,6 +21,8 @@ JUDGED_PX = 1 << 14
 """Pixels on which the neurons' effects are compared."""
 COMBINED_PX = 1 << 16
 """Pixels from which a neuron's linear combination is found."""
+TRIES = 2
+"""Neurons that are tried in turn, those of least effect, before nothing more is removed."""
 TUNING_SHARE = 0.2
 """Epochs after each neuron, as a share of the float network's."""
 NO_EFFECT = 1e-4
@@ -89,6 +91,7 @@ def prune_neurons(
     *,
     growth: float,
     slope_limit: float,
+    further_error: Callable[[PixelNetwork], float] | None = None,
     progress: bool = False,
 ) -> PixelNetwork:
     """The network with as few hidden neurons as the error allows; `network` itself is not changed.
@@ -97,6 +100,7 @@ def prune_neurons(
         where there is none, the train split
     growth : largest relative growth of the mean slope error of `network`
     slope_limit : magnitude at which slopes are clipped
+    further_error : of a network, an error that must not grow by more either
 
     The same for the same pixels and `settings.seed`.
     """
@@ -104,32 +108,38 @@ def prune_neurons(
     rng = np.random.default_rng(settings.seed)
     few = rng.permutation(len(judged[0]))[:JUDGED_PX]
     known = rng.permutation(len(pixels["train"][0]))[:COMBINED_PX]
-    epochs = max(1, round(TUNING_SHARE * settings.normals_epochs))
 
-    def error(candidate: PixelNetwork, chosen=slice(None)) -> float:
-        return gradient_error(candidate, judged[0][chosen], judged[1][chosen], slope_limit)
+    def error(candidate: PixelNetwork) -> float:
+        return gradient_error(candidate, judged[0][few], judged[1][few], slope_limit)
 
-    limit, unharmed = ((1 + share) * error(network) for share in (growth, min(growth, NO_EFFECT)))
+    def errors(candidate: PixelNetwork) -> np.ndarray:
+        found = [gradient_error(candidate, *judged, slope_limit)]
+        return np.array(found if further_error is None else [*found, further_error(candidate)])
+
+    def trained_on(candidate: PixelNetwork) -> PixelNetwork:
+        fit = Fit(
+            max(1, round(TUNING_SHARE * settings.normals_epochs)),
+            settings.normals_batch_px,
+            settings.normals_learning_rate,
+            settings.seed,
+            f"normals, {'-'.join(map(str, widths(candidate)))}",
+            0.0,
+            settings.input_noise,
+            settings.position_noise,
+        )
+        model = ScaledNetwork(candidate, scales(candidate.linear_layers[0].in_features - 2))
+        fit(model, *pixels["train"], validation=_tensors(pixels), progress=progress)
+        return candidate
+
     # Small products are slower on several threads, and sums then depend on the machine.
     with single_thread(), threadpool_limits(1):
+        first = errors(network)
+        limits, unharmed = (1 + max(growth, NO_EFFECT)) * first, (1 + NO_EFFECT) * first
         while True:
-            found = candidates(network, pixels["train"][0][known])
-            fewer = min(found, key=lambda candidate: error(candidate, few), default=None)
-            if fewer is None:
+            found = sorted(candidates(network, pixels["train"][0][known]), key=error)[:TRIES]
+            for candidate in found:
+                if (errors(candidate) <= unharmed).all() or (errors(trained_on(candidate)) <= limits).all():
+                    network = candidate
+                    break
+            else:
                 return network
-            if error(fewer) > unharmed:
-                fit = Fit(
-                    epochs,
-                    settings.normals_batch_px,
-                    settings.normals_learning_rate,
-                    settings.seed,
-                    f"pruned to {'-'.join(map(str, widths(fewer)))}",
-                    0.0,
-                    settings.input_noise,
-                    settings.position_noise,
-                )
-                model = ScaledNetwork(fewer, scales(fewer.linear_layers[0].in_features - 2))
-                fit(model, *pixels["train"], validation=_tensors(pixels), progress=progress)
-            if error(fewer) > limit:
-                return network
-            network = fewer

@@ -10,7 +10,7 @@ from fastac.models.training.normals import labelled_splits, train
 @pytest.fixture(scope="module")
 def trained(tiny_data, make_scene):
     """A network, its settings and pixels."""
-    settings = make_scene(training={"normals_epochs": 20}).training
+    settings = make_scene(training={"normals_epochs": 10, "normals_batch_px": 1024}).training
     network, _ = train(tiny_data, settings, (8, 8, 8))
     return network, settings, labelled_splits(tiny_data, settings)
 
@@ -59,6 +59,19 @@ def test_as_few_neurons_as_the_error_allows(trained, growth):
     for one, other in zip(found.state_dict().values(), again.state_dict().values(), strict=True):
         assert torch.equal(one, other)
     assert all(torch.equal(a, b) for a, b in zip(before, network.state_dict().values(), strict=True))
+
+
+def test_another_error_may_not_grow_either(trained):
+    network, settings, pixels = trained
+    kept = prune.prune_neurons(
+        network,
+        pixels,
+        settings,
+        growth=0.0,
+        slope_limit=4,
+        further_error=lambda candidate: 100 - sum(prune.widths(candidate)),
+    )
+    assert kept is network
 
 
 def test_the_smallest_network_stays(trained):
