@@ -18,9 +18,10 @@ from fastac.gateware.arithmetic.dsp_slice import DSP48E2
 from fastac.gateware.bus.calibration_loader import CalibrationLoader, ImageLayout
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.target.device import device_of, on_part
-from fastac.models.integer.assemble import order_of_dots, with_force_of
+from fastac.models.integer.assemble import order_of_dots, with_force_of, with_loadable
 from fastac.models.integer.bounds import Stage
 from fastac.models.integer.bundle import Bundle, save
+from fastac.models.integer.constant_neurons import with_hidden
 from fastac.models.integer.depth import Depth
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_spread import DotSpread
@@ -162,6 +163,20 @@ def make_loader(path: Datapath, bundle_hash: int) -> CalibrationLoader:
     return CalibrationLoader(image_layout(path), registers, bundle_hash)
 
 
+def as_wide_as(pipeline: IntegerPipeline, hardware: IntegerPipeline) -> IntegerPipeline:
+    """The pipeline with as many hidden neurons as the hardware has, those that it lacks without effect.
+
+    Unchanged where it has more, which `first_difference` then finds.
+    """
+    if not hardware.layers[0].loadable or not pipeline.layers[0].loadable:
+        return pipeline
+    try:
+        layers = with_hidden(pipeline.layers, hardware.hidden)
+    except ValueError:
+        return pipeline
+    return with_loadable(pipeline.replace(layers=layers), True)
+
+
 def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundle:
     """`bundle` with the force of the bundle `hardware`, which an image cannot change; saved to `folder`.
 
@@ -171,14 +186,16 @@ def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundl
     """
     if hardware.pipeline.force is None:
         raise CalibrationError(f"scene.outputs = {hardware.scene.outputs}: the hardware has no force to keep")
-    known, of_force = hardware.pipeline, dict.fromkeys(("force", "validity", "follower", "dot_force"))
-    _require(bundle.pipeline.replace(**of_force), known.replace(**of_force))
+    known = hardware.pipeline
+    pipeline = as_wide_as(bundle.pipeline, known)
+    of_force = dict.fromkeys(("force", "validity", "follower", "dot_force"))
+    _require(pipeline.replace(**of_force), known.replace(**of_force))
     floats = {k: v for k, v in bundle.floats.items() if "force" not in k}
     floats |= {k: v for k, v in hardware.floats.items() if "force" in k}
     try:
-        kept = with_force_of(bundle.pipeline, known)
+        kept = with_force_of(pipeline, known)
         if OF_REST in floats:
-            floats[OF_REST] = floats[OF_REST][order_of_dots(bundle.pipeline, known)]
+            floats[OF_REST] = floats[OF_REST][order_of_dots(pipeline, known)]
     except ValueError as error:
         raise CalibrationError(str(error)) from None
     _require(kept, known)
@@ -188,13 +205,15 @@ def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundl
 def calibration_words(bundle: Bundle, hardware: Bundle) -> np.ndarray:
     """The image, uint32 words, that makes hardware built from `hardware` compute as `bundle` does.
 
-    `bundle` may be of a scene for another part: its weights are packed as those of the hardware.
+    `bundle` may be of a scene for another part: its weights are packed as those of the hardware. Its network
+    may have fewer hidden neurons, as after pruning.
     Raises CalibrationError, naming the first difference, if `bundle` differs in something fixed, or naming a
     dot that is where the hardware cannot follow it.
     """
-    _require(bundle.pipeline, hardware.pipeline)
+    pipeline = as_wide_as(bundle.pipeline, hardware.pipeline)
+    _require(pipeline, hardware.pipeline)
     try:
-        path = Datapath(on_part(bundle.pipeline, hardware.scene.hardware.part))
+        path = Datapath(on_part(pipeline, hardware.scene.hardware.part))
     except ValueError as error:
         raise CalibrationError(str(error)) from None
     return image_layout(path).image(

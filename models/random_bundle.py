@@ -176,10 +176,11 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
     if old.follower is not None:
         spacing_px = sensor.markers.spacing_mm / sensor.pitch_mm
         stages["follower"] = remounted(stages["follower"], np.random.default_rng(seed), spacing_px)
-    hidden = tuple(len(layer.weight) for layer in old.layers[:-1])
     pipeline = assemble(
         old.scene,
-        layers=layers(network_bits(old.scene.numbers), old.background, np.random.default_rng(seed), hidden),
+        layers=layers(
+            network_bits(old.scene.numbers), old.background, np.random.default_rng(seed), old.hidden
+        ),
         background=old.background,
         rest_depth_mm=old.rest_depth_mm,
         **stages,

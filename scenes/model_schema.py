@@ -2,23 +2,44 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import BeforeValidator, Field
 
 from fastac.scenes.strict import Count, Positive, Strict
+
+FEWEST_NEURONS, MOST_NEURONS = 4, 64
+"""Of a hidden layer, also after pruning."""
+
+
+def _widths(value: object) -> object:
+    """The value itself; raises ValueError, for both forms at once, unless it is a network's width."""
+    numbers = value if isinstance(value, list | tuple) else [value] * 3
+    if len(numbers) != 3 or not all(
+        type(number) is int and FEWEST_NEURONS <= number <= MOST_NEURONS for number in numbers
+    ):
+        raise ValueError(
+            f"expected a number from {FEWEST_NEURONS} to {MOST_NEURONS}, or a list of three, one for each"
+            " hidden layer"
+        )
+    return value
 
 
 class Network(Strict):
     """The pixel network: three hidden layers, then the normal."""
 
-    width: Annotated[int, Field(ge=4, le=64)] = 16
-    """Neurons of each hidden layer; 16 are the paper's."""
+    width: Annotated[int | tuple[int, int, int], BeforeValidator(_widths)] = 16
+    """Neurons of each hidden layer: of all alike, or a list with one number a layer. 16 are the paper's."""
+    prune: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """Largest relative growth of the slopes' error, on the validation frames, for which hidden neurons are
+    removed after training, and digits of baked weights. 0: only what makes no error larger. Not given: the
+    network keeps its width."""
     bridge_dots: bool = False
     """Whether pixels under the marker dots take the slopes of the skin beside them. The network is then
     trained on skin alone."""
 
     @property
     def hidden(self) -> tuple[int, ...]:
-        return (self.width,) * 3
+        """Neurons of each hidden layer as asked; pruning may keep fewer."""
+        return (self.width,) * 3 if isinstance(self.width, int) else self.width
 
 
 class Numbers(Strict):

@@ -1,11 +1,13 @@
 """From a dataset to a bundle, in steps that can be resumed."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from fastac.flow.force_fits import FITS
+from fastac.models import accuracy
 from fastac.models.emulator import pipeline as emulator_pipeline
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
@@ -13,11 +15,15 @@ from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble as integer_assemble
 from fastac.models.integer import bundle, quantise
+from fastac.models.integer.constant_neurons import without_constant
 from fastac.models.integer.features import scales
+from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
+from fastac.models.training.digits import fewer_digits
+from fastac.models.training.prune import prune_neurons
 from fastac.models.vision.dots import bridge_of, detected_as, follower_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -75,13 +81,42 @@ def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
 
 
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
-    """Train the float pixel network; writes its arrays and learning curve."""
+    """Train the float pixel network, and prune it where the scene asks; writes its arrays and learning
+    curve."""
     if scene.training.labels == "force":
         network, history = from_forces.train(data, scene, progress=progress)
     else:
         skin = skin_alone(data, scene)
         network, history = train_normals.train(skin, scene.training, scene.network.hidden, progress=progress)
+        if scene.network.prune is not None:
+            of_depth = depth_error(data, scene)
+            network = prune_neurons(
+                network,
+                train_normals.labelled_splits(skin, scene.training),
+                scene.training,
+                growth=scene.network.prune,
+                slope_limit=scene.numbers.slope_limit,
+                further_error=None
+                if of_depth is None
+                else lambda found: of_depth(float_pipeline(network_arrays(found), data, scene)),
+                progress=progress,
+            )
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
+
+
+def depth_error(data: Dataset, scene: Scene) -> Callable[[FloatPipeline | Emulator], float] | None:
+    """Of a pipeline, the mean absolute depth error in mm on the validation frames or, where there are none,
+    the training's. None where the scene finds no depth, or the dataset does not know it."""
+    index = data.indices("validation")
+    if not len(index):
+        index = data.indices("train")
+    if not scene.wants_solver or data.depth_mm is None:
+        return None
+
+    def error(pipeline: FloatPipeline | Emulator) -> float:
+        return accuracy.depth_mae_mm(pipeline.run(data.frames[index], wanted=["depth_mm"]), data, index)
+
+    return error
 
 
 def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
@@ -133,6 +168,22 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         last_weight_bits=scene.numbers.last_weight_bits,
     )
     layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
+    if scene.network.prune is not None:
+        layers = without_constant(layers, x)
+        if scene.hardware.weights == "baked":
+            of_depth = depth_error(data, scene)
+            layers = fewer_digits(
+                split,
+                layers,
+                network,
+                scene.training,
+                growth=scene.network.prune,
+                slope_limit=scene.numbers.slope_limit,
+                further_error=None
+                if of_depth is None
+                else lambda found: of_depth(Emulator(layers_pipeline(tuple(found), data, scene))),
+                progress=progress,
+            )
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
 
 
@@ -218,12 +269,17 @@ def _fit_force(
 
 
 def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> IntegerPipeline:
+    """The integers up to the displacement and the dots' shifts, from what `integers` wrote."""
+    return layers_pipeline(quantise.layers_from_arrays(arrays), data, scene)
+
+
+def layers_pipeline(layers: tuple[Layer, ...], data: Dataset, scene: Scene) -> IntegerPipeline:
     """The integers up to the displacement and the dots' shifts."""
     return integer_assemble.assemble(
         scene,
         bridge=slope_bridge(data, scene),
         follower=follower_of(data.background, scene.sensor) if scene.wants_dots else None,
-        layers=quantise.layers_from_arrays(arrays),
+        layers=layers,
         background=data.background,
         rest_depth_mm=rest_depth_mm(data),
     )

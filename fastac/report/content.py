@@ -52,6 +52,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
     return {
         "scene": scene.model_dump(mode="json"),
         "bundle_sha256": bundle.digest,
+        "hidden_neurons": {"asked": list(scene.network.hidden), "kept": list(bundle.pipeline.hidden)},
         "data": {**bundle.pipeline.provenance, "test_frames": errors["frames"]},
         "frames_are": "simulated" if scene.sensor.source == "simulated" else "recorded photographs",
         "pace": pace(scene),
@@ -133,6 +134,10 @@ def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
             "Verilator simulation",
         )
     ]
+    if "hidden_neurons" in report:
+        asked, kept = (", ".join(map(str, report["hidden_neurons"][key])) for key in ("asked", "kept"))
+        shown = asked if asked == kept else f"{asked} asked, {kept} kept"
+        rows.append(("neurons of the hidden layers", shown, "16, 16, 16", "the scene, and the bundle"))
     for key, label in (
         ("first_pixel_to_force", "first pixel → force, cycles"),
         ("last_pixel_to_force", "last pixel → force, cycles"),

@@ -126,7 +126,12 @@ RESOURCES = {"dsp": "dsp48e2", "lut": "lut", "ramb36": "ramb36"}
 
 def cycles_of(pipeline: IntegerPipeline) -> dict:
     """Clock cycles of the pipeline's hardware by formula, see `cycle_model.cycles`."""
-    return cycles(pipeline.scene, flat=not pipeline.rest_depth_mm.any(), follower=pipeline.follower)
+    return cycles(
+        pipeline.scene,
+        hidden=pipeline.hidden,
+        flat=not pipeline.rest_depth_mm.any(),
+        follower=pipeline.follower,
+    )
 
 
 def latency(pipeline: IntegerPipeline) -> dict[str, float]:

@@ -193,7 +193,7 @@ def sample(design: dict, *, with_control: bool) -> dict:
     """Counts of a design by stage, and the features that the resource model predicts them from."""
     scene = scene_of(design)
     with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
-        bundle: Bundle = random_bundle(Path(folder) / "bundle", scene, hidden=(scene.network.width,) * 3)
+        bundle: Bundle = random_bundle(Path(folder) / "bundle", scene, hidden=scene.network.hidden)
         found = parts(to_rtlil(TopZynq(bundle), name="fastac"), "fastac")
     if not with_control:
         found = [part for part in found if resources.stage_of(part.name) != "control"]

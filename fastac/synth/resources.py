@@ -305,8 +305,7 @@ def luts(pipeline: IntegerPipeline) -> dict[str, float]:
 
 def dsp_slices(pipeline: IntegerPipeline) -> dict[str, int]:
     """DSP slices of the scene's part by module, by formula."""
-    hidden = [len(layer.weight) for layer in pipeline.layers[:-1]]
-    return multipliers(pipeline.scene, hidden=hidden, solver=pipeline.solver)
+    return multipliers(pipeline.scene, hidden=pipeline.hidden, solver=pipeline.solver)
 
 
 def estimate(pipeline: IntegerPipeline) -> dict[str, dict]:

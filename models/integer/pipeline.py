@@ -50,6 +50,11 @@ class IntegerPipeline:
         return replace(self, **changes)
 
     @property
+    def hidden(self) -> tuple[int, ...]:
+        """Neurons of each of the pixel network's hidden layers; pruning keeps fewer than the scene asks."""
+        return tuple(len(layer.weight) for layer in self.layers[:-1])
+
+    @property
     def depth_mm_per_unit(self) -> float:
         """mm of one unit of depth and of unquantised displacement."""
         return self.scene.sensor.pitch_mm * 2.0**-self.solver.depth_format.fraction

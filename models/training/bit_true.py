@@ -44,12 +44,13 @@ class BitTrueNetwork(torch.nn.Module):
 
     The parameters are weights in units of their last place, biases in units of BIAS_UNIT last places, and
     logarithms of the multipliers times LOG_UNIT, so that one learning rate suits them all. Each is rounded
-    whenever it is used. With hidden_weights False the weights of the hidden layers are not trained.
+    whenever it is used. With hidden_weights False the weights of the hidden layers are not trained, with
+    multipliers False their multipliers.
     """
 
     BIAS_UNIT, LOG_UNIT = 16, 2000
 
-    def __init__(self, layers: tuple[Layer, ...], *, hidden_weights: bool = True):
+    def __init__(self, layers: tuple[Layer, ...], *, hidden_weights: bool = True, multipliers: bool = True):
         super().__init__()
 
         def parameters(arrays) -> torch.nn.ParameterList:
@@ -62,6 +63,8 @@ class BitTrueNetwork(torch.nn.Module):
         self.biases = parameters(layer.bias / self.BIAS_UNIT for layer in layers)
         scales = [layer.requantisation for layer in layers[:-1]]
         self.multipliers = parameters(np.log(scale.multiplier) * self.LOG_UNIT for scale in scales)
+        for multiplier in self.multipliers:
+            multiplier.requires_grad = multipliers
         # The last layer's words may be long: half of float32's 24 bits for the products, half for the bias.
         top = (1 << (layers[-1].weight_bits - 1)) - 1
         self.last_type = torch.float32 if top * layers[-1].input_limit.sum() < 1 << 23 else torch.float64
@@ -106,6 +109,9 @@ def finetune(
     network: PixelNetwork,
     settings: Training,
     *,
+    epochs: int | None = None,
+    hidden_weights: bool | None = None,
+    multipliers: bool = True,
     progress: bool = False,
 ) -> tuple[tuple[Layer, ...], list[dict]]:
     """Bit-true fine-tuning of quantised layers; returns the tuned layers and the learning curve.
@@ -113,18 +119,21 @@ def finetune(
     pixels : features and normals by split name, from `labelled_splits`
     network : the float network that the layers were quantised from, used as the teacher: its outputs are the
         targets, because the noise of the labels would move the integers by more than quantisation does
+    epochs, hidden_weights : in place of those of `settings`; multipliers : whether they are tuned
 
     At 8 bits the hidden weights should stay fixed (`settings.finetune_weights` false): they jump between two
     neighbouring integers on every step, and end on either at random. Biases, multipliers and the wider words
     of the last layer have steps fine enough to be trained.
     """
-    if not settings.finetune_epochs:
+    epochs = settings.finetune_epochs if epochs is None else epochs
+    hidden_weights = settings.finetune_weights if hidden_weights is None else hidden_weights
+    if not epochs:
         return layers, []
     x, y = pixels["train"]
     teacher = torch.nn.Sequential(ScaledNetwork(network, scales(x.shape[1] - 2)), UnitLength())
-    model = BitTrueNetwork(layers, hidden_weights=settings.finetune_weights)
+    model = BitTrueNetwork(layers, hidden_weights=hidden_weights, multipliers=multipliers)
     history = Fit(
-        settings.finetune_epochs,
+        epochs,
         settings.normals_batch_px,
         settings.finetune_learning_rate,
         settings.seed + 1,

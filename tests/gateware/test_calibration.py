@@ -14,9 +14,11 @@ from fastac.gateware.calibration import (
 )
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.target.device import on_part
+from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle
 from fastac.models.integer.assemble import assemble, with_force_of
 from fastac.models.integer.bounds import Stage
+from fastac.models.integer.constant_neurons import with_hidden
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.random_bundle import NUMBERS, random_bundle, recalibrated, scene
 
@@ -137,6 +139,30 @@ def test_an_image_is_packed_for_the_part_of_the_hardware(tmp_path):
     assert chain >> (32 * layout.chain_words - 64) == other.hash_word
 
 
+def test_hardware_takes_a_network_with_fewer_neurons(tmp_path):
+    """As after pruning; what is loaded computes the same."""
+    wanted = scene(("depth", "force_z"))
+    own = random_bundle(tmp_path / "own", wanted, hidden=(6, 5))
+    narrow = recalibrated(tmp_path / "narrow", random_bundle(tmp_path / "small", wanted, hidden=(4, 5)))
+    kept = with_hardware_force(narrow, own, tmp_path / "kept")
+    assert kept.pipeline.hidden == (6, 5)
+    words = calibration_words(kept, own)
+    assert words.shape == (image_layout(Datapath(own.pipeline)).words,)
+    frames = np.random.default_rng(1).integers(0, 256, (3, *own.pipeline.background.shape)).astype(np.uint8)
+    of_narrow, of_kept = (Emulator(bundle.pipeline).run(frames) for bundle in (narrow, kept))
+    np.testing.assert_array_equal(of_kept.depth_words, of_narrow.depth_words)
+    np.testing.assert_array_equal(calibration_words(narrow_force(narrow, kept), own)[1:-2], words[1:-2])
+    with pytest.raises(CalibrationError, match=r"layers\.0\.weight\.shape = \(6, 5\): the hardware's is"):
+        with_hardware_force(own, narrow, tmp_path / "no")
+
+
+def narrow_force(narrow, kept):
+    """The narrow network with the force and limits of the other bundle."""
+    names = ("force", "force_n_per_unit", "validity")
+    pipeline = narrow.pipeline.replace(**{name: getattr(kept.pipeline, name) for name in names})
+    return replace(narrow, pipeline=pipeline)
+
+
 def test_table_formats_fit_any_calibration(bundles):
     """The tables' width is that of any calibration, not just of the values of the first bundle."""
     for name, table in (("absolute", "rest"), ("difference", "offset")):
@@ -172,10 +198,7 @@ def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
     if what == "fraction":
         return pipeline.replace(ratio=replace(pipeline.ratio, fraction=7))
     if what == "shape":
-        first = pipeline.layers[0]
-        scale = replace(first.requantisation, multiplier=np.ones(3, int))
-        first = replace(first, weight=first.weight[:3], bias=first.bias[:3], requantisation=scale)
-        return pipeline.replace(layers=(first, *pipeline.layers[1:]))
+        return pipeline.replace(layers=with_hidden(pipeline.layers, (5,)))
     if what == "depth":
         return pipeline.replace(layers=pipeline.layers[:1])
     if what == "baked":
@@ -203,7 +226,7 @@ def changed(pipeline: IntegerPipeline, what: str) -> IntegerPipeline:
         ("dots", "dot weight", "dot_force.weighted.weight: 18 of 18 values are not the hardware's"),
         ("dots", "reach", "bridge.reach = 5: the hardware's is 2"),
         ("normals", "fraction", "ratio.fraction = 7: the hardware's is 8"),
-        ("normals", "shape", "layers.0.weight.shape = (3, 5): the hardware's is (4, 5)"),
+        ("normals", "shape", "layers.0.weight.shape = (5, 5): the hardware's is (4, 5)"),
         ("normals", "depth", "layers.length = 1: the hardware's is 2"),
         ("normals", "baked", "layers.0.loadable = False: the hardware's is True"),
     ],

@@ -439,3 +439,14 @@ def test_long_values_are_shortened(value):
     found = error(f"name = {value}\n" + MINIMAL.partition("\n")[2])
     assert found.startswith("name = ")
     assert len(found) < 400
+
+
+def test_a_network_has_a_width_or_one_for_each_layer():
+    text = 'name = "x"\noutputs = ["depth"]\nsensor.geometry = "flat"\n[network]\nwidth = {}'
+    assert parse(text.format(12), origin="x").network.hidden == (12, 12, 12)
+    assert parse(text.format([16, 13, 10]), origin="x").network.hidden == (16, 13, 10)
+    for wrong in ("3", "65", "[16, 13]", "[16, 13, 3]", "true", "8.5", '"16"'):
+        with pytest.raises(SceneError) as refusal:
+            parse(text.format(wrong), origin="x")
+        assert "network.width = " in str(refusal.value)
+        assert "expected a number from 4 to 64, or a list of three" in str(refusal.value)

@@ -131,9 +131,9 @@ def run(
     rig = rig_of(scene.sensor, store, progress=progress)
     test = slip_test(bundle, rig, grasp, progress=progress)
     stable, margin = grasp.stable_share * test["found_ratio"], grasp.margin_share * test["found_ratio"]
-    latency_s = cycles(scene, follower=bundle.pipeline.follower)["first_pixel_to_force"] / (
-        scene.hardware.clock_mhz * 1e6
-    )
+    pipeline = bundle.pipeline
+    found = cycles(scene, hidden=pipeline.hidden, follower=pipeline.follower)
+    latency_s = found["first_pixel_to_force"] / (scene.hardware.clock_mhz * 1e6)
     delay_frames = 1 + int(latency_s * CAMERA_HZ)
     rules, traces = dict(zip(RUNS, (without_feedback, FrictionFeedback(stable, margin)), strict=False)), {}
     if scene.wants_slip:

@@ -112,7 +112,8 @@ def summary(errors: dict) -> dict[str, float]:
 
 def wider(scene: Scene) -> Scene:
     """The scene with a pixel network twice as wide."""
-    network = scene.network.model_copy(update={"width": 2 * scene.network.width})
+    width = tuple(2 * neurons for neurons in scene.network.hidden)
+    network = scene.network.model_copy(update={"width": width})
     return scene.model_copy(update={"network": network})
 
 

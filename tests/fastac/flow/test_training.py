@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 from fastac.flow import training
+from fastac.gateware.cycle_model import CycleModel
+from fastac.gateware.datapath import Datapath
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import collapse
 from fastac.models.floating.network import PixelNetwork
@@ -11,8 +13,10 @@ from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble, quantise
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.force import terms
+from fastac.models.training import digits
 from fastac.models.vision.dots import follower_of, windows_of
 from fastac.store.files import load_arrays, save_arrays
+from fastac.synth import resources
 
 
 def test_rest_is_the_dataset_s_or_flat(tiny_data):
@@ -66,6 +70,31 @@ def test_network_arrays_are_copies():
     }
     arrays["network.0.bias"][:] = 9
     assert not (network.linear_layers[0].bias == 9).any()
+
+
+@pytest.mark.parametrize("weights", ["loadable", "baked"])
+def test_a_pruned_network_is_narrower_and_its_hardware_too(tiny_data, make_scene, tmp_path, weights):
+    scene = make_scene(
+        outputs=["depth"],
+        network={"width": [9, 8, 10], "prune": 0.5},
+        hardware={"weights": weights},
+        training={"normals_epochs": 5, "normals_batch_px": 1024},
+    )
+    floats, integers = tmp_path / "normals.npz", tmp_path / "integers.npz"
+    training.normals(tiny_data, scene, floats, progress=False)
+    training.integers(tiny_data, scene, floats, integers, progress=False)
+    pipeline = training.integer_pipeline(load_arrays(integers), tiny_data, scene)
+    asked, kept = scene.network.hidden, pipeline.hidden
+    assert asked == (9, 8, 10)
+    assert all(few <= many for few, many in zip(kept, asked, strict=True))
+    assert sum(kept) < sum(asked)
+    path, model = Datapath(pipeline), CycleModel(scene, hidden=kept)
+    assert path.mlp.latency == model.mlp.latency
+    assert path.mlp.multipliers == model.mlp.multipliers
+    assert resources.dsp_slices(pipeline) == path.multipliers
+    many = np.concatenate([layer.requantisation.multiplier for layer in pipeline.layers[:-1]])
+    few_digits = digits.digit_counts(many).max() <= max(digits.MULTIPLIER_DIGITS)
+    assert few_digits == (weights == "baked")
 
 
 def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_data):

@@ -69,6 +69,9 @@ def test_a_list_may_be_one_value(write):
     [point] = points(write('[axes]\n"outputs" = [["normals", "depth"]]'))
     assert point.scene.outputs == ("normals", "depth")
     assert expand("outputs", ["depth"]) == {"outputs": ["depth"]}
+    found = points(write('[axes]\n"network.width" = [16, [16, 13, 10]]\n"network.prune" = ["unset", 0.01]'))
+    assert [p.scene.network.hidden for p in found] == [(16, 16, 16)] * 2 + [(16, 13, 10)] * 2
+    assert [p.scene.network.prune for p in found] == [None, 0.01] * 2
 
 
 def test_what_cannot_be_is_a_point_with_the_reason(write):
