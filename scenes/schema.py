@@ -3,7 +3,6 @@
 Every other part derives from the scene what it must do, and does nothing else.
 """
 
-import math
 import tomllib
 from difflib import get_close_matches
 from pathlib import Path
@@ -11,21 +10,20 @@ from typing import Annotated, Literal, get_args
 
 from pydantic import Field, ValidationError, model_validator
 
+from fastac.scenes.checks import check_scene
 from fastac.scenes.force_fits import FITS, FitFacts
 from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Slip, Training
 from fastac.scenes.outputs import OUTPUTS, OutputFacts
 from fastac.scenes.pace import Camera, Pace, PixelsPerClock, pace_of, slowest_pace
-from fastac.scenes.parts import DEFAULT_PART, check_part
+from fastac.scenes.parts import DEFAULT_PART
 from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS, SolverFacts
-from fastac.scenes.strict import Count, Point, Positive, Strict, listed, require_known
+from fastac.scenes.strict import Count, Point, Positive, Strict
 
 AXES = "xyz"
 SHOWN = 200
 TANGENTIAL_SHARES = (0.3, 0.6)
 """The paper's (supplement, section I)."""
-DOT_BLOCK_PX = 4
-"""Side of the squares in which dots are told from the skin by one threshold."""
 
 
 class SceneError(ValueError):
@@ -98,137 +96,23 @@ class Scene(Strict):
 
     @model_validator(mode="after")
     def _consistent(self):
-        for place, name in enumerate(self.outputs):
-            require_known(f"outputs.{place}", name, OUTPUTS)
-        require_known("poisson.solver", self.poisson.solver, SOLVERS)
-        require_known("force.fit", self.force.fit, FITS)
-        check_part(self.hardware.part, self.hardware.clock_mhz)
-        if self.hardware.pixels_per_clock == "camera" and self.camera_clocks_per_pixel is None:
-            raise ValueError("hardware.pixels_per_clock: 'camera' needs sensor.frames_per_second")
-        self._check_dots()
-        self._check_outputs()
-        self._check_solver()
-        if self.training.labels == "force":
-            self._check_force_alone()
-        if self.protocol.tangential_shares and not self.sensor.elastomer.friction:
-            raise ValueError(
-                "protocol.tangential_shares: only friction carries them; set sensor.elastomer.friction and"
-                " mechanics = 'fem'"
-            )
-        if self.sensor.geometry == "fingertip":
-            a, b, _ = self.sensor.ellipsoid.semi_axes_mm
-            half_u = self.sensor.width_px * self.sensor.pitch_mm / 2
-            half_v = self.sensor.height_px * self.sensor.pitch_mm / 2
-            if math.hypot(half_u / a, half_v / b) >= math.sqrt(0.95):
-                raise ValueError(
-                    f"sensor.ellipsoid.semi_axes_mm: {a} x {b} do not span the image"
-                    f" ({2 * half_u:g} x {2 * half_v:g} mm)"
-                )
+        check_scene(self)
         return self
 
-    def _check_outputs(self) -> None:
-        """Raise ValueError unless the outputs can be given together, by a hardware of whole beats."""
-        if len(set(self.outputs)) != len(self.outputs):
-            raise ValueError("outputs: named twice")
-        if len(set(self.force_axes)) != len(self.force_axes):
-            raise ValueError("outputs: force_xyz has all three axes; name none beside it")
-        lanes = self.lanes
-        if self.sensor.width_px % lanes:
-            raise ValueError(
-                f"hardware.pixels_per_clock: {lanes} does not divide sensor.width_px {self.sensor.width_px}"
-            )
-        for name in self.outputs:
-            facts = OUTPUTS[name]
-            patches = not facts.needs_patches or self.force.kernel == "patch"
-            if facts.needs_force and not (self.force_from_displacement and patches):
-                kernel = ", force.kernel 'patch'," if facts.needs_patches else ""
-                raise ValueError(
-                    f"outputs: {name} needs a force beside it{kernel} and a poisson.solver with depth, and"
-                    " not force.source 'slopes'"
-                )
-            if facts.needs_dots and not self.wants_dots:
-                raise ValueError(f"outputs: {name} needs force.dots = true and a force beside it")
+    @property
+    def output_facts(self) -> tuple[OutputFacts, ...]:
+        """What the scene must know of its outputs."""
+        return tuple(OUTPUTS[name] for name in self.outputs)
 
-    def _check_solver(self) -> None:
-        """Raise ValueError unless the solver can do what is wanted of it."""
-        sensor, solver, facts = self.sensor, self.poisson.solver, _solver_facts(self)
-        from_displacement = self.force_from_slopes and not _fit_facts(self).of_slopes
-        of_depth = self.wants_solver or from_displacement
-        if facts.square_images and of_depth and sensor.height_px != sensor.width_px:
-            raise ValueError(
-                f"sensor.height_px: {sensor.height_px} differs from width_px {sensor.width_px};"
-                " the DST engine shares one matrix between rows and columns, so depth needs square images"
-            )
-        if self.wants_solver and not facts.finds_depth:
-            others = (name for name in SOLVERS if SOLVERS[name].finds_depth)
-            raise ValueError(f"poisson.solver: {solver!r} finds no depth; choose {listed(others)}")
-        if self.force.source == "displacement" and not facts.finds_depth:
-            raise ValueError(
-                f"force.source: 'displacement' needs a poisson.solver with depth, not {solver!r}"
-            )
-        if self.wants_force and self.force.clamp and not (facts.can_clamp and self.force_from_displacement):
-            linear = "a force of slopes" if facts.can_clamp else f"the {solver}"
-            raise ValueError(f"force.clamp: {linear} is linear and cannot clamp; set clamp = false")
-        if _fit_facts(self).of_slopes and facts.finds_depth and self.force.source != "slopes":
-            without = listed(name for name in SOLVERS if not SOLVERS[name].finds_depth)
-            raise ValueError(
-                f"force.fit: {self.force.fit!r} needs force.source 'slopes' or poisson.solver {without}"
-            )
-        self._check_weights()
-        lanes = self.lanes
-        row_beats = -(-self.inner_px // lanes)
-        if self.wants_solver and row_beats < facts.least_row_beats:
-            raise ValueError(
-                f"poisson.solver: {solver!r} needs rows of {facts.least_row_beats} beats or more;"
-                f" {self.inner_px} values at {lanes} pixels_per_clock are {row_beats}"
-            )
+    @property
+    def fit_facts(self) -> FitFacts:
+        """What follows from how the force model is fitted."""
+        return FITS[self.force.fit]
 
-    def _check_weights(self) -> None:
-        """Raise ValueError unless the force can be a sum of one weight a pixel where it is to be one."""
-        force, of_weights = self.force, _fit_facts(self).of_weights
-        finds_displacement = _solver_facts(self).finds_depth and force.source != "slopes"
-        if of_weights and not (force.kernel == "collapsed" and finds_displacement):
-            raise ValueError(
-                f"force.fit: {force.fit!r} needs force.kernel 'collapsed' and a poisson.solver with depth,"
-                " and not force.source 'slopes'"
-            )
-        if force.band_mm and not of_weights:
-            raise ValueError(f"force.band_mm: {force.band_mm:g} needs force.fit 'weights'")
-        if force.deep_mm and not (force.band_mm and force.band_mm < force.deep_mm):
-            raise ValueError(f"force.deep_mm: {force.deep_mm:g} needs a force.band_mm that is smaller")
-
-    def _check_dots(self) -> None:
-        """Raise ValueError unless dots can be seen where they are to be."""
-        wanted = {"force.dots": self.force.dots, "network.bridge_dots": self.network.bridge_dots}
-        keys = [key for key, value in wanted.items() if value]
-        if not keys:
-            return
-        sensor = self.sensor
-        if sensor.markers is None:
-            raise ValueError(f"{keys[0]}: True needs dots on the skin, a table sensor.markers")
-        for key in ("height_px", "width_px"):
-            side = getattr(sensor, key)
-            if side % DOT_BLOCK_PX:
-                raise ValueError(f"sensor.{key}: {side}: {keys[0]} needs a multiple of {DOT_BLOCK_PX}")
-        if self.network.bridge_dots and not self.wants_slopes:
-            raise ValueError("network.bridge_dots: True needs an output that follows from slopes")
-        if self.force.dots and not self.wants_force:
-            raise ValueError("force.dots: True needs a force among outputs")
-        if self.force.dots and self.wants_force_map:
-            raise ValueError("force.dots: True: dots' shifts belong to no pixel; leave out output force_map")
-
-    def _check_force_alone(self) -> None:
-        """Raise ValueError unless forces alone can train what is wanted."""
-        of_geometry = any(facts.needs_geometry for facts in _output_facts(self))
-        if not self.force_from_slopes or of_geometry or not _fit_facts(self).of_slopes:
-            raise ValueError(
-                "training.labels: 'force' gives forces only, no normals or depth, and needs poisson.solver"
-                " 'adjoint' and force.fit 'slopes'"
-            )
-        for key in ("teachers", "flat_fraction", "position_noise"):
-            value = getattr(self.training, key)
-            if value:
-                raise ValueError(f"training.{key}: {value} needs training.labels 'geometry'")
+    @property
+    def solver_facts(self) -> SolverFacts:
+        """What follows from the Poisson solver."""
+        return SOLVERS[self.poisson.solver]
 
     @property
     def camera_clocks_per_pixel(self) -> float | None:
@@ -265,13 +149,13 @@ class Scene(Strict):
     @property
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
-        needed = any(facts.needs_depth for facts in _output_facts(self))
+        needed = any(facts.needs_depth for facts in self.output_facts)
         return needed or self.force_from_displacement
 
     @property
     def force_from_slopes(self) -> bool:
         """Whether the force is a weighted sum of the slopes, without depth or beside it."""
-        of_slopes = self.force.source == "slopes" or not _solver_facts(self).finds_depth
+        of_slopes = self.force.source == "slopes" or not self.solver_facts.finds_depth
         return self.wants_force and of_slopes
 
     @property
@@ -287,7 +171,7 @@ class Scene(Strict):
     @property
     def force_of_weights(self) -> bool:
         """Whether the force is a sum of one weight a pixel of the displacement, fitted as such."""
-        return self.wants_force and _fit_facts(self).of_weights
+        return self.wants_force and self.fit_facts.of_weights
 
     @property
     def wants_slopes(self) -> bool:
@@ -296,7 +180,7 @@ class Scene(Strict):
     @property
     def force_axes(self) -> tuple[int, ...]:
         """The axes of force that are wanted, in order: 0, 1, 2 for x, y, z."""
-        return tuple(sorted(axis for facts in _output_facts(self) for axis in facts.force_axes))
+        return tuple(sorted(axis for facts in self.output_facts for axis in facts.force_axes))
 
     @property
     def wants_force(self) -> bool:
@@ -315,7 +199,7 @@ class Scene(Strict):
     @property
     def wants_slip(self) -> bool:
         """Whether the spread of the touching dots' shifts is wanted, which tells how near slip is."""
-        return any(facts.needs_dots for facts in _output_facts(self))
+        return any(facts.needs_dots for facts in self.output_facts)
 
     @property
     def wants_darkness(self) -> bool:
@@ -333,24 +217,12 @@ class Scene(Strict):
     @property
     def wants_force_map(self) -> bool:
         """Whether the force's contribution of each pixel is wanted, not only their sum."""
-        return any(facts.needs_patches for facts in _output_facts(self))
+        return any(facts.needs_patches for facts in self.output_facts)
 
     @property
     def inner_px(self) -> int:
         """Side of the region that the Poisson solver solves: the image less its one-pixel boundary."""
         return self.sensor.width_px - 2
-
-
-def _output_facts(scene: Scene) -> tuple[OutputFacts, ...]:
-    return tuple(OUTPUTS[name] for name in scene.outputs)
-
-
-def _fit_facts(scene: Scene) -> FitFacts:
-    return FITS[scene.force.fit]
-
-
-def _solver_facts(scene: Scene) -> SolverFacts:
-    return SOLVERS[scene.poisson.solver]
 
 
 def _keys(path: tuple) -> list[str]:

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from fastac.models.integer.words import signed_width
-from fastac.scenes.schema import DOT_BLOCK_PX
+from fastac.scenes.checks import DOT_BLOCK_PX
 
 CELL = 2
 """Side of a cell in px: windows begin and end at multiples of it."""
