@@ -60,9 +60,9 @@ class Figures:
 
 
 @lru_cache
-def _multipliers(engine: Callable, stage: object, lanes: int, dsp: DspSlice) -> int:
+def _multipliers(engine: Callable, stage: object, lanes: int, fold: int, dsp: DspSlice) -> int:
     """Products of the engine of one of a solver's stages."""
-    return engine(stage, lanes=lanes, dsp=dsp).multipliers
+    return engine(stage, lanes=lanes, fold=fold, dsp=dsp).multipliers
 
 
 @lru_cache
@@ -148,12 +148,13 @@ class CycleModel(FrameCycles):
     def _solver(self, solver: IntegerSolver | None) -> Figures:
         sensor, poisson, size = self.scene.sensor, self.scene.poisson, self.scene.inner_px
         kind = SOLVERS[poisson.solver]
-        stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence)
-        interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes)
+        stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence, fold=self.fold)
+        interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes, self.fold)
         if solver is None:
             multipliers = kind.multipliers_of(
                 size,
                 self.lanes,
+                fold=self.fold,
                 source_width=self._source_width,
                 data_bits=self.scene.numbers.data_bits,
                 coefficient_width=self.scene.numbers.coefficient_fraction_bits + 1,
@@ -161,7 +162,7 @@ class CycleModel(FrameCycles):
             )
         else:
             multipliers = sum(
-                _multipliers(kind.engines[type(stage)], stage, self.lanes, self.dsp)
+                _multipliers(kind.engines[type(stage)], stage, self.lanes, self.fold, self.dsp)
                 for stage in solver.parts.values()
             )
         return Figures(interval=interval, multipliers=multipliers, stages=stages)

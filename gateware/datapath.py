@@ -144,6 +144,7 @@ class Datapath(FrameCycles, wiring.Component):
                 height=height,
                 width=width,
                 lanes=lanes,
+                fold=scene.fold,
                 loadable=self.loadable and scene.poisson.mode == "difference",
                 dsp=dsp,
             )
