@@ -64,9 +64,9 @@ class Figures:
 
 
 @lru_cache
-def _multipliers(engine: Callable, stage: object, lanes: int, dsp: DspSlice) -> int:
+def _multipliers(engine: Callable, stage: object, lanes: int, fold: int, dsp: DspSlice) -> int:
     """Products of the engine of one of a solver's stages."""
-    return engine(stage, lanes=lanes, dsp=dsp).multipliers
+    return engine(stage, lanes=lanes, fold=fold, dsp=dsp).multipliers
 
 
 @lru_cache
@@ -164,7 +164,7 @@ class CycleModel(FrameCycles):
         sensor, poisson, size = self.scene.sensor, self.scene.poisson, self.scene.inner_px
         kind = SOLVERS[poisson.solver]
         stages = kind.stages_of(sensor.width_px, self.lanes, poisson.divergence, fold=self.fold)
-        interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes, fold=self.fold)
+        interval = frame_interval(sensor.height_px, sensor.width_px, self.lanes, self.fold)
         if solver is None:
             multipliers = kind.multipliers_of(
                 size,
@@ -177,7 +177,7 @@ class CycleModel(FrameCycles):
             )
         else:
             multipliers = sum(
-                _multipliers(kind.engines[type(stage)], stage, self.lanes, self.dsp)
+                _multipliers(kind.engines[type(stage)], stage, self.lanes, self.fold, self.dsp)
                 for stage in solver.parts.values()
             )
         return Figures(interval=interval, multipliers=multipliers, stages=stages)

@@ -61,7 +61,7 @@ def solver(pipeline: IntegerPipeline):
         height=scene.sensor.height_px,
         width=scene.sensor.width_px,
         lanes=scene.lanes,
-        **({} if scene.fold == 1 else {"fold": scene.fold}),
+        fold=scene.fold,
         loadable=pipeline.layers[0].loadable and scene.poisson.mode == "difference",
         dsp=device_of(scene).dsp,
     )

@@ -8,13 +8,15 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
-from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.poisson.eigenvalue_division import EigenvalueDivider
+from fastac.gateware.poisson.in_place_transposer import InPlaceTransposer
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.gateware.poisson.stages import (
     check_stages,
     connect_stages,
     frame_interval,
+    sine_transform,
+    transform_delay,
     transform_slices,
 )
 from fastac.gateware.poisson.transposer import Transposer
@@ -29,7 +31,9 @@ class PoissonSolver(wiring.Component):
 
     Source, DST-I of the rows, transposition, DST-I of the columns, division by the eigenvalues, inverse DST-I
     of the columns, transposition, inverse DST-I of the rows. Every stage sustains `lanes` values per clock,
-    and consecutive frames overlap.
+    and consecutive frames overlap. With a `fold` above 1 there is one lane, whose slopes are taken at most
+    every `fold` clocks; transforms share their multipliers over so many clocks (FoldedDst1), and frames are
+    transposed in one page (InPlaceTransposer).
 
     Members
     -------
@@ -38,14 +42,15 @@ class PoissonSolver(wiring.Component):
     offset : write port, see PoissonSourceStream. Only with `loadable`.
 
     The lanes beyond N in a row's last beat are undefined. Without back-pressure, `frame_latency` clocks pass
-    from a frame's first slopes to its last solutions and `latency` = frame_latency − (N · beats − 1) to its
-    first ones; `stages` has each stage's share of `frame_latency`, in order. Initiation interval: `interval`
-    = max(height · width / lanes, N · beats) clocks per frame. No combinational path of `ready` passes a
+    from a frame's first slopes, with a beat every `fold` clocks, to its last solutions, and `latency` =
+    frame_latency − fold · (N · beats − 1) to its first ones; `stages` has each stage's share of
+    `frame_latency`, in order. Initiation interval: `interval` = fold · max(height · width / lanes, N · beats)
+    clocks per frame. No combinational path of `ready` passes a
     transform, whose `i.ready` comes from registers.
     """
 
     last_row_first = False
-    engines: ClassVar = {SineTransform: Dst1Engine, EigenvalueDivision: EigenvalueDivider}
+    engines: ClassVar = {SineTransform: sine_transform, EigenvalueDivision: EigenvalueDivider}
 
     def __init__(
         self,
@@ -59,6 +64,7 @@ class PoissonSolver(wiring.Component):
         height: int,
         width: int,
         lanes: int,
+        fold: int = 1,
         loadable: bool = False,
         dsp: DspSlice = DSP48E2,
     ):
@@ -72,22 +78,30 @@ class PoissonSolver(wiring.Component):
         check_stages(stages, source.width, height, width)
 
         self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
-        self.row_forward = Dst1Engine(row_forward, lanes=lanes, dsp=dsp)
-        self.to_columns = Transposer(width - 2, row_forward.output_width, lanes=lanes)
-        self.column_forward = Dst1Engine(column_forward, lanes=lanes, dsp=dsp)
-        self.division = EigenvalueDivider(division, lanes=lanes, dsp=dsp)
-        self.column_inverse = Dst1Engine(column_inverse, lanes=lanes, dsp=dsp)
-        self.to_rows = Transposer(width - 2, column_inverse.output_width, lanes=lanes)
-        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes, dsp=dsp)
+        self.row_forward = sine_transform(row_forward, lanes=lanes, fold=fold, dsp=dsp)
+        self.to_columns = self._transposer(width - 2, row_forward.output_width, lanes, fold)
+        self.column_forward = sine_transform(column_forward, lanes=lanes, fold=fold, dsp=dsp)
+        self.division = EigenvalueDivider(division, lanes=lanes, fold=fold, dsp=dsp)
+        self.column_inverse = sine_transform(column_inverse, lanes=lanes, fold=fold, dsp=dsp)
+        self.to_rows = self._transposer(width - 2, column_inverse.output_width, lanes, fold)
+        self.row_inverse = sine_transform(row_inverse, lanes=lanes, fold=fold, dsp=dsp)
         members = {"i": In(self.source.i.signature.flip()), "o": Out(self.row_inverse.o.signature)}
         if loadable:
             members["offset"] = In(self.source.table.signature)
         super().__init__(members)
-        self.size, self.beats = width - 2, self.row_forward.interval
-        self.interval = frame_interval(height, width, lanes)
+        self.size, self.beats, self.fold = width - 2, -(-(width - 2) // lanes), fold
+        self.interval = frame_interval(height, width, lanes, fold)
 
     @staticmethod
-    def stages_of(width: int, lanes: int, divergence: str, distance: int | None = None) -> dict[str, int]:
+    def _transposer(size: int, width: int, lanes: int, fold: int) -> Transposer | InPlaceTransposer:
+        if fold > 1:
+            return InPlaceTransposer(size, width, fold=fold)
+        return Transposer(size, width, lanes=lanes)
+
+    @staticmethod
+    def stages_of(
+        width: int, lanes: int, divergence: str, distance: int | None = None, *, fold: int = 1
+    ) -> dict[str, int]:
         """`stages` for images of `width` pixels.
 
         distance : of the largest from the lowest shift of the division; None: that of `reciprocals`
@@ -96,17 +110,19 @@ class PoissonSolver(wiring.Component):
         if distance is None:
             distance = reciprocal_distance(size)
         beats = -(-size // lanes)
-        row, frame = beats - 1, size * beats - 1
-        source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)
-        transform = Dst1Engine.latency_of(size) + row
+        transposition = (InPlaceTransposer if fold > 1 else Transposer).latency + (size * beats - 1) * fold
+        source = PoissonSourceStream.delay_of(
+            size - 1, beats - 1, width=width, lanes=lanes, divergence=divergence, fold=fold
+        )
+        transform = transform_delay(size, lanes, fold)
         return {
             "source": source + SkidBuffer.latency,
             "row_forward": transform,
-            "to_columns": Transposer.latency + frame,
+            "to_columns": transposition,
             "column_forward": transform + SkidBuffer.latency,
             "division": EigenvalueDivider.latency_of(distance) + SkidBuffer.latency,
             "column_inverse": transform,
-            "to_rows": Transposer.latency + frame,
+            "to_rows": transposition,
             "row_inverse": transform,
         }
 
@@ -115,6 +131,7 @@ class PoissonSolver(wiring.Component):
         size: int,
         lanes: int,
         *,
+        fold: int = 1,
         source_width: int,
         data_bits: int,
         coefficient_width: int,
@@ -122,14 +139,17 @@ class PoissonSolver(wiring.Component):
     ) -> int:
         """DSP slices at most: those of words of `data_bits`."""
         widths = (source_width, data_bits, data_bits, data_bits)
-        transforms = transform_slices(size, lanes, widths, coefficient_width=coefficient_width, dsp=dsp)
+        transforms = transform_slices(
+            size, lanes, widths, fold=fold, coefficient_width=coefficient_width, dsp=dsp
+        )
         return transforms + EigenvalueDivider.multipliers_of(lanes, input_width=data_bits, dsp=dsp)
 
     @property
     def stages(self) -> dict[str, int]:
         """Clocks from last beat to last beat of each stage; the first entry counts from the first slopes."""
         source = self.source
-        return self.stages_of(source.width, source.lanes, source.source.divergence, self.division.distance)
+        divergence, distance = source.source.divergence, self.division.distance
+        return self.stages_of(source.width, source.lanes, divergence, distance, fold=self.fold)
 
     @property
     def frame_latency(self) -> int:
@@ -137,7 +157,7 @@ class PoissonSolver(wiring.Component):
 
     @property
     def latency(self) -> int:
-        return self.frame_latency - (self.size * self.beats - 1)
+        return self.frame_latency - (self.size * self.beats - 1) * self.fold
 
     @property
     def multipliers(self) -> int:

@@ -6,7 +6,7 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
-from fastac.gateware.stream.handshake import pipeline_handshake
+from fastac.gateware.stream.handshake import check_fold, pipeline_handshake
 from fastac.models.integer.dst2d import MANTISSA_BITS, EigenvalueDivision
 
 
@@ -25,10 +25,11 @@ class EigenvalueDivider(wiring.Component):
 
     The lanes beyond N in a row's last beat are undefined. `latency` = 5 + ceil(b/2) clocks without
     back-pressure, where b is the number of bits of the largest difference of two shifts; initiation
-    interval 1.
+    interval 1. A larger `fold`, clocks between two beats, changes nothing: there is one product a lane.
     """
 
-    def __init__(self, division: EigenvalueDivision, *, lanes: int, dsp: DspSlice = DSP48E2):
+    def __init__(self, division: EigenvalueDivision, *, lanes: int, fold: int = 1, dsp: DspSlice = DSP48E2):
+        check_fold(fold, lanes)
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
         self.division, self.lanes, self.dsp = division, lanes, dsp

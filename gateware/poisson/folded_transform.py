@@ -8,6 +8,7 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.arithmetic.product import product
 from fastac.gateware.dst1_engine import Dst1Engine
+from fastac.gateware.stream.handshake import check_folded
 from fastac.gateware.stream.queues import CreditQueue
 from fastac.models.integer.sine_transform import SineTransform
 
@@ -19,7 +20,7 @@ class FoldedDst1(wiring.Component):
     k and of x_n − x_{N+1−n} for even k. `products` = ceil(half/fold) multipliers take `fold` clocks for it,
     number j in step t the pair n = t·products + j + 1. They stand in a chain, each a clock later than the one
     before and adding its product to that one's, as DSP slices do without look-up tables. The coefficient is
-    a sine at k·n, which a modular counter follows; a quarter of its wave, with both signs, is in a table.
+    a sine at k·n, which a modular counter follows; a table holds one period of it.
 
     Members
     -------
@@ -34,8 +35,7 @@ class FoldedDst1(wiring.Component):
     """
 
     def __init__(self, transform: SineTransform, *, fold: int, dsp: DspSlice = DSP48E2):
-        if fold not in (2, 4, 8, 16):
-            raise ValueError(f"fold {fold}: expected 2, 4, 8 or 16")
+        check_folded(fold)
         if transform.size < 2:
             raise ValueError(f"matrix of size {transform.size}: expected at least 2")
         self.transform, self.fold, self.dsp = transform, fold, dsp
@@ -92,9 +92,7 @@ class FoldedDst1(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         self._word = signed(self.transform.input_width + 1)
-        stores = [
-            memory.Memory(shape=self._word, depth=4 * self.fold, init=[]) for _ in range(self.products)
-        ]
+        stores = [memory.Memory(shape=self._word, depth=4 * self.fold, init=[]) for _ in range(self.products)]
         for lane, store in enumerate(stores):
             m.submodules[f"store_{lane}"] = store
         full, filled, emptied = Signal(2), Signal(2), Signal(2)
@@ -146,8 +144,11 @@ class FoldedDst1(wiring.Component):
         with m.If(differences & last):
             m.d.comb += filled.eq(Mux(place.page, 2, 1))
 
+        # x − y = x + ~y + 1, the 1 as the carry out of one more bit below, so that one adder is enough.
         word = Signal(self._word)
-        m.d.comb += word.eq(Mux(differences, read.data - value, read.data + value))
+        other = value.as_unsigned() ^ differences.replicate(len(value))
+        added = Cat(differences, read.data).as_signed() + Cat(differences, other).as_signed()
+        m.d.comb += word.eq(added >> 1)
         for index, store in enumerate(stores):
             port = store.write_port()
             m.d.comb += [
@@ -160,9 +161,7 @@ class FoldedDst1(wiring.Component):
         """One output every `fold` clocks from the page that is full."""
         size, half_unit = self.transform.size, self.transform.half_unit
         under_way = self.products + self.fold + 3
-        m.submodules.queue = queue = CreditQueue(
-            self.o.payload.shape(), depth=under_way // self.fold + 1
-        )
+        m.submodules.queue = queue = CreditQueue(self.o.payload.shape(), depth=under_way // self.fold + 1)
         wiring.connect(m, queue.o, wiring.flipped(self.o))
 
         # The first multiplier's place, and the multiples of the angle that it and its neighbours go on by.
@@ -189,14 +188,16 @@ class FoldedDst1(wiring.Component):
         # A page is free when the last multiplier, products − 1 clocks after the first, has read it.
         read = Signal(data.StructLayout({"step": step.shape(), "even": 1, "page": 1}))
         m.d.comb += [read.step.eq(step), read.even.eq(~k[0]), read.page.eq(page)]
+        sines = self._tables(m, 1 << len(at.index))
         total = Const(0)
         for lane, store in enumerate(stores):
             if lane:
-                at = self._later(m, f"angle_{lane}", self._turned(m, f"turned_{lane}", at, angle(Cat(k, Const(0, 1)))))
+                turned = self._turned(m, f"turned_{lane}", at, angle(Cat(k, Const(0, 1))))
+                at = self._later(m, f"angle_{lane}", turned)
                 k, read = self._later(m, f"k_{lane}", k), self._later(m, f"read_{lane}", read)
                 ended, ends = ends, Signal(name=f"ends_{lane}")
                 m.d.sync += ends.eq(ended)
-            total = self._product(m, platform, lane, store, read, at, total)
+            total = self._product(m, platform, lane, store, sines[lane // 2], read, at, total)
         with m.If(ends):
             m.d.comb += emptied.eq(Mux(read.page, 2, 1))
 
@@ -205,7 +206,7 @@ class FoldedDst1(wiring.Component):
         m.d.sync += flags.eq(Cat(launch, flags))
         accumulated = Signal(signed(self.transform.accumulator_width), reset_less=True)
         first = flags[self.products + 2]
-        m.d.sync += accumulated.eq(Mux(first, half_unit, accumulated) + total)
+        m.d.sync += accumulated.eq(total + Mux(first, half_unit, accumulated))
         m.d.comb += [queue.i_valid.eq(flags[-1]), queue.i[0].eq(accumulated >> self.transform.shift)]
 
     @staticmethod
@@ -216,7 +217,7 @@ class FoldedDst1(wiring.Component):
         return held
 
     def _turned(self, m, name: str, at, by):
-        """The angle `at` turned by the angle `by`, in multiples of π/(N + 1): index modulo N + 1, and sign."""
+        """The angle `at` turned by `by`, in multiples of π/(N + 1): index modulo N + 1, and sign."""
         period = self.transform.size + 1
         total = Signal(range(2 * period), name=f"{name}_total")
         result = Signal(at.shape(), name=name)
@@ -228,23 +229,25 @@ class FoldedDst1(wiring.Component):
         ]
         return result
 
-    def _product(self, m, platform, lane: int, store, read, at, total):
-        """The sum of `total` and the product of a stored word and the sine of its angle, 4 clocks later."""
-        period, quarter = self.transform.size + 1, (self.transform.size + 1) // 2
-        constant = signed(self.transform.coefficient_width)
-        folded = Signal(range(quarter + 1), name=f"folded_{lane}")
-        m.d.comb += folded.eq(Mux(at.index > quarter, period - at.index, at.index))
-        places = 1 << len(folded)
-        wave = self._sine(np.arange(quarter + 1)).tolist()
+    def _tables(self, m, places: int) -> list:
+        """A period of the sine for each two multipliers, by index and sign: a block RAM has two ports."""
+        wave = self._sine(np.arange(self.transform.size + 1)).tolist()
         wave += [0] * (places - len(wave))
-        m.submodules[f"sines_{lane}"] = sines = memory.Memory(
-            shape=constant,
-            depth=2 * places,
-            init=wave + [-c for c in wave],
-            attrs={"rom_style": "distributed"},
-        )
+        found = []
+        for table in range((self.products + 1) // 2):
+            m.submodules[f"sines_{table}"] = sines = memory.Memory(
+                shape=signed(self.transform.coefficient_width),
+                depth=2 * places,
+                init=wave + [-c for c in wave],
+                attrs={"rom_style": "block"},
+            )
+            found.append(sines)
+        return found
+
+    def _product(self, m, platform, lane: int, store, sines, read, at, total):
+        """The sum of `total` and the product of a stored word and the sine of its angle, 4 clocks later."""
         word, sine = store.read_port(), sines.read_port()
-        m.d.comb += [word.addr.eq(read), sine.addr.eq(Cat(folded, at.negative))]
+        m.d.comb += [word.addr.eq(read), sine.addr.eq(at)]
         if hasattr(platform, "product"):
             done = product(m, platform, Const(1), word.data, sine.data, name=f"product_{lane}")
             return done + (self._later(m, f"chained_{lane}", total) if lane else 0)

@@ -6,6 +6,8 @@ from amaranth import Cat, Module, Mux, Signal, signed
 from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.stream.handshake import check_fold, pace
+
 
 class Place(NamedTuple):
     """Position of the writer or reader in the memory; `last`: it is the last beat of a frame."""
@@ -26,21 +28,23 @@ class FrameReversal(wiring.Component):
     Members
     -------
     i : stream of `lanes` values, signed(width): `size` rows of `beats` = ceil(size/lanes) beats
-    o : the same stream with the rows of each frame last to first; beats within a row keep their order
+    o : the same stream with the rows of each frame last to first; beats within a row keep their order, and
+        come at most every `fold` clocks
 
-    Initiation interval: `size` · `beats` clocks per frame. `latency` = 3 clocks, without back-pressure, from
-    the first beat of a frame's last row to the frame's first output beat: write address, memory read, output
-    register. `i.ready` comes from registers.
+    Initiation interval: fold · `size` · `beats` clocks a frame. `latency` = 3 clocks, without back-pressure,
+    from the first beat of a frame's last row to the frame's first output beat: write address, memory read,
+    output register. `i.ready` comes from registers.
     """
 
     latency = 3
 
-    def __init__(self, size: int, width: int, *, lanes: int):
+    def __init__(self, size: int, width: int, *, lanes: int, fold: int = 1):
+        check_fold(fold, lanes)
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
         if size <= lanes:
             raise ValueError(f"size {size}: expected more than lanes = {lanes}")
-        self.size, self.width, self.lanes = size, width, lanes
+        self.size, self.width, self.lanes, self.fold = size, width, lanes, fold
         self.beats = -(-size // lanes)
         words = stream.Signature(data.ArrayLayout(signed(width), lanes))
         super().__init__({"i": In(words), "o": Out(words)})
@@ -76,6 +80,8 @@ class FrameReversal(wiring.Component):
 
         valid = Signal(2)
         there = whole | ((written.row == self.size - 1) & (taken.beat < written.beat))
+        if self.fold > 1:
+            there &= pace(m, issue, self.fold)
         m.d.comb += [
             advance.eq(self.o.ready | ~self.o.valid),
             issue.eq(advance & there),

@@ -5,7 +5,7 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
-from fastac.gateware.stream.handshake import pipeline_handshake
+from fastac.gateware.stream.handshake import check_fold, pipeline_handshake
 from fastac.models.integer.tridiagonal import COEFFICIENT_BITS, Recurrence
 
 
@@ -26,13 +26,15 @@ class RowRecurrence(wiring.Component):
 
     The lanes beyond N in a row's last beat are undefined. `latency` = 6 clocks without back-pressure;
     initiation interval 1 clock per beat. The recurrence loop takes `loop` = 5 clocks, from reading the
-    previous row's value to the result's being readable, so a row must have at least 5 beats.
+    previous row's value to the result's being readable, so a row must have at least 5 beats. A larger `fold`,
+    clocks between two beats, changes nothing: there is one product a lane.
     """
 
     latency = 6
     loop = 5
 
-    def __init__(self, recurrence: Recurrence, *, lanes: int, dsp: DspSlice = DSP48E2):
+    def __init__(self, recurrence: Recurrence, *, lanes: int, fold: int = 1, dsp: DspSlice = DSP48E2):
+        check_fold(fold, lanes)
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
         if not isinstance(recurrence, Recurrence):

@@ -69,10 +69,10 @@ class PoissonSourceStream(wiring.Component):
         return span, -(-span // lanes)
 
     @classmethod
-    def delay_of(cls, row: int, beat: int, *, width: int, lanes: int, divergence: str) -> int:
-        """`delay` for images of `width` pixels, without building the component."""
+    def delay_of(cls, row: int, beat: int, *, width: int, lanes: int, divergence: str, fold: int = 1) -> int:
+        """`delay` with a beat every `fold` clocks, for images of `width` pixels, without building it."""
         rows, beats = cls.ahead(divergence, lanes)
-        return (row + rows) * (width // lanes) + beat + beats + cls.latency
+        return ((row + rows) * (width // lanes) + beat + beats) * fold + cls.latency
 
     def delay(self, row: int, beat: int) -> int:
         """Clocks from a frame's first input beat to output `beat` of inner `row`, without back-pressure."""

@@ -8,7 +8,6 @@ from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
-from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.poisson.frame_reversal import FrameReversal
 from fastac.gateware.poisson.recurrence import RowRecurrence
 from fastac.gateware.poisson.source import PoissonSourceStream
@@ -16,6 +15,8 @@ from fastac.gateware.poisson.stages import (
     check_stages,
     connect_stages,
     frame_interval,
+    sine_transform,
+    transform_delay,
     transform_slices,
 )
 from fastac.gateware.stream.queues import SkidBuffer
@@ -29,7 +30,9 @@ class TridiagonalPoissonSolver(wiring.Component):
 
     Source, DST-I of the rows, forward elimination down the rows, reversal of the row order, back substitution
     up the rows, inverse DST-I of the rows (models/integer/tridiagonal.py). Every stage sustains `lanes`
-    values per clock, and consecutive frames overlap.
+    values per clock, and consecutive frames overlap. With a `fold` above 1 there is one lane, whose slopes
+    are taken at most every `fold` clocks; transforms share their multipliers over so many clocks
+    (FoldedDst1), and the reversal gives a value every `fold` clocks.
 
     Members
     -------
@@ -40,15 +43,16 @@ class TridiagonalPoissonSolver(wiring.Component):
     offset : write port, see PoissonSourceStream. Only with `loadable`.
 
     The lanes beyond N in a row's last beat are undefined. Without back-pressure, `frame_latency` clocks pass
-    from a frame's first slopes to its last solutions and `latency` = frame_latency − (N · beats − 1) to its
-    first ones; `stages` has each stage's share of `frame_latency`, in order. Initiation interval: `interval`
-    = max(height · width / lanes, N · beats) clocks per frame. No combinational path of `ready` passes a
+    from a frame's first slopes, with a beat every `fold` clocks, to its last solutions, and `latency` =
+    frame_latency − fold · (N · beats − 1) to its first ones; `stages` has each stage's share of
+    `frame_latency`, in order. Initiation interval: `interval` = fold · max(height · width / lanes, N · beats)
+    clocks per frame. No combinational path of `ready` passes a
     transform, whose `i.ready` comes from registers.
     """
 
     last_row_first = True
     engines: ClassVar = {
-        SineTransform: Dst1Engine,
+        SineTransform: sine_transform,
         Elimination: RowRecurrence,
         Substitution: RowRecurrence,
     }
@@ -64,6 +68,7 @@ class TridiagonalPoissonSolver(wiring.Component):
         height: int,
         width: int,
         lanes: int,
+        fold: int = 1,
         loadable: bool = False,
         dsp: DspSlice = DSP48E2,
     ):
@@ -76,13 +81,13 @@ class TridiagonalPoissonSolver(wiring.Component):
         check_stages(stages, source.width, height, width)
 
         self.source = PoissonSourceStream(source, height=height, width=width, lanes=lanes, loadable=loadable)
-        self.row_forward = Dst1Engine(row_forward, lanes=lanes, dsp=dsp)
-        self.elimination = RowRecurrence(elimination, lanes=lanes, dsp=dsp)
-        self.reversal = FrameReversal(width - 2, elimination.output_width, lanes=lanes)
-        self.substitution = RowRecurrence(substitution, lanes=lanes, dsp=dsp)
-        self.row_inverse = Dst1Engine(row_inverse, lanes=lanes, dsp=dsp)
-        self.size, self.beats = width - 2, self.row_forward.interval
-        self.interval = frame_interval(height, width, lanes)
+        self.row_forward = sine_transform(row_forward, lanes=lanes, fold=fold, dsp=dsp)
+        self.elimination = RowRecurrence(elimination, lanes=lanes, fold=fold, dsp=dsp)
+        self.reversal = FrameReversal(width - 2, elimination.output_width, lanes=lanes, fold=fold)
+        self.substitution = RowRecurrence(substitution, lanes=lanes, fold=fold, dsp=dsp)
+        self.row_inverse = sine_transform(row_inverse, lanes=lanes, fold=fold, dsp=dsp)
+        self.size, self.beats, self.fold = width - 2, self.elimination.beats, fold
+        self.interval = frame_interval(height, width, lanes, fold)
         members = {
             "i": In(self.source.i.signature.flip()),
             "o": Out(self.row_inverse.o.signature),
@@ -93,18 +98,19 @@ class TridiagonalPoissonSolver(wiring.Component):
         super().__init__(members)
 
     @staticmethod
-    def stages_of(width: int, lanes: int, divergence: str) -> dict[str, int]:
+    def stages_of(width: int, lanes: int, divergence: str, *, fold: int = 1) -> dict[str, int]:
         """`stages` for images of `width` pixels."""
         size = width - 2
         beats = -(-size // lanes)
-        row = beats - 1
-        source = PoissonSourceStream.delay_of(size - 1, row, width=width, lanes=lanes, divergence=divergence)
-        transform = Dst1Engine.latency_of(size) + row
+        source = PoissonSourceStream.delay_of(
+            size - 1, beats - 1, width=width, lanes=lanes, divergence=divergence, fold=fold
+        )
+        transform = transform_delay(size, lanes, fold)
         return {
             "source": source + SkidBuffer.latency,
             "row_forward": transform,
             "elimination": RowRecurrence.latency,
-            "reversal": FrameReversal.latency + (size - 1) * beats,
+            "reversal": FrameReversal.latency + (size - 1) * beats * fold,
             "substitution": RowRecurrence.latency + SkidBuffer.latency,
             "row_inverse": transform,
         }
@@ -114,6 +120,7 @@ class TridiagonalPoissonSolver(wiring.Component):
         size: int,
         lanes: int,
         *,
+        fold: int = 1,
         source_width: int,
         data_bits: int,
         coefficient_width: int,
@@ -121,7 +128,9 @@ class TridiagonalPoissonSolver(wiring.Component):
     ) -> int:
         """DSP slices at most: those of words of `data_bits`."""
         widths = (source_width, data_bits)
-        transforms = transform_slices(size, lanes, widths, coefficient_width=coefficient_width, dsp=dsp)
+        transforms = transform_slices(
+            size, lanes, widths, fold=fold, coefficient_width=coefficient_width, dsp=dsp
+        )
         recurrences = (
             RowRecurrence.multipliers_of(lanes, width=data_bits, downwards=downwards, dsp=dsp)
             for downwards in (True, False)
@@ -131,7 +140,8 @@ class TridiagonalPoissonSolver(wiring.Component):
     @property
     def stages(self) -> dict[str, int]:
         """Clocks from last beat to last beat of each stage; the first entry counts from the first slopes."""
-        return self.stages_of(self.source.width, self.source.lanes, self.source.source.divergence)
+        source = self.source
+        return self.stages_of(source.width, source.lanes, source.source.divergence, fold=self.fold)
 
     @property
     def frame_latency(self) -> int:
@@ -139,7 +149,7 @@ class TridiagonalPoissonSolver(wiring.Component):
 
     @property
     def latency(self) -> int:
-        return self.frame_latency - (self.size * self.beats - 1)
+        return self.frame_latency - (self.size * self.beats - 1) * self.fold
 
     @property
     def multipliers(self) -> int:

@@ -61,12 +61,22 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("size", "lanes", "divergence"), [(13, 1, "central"), (14, 2, "backward"), (14, 4, "central")]
+    ("size", "lanes", "fold", "divergence"),
+    [
+        (13, 1, 1, "central"),
+        (14, 2, 1, "backward"),
+        (14, 4, 1, "central"),
+        (6, 1, 2, "central"),
+        pytest.param(13, 1, 4, "backward", marks=pytest.mark.full),
+        pytest.param(18, 1, 8, "central", marks=pytest.mark.full),
+        (5, 1, 16, "central"),
+        pytest.param(36, 1, 16, "central", marks=pytest.mark.full),
+    ],
 )
-@pytest.mark.quick("14-2-backward")
-def test_bit_exact_to_golden_model(tmp_path, size, lanes, divergence):
+@pytest.mark.quick("14-2-1-backward", "5-1-16-central")
+def test_bit_exact_to_golden_model(tmp_path, size, lanes, fold, divergence):
     chain, frames = stages(size, divergence=divergence), 5
-    dut = PoissonSolver(*chain, height=size + 2, width=size + 2, lanes=lanes)
+    dut = PoissonSolver(*chain, height=size + 2, width=size + 2, lanes=lanes, fold=fold)
     # Extremes first: zeros, the upper limit, and the signs that give the deepest solution.
     slopes = np.random.default_rng(1).integers(-511, 512, (frames, size + 2, size + 2, 2))
     slopes[0], slopes[1], slopes[2] = 0, 511, 511 * np.sign(np.arange(size + 2) - size / 2)[:, None, None]

@@ -18,7 +18,7 @@ def sine_transform(size: int, *, input_width: int, shift: int = 15, rounding: st
 
 
 def rows_of(transform: SineTransform) -> np.ndarray:
-    """Rows of extremes first: zeros, both limits, the signs that reach each accumulator's bound; then noise."""
+    """Zeros, both limits, the signs that reach the bounds of accumulators, and noise."""
     size, limit = transform.size, 1 << (transform.input_width - 1)
     extremes = [np.zeros(size), np.full(size, limit - 1), np.full(size, -limit)]
     for row in transform.matrix[:: max(size // 6, 1)]:
@@ -43,7 +43,6 @@ def test_bit_exact_to_golden_model(tmp_path, size, fold, input_width, rounding):
     transform = sine_transform(size, input_width=input_width, rounding=rounding)
     dut, rows = FoldedDst1(transform, fold=fold), rows_of(transform)
     latencies = [
-        (size - 1, 0, dut.latency),
         # From row to row there is no pause, however early the next row comes.
         *((size - 1, n, dut.latency + n * fold) for n in range(len(rows) * size)),
     ]
@@ -57,7 +56,9 @@ def test_bit_exact_to_golden_model(tmp_path, size, fold, input_width, rounding):
     )
 
 
-@pytest.mark.parametrize(("fold", "interval", "latency", "multipliers"), [(2, 252, 40, 32), (16, 2016, 26, 4)])
+@pytest.mark.parametrize(
+    ("fold", "interval", "latency", "multipliers"), [(2, 252, 40, 32), (16, 2016, 26, 4)]
+)
 def test_cost_of_the_paper_s_rows(fold, interval, latency, multipliers):
     dut = FoldedDst1(sine_transform(126, input_width=26), fold=fold)
     assert (dut.interval, dut.latency, dut.multipliers) == (interval, latency, multipliers)

@@ -38,7 +38,9 @@ def make(size: int, divergence: str = "central", **numbers) -> tuple[PoissonSour
     return source, chosen
 
 
-def component(source: PoissonSource, chosen: TridiagonalSolver, lanes: int) -> TridiagonalPoissonSolver:
+def component(
+    source: PoissonSource, chosen: TridiagonalSolver, lanes: int, fold: int = 1
+) -> TridiagonalPoissonSolver:
     side = len(source.offset) + 2
     return TridiagonalPoissonSolver(
         source,
@@ -49,6 +51,7 @@ def component(source: PoissonSource, chosen: TridiagonalSolver, lanes: int) -> T
         height=side,
         width=side,
         lanes=lanes,
+        fold=fold,
     )
 
 
@@ -82,18 +85,23 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("size", "lanes", "divergence", "numbers"),
+    ("size", "lanes", "fold", "divergence", "numbers"),
     [
-        (13, 1, "central", {}),
-        (14, 2, "backward", {"data_bits": 16, "coefficient_fraction": 12}),
-        (18, 4, "central", {}),
-        (13, 1, "central", {"rounding": "floor", "data_bits": 18}),
+        (13, 1, 1, "central", {}),
+        (14, 2, 1, "backward", {"data_bits": 16, "coefficient_fraction": 12}),
+        (18, 4, 1, "central", {}),
+        (13, 1, 1, "central", {"rounding": "floor", "data_bits": 18}),
+        (6, 1, 2, "central", {}),
+        pytest.param(13, 1, 4, "backward", {"rounding": "floor"}, marks=pytest.mark.full),
+        pytest.param(18, 1, 8, "central", {}, marks=pytest.mark.full),
+        (5, 1, 16, "central", {}),
+        pytest.param(37, 1, 16, "central", {}, marks=pytest.mark.full),
     ],
 )
-@pytest.mark.quick("14-2-backward-numbers1")
-def test_bit_exact_to_golden_model(tmp_path, size, lanes, divergence, numbers):
+@pytest.mark.quick("14-2-1-backward-numbers1", "6-1-2-central-numbers4")
+def test_bit_exact_to_golden_model(tmp_path, size, lanes, fold, divergence, numbers):
     source, chosen = make(size, divergence, **numbers)
-    dut, frames = component(source, chosen, lanes), 5
+    dut, frames = component(source, chosen, lanes, fold), 5
     # Extremes first: zeros, the upper limit, and the signs that give the deepest solution.
     slopes = np.random.default_rng(1).integers(-LIMIT, LIMIT + 1, (frames, size + 2, size + 2, 2))
     slopes[0], slopes[1], slopes[2] = 0, LIMIT, LIMIT * np.sign(np.arange(size + 2) - size / 2)[:, None, None]
