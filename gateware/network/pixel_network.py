@@ -124,11 +124,15 @@ class NormalMlp(wiring.Component):
         """One lane's cores by submodule name, in the order of the data."""
         cores, width, signed_input = {}, self.input_width, True
         for k, layer in enumerate(self.layers):
-            cores[f"fc{k}"] = MvmCore(layer, input_width=width, input_signed=signed_input, dsp=self.dsp)
+            core = MvmCore(layer, input_width=width, input_signed=signed_input, dsp=self.dsp)
+            cores[f"fc{k}"] = core
             if layer.requantisation is not None:
                 scale = layer.requantisation
                 cores[f"requantise{k}"] = RequantiseCore(
-                    scale, width=layer.accumulator_width, loadable=layer.loadable
+                    scale,
+                    width=layer.accumulator_width,
+                    loadable=layer.loadable,
+                    largest=None if layer.loadable else [x.high for x in core.accumulator_ranges],
                 )
                 width, signed_input = scale.bits, False
         return cores
