@@ -8,7 +8,7 @@ from amaranth import Cat, Const, Module, Shape, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.arithmetic.adder_graph import Range
+from fastac.gateware.arithmetic.adder_graph import AdderGraph, Range
 from fastac.gateware.arithmetic.adder_pipeline import adder_pipeline, range_register
 from fastac.gateware.arithmetic.adder_solver import adder_graph
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
@@ -47,6 +47,28 @@ def tile_layouts(
         data.ArrayLayout(Shape(input_width, input_signed), inputs),
         data.ArrayLayout(signed(layer.accumulator_width), neurons),
     )
+
+
+def input_ranges(layer: Layer, *, input_signed: bool) -> list[Range]:
+    """What a layer says of its inputs."""
+    return [Range(-x if input_signed else 0, x) for x in layer.input_limit.tolist()]
+
+
+def accumulator_ranges(layer: Layer, *, input_signed: bool) -> list[Range]:
+    """What each accumulator takes with the layer's own weights and biases; both ends are reached."""
+    low, high = (
+        np.array([getattr(x, end) for x in input_ranges(layer, input_signed=input_signed)])
+        for end in ("low", "high")
+    )
+    up, down = np.maximum(layer.weight, 0), np.minimum(layer.weight, 0)
+    least, most = up @ low + down @ high + layer.bias, up @ high + down @ low + layer.bias
+    return [Range(*ends) for ends in zip(least.tolist(), most.tolist(), strict=True)]
+
+
+def layer_graph(layer: Layer, *, input_signed: bool) -> AdderGraph:
+    """The additions of baked weights, without those of the biases."""
+    depth = PRODUCT_STAGES + (layer.weight.shape[1] - 1).bit_length()
+    return adder_graph(layer.weight, input_ranges(layer, input_signed=input_signed), depth)
 
 
 class MvmCore(wiring.Component):
@@ -193,30 +215,18 @@ class MvmCore(wiring.Component):
                 accumulators.append(self._biased_sum(terms, biases[unit[0]], register, name))
         return accumulators
 
-    @property
-    def input_ranges(self) -> list[Range]:
-        """What the layer says of its inputs."""
-        return [Range(-x if self.input_signed else 0, x) for x in self.layer.input_limit.tolist()]
-
-    @property
-    def accumulator_ranges(self) -> list[Range]:
-        """What each accumulator takes with the weights and biases of `layer`; both ends are reached."""
-        low, high = (np.array([getattr(x, end) for x in self.input_ranges]) for end in ("low", "high"))
-        up, down = np.maximum(self.layer.weight, 0), np.minimum(self.layer.weight, 0)
-        least, most = up @ low + down @ high + self.layer.bias, up @ high + down @ low + self.layer.bias
-        return [Range(*ends) for ends in zip(least.tolist(), most.tolist(), strict=True)]
-
     def _baked(self, m: Module, inputs: list[Term]) -> list[Term]:
         """Every neuron's accumulator, with constant weights and biases."""
-        latency = PRODUCT_STAGES + self._levels
-        graph = adder_graph(self.layer.weight, self.input_ranges, latency)
+        ranges = input_ranges(self.layer, input_signed=self.input_signed)
         values = [
             (x.value if held.signed else x.value[: held.width], held)
-            for x, held in zip(inputs, self.input_ranges, strict=True)
+            for x, held in zip(inputs, ranges, strict=True)
         ]
-        sums = adder_pipeline(m, self.advance, graph, values, latency, "sum")
+        graph = layer_graph(self.layer, input_signed=self.input_signed)
+        sums = adder_pipeline(m, self.advance, graph, values, PRODUCT_STAGES + self._levels, "sum")
+        reached = accumulator_ranges(self.layer, input_signed=self.input_signed)
         accumulators = []
-        for k, (total, held) in enumerate(zip(sums, self.accumulator_ranges, strict=True)):
+        for k, (total, held) in enumerate(zip(sums, reached, strict=True)):
             constant = int(self.layer.bias[k])
             bias = Term(Const(constant), abs(constant))
             if total is not None:

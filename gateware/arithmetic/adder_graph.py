@@ -91,13 +91,10 @@ class AdderGraph:
             found.append(Range(int(up @ low + down @ high), int(up @ high + down @ low)))
         return found
 
-    def adder_bits(self, inputs: list[Range]) -> int:
-        """Full adders of all additions; low bits that come from one operand alone take none."""
-        widths = [x.width for x in self.ranges(inputs)]
-        return sum(
-            widths[self.inputs + k] - free_bits(first, second)
-            for k, (first, second) in enumerate(self.additions)
-        )
+    def adder_bits(self, inputs: list[Range]) -> list[int]:
+        """Full adders of each addition; low bits that come from one operand alone take none."""
+        widths = [x.width for x in self.ranges(inputs)[self.inputs :]]
+        return [width - free_bits(*pair) for width, pair in zip(widths, self.additions, strict=True)]
 
     def check(self, matrix: np.ndarray) -> None:
         """Raise ValueError unless the graph multiplies by exactly this matrix."""

@@ -42,7 +42,7 @@ def _search(rows: tuple[tuple[int, ...], ...], inputs: tuple[Range, ...], depth:
             shallowest = graph.depth if shallowest is None else min(shallowest, graph.depth)
             if graph.depth > depth:
                 break  # the next are as deep or deeper
-            bits = graph.adder_bits(list(inputs))
+            bits = sum(graph.adder_bits(list(inputs)))
             if least is None or bits < least:
                 best, least = graph, bits
     if best is None:

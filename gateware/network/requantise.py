@@ -8,7 +8,7 @@ from amaranth import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.arithmetic.adder_graph import Range
+from fastac.gateware.arithmetic.adder_graph import AdderGraph, Range
 from fastac.gateware.arithmetic.adder_pipeline import adder_pipeline, range_register
 from fastac.gateware.arithmetic.adder_solver import adder_graph
 from fastac.gateware.arithmetic.product import product
@@ -25,6 +25,16 @@ SCALE_STAGES = 4
 def unsigned_value(term: Term) -> Value:
     """The value of a non-negative term, without its sign bit."""
     return (term.value << term.shift)[:-1]
+
+
+def scale_graph(scale: Requantisation, k: int, largest: int) -> tuple[Range, AdderGraph]:
+    """What baked hardware multiplies of neuron `k`'s accumulators, at most `largest`, and how."""
+    multiplier = int(scale.multiplier[k])
+    least_clipped = -(-(1 << (scale.bits + scale.shift)) // multiplier)
+    # Every accumulator with a bit above these is clipped.
+    width = max(1, min(largest, least_clipped - 1).bit_length())
+    held = Range(0, min(max(largest, 0), (1 << width) - 1))
+    return held, adder_graph(np.array([[multiplier]]), [held], SCALE_STAGES)
 
 
 class RequantiseCore(wiring.Component):
@@ -123,25 +133,22 @@ class RequantiseCore(wiring.Component):
     def _baked(self, m: Module, k: int, a: Value) -> tuple[Value, Value]:
         """Baked mode: neuron `k`'s accumulator, 0 if negative, multiplied and shifted right; whether its
         upper bits, which are not multiplied, clip it."""
-        scale, multiplier = self.scale, int(self.scale.multiplier[k])
-        least_clipped = -(-(1 << (scale.bits + scale.shift)) // multiplier)
-        # Every accumulator with a bit above these is clipped.
-        width = max(1, min(self.largest[k], least_clipped - 1).bit_length())
-        held = Range(0, min(max(self.largest[k], 0), (1 << width) - 1))
+        largest = self.largest[k]
+        held, graph = scale_graph(self.scale, k, largest)
+        width = held.width
 
         def register(value: Value, held: Range, name: str) -> Signal:
             return range_register(m, self.advance, value, held, f"{name}_{k}")
 
         # The accumulator of a neuron that is never active needs no register.
         positive = register(Mux(a < 0, 0, a[: held.width] if held.high else 0), held, "positive")
-        graph = adder_graph(np.array([[multiplier]]), [held], SCALE_STAGES)
         [product] = adder_pipeline(m, self.advance, graph, [(positive, held)], SCALE_STAGES, f"product_{k}")
         beyond = Const(0)
-        if self.largest[k] >> width:
+        if largest >> width:
             beyond = ~a[-1] & a[width:-1].any()
             for stage in range(1 + SCALE_STAGES):
                 beyond = register(beyond, Range(0, 1), f"beyond_at{stage}")
-        return product.value.shift_left(product.shift).shift_right(scale.shift), beyond
+        return product.value.shift_left(product.shift).shift_right(self.scale.shift), beyond
 
 
 class Requantise(wiring.Component):
