@@ -8,6 +8,9 @@ from amaranth import Cat, Const, Module, Shape, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.adder_graph import AdderGraph, Range
+from fastac.gateware.arithmetic.adder_pipeline import adder_pipeline, range_register
+from fastac.gateware.arithmetic.adder_solver import adder_graph
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.arithmetic.packed_products import Packing, best_packing
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_STAGES
@@ -15,7 +18,6 @@ from fastac.gateware.arithmetic.product import product
 from fastac.gateware.arithmetic.shift_add import (
     Register,
     Term,
-    constant_product,
     partial_adder_tree,
     pipeline_register,
 )
@@ -47,6 +49,28 @@ def tile_layouts(
     )
 
 
+def input_ranges(layer: Layer, *, input_signed: bool) -> list[Range]:
+    """What a layer says of its inputs."""
+    return [Range(-x if input_signed else 0, x) for x in layer.input_limit.tolist()]
+
+
+def accumulator_ranges(layer: Layer, *, input_signed: bool) -> list[Range]:
+    """What each accumulator takes with the layer's own weights and biases; both ends are reached."""
+    low, high = (
+        np.array([getattr(x, end) for x in input_ranges(layer, input_signed=input_signed)])
+        for end in ("low", "high")
+    )
+    up, down = np.maximum(layer.weight, 0), np.minimum(layer.weight, 0)
+    least, most = up @ low + down @ high + layer.bias, up @ high + down @ low + layer.bias
+    return [Range(*ends) for ends in zip(least.tolist(), most.tolist(), strict=True)]
+
+
+def layer_graph(layer: Layer, *, input_signed: bool) -> AdderGraph:
+    """The additions of baked weights, without those of the biases."""
+    depth = PRODUCT_STAGES + (layer.weight.shape[1] - 1).bit_length()
+    return adder_graph(layer.weight, input_ranges(layer, input_signed=input_signed), depth)
+
+
 class MvmCore(wiring.Component):
     """Compute `layer.weight @ i + layer.bias` for one vector per clock, without a handshake.
 
@@ -62,10 +86,11 @@ class MvmCore(wiring.Component):
     otherwise, and for an odd neuron, there is one multiplier per weight. Operands (A, B), products (M, P) and
     every sum are registered. Packed products are summed as long as the sums fit their fields, then split into
     the two neurons' sums, which get the biases, and then summed on for each neuron.
-    Baked: a product is a sum of its weight's signed digits, without multipliers; weights of 0 cost nothing.
+    A product or sum has signed_width(Σ|w|·input_limit) bits, with layer.weight_limit for |w|.
+    Baked: additions of shifted inputs and sums, without multipliers; neurons share the sums that they have in
+    common (`adder_solver`), and each sum has the bits of its own exact range.
 
-    A product or sum has signed_width(Σ|w|·input_limit) bits, with its own weights if they are baked, with
-    layer.weight_limit if they are loadable. There is one addition between two registers.
+    There is one addition between two registers.
     `latency` = 5 + ceil(log2(inputs)) clocks with `advance` high in either mode.
     """
 
@@ -154,7 +179,7 @@ class MvmCore(wiring.Component):
         if self.layer.loadable:
             accumulators = self._loadable(m, platform, inputs, register)
         else:
-            accumulators = self._baked(inputs, register)
+            accumulators = self._baked(m, inputs)
         for k, accumulator in enumerate(accumulators):
             m.d.comb += self.o[k].eq(accumulator.value)
         return m
@@ -190,28 +215,28 @@ class MvmCore(wiring.Component):
                 accumulators.append(self._biased_sum(terms, biases[unit[0]], register, name))
         return accumulators
 
-    def _baked(self, inputs: list[Term], register: Register) -> list[Term]:
+    def _baked(self, m: Module, inputs: list[Term]) -> list[Term]:
         """Every neuron's accumulator, with constant weights and biases."""
-        taps = [inputs]
-        for stage in range(1, PRODUCT_STAGES + 1):
-            taps.append([register(x, f"input_{j}_at{stage}") for j, x in enumerate(taps[-1])])
-        delayed = [[x.value for x in line] for line in zip(*taps, strict=True)]
+        ranges = input_ranges(self.layer, input_signed=self.input_signed)
+        values = [
+            (x.value if held.signed else x.value[: held.width], held)
+            for x, held in zip(inputs, ranges, strict=True)
+        ]
+        graph = layer_graph(self.layer, input_signed=self.input_signed)
+        sums = adder_pipeline(m, self.advance, graph, values, PRODUCT_STAGES + self._levels, "sum")
+        reached = accumulator_ranges(self.layer, input_signed=self.input_signed)
         accumulators = []
-        for k, (weights, bias) in enumerate(
-            zip(self.layer.weight.tolist(), self.layer.bias.tolist(), strict=True)
-        ):
-            terms = [
-                constant_product(weight, delayed[j], inputs[j].bound, register, f"product_{k}_{j}")
-                for j, weight in enumerate(weights)
-                if weight
-            ]
-            accumulators.append(self._biased_sum(terms, Term(Const(bias), abs(bias)), register, f"{k}"))
+        for k, (total, held) in enumerate(zip(sums, reached, strict=True)):
+            constant = int(self.layer.bias[k])
+            bias = Term(Const(constant), abs(constant))
+            if total is not None:
+                biased = total.plus(bias, total.bound + bias.bound)
+                bias = Term(range_register(m, self.advance, biased.value, held, f"biased_{k}"), biased.bound)
+            accumulators.append(bias)
         return accumulators
 
     def _biased_sum(self, terms: list[Term], bias: Term, register: Register, name: str) -> Term:
         """The sum of a neuron's products and its bias."""
-        if not terms:
-            return bias
         [total] = partial_adder_tree(terms, self._levels, register, f"sum_{name}")
         return register(total.plus(bias, total.bound + bias.bound), f"biased_{name}")
 

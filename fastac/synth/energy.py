@@ -8,14 +8,16 @@ is furthest from them. They are figures of standard cells: the wires and switche
 16 nm less. The estimate compares designs and stages; it is no measurement.
 """
 
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
 
 from fastac.gateware.arithmetic.packed_products import best_packing
-from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.gateware.dots.axis import quotient_bits
 from fastac.gateware.force.weighted_sum import products_of
+from fastac.gateware.mlp_mvm import accumulator_ranges, input_ranges, layer_graph
+from fastac.gateware.network.requantise import scale_graph
 from fastac.gateware.network.slope_bridge import SlopeBridgeStream
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
 from fastac.gateware.slip.spread_ratio import SpreadRatio
@@ -50,46 +52,53 @@ def background_works(frame: Frame) -> Iterator[Work]:
     yield addition(frame.pixels * frame.channels, WIDTH)
 
 
-def layer_works(frame: Frame, layer: Layer, input_width: int) -> Iterator[Work]:
+def layer_works(frame: Frame, layer: Layer, input_width: int, *, input_signed: bool) -> Iterator[Work]:
     """A layer of the pixel network; `input_width` of an input with its sign. Weights are registers or
     constants, so none are read from a memory."""
+    if not layer.loadable:
+        yield from baked_works(frame, layer, input_signed=input_signed)
+        return
     pixels, (neurons, inputs) = frame.pixels, layer.weight.shape
     width = layer.accumulator_width
-    if not layer.loadable:
-        digits = [sum(len(canonical_signed_digits(w)) for w in row) for row in layer.weight.tolist()]
-        yield addition(pixels * sum(digits), width)  # those of a neuron, and its bias, less one
-    else:
-        pack = best_packing(layer.weight_limit, layer.input_limit, input_width, frame.dsp)
-        pairs = neurons // 2 if pack else 0
-        single = neurons - 2 * pairs
-        if pairs:
-            groups = -(-inputs // (1 << pack.levels))
-            yield multiplication(pixels * pairs * inputs, pack.width, input_width)
-            yield addition(pixels * pairs * (inputs - groups), pack.width + input_width)
-            yield addition(pixels * pairs * 2 * (2 * groups - 1), width)  # to split, and to sum on
-        if single:
-            yield multiplication(pixels * single * inputs, layer.weight_bits, input_width)
-            yield addition(pixels * single * inputs, width)
-    scale = layer.requantisation
-    if scale is None:
-        return
-    if layer.loadable:
+    pack = best_packing(layer.weight_limit, layer.input_limit, input_width, frame.dsp)
+    pairs = neurons // 2 if pack else 0
+    single = neurons - 2 * pairs
+    if pairs:
+        groups = -(-inputs // (1 << pack.levels))
+        yield multiplication(pixels * pairs * inputs, pack.width, input_width)
+        yield addition(pixels * pairs * (inputs - groups), pack.width + input_width)
+        yield addition(pixels * pairs * 2 * (2 * groups - 1), width)  # to split, and to sum on
+    if single:
+        yield multiplication(pixels * single * inputs, layer.weight_bits, input_width)
+        yield addition(pixels * single * inputs, width)
+    if layer.requantisation is not None:
         yield multiplication(pixels * neurons, width, MULTIPLIER_BITS)
-    else:
-        digits = [len(canonical_signed_digits(m)) - 1 for m in scale.multiplier.tolist()]
-        yield addition(pixels * sum(digits), width + MULTIPLIER_BITS)
+
+
+def baked_works(frame: Frame, layer: Layer, *, input_signed: bool) -> Iterator[Work]:
+    """A layer with baked weights: additions of its graph, of biases, and of the graphs of its scale."""
+    inputs = input_ranges(layer, input_signed=input_signed)
+    reached = accumulator_ranges(layer, input_signed=input_signed)
+    bits = layer_graph(layer, input_signed=input_signed).adder_bits(inputs)
+    bits += [total.width for total in reached]
+    scale = layer.requantisation
+    for k, total in enumerate(reached if scale is not None else ()):
+        held, graph = scale_graph(scale, k, total.high)
+        bits += graph.adder_bits([held])
+    for width, count in sorted(Counter(bits).items()):
+        yield addition(frame.pixels * count, width)
 
 
 def normals_works(frame: Frame, layers: tuple[Layer, ...]) -> Iterator[Work]:
     input_width = WIDTH
     for layer in layers:
-        yield from layer_works(frame, layer, input_width)
+        yield from layer_works(frame, layer, input_width, input_signed=layer is layers[0])
         if layer.requantisation is not None:
             input_width = layer.requantisation.bits + 1
 
 
 def gradients_works(frame: Frame, ratio) -> Iterator[Work]:
-    """Restoring division: two magnitudes, a subtraction for each bit of a quotient, two roundings."""
+    """Division: two magnitudes, an addition or subtraction for each bit of a quotient, two roundings."""
     yield addition(2 * frame.pixels * (1 + ratio.width), ratio.normal_width)
     yield addition(2 * frame.pixels, ratio.width)
 

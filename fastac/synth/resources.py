@@ -178,7 +178,7 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         "background": {"one": 1, "bits": lanes * frame.channels * 9},
         "normals": {
             "adder_bits": _bits(normals, "addition", frame) * loadable,
-            "digit_bits": _bits(normals, "addition", frame) * (not loadable),
+            "baked_bits": _bits(normals, "addition", frame) * (not loadable),
             "product_bits": _bits(normals, "multiplication", frame),
             "activation_bits": lanes
             * sum(len(a.weight) * a.requantisation.bits for a, _ in pairwise(pipeline.layers)),

@@ -1,9 +1,9 @@
-"""Multiplication by constants without multipliers: shifts and pipelined additions.
+"""Terms with shifts and signs, sums of them in pipelined trees, and the signed digits of constants.
 
 There is at most one addition or subtraction between two registers.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from amaranth import Module, Signal, Value, signed
@@ -79,31 +79,3 @@ def partial_adder_tree(terms: list[Term], levels: int, register: Register, name:
             for j, pair in enumerate(pairs)
         ]
     return terms
-
-
-def constant_product(constant: int, taps: Sequence[Value], limit: int, register: Register, name: str) -> Term:
-    """The product `constant` · x, aligned in time with the last of `taps`.
-
-    constant : not 0
-    taps : x, then x delayed by 1, 2, … clocks; at least 1 + ceil(log2(digits)) of them, for the levels of
-        additions
-    limit : largest magnitude of x
-
-    Additions happen as late as possible, because all products of x share its delays.
-    """
-
-    def build(digits: list[tuple[int, int]], time: int) -> Term:
-        if len(digits) == 1:
-            [(exponent, sign)] = digits
-            return Term(taps[time], limit << exponent, exponent, sign < 0)
-        half = len(digits) // 2
-        bound = abs(sum(sign << exponent for exponent, sign in digits)) * limit
-        low, high = build(digits[:half], time - 1), build(digits[half:], time - 1)
-        return register(low.plus(high, bound), f"{name}_at{time}")
-
-    digits = canonical_signed_digits(constant)
-    if (len(digits) - 1).bit_length() >= len(taps):
-        raise ValueError(
-            f"constant {constant} of {len(digits)} digits: expected at most {1 << len(taps) - 1}"
-        )
-    return build(digits, len(taps) - 1)

@@ -1,4 +1,4 @@
-"""Surface normals to slopes, p = −n_x/n_z and q = −n_y/n_z, by pipelined restoring division."""
+"""Surface normals to slopes, p = −n_x/n_z and q = −n_y/n_z, by pipelined non-restoring division."""
 
 from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
@@ -33,8 +33,11 @@ class GradientDivider(wiring.Component):
         positive
 
     The quotient Q = floor(2**(fraction+1)·|n| / n_z) has `ratio.width` bits and is rounded by (Q + 1) >> 1.
-    Each stage brings down one bit of the numerator and finds one bit of Q, most significant first; the
-    remainder stays below n_z, so it has normal_width − 1 bits. Q overflows if
+    Each stage brings down one bit of the numerator and finds one bit of Q, most significant first: it
+    subtracts n_z, or adds it where the stage before has subtracted too much, and the bit is 1 where the
+    remainder is not negative. As 2·(R + n_z) − n_z = 2·R + n_z, these are the bits of restoring division,
+    with one addition a stage and no multiplexer. The remainder is in −n_z … n_z − 1; its sign is the last bit
+    of Q, inverted, so it has normal_width − 1 bits beside. Q overflows if
     |n| >> (width − 1 − fraction) >= n_z, which is tested before the division.
 
     `latency` = ratio.width + 2 clocks (magnitudes, one stage per bit of Q, rounding) without back-pressure;
@@ -107,16 +110,17 @@ class GradientDivider(wiring.Component):
             for j, (axis, state) in enumerate(zip("pq", axes, strict=True)):
                 negate, over, remainder, rest, quotient = state
                 brought = Cat(rest.pop() if rest else Const(0, 1), remainder)
-                trial = Signal(
-                    signed(max(len(brought), remainder_width) + 1), name=f"{lane}_{axis}_trial_{k}"
-                )
-                m.d.comb += trial.eq(brought - divisor)
+                subtract = quotient[0] if quotient else Const(1, 1)
+                addend = Cat(divisor ^ subtract.replicate(remainder_width), subtract)
+                # −D = ~D + 1; the lowest bits of the operands carry the 1.
+                total = Cat(Const(1, 1), brought) + Cat(subtract, addend)
+                trial = Signal(signed(remainder_width + 1), name=f"{lane}_{axis}_trial_{k}")
+                m.d.comb += trial.eq(total[1:])
                 fits = ~trial[-1]
-                following = Mux(fits, trial, brought)
                 axes[j] = (
                     register(negate, f"{axis}_negate_{k}"),
                     register(over, f"{axis}_over_{k}"),
-                    register(following, f"{axis}_remainder_{k}", remainder_width) if more else None,
+                    register(trial[:-1], f"{axis}_remainder_{k}") if more else None,
                     list(register(Cat(rest), f"{axis}_rest_{k}")) if rest else [],
                     list(register(Cat(fits, quotient), f"{axis}_quotient_{k}")),
                 )

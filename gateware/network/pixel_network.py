@@ -9,7 +9,7 @@ from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
-from fastac.gateware.mlp_mvm import MvmCore, tile_latency
+from fastac.gateware.mlp_mvm import MvmCore, accumulator_ranges, tile_latency
 from fastac.gateware.network.requantise import RequantiseCore
 from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
 from fastac.gateware.target.elaboration import shared_instances
@@ -128,8 +128,12 @@ class NormalMlp(wiring.Component):
             cores[f"fc{k}"] = MvmCore(layer, input_width=width, input_signed=signed_input, dsp=self.dsp)
             if layer.requantisation is not None:
                 scale = layer.requantisation
+                reached = accumulator_ranges(layer, input_signed=signed_input)
                 cores[f"requantise{k}"] = RequantiseCore(
-                    scale, width=layer.accumulator_width, loadable=layer.loadable
+                    scale,
+                    width=layer.accumulator_width,
+                    loadable=layer.loadable,
+                    largest=None if layer.loadable else [x.high for x in reached],
                 )
                 width, signed_input = scale.bits, False
         return cores

@@ -1,12 +1,18 @@
 # amaranth: UnusedElaboratable=no
 """Requantisation: a layer's accumulators, scaled and clipped, become the next layer's activations."""
 
-from amaranth import Cat, Module, Mux, Signal, Value, signed, unsigned
+from collections.abc import Sequence
+
+import numpy as np
+from amaranth import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.arithmetic.adder_graph import AdderGraph, Range
+from fastac.gateware.arithmetic.adder_pipeline import adder_pipeline, range_register
+from fastac.gateware.arithmetic.adder_solver import adder_graph
 from fastac.gateware.arithmetic.product import product
-from fastac.gateware.arithmetic.shift_add import Register, Term, constant_product, pipeline_register
+from fastac.gateware.arithmetic.shift_add import Register, Term, pipeline_register
 from fastac.models.integer.network import Requantisation
 
 MULTIPLIER_BITS, SHIFT_BITS = 17, 6
@@ -21,6 +27,16 @@ def unsigned_value(term: Term) -> Value:
     return (term.value << term.shift)[:-1]
 
 
+def scale_graph(scale: Requantisation, k: int, largest: int) -> tuple[Range, AdderGraph]:
+    """What baked hardware multiplies of neuron `k`'s accumulators, at most `largest`, and how."""
+    multiplier = int(scale.multiplier[k])
+    least_clipped = -(-(1 << (scale.bits + scale.shift)) // multiplier)
+    # Every accumulator with a bit above these is clipped.
+    width = max(1, min(largest, least_clipped - 1).bit_length())
+    held = Range(0, min(max(largest, 0), (1 << width) - 1))
+    return held, adder_graph(np.array([[multiplier]]), [held], SCALE_STAGES)
+
+
 class RequantiseCore(wiring.Component):
     """ReLU, scale and clip: min((max(a, 0) · multiplier) >> shift, 2**bits − 1), without a handshake.
 
@@ -32,17 +48,29 @@ class RequantiseCore(wiring.Component):
     parameters : multipliers and shift, unsigned(17 · neurons + 6), as `parameter_image` packs them; constant
         while data is in flight. Only if `loadable`.
 
+    largest : of each accumulator, if its word could hold more; baked hardware need not multiply more
+
     Loadable: one DSP slice per neuron, with its registers A, B, M and P: accumulators of 64 inputs of 10 bits
     and weights of 8 have the 25 bits that fit a DSP48E1 too; then the shift, first by a multiple of 8, then
-    by 0 … 7. Baked: the product is a sum of the multiplier's signed digits, and the shift is wiring.
+    by 0 … 7.
+    Baked: the product is a graph of additions (`adder_solver`), and the shift is wiring. Accumulators whose
+    upper bits alone clip them are found beside it, so that only the lower bits are multiplied.
     `latency` = 6 clocks with `advance` high in either mode: operand, 4 of product and shift, clip.
     """
 
     latency = 2 + SCALE_STAGES
 
-    def __init__(self, scale: Requantisation, *, width: int, loadable: bool = False):
+    def __init__(
+        self,
+        scale: Requantisation,
+        *,
+        width: int,
+        loadable: bool = False,
+        largest: Sequence[int] | None = None,
+    ):
         self.scale, self.width, self.loadable = scale, width, loadable
         neurons = len(scale.multiplier)
+        self.largest = tuple(largest or [(1 << (width - 1)) - 1] * neurons)
         members = {
             "advance": In(1),
             "i": In(data.ArrayLayout(signed(width), neurons)),
@@ -81,17 +109,17 @@ class RequantiseCore(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         register = pipeline_register(m, self.advance)
-        largest = (1 << (self.width - 1)) - 1
         top = (1 << self.scale.bits) - 1
         for k, a in enumerate(self.i):
             if self.loadable:
                 multiplier = self.parameters.word_select(k, MULTIPLIER_BITS)
                 whole = product(m, platform, self.advance, a, multiplier, name=f"product_{k}")
-                scaled = self._shifted(k, whole, largest * ((1 << MULTIPLIER_BITS) - 1), register)
+                bound = ((1 << (self.width - 1)) - 1) * ((1 << MULTIPLIER_BITS) - 1)
+                scaled, beyond = self._shifted(k, whole, bound, register), Const(0)
             else:
-                positive = register(Term(Mux(a < 0, 0, a), largest), f"positive_{k}")
-                scaled = self._baked(k, positive, register)
-            clipped = Term(Mux(scaled[self.scale.bits :].any(), top, scaled[: self.scale.bits]), top)
+                scaled, beyond = self._baked(m, k, a)
+            clip = beyond | scaled[self.scale.bits :].any()
+            clipped = Term(Mux(clip, top, scaled[: self.scale.bits]), top)
             m.d.comb += self.o[k].eq(register(clipped, f"activation_{k}").value)
         return m
 
@@ -102,16 +130,25 @@ class RequantiseCore(wiring.Component):
         coarse = register(Term(coarse, bound), f"coarse_{k}")
         return unsigned_value(register(Term(unsigned_value(coarse) >> shift[:COARSE], bound), f"shifted_{k}"))
 
-    def _baked(self, k: int, positive: Term, register: Register) -> Value:
-        """Baked mode: neuron `k`'s accumulator, 0 if negative, multiplied and shifted right."""
-        taps = [positive]
-        for stage in range(1, SCALE_STAGES + 1):
-            taps.append(register(taps[-1], f"positive_{k}_at{stage}"))
-        multiplier = int(self.scale.multiplier[k])
-        product = constant_product(
-            multiplier, [tap.value for tap in taps], positive.bound, register, f"product_{k}"
-        )
-        return unsigned_value(product).shift_right(self.scale.shift)
+    def _baked(self, m: Module, k: int, a: Value) -> tuple[Value, Value]:
+        """Baked mode: neuron `k`'s accumulator, 0 if negative, multiplied and shifted right; whether its
+        upper bits, which are not multiplied, clip it."""
+        largest = self.largest[k]
+        held, graph = scale_graph(self.scale, k, largest)
+        width = held.width
+
+        def register(value: Value, held: Range, name: str) -> Signal:
+            return range_register(m, self.advance, value, held, f"{name}_{k}")
+
+        # The accumulator of a neuron that is never active needs no register.
+        positive = register(Mux(a < 0, 0, a[: held.width] if held.high else 0), held, "positive")
+        [product] = adder_pipeline(m, self.advance, graph, [(positive, held)], SCALE_STAGES, f"product_{k}")
+        beyond = Const(0)
+        if largest >> width:
+            beyond = ~a[-1] & a[width:-1].any()
+            for stage in range(1 + SCALE_STAGES):
+                beyond = register(beyond, Range(0, 1), f"beyond_at{stage}")
+        return product.value.shift_left(product.shift).shift_right(self.scale.shift), beyond
 
 
 class Requantise(wiring.Component):

@@ -55,10 +55,15 @@ COMPONENTS = (
         ("arithmetic/test_frame_sum.py::test_sums_under_verilator",),
         allowed=(Allowed("beat.eq(Mux(last, 0, beat + 1))", ANOTHER_ORDER),),
     ),
+    Component(
+        "arithmetic/adder_pipeline",
+        ("test_mlp_mvm.py::test_baked_weights", "test_mlp_mvm.py::test_baked_signs"),
+    ),
     Component("arithmetic/packed_products", ("arithmetic/test_packed_products.py",)),
     Component("arithmetic/product", ("arithmetic/test_product.py",), designs=2),
     Component(
-        "arithmetic/shift_add", ("test_mlp_mvm.py::test_baked_weights", "test_mlp_mvm.py::test_baked_signs")
+        "arithmetic/shift_add",
+        ("test_mlp_mvm.py::test_baked_weights", "test_mlp_mvm.py::test_loadable_weights"),
     ),
     Component("bus/axi_lite", ("bus/test_axi_lite.py",), datapath=False),
     Component("bus/calibration_loader", ("bus/test_calibration_loader.py",), datapath=False),

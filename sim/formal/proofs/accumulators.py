@@ -243,7 +243,12 @@ PROOFS = (
             breaks=breaks,
         )
         for name, depth, stalls, breaks in (
-            ("baked", 16, ONE_STALL, (("total.bound + bias.bound", "total.bound"),)),
+            (
+                "baked",
+                16,
+                ONE_STALL,
+                (("biased.value, held,", "biased.value, Range(held.low, held.high // 2),"),),
+            ),
             (
                 "loadable",
                 8,

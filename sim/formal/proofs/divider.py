@@ -1,12 +1,12 @@
 # amaranth: UnusedElaboratable=no
-"""Proofs of the restoring division of the gradient ratios: stage by stage, and exhaustively at small widths.
+"""Proofs of the gradient ratios' non-restoring division: stage by stage, and exhaustively at small widths.
 
 A stage brings one bit b of the numerator down to its remainder and finds one bit q of the quotient Q. With N
 the bits brought down so far and D the divisor, it makes N' = 2·N + b and Q' = 2·Q + q. The bench keeps the
 difference E = N - Q·D beside the stages, by its recursion E' = 2·E + b - q·D, so that no product of two
-unknowns appears; z3 proves at the full width that after every stage the remainder is E and 0 <= E < D. By
-that, Q after the last stage is floor(N/D), and (Q + 1) >> 1 is N/(2·D) rounded to the nearest, halves up:
-what `models/integer/network.py` defines.
+unknowns appears; z3 proves at the full width that after every stage 0 <= E < D, and that the remainder is E
+or, where q is 0, E - D, which the next stage makes good. By that, Q after the last stage is floor(N/D), and
+(Q + 1) >> 1 is N/(2·D) rounded to the nearest, halves up: what `models/integer/network.py` defines.
 """
 
 from collections.abc import Callable
@@ -29,7 +29,7 @@ BITS, FORMS = 6, ((4, 0), (6, 5), (6, 2), (9, 3))
 
 
 def stages(component: type, ratio: GradientRatio) -> FormalBench:
-    """After every stage R = E < D; the slope is the rounded quotient, limited, with its sign."""
+    """After every stage R = E < D or R = E - D; the slope is the rounded quotient, limited, with its sign."""
     dut = component(ratio, lanes=1)
     bench = FormalBench(dut)
     advance = bench.probe("advance")
@@ -92,8 +92,7 @@ def _axis(
     bench.always(f"{axis}: sign of the input", ~live[0] | (size == 0) | (own == positive))
     exact, quotient = size >> whole, Const(0, 0)
     for k in range(ratio.width):
-        trial_bits = (max(bits - whole + 1, bits - 1) if k == 0 else bits) + 1
-        fits = ~bench.probe(f"lane0_{axis}_trial_{k}", trial_bits)[-1]
+        fits = ~bench.probe(f"lane0_{axis}_trial_{k}", bits)[-1]
         brought = 2 * exact + (size[whole - 1 - k] if k < whole else 0)
         exact = register(brought - Mux(fits, divisor[k], 0), f"{axis}_exact_{k}", signed(bits + 2))
         quotient = register((quotient << 1) | fits, f"{axis}_quotient_{k}", k + 1)
@@ -104,7 +103,8 @@ def _axis(
         divides = live[k + 1] & ~over
         if k < ratio.width - 1:
             remainder = bench.probe(f"lane0_{axis}_remainder_{k}", bits - 1)
-            bench.always(f"{axis}, stage {k}: R = E", ~divides | (remainder == exact))
+            lacking = exact - Mux(quotient[0], 0, divisor[k + 1])
+            bench.always(f"{axis}, stage {k}: R = E", ~divides | (remainder == lacking[: bits - 1]))
         inside = (exact >= 0) & (exact < divisor[k + 1])
         bench.always(f"{axis}, stage {k}: 0 <= E < D", ~divides | inside)
         nothing = (quotient == 0) & (exact == 0)
@@ -129,7 +129,7 @@ def _axis(
 
 EARLY = (
     ("fits = ~trial[-1]", "fits = trial > 0"),
-    ("Mux(fits, trial, brought)", "brought"),
+    ("subtract = quotient[0] if", "subtract = Const(1, 1) if"),
     ("magnitude[whole:] >= divisor", "Const(0, 1)"),
 )
 LATE = (
