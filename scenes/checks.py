@@ -84,6 +84,11 @@ def _check_solver(scene) -> None:
         raise ValueError(f"poisson.solver: {solver!r} finds no depth; choose {listed(others)}")
     if scene.force.source == "displacement" and not facts.finds_depth:
         raise ValueError(f"force.source: 'displacement' needs a poisson.solver with depth, not {solver!r}")
+    if scene.force.source == "slopes" and not scene.wants_force:
+        raise ValueError("force.source: 'slopes' needs a force among outputs")
+    if scene.force.source == "slopes" and facts.finds_depth and not scene.wants_solver:
+        without = listed(name for name in SOLVERS if not SOLVERS[name].finds_depth)
+        raise ValueError(f"force.source: 'slopes' without output depth needs poisson.solver {without}")
     if scene.wants_force and scene.force.clamp and not (facts.can_clamp and scene.force_from_displacement):
         linear = "a force of slopes" if facts.can_clamp else f"the {solver}"
         raise ValueError(f"force.clamp: {linear} is linear and cannot clamp; set clamp = false")

@@ -157,7 +157,7 @@ class FloatPipeline:
         depth : slopes to the displacement (N, N) in mm
         force : displacement, which is overwritten, to force_n (axes,), without the dots' share; only with
             force weights
-        The scene must have a depth solver.
+        The scene must have a depth solver, and a force, if any, of the displacement.
         """
         one, after = (1, *self.background.shape[:2]), self.after
         slopes, worker = np.empty((*one, 2), np.float32), Worker(self, frozenset(["slopes"]))

@@ -38,6 +38,7 @@ OPTIONS = {
     "weights": ("loadable", "baked"),
     "channels": ("bgr", "bgr+nir"),
     "clamp": (True, False),
+    "source": (None, "slopes"),
     "numbers": (
         NUMBERS,
         {**Numbers().model_dump(), "gradient_fraction_bits": 6},
@@ -94,7 +95,7 @@ def for_part(wanted, part):
 def test_random_scenes_with_dsp48e1(tmp_path):
     """As many slices as the design has; without the solver's words, which may be short, never fewer."""
     fewer = packed_otherwise = 0
-    for k, (_, wanted, hidden) in enumerate(drawn(20)):
+    for k, (_, wanted, hidden) in enumerate(drawn(40)):
         small = for_part(wanted, "xc7z020clg400-1")
         pipeline = random_bundle(tmp_path / f"{k}", small, hidden=hidden).pipeline
         path, model = Datapath(pipeline), CycleModel(small, hidden=hidden)

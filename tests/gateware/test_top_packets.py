@@ -40,6 +40,12 @@ CASES = {
         "mode": "difference",
         "lanes": 2,
     },
+    "force before the depth": {
+        "outputs": ("normals", "depth", "force_xyz"),
+        "mode": "difference",
+        "source": "slopes",
+    },
+    "at a fold": {"outputs": ("depth", "force_z"), "mode": "difference", "lanes": "1/4", "source": "slopes"},
     "force map": {
         "outputs": ("depth", "force_xyz", "force_map"),
         "channels": "bgr+nir",

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from top_hardware import MILD, NAME, Hardware, check_frames
 
+from fastac.gateware.cycle_model import CycleModel
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.mlp_mvm import MvmCore
@@ -97,7 +98,7 @@ def check_faults(hardware: Hardware) -> None:
     results = [Emulator(pipeline).run(images)]
     of_scene = {
         "gradient_saturated": pipeline.scene.wants_slopes,
-        "displacement_saturated": pipeline.scene.wants_force and pipeline.scene.wants_solver,
+        "displacement_saturated": pipeline.scene.force_from_displacement,
     }
     errors = [
         tuple(name for name, wanted in of_scene.items() if wanted and getattr(results[0], name)[k])
@@ -185,6 +186,35 @@ def test_adjoint_force(tmp_path):
 @pytest.mark.full
 def test_adjoint_faults(tmp_path):
     check_faults(Hardware(tmp_path, **ADJOINT))
+
+
+BESIDE = {
+    "outputs": ("depth", "force_xyz"),
+    "solver": "tridiagonal",
+    "mode": "difference",
+    "lanes": 2,
+    "source": "slopes",
+}
+
+
+@pytest.mark.long
+def test_force_of_slopes_before_the_depth(tmp_path):
+    """The force as early as the adjoint's, with rows of the weights in the order of the slopes, though the
+    last row of depth comes first."""
+    hardware = Hardware(tmp_path, **BESIDE)
+    path = hardware.top.datapath
+    alone = CycleModel(scene(("force_xyz",), solver="adjoint", lanes=2), hidden=(4,))
+    assert path.first_pixel_to_force == alone.first_pixel_to_force < path.first_pixel_to_depth - path.beats
+    check_frames(hardware)
+    check_faults(hardware)
+
+
+@pytest.mark.full
+def test_force_of_slopes_and_dots_before_the_depth(tmp_path):
+    settings = {"solver": "dst2d", "dots": True, "bridge_dots": True, "weights": "baked"}
+    hardware = Hardware(tmp_path, **BESIDE | settings)
+    check_frames(hardware)
+    check_faults(hardware)
 
 
 DOTS = {"outputs": ("force_xyz",), "solver": "adjoint", "dots": True, "bridge_dots": True}

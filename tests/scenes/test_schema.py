@@ -180,18 +180,23 @@ SENSOR = "[sensor]\ngeometry = "
             + '[force]\nsource = "displacement"\nclamp = false\n[poisson]\nsolver = "adjoint"',
             "force.source: 'displacement' needs a poisson.solver with depth",
         ),
+        (MINIMAL + '[force]\nsource = "slopes"', "force.source: 'slopes' needs a force among outputs"),
         (
-            MINIMAL.replace("depth", "force_z") + '[force]\nsource = "slopes"',
+            MINIMAL.replace("depth", "force_z") + '[force]\nsource = "slopes"\nclamp = false',
+            "force.source: 'slopes' without output depth needs poisson.solver 'adjoint'",
+        ),
+        (
+            MINIMAL.replace('["depth"]', '["depth", "force_z"]') + '[force]\nsource = "slopes"',
             "force.clamp: a force of slopes is linear and cannot clamp",
         ),
         (
-            MINIMAL.replace('["depth"]', '["force_z", "force_map"]')
+            MINIMAL.replace('["depth"]', '["depth", "force_z", "force_map"]')
             + '[force]\nsource = "slopes"\nclamp = false',
             "outputs: force_map needs a force beside it, force.kernel 'patch', and a poisson.solver with"
             " depth, and not force.source 'slopes'",
         ),
         (
-            MINIMAL.replace("depth", "force_z")
+            MINIMAL.replace('["depth"]', '["depth", "force_z"]')
             + '[force]\nsource = "slopes"\nclamp = false\nkernel = "collapsed"\nfit = "weights"',
             "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth, and not",
         ),

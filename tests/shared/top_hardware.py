@@ -95,7 +95,7 @@ def check_frames(hardware: Hardware) -> None:
         if path.wants_force:
             stated = path.first_pixel_to_force
             assert np.array_equal(result_at - first_at, [stated] * count)
-            assert latency["first_pixel_to_force"] == stated == sum(path.stages.values())
+            assert latency["first_pixel_to_force"] == stated == sum(path.force_stages.values())
             assert latency["last_pixel_to_force"] == stated - (beats - 1) * fold
             measured["LATENCY_FIRST_PIXEL_TO_FORCE"] = [stated] * count
             measured["LATENCY_LAST_PIXEL_TO_FORCE"] = [stated - (beats - 1) * fold] * count

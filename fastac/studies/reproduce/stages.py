@@ -59,6 +59,8 @@ Stage = Callable[[], object]
 def lacks(build: Known) -> str | None:
     """One line that says why this section cannot be run on the build; None if it can."""
     scene = build.scene
+    if scene.force_beside_depth:
+        return "force.source = slopes: the force does not pass the depth"
     if not scene.wants_solver or not scene.wants_force:
         return f"outputs = {', '.join(scene.outputs)}: not all of normals, depth and force are found"
     return None
