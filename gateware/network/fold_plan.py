@@ -16,7 +16,7 @@ def check_fold(fold: int) -> None:
 
 @dataclass(frozen=True)
 class Series:
-    """A vector of `count` values that takes `clocks` clocks, at most `fold`, on as few streams as that allows.
+    """A vector of `count` values that takes at most `fold` clocks, on as few streams as that allows.
 
     Value k is on stream k % streams in clock k // streams: only in the last clock may streams be empty.
     """
@@ -49,7 +49,9 @@ def folded_handshake(m: Module, i, o, latency: int, fold: int) -> tuple[Signal, 
     Returns `advance`, the clock enable of all the pipeline's registers, as of `pipeline_handshake`, and for
     0 to `latency` clocks with `advance` high whether a beat was accepted so many of them ago.
     """
-    advance, accept, valid = Signal(), Signal(), Signal(latency)
+    advance = Signal()
+    accept = Signal()
+    valid = Signal(latency)
     m.d.comb += [
         advance.eq(o.ready | ~o.valid),
         i.ready.eq(advance & ~valid[: fold - 1].any()),

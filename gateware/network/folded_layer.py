@@ -117,11 +117,13 @@ class FoldedLayer(wiring.Component):
                     with m.If(self.advance & self.begins[clock + 1]):
                         m.d.sync += kept[j].eq(x)
 
-        neurons, inputs = layer.weight.shape
+        inputs = layer.weight.shape[1]
         for stream in range(self.leaving.streams):
             first = stream * (inputs + 1)
             chosen, name = self._neurons(stream), f"{stream}"
-            largest = np.full((1, inputs), layer.weight_limit) if layer.loadable else abs(layer.weight[chosen])
+            largest = abs(layer.weight[chosen])
+            if layer.loadable:
+                largest = np.full_like(largest, layer.weight_limit)
             # The multipliers' products, and the largest magnitudes that each has for any neuron.
             products = []
             for j in range(inputs):

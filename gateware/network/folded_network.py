@@ -110,18 +110,11 @@ class FoldedMlp(wiring.Component):
                 core.i.eq(x),
             ]
             if self.loadable:
-                count = len(core.columns)
-                row_bits = len(core.write.row)
-                chosen = self.parameters.addr[row_bits:]
-                m.d.comb += [
-                    core.write.row.eq(self.parameters.addr[:row_bits]),
-                    core.write.data.eq(self.parameters.data),
-                    *(
-                        core.write.en[k].eq(self.parameters.en & (chosen == column + k))
-                        for k in range(count)
-                    ),
-                ]
-                column += count
+                write, host = core.write, self.parameters
+                row, chosen = host.addr[: len(write.row)], host.addr[len(write.row) :]
+                enables = [host.en & (chosen == column + k) for k in range(len(core.columns))]
+                m.d.comb += [write.row.eq(row), write.data.eq(host.data), write.en.eq(Cat(enables))]
+                column += len(enables)
             x, reached = core.o, reached + core.latency
         m.d.comb += self.o.payload[0].eq(x)
         assert reached == self.latency, f"latency {reached}: stated {self.latency}"

@@ -65,7 +65,7 @@ def columns_reader(m: Module, columns: Sequence[Column], write=None) -> Callable
             shape=unsigned(shape.width),
             depth=depth,
             init=[value & mask for value in values] + [0] * (depth - len(values)),
-            attrs={"rom_style" if write is None else "ram_style": "distributed"},
+            attrs={} if write is None else {"ram_style": "distributed"},
         )
         port = memory.read_port(domain="comb")
         m.d.comb += port.addr.eq(row)

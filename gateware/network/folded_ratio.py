@@ -10,7 +10,7 @@ from fastac.models.integer.network import GradientRatio
 
 
 class FoldedDivider(wiring.Component):
-    """Divide a normal every `fold` clocks, bit-exact to `ratio` for every input, as GradientDivider of a lane.
+    """Divide a normal every `fold` clocks, bit-exact to `ratio` for every input, as GradientDivider does.
 
     Members
     -------
@@ -77,41 +77,42 @@ class FoldedDivider(wiring.Component):
         # In the first step all bits but `whole` are brought down, then one of these in each, then zeros.
         whole = ratio.width - 1 - ratio.fraction
         brought = whole + 1
-        remainder, rest = magnitude[brought:], magnitude[:brought]
+        remainder, rest = magnitude[brought:], list(magnitude[:brought])
         # What goes with a slope: whether it is negative, whether it is 0, and whether n_z is positive.
         void = register(n_z <= 0, "void_kept", ago[0])
-        marks = Cat(n >= 0, n != 0, Mux(ago[turn], void, n_z <= 0))
-        divisor, found = n_z[: ratio.normal_width - 1], Const(0, 0)
+        marks = Cat(n >= 0, n.any(), Mux(ago[turn], void, n_z <= 0))
+        divisor, found = n_z[: ratio.normal_width - 1], []
 
         for unit, start in enumerate(range(0, steps, turn)):
             own = min(turn, steps - start)
             enters = ago[start] | ago[start + turn]
             divisor = register(divisor, f"divisor_{unit}", ago[0] if unit == 0 else enters)
-            marks, found = register(marks, f"marks_{unit}", enters), register(found, f"found_{unit}", enters)
+            marks = register(marks, f"marks_{unit}", enters)
+            # The bits of Q that earlier units have found, and this one before the present step, newest first.
+            older = list(register(Cat(found), f"found_{unit}", enters)) if found else []
+            newer = []
             held = Signal(signed(ratio.normal_width), name=f"remainder_{unit}", reset_less=True)
-            bits = max(brought - start, 0)
-            bringing = Signal(bits, name=f"rest_{unit}", reset_less=True)
+            brings = [Signal(name=f"rest_{unit}_{k}", reset_less=True) for k in range(brought - start)]
+            # 2·remainder ± divisor. To subtract is to add all bits inverted, and 1: the carry of 1 + 1 below.
             positive = ~held[-1]
+            doubled = Cat(Const(1, 1), brings[-1:] or Const(0, 1), held[:-1])
+            term = Cat(positive, divisor ^ positive.replicate(len(divisor)), positive)
             total = Signal(signed(ratio.normal_width), name=f"total_{unit}")
-            # 2·remainder ± divisor; a subtraction is an addition of all bits inverted, and 1.
-            doubled = Cat(bringing[-1:] if bits else Const(0, 1), held[:-1]).as_signed()
-            term = Cat(divisor ^ positive.replicate(len(divisor)), positive).as_signed()
-            m.d.comb += total.eq(doubled + term + positive)
-            following = Cat(Const(0, 1), bringing)[:bits]
+            m.d.comb += total.eq((doubled + term)[1:])
+            bit = ~total[-1]
+            for k in range(own - 1):
+                newer.append(register(newer[-1] if newer else bit, f"newer_{unit}_{k}"))
+            following = [Const(0, 1), *brings[:-1]][: len(brings)]
             with m.If(advance):
                 if own > 1:
-                    m.d.sync += [held.eq(total), bringing.eq(following)]
+                    m.d.sync += [held.eq(total), *map(Signal.eq, brings, following)]
                 with m.If(enters):
-                    m.d.sync += [held.eq(remainder), bringing.eq(rest[len(rest) - bits :])]
-            # The bits of Q that this unit has found before the present step, the newest lowest.
-            newer = Signal(turn - 1, name=f"newer_{unit}", reset_less=True)
-            bit = ~total[-1]
-            with m.If(advance):
-                m.d.sync += newer.eq(Cat(bit, newer))
-            remainder, rest, found = total, following, Cat(bit, newer[: own - 1], found)
+                    entering = rest[len(rest) - len(brings) :]
+                    m.d.sync += [held.eq(remainder), *map(Signal.eq, brings, entering)]
+            remainder, rest, found = total, following, [bit, *newer, *older]
 
         done = ago[steps] | ago[steps + turn]
-        quotient, marks = register(found, "quotient", done), register(marks, "marks_done", done)
+        quotient, marks = register(Cat(found), "quotient", done), register(marks, "marks_done", done)
         negate, some, void = marks
         quotient, overflow = quotient[:-1], quotient[-1]
         # ±((Q + 1) >> 1) with one adder: −a − b = ~a + (1 − b). Q of all ones would round past the limit.

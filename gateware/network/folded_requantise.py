@@ -78,7 +78,8 @@ class FoldedRequantise(wiring.Component):
             else:
                 shifted = magnitude.shift_right(self.scale.shift)
                 m.d.comb += [kept.eq(shifted[:bits]), above.eq(shifted[bits:].any())]
-            held, beyond = Signal.like(kept, reset_less=True), Signal(reset_less=True, name=f"beyond_{k}")
+            held = Signal.like(kept, reset_less=True, name=f"held_{k}")
+            beyond = Signal(reset_less=True, name=f"beyond_{k}")
             activation = Signal(bits, reset_less=True, name=f"activation_{k}")
             fine = held >> shift[:COARSE] if self.loadable else held
             top = (1 << bits) - 1

@@ -170,6 +170,11 @@ COMPONENTS = (
             ),
         ),
     ),
+    Component("network/folded_layer", ("network/test_folded_network.py",), designs=2),
+    Component("network/folded_output", ("network/test_folded_network.py",), designs=2),
+    Component("network/folded_requantise", ("network/test_folded_requantise.py",), designs=2),
+    Component("network/folded_network", ("network/test_folded_network.py",), designs=2, datapath=False),
+    Component("network/folded_ratio", ("network/test_folded_ratio.py",), designs=2),
     Component(
         "network/gradient_ratio",
         ("network/test_gradient_ratio.py",),

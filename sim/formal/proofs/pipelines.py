@@ -17,6 +17,8 @@ from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.fz_stream import PixelResponse
 from fastac.gateware.mlp_mvm import MvmTile
 from fastac.gateware.network.background import BackgroundSubtraction
+from fastac.gateware.network.folded_network import FoldedMlp
+from fastac.gateware.network.folded_ratio import FoldedDivider
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.network.requantise import Requantise
@@ -52,7 +54,10 @@ def waits(bench: FormalBench, due: Value, stages: Value, needed: Value | int = 1
 
 
 def pipeline(component: type, make: Callable[[type], object]) -> FormalBench:
-    """A beat leaves for each that enters, after all of the stages; all stages move together."""
+    """A beat leaves for each that enters, after all of the stages; all stages move together.
+
+    A folded pipeline takes a beat only when none is in the first fold − 1 of its stages.
+    """
     bench = FormalBench(make(component))
     dut = bench.dut
     enters, _ = bench.source(dut.i, "i")
@@ -67,8 +72,10 @@ def pipeline(component: type, make: Callable[[type], object]) -> FormalBench:
     bench.m.d.sync += inside.eq(inside + enters - leaves)
     bench.always("no beat lost or made up: inside are those in the stages", inside == ones(valid))
     bench.always("offered is the last stage's beat", dut.o.valid == valid[-1])
+    free = ~valid[: getattr(dut, "fold", 1) - 1].any()
     bench.always(
-        "no deadlock: takes a beat when its last stage moves on", dut.i.ready == (dut.o.ready | ~dut.o.valid)
+        "no deadlock: takes a beat when its last stage moves on",
+        dut.i.ready == (free & (dut.o.ready | ~dut.o.valid)),
     )
     waits(bench, inside != 0, valid)
     return bench
@@ -79,13 +86,13 @@ def _tile(component: type):
     return component(layer, input_width=1, input_signed=False)
 
 
-def _network(component: type):
+def _network(component: type, **options: int):
     limit, scale = np.array([1]), Requantisation(np.array([1]), 0, 1)
     layers = (
         Layer(np.array([[1]]), np.array([0]), limit, 2, scale),
         Layer(np.array([[1], [0], [1]]), np.array([0, 0, 1]), limit, 2),
     )
-    return component(layers, input_width=2, lanes=1)
+    return component(layers, input_width=2, **options)
 
 
 def _background(component: type):
@@ -148,9 +155,23 @@ PIPELINES = (
     (
         "network",
         NormalMlp,
-        _network,
+        partial(_network, lanes=1),
         "two layers of one input",
         (("core.advance.eq(advance)", "core.advance.eq(1)"),),
+    ),
+    (
+        "folded_network",
+        FoldedMlp,
+        partial(_network, fold=4),
+        "two layers of one input, a pixel every 4 clocks",
+        (("core.advance.eq(advance)", "core.advance.eq(1)"),),
+    ),
+    (
+        "folded_divider",
+        FoldedDivider,
+        lambda component: component(GradientRatio(3, 3, 1), fold=4),
+        "slopes of 3 bits, a normal every 4 clocks",
+        (("with m.If(advance & enable):\n", EVERY_CLOCK),),
     ),
     (
         "gradient_divider_stream",
@@ -208,7 +229,7 @@ PROOFS = (
             partial(pipeline, make=make),
             depth=1,
             breaks=breaks,
-            broken_depth=20 if name == "network" else 16,
+            broken_depth=20 if "network" in name else 16,
             quick=name in ("displacement", "tile"),
         )
         for name, component, make, size, breaks in PIPELINES

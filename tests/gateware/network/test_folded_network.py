@@ -1,90 +1,85 @@
 # amaranth: UnusedElaboratable=no
-from dataclasses import replace
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
 from fastac.gateware.network.folded_network import FoldedMlp
-from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.target.elaboration import to_rtlil
-from fastac.models.integer.network import Layer, Requantisation
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import PreloadedTable
+from tests.gateware.network.test_pixel_network import WIDTH, beats, network, reference
 
-WIDTH = 9
-
-
-def network(sizes, rng, bits=7, loadable=False):
-    """Layers of random weights, scaled so that activations use most of their range and some are clipped."""
-    layers, limit = [], np.full(sizes[0], 255)
-    for k, (inputs, neurons) in enumerate(pairwise(sizes)):
-        # As in a trained network, the last layer's weights have more bits.
-        weight_bits = 8 if k < len(sizes) - 2 else 12
-        top = (1 << (weight_bits - 1)) - 1
-        weight = rng.integers(-top, top + 1, (neurons, inputs))
-        layer = Layer(weight, rng.integers(-900, 900, neurons), limit, weight_bits)
-        reached = layer.accumulator_width
-        layer = replace(layer, loadable=loadable)
-        if k < len(sizes) - 2:
-            shift = 17 + reached - bits - 3
-            layer = replace(
-                layer, requantisation=Requantisation(rng.integers(1 << 16, 1 << 17, neurons), shift, bits)
-            )
-        layers.append(layer)
-        limit = np.full(neurons, (1 << bits) - 1)
-    return layers
+# Sizes, fold, latency, multipliers, bits: vectors that fill their streams in each clock, and others.
+SHAPES = [
+    ([6, 8, 5, 9, 3], 2, 41, 24 + 24 + 25 + 15 + 4 + 3 + 5, 7),
+    ([5, 7, 4, 3], 4, 30, 10 + 7 + 3 + 2 + 1, 10),
+    ([6, 16, 3], 8, 25, 12 + 6 + 2, 7),
+    ([6, 16, 7, 3], 16, 46, 6 + 16 + 3 + 1 + 1, 10),
+]
 
 
-def reference(layers, x):
-    for layer in layers:
-        x = layer(x)
-    return x
-
-
-def beats(layers, rng, count=60):
-    """Feature vectors (beats, inputs): all zero, all at their limits, the worst signs of each neuron, random."""
-    inputs = layers[0].weight.shape[1]
-    signs = np.sign(layers[0].weight)
-    plain = np.array([0, 255, -255])[:, None].repeat(inputs, axis=1)
-    return np.concatenate([plain, 255 * signs, -255 * signs, rng.integers(-255, 256, (count, inputs))])
-
-
-def compare(dut, layers, x, bits, folder):
+def compare(dut, layers, bits, folder):
+    """All zero, all at their limits, the signs that are worst for each neuron, and random features."""
+    x = beats(layers, 1, np.random.default_rng(3), count=60)
     hidden = layers[0](x)
     assert (hidden == (1 << bits) - 1).any()
     assert (hidden == 0).any()
-    core = dut.component if isinstance(dut, PreloadedTable) else dut
+    core = getattr(dut, "component", dut)
     check(
         dut,
         "folded_mlp",
         folder,
         inputs=pack(x, WIDTH),
         expected=pack(reference(layers, x), layers[-1].accumulator_width),
-        latencies=[(k, k, core.latency) for k in range(len(x))]
-        + [(0, k, core.latency + k * core.interval) for k in range(len(x))],
+        latencies=[
+            *((k, k, core.latency) for k in range(len(x))),
+            *((0, k, core.latency + k * core.interval) for k in range(len(x))),
+        ],
     )
 
 
-SHAPES = [([6, 8, 5, 9, 3], 2, 44, 7), ([5, 7, 4, 3], 4, 40, 10), ([6, 16, 3], 8, 30, 7), ([6, 16, 7, 3], 16, 50, 10)]
-
-
-@pytest.mark.parametrize(("sizes", "fold", "latency", "bits"), SHAPES)
-def test_baked_weights(tmp_path, sizes, fold, latency, bits):
-    rng = np.random.default_rng(1)
-    layers = network(sizes, rng, bits)
+@pytest.mark.parametrize(("sizes", "fold", "latency", "multipliers", "bits"), SHAPES)
+@pytest.mark.quick("sizes0-2-41-100-7", "sizes2-8-25-20-7")
+def test_baked_weights(tmp_path, sizes, fold, latency, multipliers, bits):
+    layers = network(sizes, np.random.default_rng(1), bits)
     dut = FoldedMlp(layers, input_width=WIDTH, fold=fold)
-    compare(dut, layers, beats(layers, rng), bits, tmp_path)
+    assert (dut.latency, dut.multipliers, dut.interval) == (latency, multipliers, fold)
+    assert "parameters" not in dut.signature.members
+    compare(dut, layers, bits, tmp_path)
 
 
-@pytest.mark.parametrize(("sizes", "fold", "latency", "bits"), SHAPES)
-def test_loadable_weights(tmp_path, sizes, fold, latency, bits):
+@pytest.mark.parametrize(("sizes", "fold", "latency", "multipliers", "bits"), SHAPES)
+@pytest.mark.quick("sizes1-4-30-23-10", "sizes3-16-46-27-10")
+def test_loadable_weights(tmp_path, sizes, fold, latency, multipliers, bits):
     """Hardware built for one network computes another one that is loaded."""
     rng = np.random.default_rng(2)
     built = network(sizes, rng, bits, loadable=True)
     layers = network(sizes, rng, bits, loadable=True)
-    dut = FoldedMlp(built, input_width=WIDTH, fold=fold)
-    values = FoldedMlp(layers, input_width=WIDTH, fold=fold).table_values
-    x = beats(layers, rng)
-    assert not np.array_equal(reference(layers, x), reference(built, x))
-    compare(PreloadedTable(dut, "parameters", values, dut.table.bits), layers, x, bits, tmp_path)
+    dut, other = (FoldedMlp(each, input_width=WIDTH, fold=fold) for each in (built, layers))
+    assert (dut.latency, dut.multipliers) == (latency, multipliers)
+    assert dut.table == other.table
+    values = other.table_values
+    assert values.shape == (dut.table.depth, dut.table.fields)
+    assert -(1 << (dut.table.bits - 1)) <= values.min() <= values.max() < 1 << (dut.table.bits - 1)
+    assert not np.array_equal(values, dut.table_values)
+    compare(PreloadedTable(dut, "parameters", values, dut.table.bits), layers, bits, tmp_path)
+
+
+@pytest.mark.parametrize("fold", [2, 4, 8, 16])
+@pytest.mark.quick("16")
+def test_formulas_of_the_papers_network(fold):
+    sizes = [6, 16, 16, 16, 3]
+    dut = FoldedMlp(network(sizes, np.random.default_rng(1), 10), input_width=WIDTH, fold=fold)
+    assert FoldedMlp.latency_of(sizes[:-1], fold) == dut.latency
+    products = 96 + 256 + 256 + 48 + 3 * 16
+    assert FoldedMlp.multipliers_of(sizes, fold) == dut.multipliers == products // fold
+    assert to_rtlil(dut).count("cell $mul ") == dut.multipliers
+
+
+def test_invalid_arguments():
+    layers = network([5, 4, 4, 3], np.random.default_rng(2))
+    with pytest.raises(ValueError, match=r"fold 3: expected one of \(2, 4, 8, 16\)"):
+        FoldedMlp(layers, input_width=WIDTH, fold=3)
+    with pytest.raises(ValueError, match=r"layers\[-1\] of 4 neurons: expected 3"):
+        FoldedMlp(layers[:2], input_width=WIDTH, fold=2)
+    with pytest.raises(ValueError, match="input_limit 255: expected at most 128"):
+        FoldedMlp(layers, input_width=8, fold=2)
