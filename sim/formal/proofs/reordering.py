@@ -6,6 +6,7 @@ from amaranth import Array, Mux, Value
 from amaranth.lib import wiring
 
 from fastac.gateware.poisson.frame_reversal import FrameReversal
+from fastac.gateware.poisson.in_place_transposer import InPlaceTransposer
 from fastac.gateware.poisson.transposer import Transposer
 from fastac.sim.formal.bench import FormalBench
 from fastac.sim.formal.frame_order import FrameOrder
@@ -150,6 +151,56 @@ def reversal(component: type, size: int, lanes: int) -> FormalBench:
     return bench
 
 
+def in_place(component: type, size: int, fold: int) -> FormalBench:
+    """As `transposer`, with one page, whose frames lie by rows and by columns in turn."""
+    dut = component(size, WIDTH, fold=fold)
+    memory = opened(dut).submodules.page
+    bench = FormalBench(dut)
+    places = size * size
+    enters, payload = bench.source(dut.i, "i")
+    leaves = bench.sink(dut.o, "o")
+    r, c = (bench.constant(name, range(size)) for name in ("r", "c"))
+    entry, exit = bench.wire("entry", r * size + c), bench.wire("exit", c * size + r)
+    order = FrameOrder(bench, enters, leaves, beats=places, entry=entry, value=payload)
+    order.expect(exit, Value.cast(dut.o.payload))
+
+    # For the induction: where writer and reader are, and where in the memory the tracked value is.
+    valid, whole, since = bench.probe("valid", 2), bench.probe("whole"), bench.probe("pace", range(fold))
+    words = Array(bench.probe(f"page[{k}]", WIDTH) for k in range(places))
+    read = Value.cast(memory.read_ports[0].data)
+    issued, issued_frame = order.left.after(valid[0] + valid[1])
+    issued, issued_frame = bench.wire("issued", issued), bench.wire("issued_frame", issued_frame)
+    walks = (("write", order.place_in, order.frame_in[0]), ("read", issued, ~issued_frame[0]))
+    for name, at, across in walks:
+        line, place = bench.probe(f"{name}_line", range(size)), bench.probe(f"{name}_place", range(size))
+        bench.always(f"{name}: line and place", line * size + place == at)
+        bench.always(f"{name}: the place is in its line", (line < size) & (place < size))
+        bench.always(f"{name}: direction", bench.probe(f"{name}_across") == across)
+        address = bench.probe(f"{name}_address", range(places))
+        bench.always(f"{name}: address", address == Mux(across, place * size + line, at))
+    bench.always(
+        "a whole frame is between writer and reader",
+        order.frame_in == (issued_frame + whole)[:2],
+    )
+    bench.always("the writer is behind the reader", ~whole | (order.place_in <= issued))
+    bench.always("the reader begins with a whole frame", whole | (issued == 0))
+    for frame, there, name in (
+        (order.frame_in, order.place_in > entry, "begun"),
+        (issued_frame, whole & (issued <= exit), "whole"),
+    ):
+        word = words[Mux(frame[0], exit, entry)]
+        bench.always(f"the frame that is {name} holds the value", ~there | (word == order.caught[frame]))
+    place, frame = order.left.after(valid[1])
+    due = valid[0] & (place == exit)
+    bench.always("the memory's register holds the value", ~due | (read == order.caught[frame]))
+    order.progress(places, order.frame_in != order.frame_out, fold + 1)
+    bench.always("clocks since the last one", since < fold)
+    for k in range(1, fold + 1):
+        reached = valid.any() | (since >= k if k < fold else 0)
+        bench.always(f"a frame that waits for {k} clocks", (order.waited != k) | reached)
+    return bench
+
+
 SIZE = "{0} × {0} values of 2 bits, {1} a beat; a larger frame has more of the same rows and columns"
 
 PROOFS = (
@@ -186,5 +237,19 @@ PROOFS = (
             broken_depth=30,
         )
         for size, lanes in ((3, 1), (4, 2), (5, 4))
+    ),
+    Proof(
+        "in_place_transposer",
+        InPlaceTransposer,
+        "3 × 3 values of 2 bits, every 2 clocks; a larger frame has more of the same rows and columns",
+        partial(in_place, size=3, fold=2),
+        depth=1,
+        breaks=(
+            ("~whole | (written.address != taken.address)", "1"),
+            ("advance.eq(self.o.ready | ~self.o.valid)", "advance.eq(1)"),
+            ("across.eq(~across)", "across.eq(across)"),
+            ("end * self.size - 1, -1", "end * self.size, -1"),
+        ),
+        broken_depth=30,
     ),
 )

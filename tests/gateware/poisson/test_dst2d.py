@@ -100,17 +100,19 @@ def test_bit_exact_to_golden_model(tmp_path, size, lanes, fold, divergence):
     )
 
 
-def test_reset_within_a_frame_starts_afresh():
+@pytest.mark.parametrize("fold", [1, 2])
+@pytest.mark.quick("1")
+def test_reset_within_a_frame_starts_afresh(fold):
     size = 5
     chain = stages(size)
-    dut = PoissonSolver(*chain, height=size + 2, width=size + 2, lanes=1)
+    dut = PoissonSolver(*chain, height=size + 2, width=size + 2, lanes=1, fold=fold)
     reset = Signal()
     slopes = np.random.default_rng(2).integers(-511, 512, (size + 2, size + 2, 2))
     words, solution = pack(slopes.reshape(-1, 2), 10), solve(chain, slopes).ravel().tolist()
 
     async def bench(ctx):
         ctx.set(dut.o.ready, 1)
-        for length in range(1, 3 * len(words), 6):
+        for length in range(1, 3 * len(words), 6 * fold):
             await feed(ctx, length)
             ctx.set(reset, 1)
             await ctx.tick()
@@ -120,9 +122,9 @@ def test_reset_within_a_frame_starts_afresh():
 
     async def feed(ctx, beats: int, clocks: int = 0) -> list[int]:
         received = []
-        for n in range(beats + clocks):
-            ctx.set(dut.i.valid, n < beats)
-            ctx.set(dut.i.payload.as_value(), words[n % len(words)])
+        for n in range(beats * fold + clocks):
+            ctx.set(dut.i.valid, n < beats * fold)
+            ctx.set(dut.i.payload.as_value(), words[n // fold % len(words)])
             *_, valid, value = await ctx.tick().sample(dut.o.valid, dut.o.payload[0])
             if valid:
                 received.append(value)
@@ -135,16 +137,21 @@ def test_reset_within_a_frame_starts_afresh():
 
 
 @pytest.mark.parametrize(
-    ("lanes", "frame_latency", "interval", "multipliers"),
-    [(1, 48_698, 16_384, 253), (2, 24_378, 8_192, 506), (4, 12_347, 4_096, 1_012)],
+    ("lanes", "fold", "frame_latency", "interval", "multipliers"),
+    [
+        (1, 1, 48_698, 16_384, 253),
+        (2, 1, 24_378, 8_192, 506),
+        (4, 1, 12_347, 4_096, 1_012),
+        (1, 16, 778_253, 262_144, 17),
+    ],
 )
-@pytest.mark.quick("1-48698-16384-253")
-def test_cost_of_the_paper_s_frame(lanes, frame_latency, interval, multipliers):
+@pytest.mark.quick("1-1-48698-16384-253", "1-16-778253-262144-17")
+def test_cost_of_the_paper_s_frame(lanes, fold, frame_latency, interval, multipliers):
     source, *parts = stages(126)
     # Words as long as a scene may have them; those of the hand-made stages are longer.
     words = [{k: min(getattr(p, k), 26) for k in ("input_width", "output_width")} for p in parts]
     parts = [replace(part, **widths) for part, widths in zip(parts, words, strict=True)]
-    dut = PoissonSolver(source, *parts, height=128, width=128, lanes=lanes)
+    dut = PoissonSolver(source, *parts, height=128, width=128, lanes=lanes, fold=fold)
     assert (dut.frame_latency, dut.interval, dut.multipliers) == (frame_latency, interval, multipliers)
 
 

@@ -52,6 +52,7 @@ def component(
         width=side,
         lanes=lanes,
         fold=fold,
+        loadable=fold == 2,
     )
 
 
@@ -130,10 +131,12 @@ def test_bit_exact_to_golden_model(tmp_path, size, lanes, fold, divergence, numb
     )
 
 
-def test_reset_within_a_frame_starts_afresh_and_rows_carry_their_address():
+@pytest.mark.parametrize("fold", [1, 2])
+@pytest.mark.quick("2")
+def test_reset_within_a_frame_starts_afresh_and_rows_carry_their_address(fold):
     size = 5
     source, chosen = make(size)
-    dut = component(source, chosen, lanes=1)
+    dut = component(source, chosen, lanes=1, fold=fold)
     reset = Signal()
     slopes = np.random.default_rng(2).integers(-LIMIT, LIMIT + 1, (size + 2, size + 2, 2))
     words = pack(slopes.reshape(-1, 2), GRADIENT_WIDTH)
@@ -143,7 +146,7 @@ def test_reset_within_a_frame_starts_afresh_and_rows_carry_their_address():
 
     async def bench(ctx):
         ctx.set(dut.o.ready, 1)
-        for length in range(1, 3 * len(words), 6):
+        for length in range(1, 3 * len(words), 6 * fold):
             await feed(ctx, length)
             ctx.set(reset, 1)
             await ctx.tick()
@@ -152,9 +155,9 @@ def test_reset_within_a_frame_starts_afresh_and_rows_carry_their_address():
 
     async def feed(ctx, beats: int, clocks: int = 0) -> list[tuple[int, int]]:
         received = []
-        for n in range(beats + clocks):
-            ctx.set(dut.i.valid, n < beats)
-            ctx.set(dut.i.payload.as_value(), words[n % len(words)])
+        for n in range(beats * fold + clocks):
+            ctx.set(dut.i.valid, n < beats * fold)
+            ctx.set(dut.i.payload.as_value(), words[n // fold % len(words)])
             *_, valid, row, value = await ctx.tick().sample(dut.o.valid, dut.row, dut.o.payload[0])
             if valid:
                 received.append((row, value))
@@ -167,11 +170,16 @@ def test_reset_within_a_frame_starts_afresh_and_rows_carry_their_address():
 
 
 @pytest.mark.parametrize(
-    ("lanes", "frame_latency", "interval", "multipliers"),
-    [(1, 32_427, 16_384, 128), (2, 16_234, 8_192, 256), (4, 8_202, 4_096, 512)],
+    ("lanes", "fold", "frame_latency", "interval", "multipliers"),
+    [
+        (1, 1, 32_427, 16_384, 128),
+        (2, 1, 16_234, 8_192, 256),
+        (4, 1, 8_202, 4_096, 512),
+        (1, 16, 518_202, 262_144, 10),
+    ],
 )
-@pytest.mark.quick("4-8202-4096-512")
-def test_cost_of_the_paper_s_frame(lanes, frame_latency, interval, multipliers):
+@pytest.mark.quick("4-1-8202-4096-512", "1-16-518202-262144-10")
+def test_cost_of_the_paper_s_frame(lanes, fold, frame_latency, interval, multipliers):
     source, matrix = PoissonSource("central", 17, np.zeros((126, 126), int)), coefficients(126, 17)
     c = thomas_coefficients(126, 17)
     parts = (
@@ -180,13 +188,15 @@ def test_cost_of_the_paper_s_frame(lanes, frame_latency, interval, multipliers):
         Substitution(c, 17, 26, 26, 5),
         SineTransform(matrix, 14, 26, 26),
     )
-    dut = TridiagonalPoissonSolver(source, *parts, height=128, width=128, lanes=lanes)
+    dut = TridiagonalPoissonSolver(source, *parts, height=128, width=128, lanes=lanes, fold=fold)
     assert (dut.frame_latency, dut.interval, dut.multipliers) == (frame_latency, interval, multipliers)
     # By hand: the source's last beat and its buffer; rows in and out (5 clocks and 6 levels of 63 products
-    # and a half unit); both recurrences; the reversal, from the last row back to the first; one more buffer.
-    row = dut.beats - 1
-    source = 127 * (128 // lanes) + row + (2 if lanes == 1 else 1) + 5 + 1
-    assert dut.frame_latency == source + (11 + row) + 6 + (3 + 125 * dut.beats) + (6 + 1) + (11 + row)
+    # and a half unit, or folded 6 clocks, 4 products and 16 steps); both recurrences; the reversal, from the
+    # last row back to the first; one more buffer.
+    row, transform = fold * (dut.beats - 1), 11 if fold == 1 else 6 + 4 + fold
+    source = fold * (127 * (128 // lanes) + (2 if lanes == 1 else 1)) + row + 5 + 1
+    reversal = 3 + fold * 125 * dut.beats
+    assert dut.frame_latency == source + 2 * (transform + row) + 6 + reversal + (6 + 1)
 
 
 def test_invalid_arguments():
@@ -196,6 +206,10 @@ def test_invalid_arguments():
         TridiagonalPoissonSolver(*parts, height=20, width=16, lanes=1)
     with pytest.raises(ValueError, match="row_forward of size 14: expected width - 2 = 16"):
         TridiagonalPoissonSolver(*parts, height=18, width=18, lanes=1)
+    with pytest.raises(ValueError, match="fold 2: expected 1 with lanes = 2"):
+        TridiagonalPoissonSolver(*parts, height=16, width=16, lanes=2, fold=2)
+    with pytest.raises(ValueError, match="fold 3: expected one of"):
+        TridiagonalPoissonSolver(*parts, height=16, width=16, lanes=1, fold=3)
     with pytest.raises(ValueError, match="rows of 14 values, 4 beats: expected at least 5 beats"):
         TridiagonalPoissonSolver(*parts, height=16, width=16, lanes=4)
     narrow = make(14, data_bits=14)[1]
