@@ -79,12 +79,13 @@ def baked_works(frame: Frame, layer: Layer, *, input_signed: bool) -> Iterator[W
     """A layer with baked weights: additions of its graph, of biases, and of the graphs of its scale."""
     inputs = input_ranges(layer, input_signed=input_signed)
     reached = accumulator_ranges(layer, input_signed=input_signed)
-    bits = layer_graph(layer, input_signed=input_signed).adder_bits(inputs)
-    bits += [total.width for total in reached]
+    graph = layer_graph(layer, input_signed=input_signed)
+    bits = graph.adder_bits(inputs)
+    bits += [total.width for total, own in zip(reached, graph.outputs, strict=True) if own is not None]
     scale = layer.requantisation
     for k, total in enumerate(reached if scale is not None else ()):
-        held, graph = scale_graph(scale, k, total.high)
-        bits += graph.adder_bits([held])
+        held, product = scale_graph(scale, k, total.high)
+        bits += product.adder_bits([held])
     for width, count in sorted(Counter(bits).items()):
         yield addition(frame.pixels * count, width)
 

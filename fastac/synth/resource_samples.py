@@ -5,7 +5,7 @@
 
 writes fastac/synth/resource_samples.json, with the factors that are fitted to them. Networks, kernels and
 backgrounds are random: the resources of a design follow from its word widths and sizes and, where weights are
-baked in, from their number of signed digits. Counts are kept in the step store, so that an interrupted run
+baked in, from the additions of their graphs. Counts are kept in the step store, so that an interrupted run
 can be resumed.
 """
 

@@ -180,7 +180,9 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
             "adder_bits": _bits(normals, "addition", frame) * loadable,
             "baked_bits": _bits(normals, "addition", frame) * (not loadable),
             "product_bits": _bits(normals, "multiplication", frame),
-            "activation_bits": lanes
+            # Of baked weights, what clips an activation is little beside the additions of its scale.
+            "activation_bits": loadable
+            * lanes
             * sum(len(a.weight) * a.requantisation.bits for a, _ in pairwise(pipeline.layers)),
         },
     }

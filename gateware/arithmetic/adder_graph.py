@@ -133,7 +133,7 @@ def with_cheapest_signs(graph: AdderGraph) -> AdderGraph:
 
 
 def _negated(operand: Operand) -> Operand:
-    return replace(operand, negative=not operand.negative)
+    return Operand(operand.node, operand.shift, not operand.negative)
 
 
 def _scaled(rows: list[np.ndarray], operand: Operand) -> np.ndarray:
@@ -164,7 +164,7 @@ class GraphBuilder:
         negative = bool(row[np.flatnonzero(row)[0]] < 0)
         if negative:
             row = -row
-            first, second = (Operand(o.node, o.shift, not o.negative) for o in (first, second))
+            first, second = (_negated(o) for o in (first, second))
         even = int(np.bitwise_or.reduce(row))
         shift = (even & -even).bit_length() - 1
         key = tuple((row >> shift).tolist())

@@ -37,8 +37,11 @@ def _search(rows: tuple[tuple[int, ...], ...], inputs: tuple[Range, ...], depth:
     matrix = np.array(rows, np.int64)
     best, least, shallowest = None, None, None
     for method in METHODS:
+        graph = None
         for more in range(DEEPER):
-            graph = _solve(matrix, inputs, method, more)
+            last, graph = graph, _solve(matrix, inputs, method, more)
+            if graph == last:
+                break  # more depth is of no use
             shallowest = graph.depth if shallowest is None else min(shallowest, graph.depth)
             if graph.depth > depth:
                 break  # the next are as deep or deeper
