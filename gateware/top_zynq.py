@@ -144,6 +144,9 @@ class TopZynq(wiring.Component):
 
         if path.wants_force:
             found = path.force.valid
+            if path.scene.force_beside_depth:
+                # The force has taken the last slopes when the solver may still let them, and their flag, wait.
+                found &= path.verdict.valid
             if self.identity.slip:
                 found &= path.slip.valid
                 m.d.comb += [
