@@ -145,7 +145,7 @@ class TopZynq(wiring.Component):
         if path.wants_force:
             found = path.force.valid
             if path.scene.force_beside_depth:
-                # The force has taken the last slopes when the solver may still let them, and their flag, wait.
+                # The solver may let the last slopes, and so their flag, wait when the force has them.
                 found &= path.verdict.valid
             if self.identity.slip:
                 found &= path.slip.valid

@@ -11,10 +11,10 @@ from fastac.gateware.force.patch_generator import PatchGenerator, check_patch_si
 from fastac.gateware.force.shared_accumulator import SharedAccumulator
 from fastac.gateware.force.shared_products import (
     SharedProducts,
-    check_fold,
     products_latency,
     shared_multipliers,
 )
+from fastac.gateware.stream.handshake import check_folded
 from fastac.models.integer.force import PatchForce
 
 BORDER_CLOCKS = 3
@@ -43,7 +43,7 @@ class FoldedPatchForce(wiring.Component):
     """
 
     def __init__(self, force: PatchForce, *, fold: int, wants_map: bool = False, dsp: DspSlice = DSP48E2):
-        check_fold(fold)
+        check_folded(fold)
         shape = force.kernel.shape
         if len(shape) != 5 or shape[1] != shape[2] or shape[3] != shape[4]:
             raise ValueError(f"kernel {shape}: expected (axes, N, N, K, K)")

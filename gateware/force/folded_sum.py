@@ -10,11 +10,11 @@ from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.force.shared_accumulator import SharedAccumulator
 from fastac.gateware.force.shared_products import (
     SharedProducts,
-    check_fold,
     products_latency,
     shared_multipliers,
 )
 from fastac.gateware.force.weighted_sum import products_of
+from fastac.gateware.stream.handshake import check_folded
 from fastac.models.integer.force import WeightedSum
 
 
@@ -46,7 +46,7 @@ class FoldedWeightedSum(wiring.Component):
         bends: tuple[int, ...] = (),
         dsp: DspSlice = DSP48E2,
     ):
-        check_fold(fold)
+        check_folded(fold)
         self.weighted, self.fold, self.loadable = weighted, fold, loadable
         self.bends, self.dsp = bends, dsp
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape

@@ -13,16 +13,8 @@ from fastac.gateware.arithmetic.frame_sum import adder_tree, tree_levels
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
 from fastac.gateware.force.weight_rom import WeightRom
+from fastac.gateware.stream.handshake import check_folded
 from fastac.models.integer.words import signed_width
-
-FOLDS = (2, 4, 8, 16)
-"""The numbers of clocks a pixel with which multipliers can be shared."""
-
-
-def check_fold(fold: int) -> None:
-    """Raise ValueError unless `fold` is one of FOLDS."""
-    if fold not in FOLDS:
-        raise ValueError(f"fold {fold}: expected one of {FOLDS}")
 
 
 @dataclass(frozen=True)
@@ -108,7 +100,7 @@ class SharedProducts(wiring.Component):
     def __init__(
         self, weight: np.ndarray, terms: list[tuple[int, ...]], *, shape: Shape, limit: int, fold: int
     ):
-        check_fold(fold)
+        check_folded(fold)
         self.weight, self.terms, self.shape, self.limit, self.fold = weight, terms, shape, limit, fold
         self.axes, self.values = weight.shape[1], len(terms)
         self.shares = shares_of(self.axes, self.values, fold)

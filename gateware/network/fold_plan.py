@@ -4,15 +4,6 @@ from dataclasses import dataclass
 
 from amaranth import Cat, Module, Signal, Value
 
-FOLDS = (2, 4, 8, 16)
-"""The numbers of clocks a pixel that folded hardware can be built for."""
-
-
-def check_fold(fold: int) -> None:
-    """Raise ValueError unless `fold` is one of FOLDS."""
-    if fold not in FOLDS:
-        raise ValueError(f"fold {fold}: expected one of {FOLDS}")
-
 
 @dataclass(frozen=True)
 class Series:

@@ -9,12 +9,13 @@ from amaranth import Cat, Module, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.network.fold_plan import Series, check_fold, folded_handshake
+from fastac.gateware.network.fold_plan import Series, folded_handshake
 from fastac.gateware.network.folded_layer import FoldedLayer
 from fastac.gateware.network.folded_output import FoldedOutput
 from fastac.gateware.network.folded_parameters import Column, format_of, values_of
 from fastac.gateware.network.folded_requantise import FoldedRequantise
 from fastac.gateware.network.pixel_network import check_chain
+from fastac.gateware.stream.handshake import check_folded
 from fastac.gateware.stream.tables import TableFormat
 from fastac.models.integer.network import Layer
 
@@ -41,7 +42,7 @@ class FoldedMlp(wiring.Component):
     lanes = 1
 
     def __init__(self, layers: Sequence[Layer], *, input_width: int, fold: int):
-        check_fold(fold)
+        check_folded(fold)
         check_chain(layers)
         self.layers, self.input_width, self.fold, self.interval = tuple(layers), input_width, fold, fold
         self.loadable = layers[0].loadable

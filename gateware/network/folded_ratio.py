@@ -4,8 +4,9 @@ from amaranth import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.network.fold_plan import check_fold, folded_handshake
+from fastac.gateware.network.fold_plan import folded_handshake
 from fastac.gateware.network.gradient_ratio import check_ratio
+from fastac.gateware.stream.handshake import check_folded
 from fastac.models.integer.network import GradientRatio
 
 
@@ -31,7 +32,7 @@ class FoldedDivider(wiring.Component):
     lanes = 1
 
     def __init__(self, ratio: GradientRatio, *, fold: int):
-        check_fold(fold)
+        check_folded(fold)
         check_ratio(ratio)
         self.ratio, self.fold, self.interval = ratio, fold, fold
         normal = data.ArrayLayout(signed(ratio.normal_width), 3)

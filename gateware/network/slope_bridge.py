@@ -4,7 +4,7 @@ from amaranth import Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.handshake import check_lanes
+from fastac.gateware.stream.handshake import check_lanes, pace
 from fastac.models.integer.slope_bridge import SlopeBridge
 
 
@@ -20,9 +20,9 @@ class SlopeBridgeStream(wiring.Component):
         a bit for each slope: it saturated; `dark`, a bit for each pixel
     o : the same without `dark`; `over` is of the slopes that were taken
 
-    `latency` = fold · (ceil(reach/lanes) + 1) + 1 clocks, without back-pressure, for beats `fold` clocks apart: the
-    beats ahead, window and choice. Initiation interval: 1 clock per beat; after a row the beats that waited
-    for it leave `fold` clocks apart.
+    `latency` = fold · (ceil(reach/lanes) + 1) + 1 clocks, without back-pressure, for beats `fold` clocks
+    apart: the beats ahead, window and choice. Initiation interval: 1 clock per beat; after a row the beats
+    that waited for it leave `fold` clocks apart.
     """
 
     multipliers = 0
@@ -66,17 +66,15 @@ class SlopeBridgeStream(wiring.Component):
         entering = Signal(range(self.row_beats))
         column = Signal(range(self.row_beats))  # of the window's middle
         free, move = Signal(), Signal()
-        rest = Signal(range(self.fold))  # clocks until the window may move without a beat
+        due = pace(m, move, self.fold)  # the window may move without a beat
         m.d.comb += [
             free.eq(self.o.ready | ~self.o.valid),
             # Between rows the window may move on without a beat; its oldest beats are then of a row.
-            move.eq(free & (self.i.valid | ((entering == 0) & here[0] & (rest == 0)))),
+            move.eq(free & (self.i.valid | ((entering == 0) & here[0] & due))),
             self.i.ready.eq(free),
         ]
         with m.If(self.o.ready):
             m.d.sync += self.o.valid.eq(0)
-        if self.fold > 1:
-            m.d.sync += rest.eq(Mux(move, self.fold - 1, Mux(rest == 0, 0, rest - 1)))
         with m.If(move):
             m.d.sync += [
                 *(

@@ -58,7 +58,7 @@ def check_fold(fold: int, lanes: int) -> None:
 def check_folded(fold: int) -> None:
     """Raise ValueError unless `fold` is one of FOLDS above 1."""
     if fold not in FOLDS[1:]:
-        raise ValueError(f"fold {fold}: expected 2, 4, 8 or 16")
+        raise ValueError(f"fold {fold}: expected one of {FOLDS[1:]}")
 
 
 def pipeline_handshake(m: Module, i, o, latency: int) -> Signal:

@@ -102,7 +102,7 @@ def test_packets_leave_the_force_s_latency_as_it_is(case):
     )
     assert path.first_pixel_to_result == video.first_pixel_to_result
     assert path.stages == video.stages
-    trailer = {"normals, depth, force": 4, "normals alone": 1}.get(case, 0)
+    trailer = {"normals, depth, force": 4, "force before the depth": 4, "normals alone": 1}.get(case, 0)
     assert path.interval - video.interval == path.frame_pause == trailer
 
 

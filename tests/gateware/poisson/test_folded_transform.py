@@ -66,7 +66,7 @@ def test_cost_of_the_paper_s_rows(fold, interval, latency, multipliers):
 
 def test_invalid_arguments():
     transform = sine_transform(14, input_width=20)
-    with pytest.raises(ValueError, match="fold 3: expected 2, 4, 8 or 16"):
+    with pytest.raises(ValueError, match=r"fold 3: expected one of \(2, 4, 8, 16\)"):
         FoldedDst1(transform, fold=3)
     with pytest.raises(ValueError, match="matrix of size 1: expected at least 2"):
         FoldedDst1(sine_transform(1, input_width=20), fold=2)
