@@ -37,9 +37,7 @@ class IntegerPipeline:
     solver: IntegerSolver | None = None
     depth: Depth | None = None
     quantiser: DisplacementQuantiser | None = None
-    force: PatchForce | WeightedSum | None = (
-        None  # of the displacement or of the slopes
-    )
+    force: PatchForce | WeightedSum | None = None  # of the displacement or of the slopes
     force_n_per_unit: np.ndarray | None = None  # s_F, (axes,)
     bridge: SlopeBridge | None = None
     follower: DotFollower | None = None
