@@ -153,8 +153,8 @@ COMPONENTS = (
             ),
         ),
     ),
-    Component("network/folded_layer", ("network/test_folded_network.py",), designs=2),
-    Component("network/folded_output", ("network/test_folded_network.py",), designs=2),
+    Component("network/folded_layer", ("network/test_folded_layer.py",), designs=4),
+    Component("network/folded_output", ("network/test_folded_output.py",), designs=2),
     Component("network/folded_requantise", ("network/test_folded_requantise.py",), designs=2),
     Component("network/folded_network", ("network/test_folded_network.py",), designs=2, datapath=False),
     Component(
