@@ -117,7 +117,12 @@ class EigenvalueDivider(wiring.Component):
         start = Signal.like(address)  # of the row
         m.d.sync += [column.eq(column + 1), address.eq(address + Mux(column < row, 0, column) + 1)]
         with m.If(column == size - 1):
-            m.d.sync += [column.eq(0), row.eq(row + 1), start.eq(start + row + 1), address.eq(start + row + 1)]
+            m.d.sync += [
+                column.eq(0),
+                row.eq(row + 1),
+                start.eq(start + row + 1),
+                address.eq(start + row + 1),
+            ]
             with m.If(row == size - 1):
                 m.d.sync += [row.eq(0), start.eq(0), address.eq(0)]
 
