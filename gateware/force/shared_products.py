@@ -207,8 +207,9 @@ class SharedProducts(wiring.Component):
                 products.append(whole[:width].as_signed())
             total = adder_tree(m, self.advance, products, bounds, f"share_{k}")
 
+            ends_pixel = Signal(name=f"share_{k}_ends_pixel")
+            m.d.comb += ends_pixel.eq(busy & (slot == share.slots - 1))
             valid = busy & (slot < share.slots)
-            ends_pixel = busy & (slot == share.slots - 1)
             flags = Cat(valid, ends_pixel, ends_pixel & ends_frame)
             for stage in range(PRODUCT_LATENCY + 1 + tree_levels(share.multipliers)):
                 flags = self._later(m, flags, f"share_{k}_flags_{stage}", reset_less=False)
