@@ -4,7 +4,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from amaranth import Array, Cat, Const, Module, Mux, Shape, Signal, signed
+from amaranth import Cat, Const, Module, Mux, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -75,6 +75,13 @@ def shared_multipliers(
     """DSP slices: the multipliers of `shares_of`, of `dsp.slices(input_bits, weight_bits)` slices each."""
     multipliers = sum(share.multipliers for share in shares_of(axes, values, fold))
     return multipliers * dsp.slices(input_bits, weight_bits)
+
+
+def _chosen(words: list, place):
+    """The word at `place`; of its bits only those count that tell the words apart."""
+    if len(words) == 1:
+        return words[0]
+    return Cat(words).word_select(place[: (len(words) - 1).bit_length()], len(words[0]))
 
 
 class SharedProducts(wiring.Component):
@@ -192,8 +199,9 @@ class SharedProducts(wiring.Component):
                 products.append(whole[:width].as_signed())
             total = adder_tree(m, self.advance, products, bounds, f"share_{k}")
 
+            ends_pixel = Signal(name=f"share_{k}_ends_pixel")
+            m.d.comb += ends_pixel.eq(busy & (slot == share.slots - 1))
             valid = busy & (slot < share.slots)
-            ends_pixel = busy & (slot == share.slots - 1)
             flags = Cat(valid, ends_pixel, ends_pixel & ends_frame)
             for stage in range(PRODUCT_LATENCY + 1 + tree_levels(share.multipliers)):
                 flags = self._later(m, flags, f"share_{k}_flags_{stage}", reset_less=False)
@@ -213,11 +221,11 @@ class SharedProducts(wiring.Component):
     def _value(self, pixel, share: Share, multiplier: int, slot):
         """The value that a multiplier has in a slot; where it has none any, as its weight is 0."""
         values = range(multiplier, self.values, share.multipliers)
-        if len(values) == 1:
+        last = len(values) - 1
+        if last == 0:
             return pixel[values[0]]
-        rounds = [min(s // share.axes, len(values) - 1) for s in range(share.slots)]
-        whole = Cat(pixel[value] for value in values)
-        value = whole.word_select(Array(rounds)[slot], self.shape.width)
+        rounds = [Const(min(s // share.axes, last), range(len(values))) for s in range(share.slots)]
+        value = _chosen([pixel[value] for value in values], _chosen(rounds, slot))
         return value.as_signed() if self.shape.signed else value
 
     def _weight(self, words: list, share: Share, multiplier: int, slot, second):
@@ -231,4 +239,4 @@ class SharedProducts(wiring.Component):
                 each.append(Mux(second, other[0], first) if other else first)
             else:
                 each.append(Const(0, signed(len(word[0]))))
-        return Cat(each).word_select(slot, len(each[0])).as_signed()
+        return _chosen(each, slot).as_signed()

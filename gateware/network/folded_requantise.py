@@ -81,13 +81,15 @@ class FoldedRequantise(wiring.Component):
             held = Signal.like(kept, reset_less=True, name=f"held_{k}")
             beyond = Signal(reset_less=True, name=f"beyond_{k}")
             activation = Signal(bits, reset_less=True, name=f"activation_{k}")
-            fine = held >> shift[:COARSE] if self.loadable else held
-            top = (1 << bits) - 1
+            found, clips, top = held, beyond, (1 << bits) - 1
+            if self.loadable:
+                fine = held >> shift[:COARSE]
+                found, clips = fine[:bits], beyond | fine[bits:].any()
             with m.If(self.advance):
                 m.d.sync += [
                     held.eq(Mux(negative, 0, kept)),
                     beyond.eq(~negative & above),
-                    activation.eq(Mux(beyond | fine[bits:].any(), top, fine[:bits])),
+                    activation.eq(Mux(clips, top, found)),
                 ]
             m.d.comb += self.o[k].eq(activation)
         return m

@@ -25,14 +25,15 @@ class EigenvalueDivider(wiring.Component):
 
     The lanes beyond N in a row's last beat are undefined. `latency` = 5 + ceil(b/2) clocks without
     back-pressure, where b is the number of bits of the largest difference of two shifts; initiation
-    interval 1. A larger `fold`, clocks between two beats, changes nothing: there is one product a lane.
+    interval 1. There is one product a lane at any `fold`, clocks between two beats; with one above 1, and one
+    lane, the table has each pair of symmetric eigenvalues once.
     """
 
     def __init__(self, division: EigenvalueDivision, *, lanes: int, fold: int = 1, dsp: DspSlice = DSP48E2):
         check_fold(fold, lanes)
         if lanes not in (1, 2, 4):
             raise ValueError(f"lanes {lanes}: expected 1, 2 or 4")
-        self.division, self.lanes, self.dsp = division, lanes, dsp
+        self.division, self.lanes, self.fold, self.dsp = division, lanes, fold, dsp
         self.shift_low = int(division.shift.min())
         self.distance = int(division.shift.max() - self.shift_low)
         self.distance_bits = self.distance.bit_length()
@@ -78,7 +79,10 @@ class EigenvalueDivider(wiring.Component):
         beat = Signal(range(len(entries)))
         m.d.comb += [words.addr.eq(beat), words.en.eq(advance)]
         with m.If(advance & self.i.valid):
-            m.d.sync += beat.eq(Mux(beat == len(entries) - 1, 0, beat + 1))
+            if self.fold > 1:
+                self._step_in_triangle(m, beat)
+            else:
+                m.d.sync += beat.eq(Mux(beat == len(entries) - 1, 0, beat + 1))
 
         for lane in range(self.lanes):
 
@@ -104,9 +108,32 @@ class EigenvalueDivider(wiring.Component):
                 m.d.sync += self.o.payload[lane].eq((scaled + self.division.half_bit) >> 1)
         return m
 
-    def _table(self) -> list:
-        """The table's initial content in beat order."""
+    def _step_in_triangle(self, m, address) -> None:
+        """Go from (row, column) to the next one: the greater of both, n, and the lesser, k, are at
+        n(n + 1)/2 + k."""
         size = len(self.division.mantissa)
+        row = Signal(range(size))
+        column = Signal(range(size))
+        start = Signal.like(address)  # of the row
+        m.d.sync += [column.eq(column + 1), address.eq(address + Mux(column < row, 0, column) + 1)]
+        with m.If(column == size - 1):
+            m.d.sync += [
+                column.eq(0),
+                row.eq(row + 1),
+                start.eq(start + row + 1),
+                address.eq(start + row + 1),
+            ]
+            with m.If(row == size - 1):
+                m.d.sync += [row.eq(0), start.eq(0), address.eq(0)]
+
+    def _table(self) -> list:
+        """The table's initial content, in beat order or, folded, row after row up to the diagonal."""
+        size = len(self.division.mantissa)
+        if self.fold > 1:
+            lower = np.tril_indices(size)
+            mantissa = self.division.mantissa[lower].tolist()
+            distance = (self.division.shift[lower] - self.shift_low).tolist()
+            return [[{"mantissa": a, "distance": d}] for a, d in zip(mantissa, distance, strict=True)]
         void = ((0, 0), (0, -size % self.lanes))
         columns = (self.division.mantissa, self.division.shift - self.shift_low)
         mantissa, distance = (np.pad(c, void).reshape(-1, self.lanes).tolist() for c in columns)

@@ -95,7 +95,9 @@ class FoldedDst1(wiring.Component):
         stores = [memory.Memory(shape=self._word, depth=4 * self.fold, init=[]) for _ in range(self.products)]
         for lane, store in enumerate(stores):
             m.submodules[f"store_{lane}"] = store
-        full, filled, emptied = Signal(2), Signal(2), Signal(2)
+        full = Signal(2)
+        filled = Signal(2)
+        emptied = Signal(2)
         m.d.sync += full.eq((full | filled) & ~emptied)
         self._collect(m, stores, full, filled)
         self._transform(m, platform, stores, full, emptied)
@@ -109,10 +111,14 @@ class FoldedDst1(wiring.Component):
             shape=signed(self.transform.input_width), depth=self.half, init=[]
         )
         write, read = kept.write_port(), kept.read_port()
-        pair, back, page = Signal(range(self.half)), Signal(), Signal()
+        pair = Signal(range(self.half))
+        back = Signal()
+        page = Signal(name="fill_page")
         lane = Signal(range(self.products), init=(self.half - 1) % self.products)
-        step = Signal(range(self.fold), init=last_step)
-        accept, sums, differences = Signal(), Signal(), Signal()
+        step = Signal(range(self.fold), init=last_step, name="fill_step")
+        accept = Signal()
+        sums = Signal()
+        differences = Signal()
         m.d.comb += [
             self.i.ready.eq(~sums & (~back | ~Mux(page, full[1], full[0]))),
             accept.eq(self.i.valid & self.i.ready),
@@ -167,9 +173,14 @@ class FoldedDst1(wiring.Component):
         # The first multiplier's place, and the multiples of the angle that it and its neighbours go on by.
         angle = data.StructLayout({"index": range(size + 1), "negative": 1})
         one, many = ({"index": n, "negative": 0} for n in (1, self.products))
-        step, k, page = Signal(range(self.fold)), Signal(range(size + 1), init=1), Signal()
-        at, stride = Signal(angle, init=one), Signal(angle, init=many)
-        launch, going, ends = Signal(), Signal(), Signal()
+        step = Signal(range(self.fold))
+        k = Signal(range(size + 1), init=1)
+        page = Signal(name="read_page")
+        at = Signal(angle, init=one)
+        stride = Signal(angle, init=many)
+        launch = Signal()
+        going = Signal()
+        ends = Signal()
         m.d.comb += [
             launch.eq((step == 0) & queue.room & Mux(page, full[1], full[0])),
             queue.launch.eq(launch),

@@ -12,6 +12,7 @@ from amaranth import Array, Cat, Const, Mux, Signal, Value
 from fastac.gateware.dots.window_stream import DotWindowStream
 from fastac.gateware.dst1_engine import Dst1Engine
 from fastac.gateware.force.weighted_sum import WeightedSumStream
+from fastac.gateware.poisson.folded_transform import FoldedDst1
 from fastac.gateware.poisson.source import PoissonSourceStream
 from fastac.models.integer.dot_windows import BLOCK, CELL, DotWindows
 from fastac.models.integer.force import WeightedSum
@@ -53,6 +54,85 @@ def transform(component: type, size: int, lanes: int) -> FormalBench:
     bench.always("no deadlock: takes its last beat unless a row is launched", dut.i.ready | active)
     bench.always("no deadlock: what is in the queue is offered", dut.o.valid | (level == 0))
     waits(bench, active | (credits != 0), Cat(active, valid))
+    return bench
+
+
+def folded_transform(component: type, size: int, fold: int) -> FormalBench:
+    """Each row that enters leaves as a row; a page is read when it is full, and written when it is read."""
+    angles = np.outer(np.arange(1, size + 1), np.arange(1, size + 1))
+    matrix = np.rint(2 * np.sin(np.pi * angles / (size + 1))).astype(int)
+    bench = FormalBench(component(SineTransform(matrix, 1, 1, 4), fold=fold))
+    dut = bench.dut
+    enters, _ = bench.source(dut.i, "i")
+    leaves = bench.sink(dut.o, "o")
+    entered, left = FrameCounter(bench, "in", enters, size), FrameCounter(bench, "out", leaves, size)
+
+    flags = bench.probe("flags", dut.products + fold + 3)
+    depth = len(flags) // fold + 1
+    level, _ = fifo_words(bench, "queue.queue.queue", depth, len(Value.cast(dut.o.payload)))
+    credits, closed = bench.probe("queue.under_way", range(depth + 1)), bench.probe("queue.full")
+    bench.always("a credit for each value under way or in the queue", credits == ones(flags) + level)
+    bench.always("no value without a place in the queue", (credits <= depth) & (closed == (credits == depth)))
+
+    # Where the writer is, and whether the last pair of a row is still to be stored.
+    pair, back, last = bench.probe("pair", range(dut.half)), bench.probe("back"), bench.probe("last")
+    sums, differences = bench.probe("sums"), bench.probe("differences")
+    fill_page, place = bench.probe("fill_page"), bench.probe("place", range(2 * fold))
+    storing = bench.wire("storing", (sums | differences) & last)
+    bench.always("values are collected as they come", entered.place == Mux(back, size - 1 - pair, pair))
+    bench.always("pairs of the first half", (pair < dut.half) & (back | (pair < size // 2)))
+    bench.always("the page that is filled", fill_page == entered.frame[0])
+    bench.always("a sum and then a difference", ~(sums & differences))
+    bench.always("the page of a row's last pair", ~storing | (place[-1] != fill_page))
+    bench.always(
+        "a row's last pair is stored before the next pair", ~storing | ~back | (pair == dut.half - 1)
+    )
+    inside = bench.wire("inside", back & ((pair != dut.half - 1) | (sums | differences) & ~last))
+    bench.always("the page of a pair", storing | ~(sums | differences) | (place[-1] == fill_page))
+
+    # Where the first multiplier is, and whether the last one still reads the row before.
+    k, step, read_page = (
+        bench.probe("k", range(size + 1)),
+        bench.probe("step", range(fold)),
+        bench.probe("read_page"),
+    )
+    following, row = left.after(credits)
+    begun = step != 0
+    bench.always(
+        "each row leaves as it was launched",
+        (k - 1) == Mux(begun, Mux(following == 0, size - 1, following - 1), following),
+    )
+    row = bench.wire("row", (row - (begun & (following == 0)))[:2])
+    bench.always("the page that is read", read_page == row[0])
+    bench.always(
+        "steps follow a launch", Array(Const(1, 1) if s == 0 else flags[s - 1] for s in range(fold))[step]
+    )
+    reading = Cat(bench.probe(f"ends_{lane}") for lane in range(1, dut.products))
+    late = bench.wire("late", reading.any() if dut.products > 1 else Const(0, 1))
+    full = bench.probe("full", 2)
+    stored = bench.wire("stored", (entered.frame - storing - row)[:2])
+    bench.always("at most two rows are stored", stored <= 2)
+    bench.always("a stored row fills its page", Mux(read_page, full[1], full[0]) == (stored != 0))
+    bench.always("the other page", Mux(read_page, full[0], full[1]) == ((stored == 2) | late))
+    bench.always("a page that is still read is not stored again", ~late | (stored < 2))
+    bench.always("no step without a row", ~begun | (stored != 0))
+    bench.always(
+        "no page is written before it is read",
+        ~(inside | storing) | ~Mux(fill_page ^ storing, full[1], full[0]),
+    )
+    if dut.products > 1:
+        bench.always("one row at a time is read to its end", ones(reading) <= 1)
+        for lane in range(1, dut.products):
+            # The next row has begun at most as many clocks ago.
+            read = bench.probe(f"read_{lane}", range(4 * fold))
+            soon = (k == 1) & (step < lane) & (read[-1] != read_page)
+            bench.always(f"multiplier {lane} ends soon after the first", ~reading[lane - 1] | soon)
+    bench.always(
+        "no deadlock: takes values while a page is free",
+        dut.i.ready | sums | (back & Mux(fill_page, full[1], full[0])),
+    )
+    bench.always("no deadlock: what is in the queue is offered", dut.o.valid | (level == 0))
+    waits(bench, (stored != 0) | (credits != 0), Cat(stored != 0, flags))
     return bench
 
 
@@ -186,6 +266,24 @@ PROOFS = (
             broken_depth=24,
         )
         for size, lanes in ((4, 1), (8, 2))
+    ),
+    *(
+        Proof(
+            f"folded_sine_transform_{fold}",
+            FoldedDst1,
+            f"rows of {size} values of 1 bit, one every {fold} clocks",
+            partial(folded_transform, size=size, fold=fold),
+            depth=1,
+            breaks=(
+                ("(step == 0) & queue.room & ", "(step == 0) & "),
+                ("self.i.ready.eq(~sums & ", "self.i.ready.eq("),
+                ("(~back | ~Mux(page, full[1], full[0]))", "1"),
+                ("with m.If(differences & last)", "with m.If(sums & last)"),
+                ("m.d.sync += page.eq(~page)", "m.d.sync += page.eq(page)"),
+            ),
+            broken_depth=30,
+        )
+        for size, fold in ((6, 2), (5, 4))
     ),
     *(
         Proof(

@@ -1,9 +1,12 @@
 # amaranth: UnusedElaboratable=no
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fastac.gateware.network.folded_network import FoldedMlp
 from fastac.gateware.target.elaboration import to_rtlil
+from fastac.models.integer.network import Layer, Requantisation
 from fastac.sim.check_stream import check, pack
 from fastac.sim.preloaded import PreloadedTable
 from tests.gateware.network.test_pixel_network import WIDTH, beats, network, reference
@@ -62,6 +65,33 @@ def test_loadable_weights(tmp_path, sizes, fold, latency, multipliers, bits):
     assert -(1 << (dut.table.bits - 1)) <= values.min() <= values.max() < 1 << (dut.table.bits - 1)
     assert not np.array_equal(values, dut.table_values)
     compare(PreloadedTable(dut, "parameters", values, dut.table.bits), layers, bits, tmp_path)
+
+
+@pytest.mark.parametrize("loadable", [False, True])
+@pytest.mark.quick("True")
+def test_sums_reach_their_bounds(tmp_path, loadable):
+    """Weights, biases and inputs at their limits, with the signs that add up."""
+    rng, signs = np.random.default_rng(4), np.array([1, -1, 1, -1])
+
+    def extreme(bits, limit, signs, requantisation=None):
+        # Only baked weights reach the lowest word.
+        lowest = -(1 << (bits - 1)) + loadable
+        weight = np.where(signs[:, None] > 0, -lowest - 1 + loadable, np.full((1, len(limit)), lowest))
+        bias = signs * ((1 << (bits - 1)) - 1) * int(limit.sum())
+        return Layer(weight, bias, limit, bits, requantisation, loadable)
+
+    scale = Requantisation(np.array([131_071, 1, 2, 3]), 24)
+    layers = [extreme(8, np.full(3, 255), signs, scale), extreme(12, np.full(4, 127), signs[:3])]
+    # All activations at their limit: what the last layer sums is as large as it can be.
+    upwards = replace(layers[0], weight=np.full((4, 3), 127), bias=abs(layers[0].bias))
+    most = [upwards, layers[1]]
+    x = np.concatenate([np.array([[0] * 3, [255] * 3, [-255] * 3]), rng.choice([-255, 255], (20, 3))])
+    sums = layers[0].accumulate(x)
+    assert abs(sums).max() == layers[0].accumulator_bound
+    for name, chosen in (("first", layers), ("last", most)):
+        dut = FoldedMlp(chosen, input_width=WIDTH, fold=2)
+        expected = pack(reference(chosen, x), chosen[-1].accumulator_width)
+        check(dut, name, tmp_path / name, inputs=pack(x, WIDTH), expected=expected, stalls=(0,))
 
 
 @pytest.mark.parametrize("fold", [2, 4, 8, 16])

@@ -47,7 +47,7 @@ def run(dut, scale, fold, loaded=()):
 
 
 @pytest.mark.parametrize(("multipliers", "shift"), TABLES)
-@pytest.mark.quick("multipliers1-24", "multipliers3-47")
+@pytest.mark.quick("multipliers2-13", "multipliers3-47")
 def test_activations(multipliers, shift):
     """Baked, and loaded into hardware that was built with other multipliers and another shift."""
     scale = Requantisation(np.array(multipliers), shift)

@@ -37,9 +37,9 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
     return np.hstack([rows, np.full((len(rows), short), void)]).reshape(-1, lanes)
 
 
-def compare(folder, division, lanes: int):
+def compare(folder, division, lanes: int, fold: int = 1):
     size, width = len(division.mantissa), division.input_width
-    dut = EigenvalueDivider(division, lanes=lanes)
+    dut = EigenvalueDivider(division, lanes=lanes, fold=fold)
     limit = 1 << (width - 1)
     x = np.random.default_rng(1).integers(-limit, limit, (6, size, size))
     x[0], x[1], x[2] = 0, -limit, limit - 1
@@ -60,14 +60,19 @@ def compare(folder, division, lanes: int):
 
 
 @pytest.mark.parametrize(
-    ("size", "lanes", "input_width", "rounding"),
-    [(14, 1, 27, "nearest"), (15, 2, 18, "nearest"), (15, 2, 18, "floor")],
+    ("size", "lanes", "fold", "input_width", "rounding"),
+    [
+        (14, 1, 1, 27, "nearest"),
+        (15, 2, 1, 18, "nearest"),
+        (15, 2, 1, 18, "floor"),
+        (7, 1, 2, 18, "nearest"),  # a triangle of a table
+    ],
 )
-@pytest.mark.quick("15-2-18-floor")
-def test_bit_exact_to_golden_model(tmp_path, size, lanes, input_width, rounding):
+@pytest.mark.quick("15-2-1-18-floor", "7-1-2-18-nearest")
+def test_bit_exact_to_golden_model(tmp_path, size, lanes, fold, input_width, rounding):
     division = eigenvalue_division(size, input_width=input_width, rounding=rounding)
     assert division.shift.min() < division.shift.max()
-    compare(tmp_path, division, lanes)
+    compare(tmp_path, division, lanes, fold)
 
 
 def test_single_shift_needs_no_barrel_shifter(tmp_path):
