@@ -8,6 +8,7 @@ from fastac.scenes.strict import Count, Positive, Strict
 
 FEWEST_NEURONS, MOST_NEURONS = 4, 64
 """Of a hidden layer, also after pruning."""
+Neurons = Annotated[int, Field(ge=FEWEST_NEURONS, le=MOST_NEURONS)]
 
 
 def _widths(value: object) -> object:
@@ -26,7 +27,7 @@ def _widths(value: object) -> object:
 class Network(Strict):
     """The pixel network: three hidden layers, then the normal."""
 
-    width: Annotated[int | tuple[int, int, int], BeforeValidator(_widths)] = 16
+    width: Annotated[Neurons | tuple[Neurons, Neurons, Neurons], BeforeValidator(_widths)] = 16
     """Neurons of each hidden layer: of all alike, or a list with one number a layer. 16 are the paper's."""
     prune: Annotated[float, Field(ge=0, lt=1)] | None = None
     """Largest relative growth of the slopes' error, on the validation frames, for which hidden neurons are

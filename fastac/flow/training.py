@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,8 @@ from fastac.store.files import load_arrays, save_arrays
 
 CALIBRATION_PX = 1 << 17
 """Pixels that fix the ranges of the activations."""
+MULTIPLIER_DIGITS = (2, 3)
+"""Signed digits of baked multipliers that are tried in turn where the network is pruned."""
 
 
 class TrainingError(ValueError):
@@ -158,7 +161,8 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         split = train_normals.labelled_splits(skin_alone(data, scene), scene.training)
     x, _ = split["train"]
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
-    layers = quantise.quantise_layers(
+    quantised = partial(
+        quantise.quantise_layers,
         [arrays[f"network.{k}.weight"] for k in range(count)],
         [arrays[f"network.{k}.bias"] for k in range(count)],
         scales(x.shape[1] - 2),
@@ -167,9 +171,8 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         activation_bits=scene.numbers.activation_bits,
         last_weight_bits=scene.numbers.last_weight_bits,
     )
-    layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
+    layers, history = bit_true.finetune(split, quantised(), network, scene.training, progress=progress)
     if scene.network.prune is not None:
-        layers = without_constant(layers, x)
         if scene.hardware.weights == "baked":
             of_depth = depth_error(data, scene)
             layers = fewer_digits(
@@ -177,6 +180,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 layers,
                 network,
                 scene.training,
+                few=[quantised(multiplier_digits=digits) for digits in MULTIPLIER_DIGITS],
                 growth=scene.network.prune,
                 slope_limit=scene.numbers.slope_limit,
                 further_error=None
@@ -184,6 +188,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 else lambda found: of_depth(Emulator(layers_pipeline(tuple(found), data, scene))),
                 progress=progress,
             )
+        layers = without_constant(layers, x)
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
 
 

@@ -72,6 +72,8 @@ class Scope:
     def trained(self) -> dict[str, str]:
         scene, training = self.scene, self.scene.training
         width = "-".join(map(str, scene.network.hidden))
+        if scene.network.prune is not None:
+            width += " at most"
         force = ABSENT
         if scene.wants_force:
             k = scene.force.kernel_size

@@ -1,8 +1,9 @@
 """Baked weights and multipliers with fewer signed digits: each digit is an addition of the hardware.
 
-A weight is brought to its neighbour with one digit less, which for a power of two is 0, where the slopes
-change least by it: estimated by the diagonal of the Gauss-Newton matrix, as in Y. LeCun et al., "Optimal
-Brain Damage", NIPS 1989. Between rounds biases, multipliers and the last layer are fine-tuned bit-true.
+Multipliers of requantisation are quantised with few digits where the error allows. Then weights are brought
+to their neighbours with one digit less, which for a power of two is 0, where the slopes change least by it:
+estimated by the diagonal of the Gauss-Newton matrix, as in Y. LeCun et al., "Optimal Brain Damage", NIPS
+1989. Between rounds biases, the last layer and multipliers of any digits are fine-tuned bit-true.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from fastac.models.floating.network import PixelNetwork, slopes_of
 from fastac.models.integer.network import Layer
+from fastac.models.integer.quantise import digit_counts
 from fastac.models.training.bit_true import finetune
 from fastac.scenes.model_schema import Training
 
@@ -22,15 +24,6 @@ ROUND_SHARE = 0.1
 """Share of all digits that the first round removes; halved where the error grows too much."""
 SMALLEST_SHARE = 0.02
 ROUND_EPOCHS = 2
-MULTIPLIER_DIGITS = (2, 3, 4, 5)
-MULTIPLIER_GROWTH = 1e-3
-"""Relative growth of the error for which multipliers get fewer digits."""
-
-
-def digit_counts(words: np.ndarray) -> np.ndarray:
-    """Non-zero digits of each word's canonical signed-digit form."""
-    magnitude = np.abs(words)
-    return np.array([int(m).bit_count() for m in np.ravel(magnitude ^ (3 * magnitude))]).reshape(words.shape)
 
 
 def one_digit_less(words: np.ndarray) -> np.ndarray:
@@ -38,13 +31,6 @@ def one_digit_less(words: np.ndarray) -> np.ndarray:
     lowest = words & -words
     above = np.where(lowest == 0, 0, words // np.maximum(lowest, 1)) & 3
     return np.where(above == 3, words + lowest, words - lowest)
-
-
-def at_most(words: np.ndarray, digits: int) -> np.ndarray:
-    """Each word without the lowest of its signed digits, so that no more than `digits` remain."""
-    while (excess := digit_counts(words) > digits).any():
-        words = np.where(excess, one_digit_less(words), words)
-    return words
 
 
 def slope_error(layers: Sequence[Layer], x: np.ndarray, y: np.ndarray, slope_limit: float) -> float:
@@ -110,18 +96,20 @@ def fewer_digits(
     network: PixelNetwork,
     settings: Training,
     *,
+    few: Sequence[tuple[Layer, ...]] = (),
     growth: float,
     slope_limit: float,
     further_error: Callable[[Sequence[Layer]], float] | None = None,
     progress: bool = False,
 ) -> tuple[Layer, ...]:
-    """Fine-tuned layers with as few digits of hidden weights and multipliers as the error allows.
+    """Layers with as few digits of multipliers and hidden weights as the error allows, fine-tuned.
 
     pixels : features and normals by split name, from `labelled_splits`; judged is the validation split or,
         where there is none, the train split
+    layers : fine-tuned; what errors are compared with
     network : the float network that the layers were quantised from, the teacher
-    growth : largest relative growth of the mean slope error by the weights; by the multipliers it may grow by
-        MULTIPLIER_GROWTH more
+    few : the same network quantised with multipliers of few digits, the fewest first, not fine-tuned
+    growth : largest relative growth of the mean slope error
     further_error : of layers, an error that must not grow by more either
     """
     judged = pixels.get("validation", pixels["train"])
@@ -132,13 +120,13 @@ def fewer_digits(
         found = [slope_error(candidate, *judged, slope_limit)]
         return np.array(found if further_error is None else [*found, further_error(candidate)])
 
-    def tuned(candidate: tuple[Layer, ...], *, multipliers: bool) -> tuple[Layer, ...]:
+    def tuned(candidate: tuple[Layer, ...], epochs: int, *, multipliers: bool) -> tuple[Layer, ...]:
         found, _ = finetune(
             pixels,
             candidate,
             network,
             settings,
-            epochs=ROUND_EPOCHS,
+            epochs=min(epochs, settings.finetune_epochs),
             hidden_weights=False,
             multipliers=multipliers,
             progress=progress,
@@ -146,30 +134,19 @@ def fewer_digits(
         return found
 
     with threadpool_limits(1):  # sums over more threads depend on the machine
-        limit, share = (1 + growth) * errors(layers), ROUND_SHARE
+        limits, multipliers, share = (1 + growth) * errors(layers), True, ROUND_SHARE
+        for untuned in few:
+            candidate = tuned(untuned, settings.finetune_epochs, multipliers=False)
+            if (errors(candidate) <= limits).all():
+                layers, multipliers = candidate, False
+                break
         while share >= SMALLEST_SHARE:
             fewer = fewer_weight_digits(layers, x, share)
             if not any((a.weight != b.weight).any() for a, b in zip(fewer, layers, strict=True)):
                 break
-            candidate = tuned(fewer, multipliers=True)
-            if (errors(candidate) <= limit).all():
+            candidate = tuned(fewer, ROUND_EPOCHS, multipliers=multipliers)
+            if (errors(candidate) <= limits).all():
                 layers = candidate
             else:
                 share /= 2
-        limit = (1 + MULTIPLIER_GROWTH) * errors(layers)
-        for digits in MULTIPLIER_DIGITS:
-            candidate = tuned(with_multipliers(layers, lambda m, d=digits: at_most(m, d)), multipliers=False)
-            if (errors(candidate) <= limit).all():
-                return candidate
     return layers
-
-
-def with_multipliers(
-    layers: Sequence[Layer], change: Callable[[np.ndarray], np.ndarray]
-) -> tuple[Layer, ...]:
-    """The layers with changed multipliers of requantisation."""
-    hidden = []
-    for layer in layers[:-1]:
-        scale = layer.requantisation
-        hidden.append(replace(layer, requantisation=replace(scale, multiplier=change(scale.multiplier))))
-    return (*hidden, layers[-1])

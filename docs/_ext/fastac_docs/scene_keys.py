@@ -120,7 +120,7 @@ def _choices(names) -> str:
 def _values(facts: dict) -> str:
     """What values the schema takes, in words."""
     if "anyOf" in facts:
-        return next(_values(kind) for kind in facts["anyOf"] if kind.get("type") != "null")
+        return "; or ".join(_values(kind) for kind in facts["anyOf"] if kind.get("type") != "null")
     if "enum" in facts:
         return _choices(facts["enum"])
     if facts["type"] == "array":

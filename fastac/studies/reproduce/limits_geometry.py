@@ -118,9 +118,10 @@ def wider(scene: Scene) -> Scene:
 
 
 def shape_alone(scene: Scene, sensor: Sensor) -> Scene:
-    """The scene with depth alone as output, bridging dots only where the sensor that is drawn has any."""
+    """The scene with depth alone as output and no pruning, bridging dots only where the sensor that is drawn
+    has any."""
     bridged = scene.network.bridge_dots and sensor.markers is not None
-    network = scene.network.model_copy(update={"bridge_dots": bridged})
+    network = scene.network.model_copy(update={"bridge_dots": bridged, "prune": None})
     return scene.model_copy(update={"outputs": ("depth",), "network": network})
 
 

@@ -65,6 +65,13 @@ def rows(content) -> dict[str, tuple[str, str, str]]:
     return {what: rest for what, *rest in found}
 
 
+def test_neurons_that_pruning_kept(content):
+    asked = ", ".join(["16"] * 3)
+    assert rows(content)["neurons of the hidden layers"][0] == asked
+    content["hidden_neurons"]["kept"] = [16, 13, 10]
+    assert rows(content)["neurons of the hidden layers"][0] == f"{asked} asked, 16, 13, 10 kept"
+
+
 def test_figures_of_vivado_beside_our_own(tiny_bundle, tmp_path):
     """They are those that vivado.json has for this bundle, each with its origin; else there are none."""
     folder = fill(tmp_path)
