@@ -160,6 +160,7 @@ notebooks: $(EVERYTHING)
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)
 	$(VENV)/bin/python -m fastac.synth.resource_samples
+	$(VENV)/bin/python -m fastac.synth.resource_samples folded
 
 # The site of docs/ and the notebooks. Sphinx and its extensions are an extra of their own.
 $(DOCS): $(READY)

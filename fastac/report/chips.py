@@ -70,7 +70,7 @@ def table(scenes: Sequence[Scene], rates: Sequence[float], clock_mhz: float) -> 
 
 def notes(clock_mhz: float) -> list[str]:
     """What the figures are."""
-    _, origins = resources.model()
+    _, origins = resources.model(is_folded=True)
     return [
         f"At {clock_mhz:g} MHz, an assumption; pixels a clock: the fewest with which the camera never waits."
         " Shares are estimates of the area, with random weights. “no”: `fastac build` would refuse the scene,"

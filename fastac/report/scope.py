@@ -96,7 +96,7 @@ class Scope:
 
     @cached_property
     def stages(self) -> dict[str, dict[str, float]]:
-        factors, _ = resources.model()
+        factors, _ = resources.model_of(self.scene)
         return resources.predict(factors, resources.features(self.pipeline))
 
     def elaborated(self) -> dict[str, str]:

@@ -54,11 +54,15 @@ class Dst2dCosts:
 
     @staticmethod
     def memories(frame: Frame, solver: Solver) -> Iterator[tuple[str, int, int, int]]:
-        lanes = frame.lanes
+        lanes, folded = frame.lanes, frame.fold > 1
         for transform in (solver.row_forward, solver.column_inverse):
-            yield "transposition", lanes, transform.output_width, 2 * frame.row_beats**2 * lanes
+            # Folded, a frame takes the place of the one before it, word by word.
+            words = frame.inner if folded else 2 * frame.row_beats**2 * lanes
+            yield "transposition", lanes, transform.output_width, words
         if frame.deep:
-            yield "division", 1, lanes * (MANTISSA_BITS + distance_bits(solver.division)), frame.inner_beats
+            # Folded, of the symmetric table only one half.
+            words = frame.size * (frame.size + 1) // 2 if folded else frame.inner_beats
+            yield "division", 1, lanes * (MANTISSA_BITS + distance_bits(solver.division)), words
 
     @staticmethod
     def features(frame: Frame, solver: Solver) -> dict[str, dict[str, float]]:

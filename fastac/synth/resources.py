@@ -27,11 +27,13 @@ from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
+from fastac.synth import folded
 from fastac.synth.energy import normals_works
 from fastac.synth.solvers import SOLVERS
 from fastac.synth.work import Frame, Work
 
 SAMPLES = Path(__file__).with_name("resource_samples.json")
+FOLDED_SAMPLES = SAMPLES.with_name("folded_samples.json")
 COUNTED = ("lut", "ramb36", "dsp48e2")
 FITTED = ("lut", "ramb36")
 BEFORE_SOLVER = {
@@ -132,9 +134,12 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
         if frame.deep:
             yield "source", 1, lanes * (source.width if loadable and difference else own), frame.inner_beats
         yield from SOLVERS[scene.poisson.solver].memories(frame, solver)
-        half = (frame.size + 1) // 2
-        for transform in SOLVERS[scene.poisson.solver].transforms(solver):
-            yield "transforms", 1, lanes * half * transform.coefficient_width, frame.row_beats
+        half, transforms = (frame.size + 1) // 2, SOLVERS[scene.poisson.solver].transforms(solver)
+        if frame.fold > 1:
+            yield from folded.transform_memories(transforms, frame.fold)
+        else:
+            for transform in transforms:
+                yield "transforms", 1, lanes * half * transform.coefficient_width, frame.row_beats
         rest = signed_width(int(np.abs(pipeline.depth.rest).max()))
         if "depth" in scene.outputs and difference and rest > 1:
             yield "depth", 1, lanes * rest, frame.inner_beats
@@ -146,6 +151,9 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
     yield from kernel_memory(scene)
     if force is not None and not isinstance(force, PatchForce):
         axes, rows, columns, terms = force.weight.shape
+        if frame.fold > 1:
+            yield folded.weight_memory(force)
+            return
         yield "force", 1, lanes * axes * terms * force.weight_width, rows * -(-columns // lanes)
 
 
@@ -236,6 +244,8 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         found["slip"] = {"one": 1, "ratio_bits": ratio, "dots": count}
     if scene.hardware.streams == "packets":
         found["packets"] = packet_features(scene)
+    if frame.fold > 1:
+        found |= folded.features(pipeline, costs.transforms(solver) if solver is not None else [])
     needed = block_rams(memories(pipeline))
     for stage, values in found.items():
         values["ramb36"] = needed.get(stage, 0.0)
@@ -271,8 +281,11 @@ def predict(factors: dict, found: dict[str, dict[str, float]]) -> dict[str, dict
 
 
 @cache
-def model() -> tuple[dict, dict[str, str]]:
-    """The factors fitted to the committed samples, and each resource's origin with its error."""
+def model(*, is_folded: bool = False) -> tuple[dict, dict[str, str]]:
+    """The factors fitted to the committed samples, and each resource's origin with its error.
+
+    is_folded : for designs of less than one pixel a clock, whose folded stages have samples of their own
+    """
     content = json.loads(SAMPLES.read_text())
     samples = content["samples"]
     origins = {}
@@ -292,7 +305,22 @@ def model() -> tuple[dict, dict[str, str]]:
     origins["dsp48e1"] = DSP48E1_ORIGIN
     origins["lut"] += "; what packets add is counted in three designs (PACKET_LUTS)"
     packets = {"lut": np.array([*PACKET_LUTS.values()], float), "ramb36": np.ones(1)}
-    return content["factors"] | {"packets": packets}, origins
+    factors = content["factors"] | {"packets": packets}
+    if is_folded:
+        content = json.loads(FOLDED_SAMPLES.read_text())
+        factors |= content["factors"]
+        error = np.abs(content["left_out_errors_percent"]["lut"])
+        origins["lut"] += (
+            f"; folded stages: fitted to Yosys's counts of those of {len(content['samples'])} designs"
+            f" (fastac/synth/folded_samples.json), leave-one-out error: mean {error.mean():.1f}%, largest"
+            f" {error.max():.1f}%"
+        )
+    return factors, origins
+
+
+def model_of(scene: Scene) -> tuple[dict, dict[str, str]]:
+    """`model` for a scene's designs."""
+    return model(is_folded=scene.fold > 1)
 
 
 def _counted(sample: dict, name: str) -> float:
@@ -301,7 +329,7 @@ def _counted(sample: dict, name: str) -> float:
 
 def luts(pipeline: IntegerPipeline) -> dict[str, float]:
     """Estimated look-up tables by stage."""
-    factors, _ = model()
+    factors, _ = model_of(pipeline.scene)
     return {stage: found["lut"] for stage, found in predict(factors, features(pipeline)).items()}
 
 
@@ -312,7 +340,7 @@ def dsp_slices(pipeline: IntegerPipeline) -> dict[str, int]:
 
 def estimate(pipeline: IntegerPipeline) -> dict[str, dict]:
     """lut, ramb36 and the part's DSP slices, dsp48e2 or dsp48e1, as {"value", "origin"}."""
-    factors, origins = model()
+    factors, origins = model_of(pipeline.scene)
     stages = predict(factors, features(pipeline))
     key = device_of(pipeline.scene).dsp_key
     found = {key: sum(dsp_slices(pipeline).values())}

@@ -53,12 +53,12 @@ def register(count: int, bits: int) -> Work:
 
 
 class Frame:
-    """The sizes that every count follows from: image, inner region, lanes, the part's DSP slice."""
+    """The sizes that every count follows from: image, inner region, lanes, fold, the part's DSP slice."""
 
     def __init__(self, pipeline: IntegerPipeline):
         scene = pipeline.scene
         self.height, self.width, self.channels = pipeline.background.shape
-        self.lanes = scene.lanes
+        self.lanes, self.fold = scene.lanes, scene.fold
         self.dsp = device_of(scene).dsp
         self.pixels = self.height * self.width
         self.size = self.width - 2
