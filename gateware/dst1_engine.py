@@ -7,9 +7,14 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
-from fastac.gateware.arithmetic.product import LATENCY, product
+from fastac.gateware.arithmetic.product_cascade import cascade_latency, product_cascade
 from fastac.gateware.stream.queues import CreditQueue
 from fastac.models.integer.sine_transform import SineTransform
+from fastac.models.integer.words import signed_width
+
+CASCADE = 4
+"""Products that are added in their DSP slices, one after the other: two levels of an adder tree. With more,
+the products' operands would need more registers outside the slices, and a transform more clocks."""
 
 
 class Dst1Engine(wiring.Component):
@@ -17,9 +22,10 @@ class Dst1Engine(wiring.Component):
 
     Even and odd symmetry halve the products: with u_n = x_n + x_{N+1−n} for odd k and v_n = x_n − x_{N+1−n}
     for even k (n, k from 1), each output is a sum of `half` = ceil(N/2) products. Each lane has `half`
-    products and an adder tree and completes one output per clock, so outputs leave in natural order. A
-    product takes one DSP48E2 if input_width <= 26 and coefficient_width <= 18, one DSP48E1 if
-    input_width <= 24, and else two.
+    products, in cascades of `CASCADE`, and an adder tree over the cascades' sums; it completes one output per
+    clock, so outputs leave in natural order. A product takes one DSP48E2 if input_width <= 26 and
+    coefficient_width <= 18, one DSP48E1 if input_width <= 24, and else two. A slice adds sums of up to 48
+    bits.
 
     Members
     -------
@@ -28,7 +34,7 @@ class Dst1Engine(wiring.Component):
 
     A row is `interval` = ceil(N/lanes) beats in natural order; the lanes beyond N in its last beat are
     ignored. While one row is transformed the next is collected: initiation interval `interval` clocks a row.
-    `latency` = 5 + ceil(log2(half + 1)) clocks from the accepted last beat of a row to its first output beat,
+    `latency` = 7 + ceil(log2(half/4)) clocks from the accepted last beat of a row to its first output beat,
     without back-pressure; the other beats follow in the next clocks. With back-pressure, beats collect in
     the output queue, and none starts without a free place there (CreditQueue). `i.ready` comes from
     registers.
@@ -59,13 +65,13 @@ class Dst1Engine(wiring.Component):
 
     @classmethod
     def levels_of(cls, size: int) -> int:
-        """Levels of the adder tree over the products and the rounding constant (0 if rounding is floor)."""
-        return cls.half_of(size).bit_length()
+        """Levels of the adder tree over the sums of the cascades."""
+        return (-(-cls.half_of(size) // CASCADE) - 1).bit_length()
 
     @classmethod
     def latency_of(cls, size: int) -> int:
-        """Registers: the row, the folded operands, the products, and one per level of the adder tree."""
-        return 2 + LATENCY + cls.levels_of(size)
+        """Registers: the row, those of a cascade, and one per level of the adder tree."""
+        return 1 + cascade_latency(CASCADE) + cls.levels_of(size)
 
     @classmethod
     def multipliers_of(
@@ -122,6 +128,7 @@ class Dst1Engine(wiring.Component):
         # One step per output beat; the pipeline after it has no clock enable.
         active = Signal()
         step = Signal(range(self.interval))
+        following = Signal(range(self.interval), init=1)
         last_step = Signal()
         launch = Signal()
         valid = Signal(self.latency - 1)
@@ -135,12 +142,17 @@ class Dst1Engine(wiring.Component):
         ]
         m.d.sync += valid.eq(Cat(launch, valid))
         with m.If(launch):
-            m.d.sync += [step.eq(Mux(last_step, 0, step + 1)), last_step.eq(step == last - 1)]
+            m.d.sync += [
+                step.eq(following),
+                following.eq(Mux(following == last, 0, following + 1)),
+                last_step.eq(following == last),
+            ]
         with m.If(free):
             m.d.sync += active.eq(load)
         wiring.connect(m, queue.o, wiring.flipped(self.o))
 
-        # The table's read register has the same delay as the folding, so both reach the multipliers together.
+        # The table's read register always has the coefficients of the next step to launch, so that they reach
+        # the multipliers together with the folded operands, which have no register before the multipliers'.
         constant = signed(self.transform.coefficient_width)
         m.submodules.table = table = memory.Memory(
             shape=data.ArrayLayout(data.ArrayLayout(constant, self.half), self.lanes),
@@ -149,17 +161,16 @@ class Dst1Engine(wiring.Component):
             attrs={"rom_style": "block"},
         )
         words = table.read_port()
-        m.d.comb += [words.addr.eq(step), words.en.eq(1)]
+        m.d.comb += [words.addr.eq(Mux(launch, following, step)), words.en.eq(1)]
 
         # One lane alternates between odd and even k; with several, each lane always has the same parity.
         kinds = [step[0]] if self.lanes == 1 else [Const(0, 1), Const(1, 1)]
-        halves = [self._fold(m, operands, even) for even in kinds]
+        halves = [self._fold(m, operands, even, kind) for kind, even in enumerate(kinds)]
         for lane in range(self.lanes):
-            terms = [
-                product(m, platform, Const(1), operand, words.data[lane][n], name=f"product_{lane}_{n}")
-                for n, operand in enumerate(halves[lane % len(halves)])
-            ]
-            m.d.comb += queue.i[lane].eq(self._rounded_sum(m, terms) >> self.transform.shift)
+            coefficients = [words.data[lane][n] for n in range(self.half)]
+            pairs = list(zip(halves[lane % len(halves)], coefficients, strict=True))
+            total = self._rounded_sum(m, platform, pairs, name=f"product_{lane}")
+            m.d.comb += queue.i[lane].eq(total >> self.transform.shift)
         return m
 
     def _table(self) -> list:
@@ -168,26 +179,49 @@ class Dst1Engine(wiring.Component):
         table[: self.transform.size] = self.transform.matrix[:, : self.half]
         return table.reshape(self.interval, self.lanes, self.half).tolist()
 
-    def _fold(self, m, operands, even) -> list:
-        """Registers of x_n + x_{N+1−n}, or of x_n − x_{N+1−n} if `even`; the middle x has no partner."""
+    def _fold(self, m, operands, even, kind: int) -> list:
+        """The sums x_n + x_{N+1−n}, or x_n − x_{N+1−n} if `even`; the middle x has no partner."""
         folded = []
         for n in range(self.half):
             mirror = self.transform.size - 1 - n
             x, y = operands[n], operands[mirror] if mirror != n else Const(0)
-            both = Signal(signed(self.transform.input_width + 1), reset_less=True, name=f"folded_{n}")
-            m.d.sync += both.eq(Mux(even, x - y, x + y))
+            both = Signal(signed(self.transform.input_width + 1), name=f"folded_{kind}_{n}")
+            m.d.comb += both.eq(Mux(even, x - y, x + y))
             folded.append(both)
         return folded
 
-    def _rounded_sum(self, m, terms):
-        """Adder tree over `terms` and the rounding constant, a register after each addition."""
-        terms = [*terms, Const(self.transform.half_unit)]
+    def _bound(self, end: int, first: int = 0) -> int:
+        """The largest magnitude of the sum of the products `first` to `end` - 1 of any output.
+
+        The first sum has the rounding constant, too.
+        """
+        largest = int(np.abs(self.transform.matrix[:, first:end]).sum(axis=1).max())
+        return (largest << self.transform.input_width) + (0 if first else self.transform.half_unit)
+
+    def _rounded_sum(self, m, platform, pairs, *, name: str):
+        """Sum of the products of `pairs` and the rounding constant: cascades, and an adder tree over them."""
+        sums, span = [], CASCADE
+        for first in range(0, self.half, span):
+            own = pairs[first : first + span]
+            total = product_cascade(
+                m,
+                platform,
+                Const(1),
+                own,
+                [self._bound(first + k + 1, first) for k in range(len(own))],
+                start=0 if first else self.transform.half_unit,
+                wait=span - len(own),
+                name=f"{name}_{first}",
+            )
+            sums.append(total)
         for _ in range(self.levels):
-            sums = []
-            for a, b in zip(terms[::2], [*terms[1::2], Const(0)][: (len(terms) + 1) // 2], strict=True):
-                width = min((a + b).shape().width, self.transform.accumulator_width)
+            span *= 2
+            totals = []
+            for k in range(0, len(sums), 2):
+                first = k // 2 * span
+                width = signed_width(self._bound(min(first + span, self.half), first))
                 total = Signal(signed(width), reset_less=True)
-                m.d.sync += total.eq(a + b)
-                sums.append(total)
-            terms = sums
-        return terms[0]
+                m.d.sync += total.eq(sum(sums[k + 1 : k + 2], sums[k]))
+                totals.append(total)
+            sums = totals
+        return sums[0]

@@ -9,9 +9,20 @@ from fastac.gateware.target import tools
 from fastac.synth.netlist import UNIT, Part
 
 MAPPING = "-flatten -noiopad -noclkbuf"
+PACK_SCRIPT = """\
+chtype -set DSP48E1 t:DSP48E2
+xilinx_dsp -family xc7
+setparam -unset USE_DPORT t:DSP48E1
+chtype -set DSP48E2 t:DSP48E1
+"""
+"""Registers and adders around a product into its DSP48E2, which Yosys does for the DSP48E1 alone.
+
+What that one holds, the DSP48E2 holds, too: its multiplier and its pre-adder are 2 bits wider, its adder has
+the same 48 bits, inputs and cascades (Xilinx UG479, UG579)."""
 COUNT_SCRIPT = f"""\
 read_rtlil part.il
-synth_xilinx {{family}} {MAPPING} -top {UNIT} -run begin:map_luts
+synth_xilinx {{family}} {MAPPING} -top {UNIT} -run begin:coarse
+{{pack}}synth_xilinx {{family}} {MAPPING} -top {UNIT} -run coarse:map_luts
 opt_clean
 xilinx_srl -fixed -minlen 3
 techmap -map +/xilinx/cells_map.v
@@ -21,7 +32,8 @@ tee -q -o count.json stat -json
 """`synth_xilinx` up to the mapping of look-up tables, which changes none of a target's blocks."""
 LUT_SCRIPT = f"""\
 read_rtlil part.il
-synth_xilinx {{family}} {MAPPING} -top {UNIT} -run begin:check
+synth_xilinx {{family}} {MAPPING} -top {UNIT} -run begin:coarse
+{{pack}}synth_xilinx {{family}} {MAPPING} -top {UNIT} -run coarse:check
 tee -q -o count.json stat -json
 """
 REGISTERS = {"a": "AREG", "b": "BREG", "m": "MREG", "p": "PREG"}
@@ -46,12 +58,14 @@ class Target:
     options : of `synth_xilinx`
     blocks : what it counts: DSP slices, RAMB36, RAMB18, UltraRAM if there is any, shift registers
     carry, carry4s : kind of the carry chains, and how many of Yosys's CARRY4 one holds
+    pack : commands that put registers and adders into DSP slices, where `synth_xilinx` does not
     """
 
     options: str
     blocks: tuple[str, ...]
     carry: str
     carry4s: int
+    pack: str = ""
 
 
 TARGETS = {
@@ -60,6 +74,7 @@ TARGETS = {
         ("DSP48E2", "RAMB36E2", "RAMB18E2", "URAM288", "SRL16E", "SRLC32E"),
         "carry8",
         2,
+        PACK_SCRIPT,
     ),
     "DSP48E1": Target("-family xc7", ("DSP48E1", "RAMB36E1", "RAMB18E1", "SRL16E", "SRLC32E"), "carry4", 1),
 }
@@ -80,7 +95,7 @@ LUT_ORIGIN = (
 """For the options of a target."""
 REGISTER_ORIGIN = (
     "counted by synthesis: Yosys synth_xilinx -family xc7, DSP48E1 of 25×18 bits, as Yosys packs no registers"
-    " into DSP48E2; constant operands need no register"
+    " into DSP48E2 by itself; constant operands need no register"
 )
 
 
@@ -106,9 +121,9 @@ def cells(path: Path) -> dict[str, int]:
 def count(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[str, int]:
     """The target's blocks that one instance takes, by name in lower case.
 
-    Flip-flops and timing are omitted: Yosys's are not the device's (it packs no register into DSP48E2).
+    Flip-flops and timing are omitted: Yosys's are not the device's.
     """
-    _run(COUNT_SCRIPT.format(family=target.options), netlist(part, folder), folder)
+    _run(COUNT_SCRIPT.format(family=target.options, pack=target.pack), netlist(part, folder), folder)
     found = cells(folder / "count.json")
     return {name.lower(): found.get(name, 0) for name in target.blocks}
 
@@ -118,7 +133,7 @@ def luts(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[
 
     Raises ToolError for a distributed RAM of unknown size.
     """
-    _run(LUT_SCRIPT.format(family=target.options), netlist(part, folder), folder)
+    _run(LUT_SCRIPT.format(family=target.options, pack=target.pack), netlist(part, folder), folder)
     found = cells(folder / "count.json")
     for name in found:
         if re.match(r"(RAM\d|SRL)", name) and name not in MEMORY_LUTS:

@@ -2,6 +2,8 @@
 
 from amaranth import ClockSignal, Instance, Module, Signal, signed
 
+from fastac.gateware.arithmetic.product import sum_shape
+
 OPERAND_BITS = 18
 """Bits of each operand of a MULT18X18D, signed."""
 
@@ -13,7 +15,9 @@ class Ecp5:
     are added after the multipliers' output registers. The latency is that of one DSP48E2: 3 clocks.
     """
 
-    def product(self, m: Module, advance: Signal, a, b, *, name: str) -> Signal:
+    def product(
+        self, m: Module, advance: Signal, a, b, *, addend=None, bound: int | None = None, name: str
+    ) -> Signal:
         """As `gateware.arithmetic.product.product`; ValueError beyond signed 35×18 bits."""
         if len(a) < len(b):
             a, b = b, a
@@ -21,13 +25,15 @@ class Ecp5:
         signed_bits = [len(operand) + (not operand.shape().signed) for operand in (a, b)]
         if signed_bits[0] > OPERAND_BITS + low_bits or signed_bits[1] > OPERAND_BITS:
             raise ValueError(f"{name}: {len(a)} × {len(b)} bits: expected at most 35 × 18 signed")
-        held = Signal((a * b).shape(), reset_less=True, name=f"{name}_p")
         if signed_bits[0] <= OPERAND_BITS:
             total = self.multiplier(m, advance, a, b, name=name)
         else:
             high = a[low_bits:].as_signed() if a.shape().signed else a[low_bits:]
             low = self.multiplier(m, advance, a[:low_bits], b, name=f"{name}_low")
             total = low + (self.multiplier(m, advance, high, b, name=f"{name}_high") << low_bits)
+        if addend is not None:
+            total = total + addend
+        held = Signal(sum_shape(a * b, addend, bound), reset_less=True, name=f"{name}_p")
         with m.If(advance):
             m.d.sync += held.eq(total)
         return held

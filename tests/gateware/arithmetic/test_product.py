@@ -6,9 +6,10 @@ from amaranth.hdl import Fragment
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
 from amaranth.sim import Simulator
+from ecp5_model import ModelledEcp5
 
 from fastac.gateware.arithmetic.product import LATENCY, product
-from fastac.gateware.target.ecp5 import OPERAND_BITS, Ecp5
+from fastac.gateware.target.ecp5 import Ecp5
 
 
 class Multiplier(wiring.Component):
@@ -23,19 +24,6 @@ class Multiplier(wiring.Component):
         m = Module()
         m.d.comb += self.o.eq(product(m, platform, self.advance, self.a, self.b, name="product"))
         return m
-
-
-class ModelledEcp5(Ecp5):
-    """Ecp5 with a behavioural model of MULT18X18D in place of the primitive, for simulation."""
-
-    def multiplier(self, m, advance, a, b, *, name):
-        for operand in (a, b):
-            assert len(operand) + (not operand.shape().signed) <= OPERAND_BITS
-        left, right = Signal(a.shape(), name=f"{name}_a"), Signal(b.shape(), name=f"{name}_b")
-        output = Signal((a * b).shape(), name=f"{name}_m")
-        with m.If(advance):
-            m.d.sync += [left.eq(a), right.eq(b), output.eq(left * right)]
-        return output
 
 
 def limits(shape: Shape) -> list[int]:

@@ -1,0 +1,83 @@
+# amaranth: UnusedElaboratable=no
+import numpy as np
+import pytest
+from amaranth import Module, Signal, signed
+from amaranth.hdl import Fragment
+from amaranth.lib import data, wiring
+from amaranth.lib.wiring import In, Out
+from amaranth.sim import Simulator
+from ecp5_model import ModelledEcp5
+
+from fastac.gateware.arithmetic.product import sum_shape
+from fastac.gateware.arithmetic.product_cascade import cascade_latency, product_cascade
+from fastac.models.integer.words import signed_width
+
+A, B, START, WAIT = 27, 18, 5, 2
+LENGTH = 3
+BOUNDS = [(k + 1 << A + B - 2) + START for k in range(LENGTH)]
+
+
+class Cascade(wiring.Component):
+    """A component around `product_cascade`."""
+
+    def __init__(self):
+        super().__init__(
+            {
+                "advance": In(1),
+                "a": In(data.ArrayLayout(signed(A), LENGTH)),
+                "b": In(data.ArrayLayout(signed(B), LENGTH)),
+                "o": Out(signed(signed_width(BOUNDS[-1]))),
+            }
+        )
+
+    def elaborate(self, platform):
+        m = Module()
+        pairs = [(self.a[k], self.b[k]) for k in range(LENGTH)]
+        total = product_cascade(
+            m, platform, self.advance, pairs, BOUNDS, start=START, wait=WAIT, name="products"
+        )
+        assert total.shape() == self.o.shape()
+        m.d.comb += self.o.eq(total)
+        return m
+
+
+@pytest.mark.parametrize("platform", [None, ModelledEcp5()], ids=["DSP48E2", "ECP5"])
+def test_every_sum_after_the_cascade_s_clocks(platform):
+    rng = np.random.default_rng(1)
+    low = np.array([-(1 << width - 1) for width in (A, B)])
+    high = -low - 1
+    corners = [[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])]
+    rows = [[corner] * LENGTH for corner in corners]  # the limits of the sums
+    rows += rng.integers(low, high + 1, (60, LENGTH, 2)).tolist()
+    expected = [START + sum(x * y for x, y in np.array(row).tolist()) for row in rows]
+    assert max(expected) == BOUNDS[-1]
+    latency = cascade_latency(LENGTH) + WAIT
+    pauses = rng.random(500) < 0.4
+    dut, found = Cascade(), []
+
+    async def bench(ctx):
+        taken, cycle = 0, 0
+        while taken < len(rows) + latency:
+            row = rows[min(taken, len(rows) - 1)]
+            ctx.set(dut.a, [int(x) for x, _ in row])
+            ctx.set(dut.b, [int(y) for _, y in row])
+            advance = not pauses[cycle]
+            ctx.set(dut.advance, advance)
+            if advance and taken >= latency:
+                found.append(ctx.get(dut.o))
+            await ctx.tick()
+            taken, cycle = taken + advance, cycle + 1
+
+    simulator = Simulator(Fragment.get(dut, platform))
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
+    assert found == expected
+
+
+def test_a_sum_is_as_wide_as_its_bound_and_its_product():
+    product, addend = Signal(signed(8)), Signal(8)
+    assert sum_shape(product, None, None) == signed(8)
+    assert sum_shape(product, addend, None) == signed(10)
+    assert sum_shape(product, addend, 300) == signed(10)
+    assert sum_shape(product, addend, 3) == signed(8)
