@@ -97,12 +97,12 @@ def both(make, neurons, inputs, limit, lowest, latency, multipliers):
     run(dut, layer, vectors(layer, lowest, rng), values_of(make(layer).columns, dut.fold).ravel())
 
 
-SIZES = [(6, 5, 4, 3 + 2 + 1, 2 * 5), (3, 4, 16, 4 + 2, 4), (5, 7, 2, 2 + 2 + 2, 3 * 7)]
+SIZES = [(7, 5, 4, 3 + 2 + 1, 2 * 5), (3, 4, 16, 4 + 2, 4), (5, 7, 2, 2 + 2 + 2, 3 * 7)]
 
 
 @pytest.mark.parametrize(("neurons", "inputs", "fold", "latency", "multipliers"), SIZES)
 @pytest.mark.parametrize("parallel", [False, True])
-@pytest.mark.quick("True-6-5-4-6-10", "False-3-4-16-6-4")
+@pytest.mark.quick("True-7-5-4-6-10", "False-3-4-16-6-4")
 def test_hidden_layer(neurons, inputs, fold, latency, multipliers, parallel):
     def make(layer):
         width = 9 if parallel else 7
