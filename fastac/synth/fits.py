@@ -127,8 +127,8 @@ def area(pipeline: IntegerPipeline) -> Area:
 def check_scene(scene: Scene) -> None:
     """Raise DeviceError where hardware with random weights does not fit the scene's part.
 
-    Takes a few seconds for 128×128 pixels and baked weights. Words that training decides, such as those of the force's
-    weights, may be a bit shorter or longer.
+    Takes a second for 128×128 pixels, and a few more for baked weights. Words that training decides, such as
+    those of the force's weights, may be a bit shorter or longer.
     """
     with threadpool_limits(1):  # more are slower: all products are small
         area(random_pipeline(scene)).check()
