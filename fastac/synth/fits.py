@@ -24,8 +24,8 @@ SEED = 1
 def random_pipeline(scene: Scene) -> IntegerPipeline:
     """The scene's pipeline with random weights, to estimate its area.
 
-    The area follows from word widths and sizes and, where the network is baked in, from the number of
-    non-zero digits of its weights.
+    The area follows from word widths and sizes and, where the network is baked in, from the additions of
+    its graphs.
     """
     sensor = scene.sensor
     shape = (sensor.height_px, sensor.width_px, len(sensor.channel_names))
@@ -127,8 +127,8 @@ def area(pipeline: IntegerPipeline) -> Area:
 def check_scene(scene: Scene) -> None:
     """Raise DeviceError where hardware with random weights does not fit the scene's part.
 
-    Takes about a second for 128×128 pixels. Words that training decides, such as those of the force's
-    weights, may be a bit shorter or longer.
+    Takes a second for 128×128 pixels, and a few more for baked weights. Words that training decides, such as
+    those of the force's weights, may be a bit shorter or longer.
     """
     with threadpool_limits(1):  # more are slower: all products are small
         area(random_pipeline(scene)).check()
