@@ -3,8 +3,8 @@
 Multipliers of requantisation are raised to the next of few digits where the error allows; a larger unit of
 the weights makes up for it. Then weights are brought to their neighbours with one digit less, which for a
 power of two is 0, where the slopes change least by it: estimated by the diagonal of the Gauss-Newton matrix,
-as in Y. LeCun et al., "Optimal Brain Damage", NIPS 1989. Between rounds biases, the last layer and multipliers
-of any digits are fine-tuned bit-true.
+as in Y. LeCun et al., "Optimal Brain Damage", NIPS 1989. Between rounds biases and the last layer are
+fine-tuned bit-true, and multipliers that may have any digits.
 """
 
 from collections.abc import Callable, Sequence
