@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +31,6 @@ from fastac.store.files import load_arrays, save_arrays
 
 CALIBRATION_PX = 1 << 17
 """Pixels that fix the ranges of the activations."""
-MULTIPLIER_DIGITS = (2, 3)
-"""Signed digits of baked multipliers that are tried in turn where the network is pruned."""
 
 
 class TrainingError(ValueError):
@@ -161,8 +158,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         split = train_normals.labelled_splits(skin_alone(data, scene), scene.training)
     x, _ = split["train"]
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
-    quantised = partial(
-        quantise.quantise_layers,
+    layers = quantise.quantise_layers(
         [arrays[f"network.{k}.weight"] for k in range(count)],
         [arrays[f"network.{k}.bias"] for k in range(count)],
         scales(x.shape[1] - 2),
@@ -171,7 +167,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         activation_bits=scene.numbers.activation_bits,
         last_weight_bits=scene.numbers.last_weight_bits,
     )
-    layers, history = bit_true.finetune(split, quantised(), network, scene.training, progress=progress)
+    layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
     if scene.network.prune is not None:
         if scene.hardware.weights == "baked":
             of_depth = depth_error(data, scene)
@@ -180,7 +176,6 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 layers,
                 network,
                 scene.training,
-                few=[quantised(multiplier_digits=digits) for digits in MULTIPLIER_DIGITS],
                 growth=scene.network.prune,
                 slope_limit=scene.numbers.slope_limit,
                 further_error=None

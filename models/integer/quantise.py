@@ -1,7 +1,6 @@
 """Post-training quantisation of the pixel network: float weights to integer layers and multipliers."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -33,13 +32,11 @@ def quantise_layers(
     weight_bits: int,
     activation_bits: int,
     last_weight_bits: int,
-    multiplier_digits: int | None = None,
     percentile: float = 100,
 ) -> tuple[Layer, ...]:
     """Post-training quantisation of the pixel network.
 
     weights, biases : of the float layers; feature_scales : float value of one unit of each integer feature
-    multiplier_digits : how many signed digits the multipliers may have, two or more; None: any
     features : calibration pixels (pixels, inputs), integers; activations' ranges are `percentile` of theirs
 
     Every hidden neuron has a weight scale and an activation range of its own: its multiplier and the next
@@ -57,33 +54,13 @@ def quantise_layers(
         activation_unit = np.maximum(largest, largest.max() * 1e-3 + 1e-9) / top_activation
         bias = bias + activation_unit / 2
         integer_weight, scale = _scaled(weight * unit, bias, limit, weight_bits, axis=1)
-        multiplier = requantisation(scale / activation_unit, activation_bits)
-        if multiplier_digits is not None:
-            # A slightly larger unit of the weights makes up for the larger multiplier.
-            multiplier = replace(multiplier, multiplier=_raised(multiplier.multiplier, multiplier_digits))
-            scale = multiplier.multiplier * 2.0**-multiplier.shift * activation_unit
-            integer_weight = np.rint(weight * unit / scale[:, None]).astype(np.int64)
         integer_bias = np.rint(bias / scale).astype(np.int64)
+        multiplier = requantisation(scale / activation_unit, activation_bits)
         layers.append(Layer(integer_weight, integer_bias, limit, weight_bits, multiplier))
         into, unit, limit = out, activation_unit, np.full(len(weight), top_activation)
     integer_weight, scale = _scaled(weights[-1] * unit, biases[-1], limit, last_weight_bits, axis=None)
     integer_bias = np.rint(biases[-1] / scale).astype(np.int64)
     return (*layers, Layer(integer_weight, integer_bias, limit, last_weight_bits))
-
-
-def digit_counts(words: np.ndarray) -> np.ndarray:
-    """Non-zero digits of each word's canonical signed-digit form: a product with a constant is a sum of so
-    many shifted values."""
-    magnitude = np.abs(words)
-    return np.array([int(m).bit_count() for m in np.ravel(magnitude ^ (3 * magnitude))]).reshape(words.shape)
-
-
-def _raised(multiplier: np.ndarray, digits: int) -> np.ndarray:
-    """The smallest multipliers that are not below these and have at most so many signed digits, two or
-    more."""
-    every = np.arange(1 << MULTIPLIER_BITS)
-    every = every[digit_counts(every) <= digits]
-    return every[np.searchsorted(every, multiplier)]
 
 
 def _scaled(

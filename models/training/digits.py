@@ -1,9 +1,10 @@
 """Baked weights and multipliers with fewer signed digits: each digit is an addition of the hardware.
 
-Multipliers of requantisation are quantised with few digits where the error allows. Then weights are brought
-to their neighbours with one digit less, which for a power of two is 0, where the slopes change least by it:
-estimated by the diagonal of the Gauss-Newton matrix, as in Y. LeCun et al., "Optimal Brain Damage", NIPS
-1989. Between rounds biases, the last layer and multipliers of any digits are fine-tuned bit-true.
+Multipliers of requantisation are raised to the next of few digits where the error allows; a larger unit of
+the weights makes up for it. Then weights are brought to their neighbours with one digit less, which for a
+power of two is 0, where the slopes change least by it: estimated by the diagonal of the Gauss-Newton matrix,
+as in Y. LeCun et al., "Optimal Brain Damage", NIPS 1989. Between rounds biases and the last layer are
+fine-tuned bit-true, and multipliers that may have any digits.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,7 +15,7 @@ from threadpoolctl import threadpool_limits
 
 from fastac.models.floating.network import PixelNetwork, slopes_of
 from fastac.models.integer.network import Layer
-from fastac.models.integer.quantise import digit_counts
+from fastac.models.integer.quantise import MULTIPLIER_BITS
 from fastac.models.training.bit_true import finetune
 from fastac.scenes.model_schema import Training
 
@@ -24,6 +25,36 @@ ROUND_SHARE = 0.1
 """Share of all digits that the first round removes; halved where the error grows too much."""
 SMALLEST_SHARE = 0.02
 ROUND_EPOCHS = 2
+MULTIPLIER_DIGITS = (2, 3, 4)
+"""Digits of multipliers that are tried in turn."""
+MULTIPLIER_EPOCHS = 4
+
+
+def digit_counts(words: np.ndarray) -> np.ndarray:
+    """Non-zero digits of each word's canonical signed-digit form."""
+    magnitude = np.abs(words)
+    return np.array([int(m).bit_count() for m in np.ravel(magnitude ^ (3 * magnitude))]).reshape(words.shape)
+
+
+def with_short_multipliers(layers: Sequence[Layer], digits: int) -> tuple[Layer, ...]:
+    """The layers with multipliers raised to the next that have at most so many signed digits, two or more,
+    and with weights and biases that are smaller by as much."""
+    every = np.arange(1 << MULTIPLIER_BITS)
+    every = every[digit_counts(every) <= digits]
+    hidden = []
+    for layer in layers[:-1]:
+        scale = layer.requantisation
+        multiplier = every[np.searchsorted(every, scale.multiplier)]
+        ratio = scale.multiplier / multiplier
+        hidden.append(
+            replace(
+                layer,
+                weight=np.rint(layer.weight * ratio[:, None]).astype(np.int64),
+                bias=np.rint(layer.bias * ratio).astype(np.int64),
+                requantisation=replace(scale, multiplier=multiplier),
+            )
+        )
+    return (*hidden, layers[-1])
 
 
 def one_digit_less(words: np.ndarray) -> np.ndarray:
@@ -96,7 +127,6 @@ def fewer_digits(
     network: PixelNetwork,
     settings: Training,
     *,
-    few: Sequence[tuple[Layer, ...]] = (),
     growth: float,
     slope_limit: float,
     further_error: Callable[[Sequence[Layer]], float] | None = None,
@@ -108,7 +138,6 @@ def fewer_digits(
         where there is none, the train split
     layers : fine-tuned; what errors are compared with
     network : the float network that the layers were quantised from, the teacher
-    few : the same network quantised with multipliers of few digits, the fewest first, not fine-tuned
     growth : largest relative growth of the mean slope error
     further_error : of layers, an error that must not grow by more either
     """
@@ -135,8 +164,9 @@ def fewer_digits(
 
     with threadpool_limits(1):  # sums over more threads depend on the machine
         limits, multipliers, share = (1 + growth) * errors(layers), True, ROUND_SHARE
-        for untuned in few:
-            candidate = tuned(untuned, settings.finetune_epochs, multipliers=False)
+        for digits in MULTIPLIER_DIGITS:
+            short = with_short_multipliers(layers, digits)
+            candidate = tuned(short, MULTIPLIER_EPOCHS, multipliers=False)
             if (errors(candidate) <= limits).all():
                 layers, multipliers = candidate, False
                 break

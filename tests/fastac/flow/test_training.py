@@ -13,6 +13,7 @@ from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble, quantise
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.force import terms
+from fastac.models.training import digits
 from fastac.models.vision.dots import follower_of, windows_of
 from fastac.store.files import load_arrays, save_arrays
 from fastac.synth import resources
@@ -92,7 +93,7 @@ def test_a_pruned_network_is_narrower_and_its_hardware_too(tiny_data, make_scene
     assert path.mlp.multipliers == model.mlp.multipliers
     assert resources.dsp_slices(pipeline) == path.multipliers
     many = np.concatenate([layer.requantisation.multiplier for layer in pipeline.layers[:-1]])
-    few_digits = quantise.digit_counts(many).max() <= max(training.MULTIPLIER_DIGITS)
+    few_digits = digits.digit_counts(many).max() <= max(digits.MULTIPLIER_DIGITS)
     assert few_digits == (weights == "baked")
 
 

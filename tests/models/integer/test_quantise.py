@@ -4,7 +4,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.models.integer import quantise
 from fastac.models.integer.features import scales
 
@@ -159,25 +158,3 @@ def test_layers_survive_a_file():
                 b.requantisation.bits,
             )
     assert quantise.layers_from_arrays({}) == ()
-
-
-def test_digits_are_those_of_the_hardware_s_additions():
-    words = np.arange(-1100, 1100).reshape(-1, 2)
-    found = quantise.digit_counts(words)
-    for word, count in zip(words.ravel().tolist(), found.ravel().tolist(), strict=True):
-        assert count == len(canonical_signed_digits(word))
-
-
-@pytest.mark.parametrize("digits", [2, 3])
-def test_multipliers_of_few_digits_cost_little(digits):
-    """The weights' units make up for what the multipliers lack."""
-    weights, biases = network(6)
-    x = features(106)
-    truth = by_float(weights, biases, x)
-    any_digits, few = (layers_of(weights, biases, multiplier_digits=most) for most in (None, digits))
-    for free, layer in zip(any_digits[:-1], few[:-1], strict=True):
-        multiplier = layer.requantisation.multiplier
-        assert quantise.digit_counts(multiplier).max() <= digits
-        assert (multiplier >= free.requantisation.multiplier).all()
-        assert np.abs(layer.weight).max() <= 127
-    assert degrees(by_integers(few, x), truth) < 1.5 * degrees(by_integers(any_digits, x), truth)

@@ -4,9 +4,27 @@ import pytest
 from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.models.integer.features import scales
 from fastac.models.integer.network import Layer, Requantisation
-from fastac.models.integer.quantise import digit_counts, quantise_layers
+from fastac.models.integer.quantise import quantise_layers
 from fastac.models.training import digits
+from fastac.models.training.digits import digit_counts
 from fastac.models.training.normals import labelled_splits, train
+
+
+def test_digits_are_those_of_the_hardware_s_additions():
+    words = np.arange(-1100, 1100).reshape(-1, 2)
+    for word, count in zip(words.ravel().tolist(), digit_counts(words).ravel().tolist(), strict=True):
+        assert count == len(canonical_signed_digits(word))
+
+
+@pytest.mark.parametrize("most", digits.MULTIPLIER_DIGITS)
+def test_smaller_weights_make_up_for_short_multipliers(most):
+    layers, x = small_layers()
+    hidden, last = digits.with_short_multipliers(layers, most)
+    multiplier = hidden.requantisation.multiplier
+    assert digit_counts(multiplier).max() <= most
+    assert (multiplier >= layers[0].requantisation.multiplier).all()
+    assert np.abs(hidden(x) - layers[0](x)).max() <= 4
+    assert last is layers[1]
 
 
 def test_words_lose_their_lowest_digits():
@@ -76,23 +94,19 @@ def test_baked_words_have_fewer_digits_at_the_same_error(tiny_data, make_scene):
         for name in ("weight", "bias")
     ]
     words = {"weight_bits": 8, "activation_bits": 7, "last_weight_bits": 12}
-    before, few = (
-        quantise_layers(*arrays, scales(4), pixels["train"][0], multiplier_digits=most, **words)
-        for most in (None, 3)
-    )
+    before = quantise_layers(*arrays, scales(4), pixels["train"][0], **words)
     after, again = (
-        digits.fewer_digits(pixels, before, network, settings, few=[few], growth=0.1, slope_limit=4)
-        for _ in range(2)
+        digits.fewer_digits(pixels, before, network, settings, growth=0.1, slope_limit=4) for _ in range(2)
     )
     error_before, error_after = (digits.slope_error(k, *pixels["validation"], 4) for k in (before, after))
     assert error_after <= 1.1 * error_before
     for old, new, same in zip(before[:-1], after[:-1], again[:-1], strict=True):
         assert digit_counts(new.weight).sum() < 0.9 * digit_counts(old.weight).sum()
-        assert digit_counts(new.requantisation.multiplier).max() <= 3
+        assert digit_counts(new.requantisation.multiplier).max() <= 4
         np.testing.assert_array_equal(new.weight, same.weight)
         np.testing.assert_array_equal(new.requantisation.multiplier, same.requantisation.multiplier)
     kept = digits.fewer_digits(
-        pixels, before, network, settings, few=[few], growth=0, slope_limit=4, further_error=first_is_best()
+        pixels, before, network, settings, growth=0, slope_limit=4, further_error=first_is_best()
     )
     assert kept is before
 
