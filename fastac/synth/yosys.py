@@ -90,7 +90,7 @@ MEMORY_LUTS = {
 COUNT_ORIGIN = "counted by synthesis: Yosys synth_xilinx {options}, the module by itself"
 LUT_ORIGIN = (
     "estimated: look-up tables of Yosys synth_xilinx {options}, the module by itself, with shift registers"
-    " and distributed RAM; not Vivado's, which packs and shares more"
+    " and distributed RAM, without the adders that DSP slices hold; not Vivado's, which packs and shares more"
 )
 """For the options of a target."""
 REGISTER_ORIGIN = (
