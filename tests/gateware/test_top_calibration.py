@@ -41,8 +41,15 @@ SPANS = (10, 5, 60)
             "lanes": 2,
             "size": 24,
         },
+        {
+            "outputs": ("depth", "force_xyz"),
+            "mode": "difference",
+            "solver": "tridiagonal",
+            "source": "slopes",
+            "lanes": "1/4",
+        },
     ],
-    ids=["absolute depth", "difference from the background", "adjoint", "dots", "slip"],
+    ids=["absolute depth", "difference from the background", "adjoint", "dots", "slip", "folded"],
 )
 @pytest.mark.quick("difference from the background")
 @pytest.mark.long
