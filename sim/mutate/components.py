@@ -208,7 +208,7 @@ COMPONENTS = (
         designs=2,
         allowed=(
             Allowed(
-                "positive = register(Term(Mux(a < 0, 0, a), largest)",
+                "positive = register(Mux(a < 0, 0, ",
                 "a small value in place of 0, whose product is below one step",
                 ("B[7] inverted",),
             ),

@@ -105,6 +105,30 @@ def test_every_shift():
     assert wrong == []
 
 
+def test_largest_accumulators_of_baked_hardware():
+    """Neurons that are never active, that stay below what is clipped, and one that reaches far beyond it."""
+    scale, largest = Requantisation(np.array([5, 77_771, 3, 131_071]), 9), (0, 40, 13_000, 500_000)
+    core = RequantiseCore(scale, width=WIDTH, largest=largest)
+    wrong = []
+
+    async def bench(ctx):
+        ctx.set(core.advance, 1)
+        for part in (0.0, 1.0, 0.5, 0.01, -1.0):
+            a = [int(part * most) if part >= 0 else -(1 << (WIDTH - 1)) for most in largest]
+            for k, value in enumerate(a):
+                ctx.set(core.i[k], value)
+            await ctx.tick().repeat(core.latency)
+            found = [ctx.get(core.o[k]) for k in range(4)]
+            if found != scale(np.array(a)).tolist():
+                wrong.append((a, found))
+
+    simulator = Simulator(core)
+    simulator.add_clock(1e-6)
+    simulator.add_testbench(bench)
+    simulator.run()
+    assert wrong == []
+
+
 def test_invalid_arguments():
     scale = Requantisation(np.array([1, 2]), 3)
     core = Requantise(scale, width=WIDTH, loadable=True).core
