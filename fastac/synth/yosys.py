@@ -90,7 +90,8 @@ MEMORY_LUTS = {
 COUNT_ORIGIN = "counted by synthesis: Yosys synth_xilinx {options}, the module by itself"
 LUT_ORIGIN = (
     "estimated: look-up tables of Yosys synth_xilinx {options}, the module by itself, with shift registers"
-    " and distributed RAM, without the adders that DSP slices hold; not Vivado's, which packs and shares more"
+    " and distributed RAM, where it can without the adders that DSP slices hold; not Vivado's, which packs"
+    " and shares more"
 )
 """For the options of a target."""
 REGISTER_ORIGIN = (
@@ -118,12 +119,25 @@ def cells(path: Path) -> dict[str, int]:
     return json.loads(path.read_text())["design"]["num_cells_by_type"]
 
 
+def _run_packed(script: str, part: Part, folder: Path, target: Target) -> None:
+    """Run a script with the target's packing into DSP slices, or without it where Yosys's mapper of look-up
+    tables ends on what is packed, as it does on some engines of several lanes: then the adders that slices
+    would hold are counted as look-up tables."""
+    text = netlist(part, folder)
+    try:
+        _run(script.format(family=target.options, pack=target.pack), text, folder)
+    except tools.ToolError:
+        if not target.pack:
+            raise
+        _run(script.format(family=target.options, pack=""), text, folder)
+
+
 def count(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[str, int]:
     """The target's blocks that one instance takes, by name in lower case.
 
     Flip-flops and timing are omitted: Yosys's are not the device's.
     """
-    _run(COUNT_SCRIPT.format(family=target.options, pack=target.pack), netlist(part, folder), folder)
+    _run_packed(COUNT_SCRIPT, part, folder, target)
     found = cells(folder / "count.json")
     return {name.lower(): found.get(name, 0) for name in target.blocks}
 
@@ -133,7 +147,7 @@ def luts(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[
 
     Raises ToolError for a distributed RAM of unknown size.
     """
-    _run(LUT_SCRIPT.format(family=target.options, pack=target.pack), netlist(part, folder), folder)
+    _run_packed(LUT_SCRIPT, part, folder, target)
     found = cells(folder / "count.json")
     for name in found:
         if re.match(r"(RAM\d|SRL)", name) and name not in MEMORY_LUTS:

@@ -52,6 +52,22 @@ def test_look_up_tables_known_by_hand(modules, tmp_path):
     assert own["carry8"] in (4, 5)
 
 
+def test_where_the_packed_form_cannot_be_mapped_it_is_counted_unpacked(modules, tmp_path, monkeypatch):
+    scripts = []
+
+    def run(name, arguments, folder):
+        scripts.append((folder / "script.ys").read_text())
+        if "xilinx_dsp" in scripts[-1]:
+            raise ToolError("yosys-abc ended")
+        (folder / "count.json").write_text(json.dumps({"design": {"num_cells_by_type": {"LUT6": 3}}}))
+
+    monkeypatch.setattr(tools, "run", run)
+    assert yosys.luts(modules["left"], tmp_path)["lut"] == 3
+    assert ["xilinx_dsp" in script for script in scripts] == [True, False]
+    with pytest.raises(ToolError, match="yosys-abc ended"):
+        yosys.luts(modules["left"], tmp_path, yosys.Target("xilinx_dsp", (), "carry8", 2))
+
+
 def test_distributed_ram_of_unknown_size_is_refused(modules, tmp_path, monkeypatch):
     kinds = {"LUT6": 3, "RAM32M16": 2, "RAMB36E2": 1, "CARRY4": 3}
 
