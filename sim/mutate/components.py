@@ -232,6 +232,9 @@ COMPONENTS = (
     ),
     Component("poisson/eigenvalue_division", ("poisson/test_eigenvalue_division.py",)),
     Component(
+        "poisson/folded_transform", ("poisson/test_folded_transform.py::test_bit_exact_to_golden_model",)
+    ),
+    Component(
         "poisson/frame_reversal",
         ("poisson/test_recurrence.py::test_reversal",),
         allowed=(
@@ -261,6 +264,7 @@ COMPONENTS = (
             ),
         ),
     ),
+    Component("poisson/in_place_transposer", ("poisson/test_in_place_transposer.py",)),
     Component("poisson/source", ("poisson/test_source.py",), designs=3),
     Component("poisson/transposer", ("poisson/test_transposer.py",)),
     Component("poisson/tridiagonal", ("poisson/test_tridiagonal.py::test_bit_exact_to_golden_model",)),
