@@ -1,6 +1,6 @@
 """From a dataset to a bundle, in steps that can be resumed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,6 +23,7 @@ from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
+from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import prune_neurons
 from fastac.models.vision.dots import bridge_of, detected_as, follower_of
 from fastac.scenes.schema import Scene
@@ -89,32 +90,45 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
         skin = skin_alone(data, scene)
         network, history = train_normals.train(skin, scene.training, scene.network.hidden, progress=progress)
         if scene.network.prune is not None:
-            of_depth = depth_error(data, scene)
             network = prune_neurons(
                 network,
                 train_normals.labelled_splits(skin, scene.training),
                 scene.training,
                 growth=scene.network.prune,
                 slope_limit=scene.numbers.slope_limit,
-                further_error=None
-                if of_depth is None
-                else lambda found: of_depth(float_pipeline(network_arrays(found), data, scene)),
+                further_error=network_depth_error(data, scene),
                 progress=progress,
             )
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
 
 
-def depth_error(data: Dataset, scene: Scene) -> Callable[[FloatPipeline | Emulator], float] | None:
-    """Of a pipeline, the mean absolute depth error in mm on the validation frames or, where there are none,
-    the training's. None where the scene finds no depth, or the dataset does not know it."""
-    index = data.indices("validation")
-    if not len(index):
-        index = data.indices("train")
+def depth_frames(data: Dataset, scene: Scene) -> np.ndarray | None:
+    """The frames whose depth pruning is judged by: those of the validation split or, without one, the
+    training's. None where the scene finds no depth, or the dataset does not know it."""
     if not scene.wants_solver or data.depth_mm is None:
         return None
+    index = data.indices("validation")
+    return index if len(index) else data.indices("train")
 
-    def error(pipeline: FloatPipeline | Emulator) -> float:
-        return accuracy.depth_mae_mm(pipeline.run(data.frames[index], wanted=["depth_mm"]), data, index)
+
+def network_depth_error(data: Dataset, scene: Scene) -> Callable[[PixelNetwork], float] | None:
+    """Of a float network, the mean absolute depth error in mm; None as `depth_frames`."""
+    index = depth_frames(data, scene)
+    if index is None:
+        return None
+    known = {"rest_depth_mm": rest_depth_mm(data), "bridge": slope_bridge(data, scene)}
+    return lambda network: depth_mae_mm(network, data, scene, index, **known)
+
+
+def layers_depth_error(data: Dataset, scene: Scene) -> Callable[[Sequence[Layer]], float] | None:
+    """Of integer layers, the mean absolute depth error in mm; None as `depth_frames`."""
+    index = depth_frames(data, scene)
+    if index is None:
+        return None
+
+    def error(layers: Sequence[Layer]) -> float:
+        found = Emulator(layers_pipeline(tuple(layers), data, scene))
+        return accuracy.depth_mae_mm(found.run(data.frames[index], wanted=["depth_mm"]), data, index)
 
     return error
 
@@ -170,7 +184,6 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
     if scene.network.prune is not None:
         if scene.hardware.weights == "baked":
-            of_depth = depth_error(data, scene)
             layers = fewer_digits(
                 split,
                 layers,
@@ -178,9 +191,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 scene.training,
                 growth=scene.network.prune,
                 slope_limit=scene.numbers.slope_limit,
-                further_error=None
-                if of_depth is None
-                else lambda found: of_depth(Emulator(layers_pipeline(tuple(found), data, scene))),
+                further_error=layers_depth_error(data, scene),
                 progress=progress,
             )
         layers = without_constant(layers, x)

@@ -181,7 +181,6 @@ FOLDED_DESIGNS = tuple(
         (32, THREE, 10, 26, 16, "tridiagonal", {"kernel": "collapsed"}, "1/2", "loadable", 8),
         (96, DEPTH, 9, 24, 12, "tridiagonal", {"kernel": "collapsed"}, "1/16", "baked", 24),
         (32, THREE, 10, 24, 14, "dst2d", {"kernel_size": 5, "clamp": False}, "1/8", "loadable", 16),
-        (48, THREE, 8, 24, 12, "tridiagonal", SLOPES, "1/4", "loadable", 16),
     )
 )
 """Small designs below one pixel a clock: every kind of stage at several folds, widths and sizes."""

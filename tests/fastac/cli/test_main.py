@@ -130,7 +130,7 @@ class TestHelp:
             (("evaluate", "b"), "Missing option '--data'"),
             (("evaluate", "b", "--data", "d", "--split", "half"), "Invalid value for '--split'"),
             (("sim", "b", "--data", "d", "--frames", "0"), "Invalid value for '--frames'"),
-            (("verify", "b", "--lanes", "1,two"), "'1,two': expected numbers separated by commas"),
+            (("verify", "b", "--lanes", "1,two"), "'two': expected some of 1/16, 1/8, 1/4, 1/2, 1, 2, 4"),
             (("verify", "b", "--lanes", "2,2"), "'2,2': a number is there twice"),
             (("sim", "b", "--data", "d", "--trace", "vcd"), "Invalid value for '--trace'"),
         ],

@@ -221,4 +221,4 @@ def test_table():
     ]
     assert lines[1].split() == ["4", "baked", "14", "12,345", "0", "4,567", "60.0!", "181.0!", "3.1"]
     assert lines[2].split() == ["4", "baked", "random", "14", "12,345", "0", "4,567", "3.1"]
-    assert lines[3:] == ["4 lanes: baked: loadable weights need 3 of 2 DSP48E2"]
+    assert lines[3:] == ["4 px/clock: baked: loadable weights need 3 of 2 DSP48E2"]

@@ -77,7 +77,7 @@ def observed(path: Datapath) -> dict[str, list[int]]:
 def test_first_and_last_outputs_are_those_of_the_simulated_datapath(changes, tmp_path):
     wanted = scene(**changes, weights="baked")
     path = Datapath(random_bundle(tmp_path, wanted).pipeline)
-    found = {stage.name: stage for stage in timeline.of_scene(wanted, path.stages)}
+    found = {stage.name: stage for stage in timeline.of_scene(wanted, {"stage": path.stages})}
     outputs = {"normals": SIZE * SIZE // path.lanes, "gradients": SIZE * SIZE // path.lanes, "force": 1}
     inner = (SIZE - 2) * -(-(SIZE - 2) // path.lanes)
     times = observed(path)

@@ -6,6 +6,7 @@ import pytest
 from fastac.report import timeline
 from fastac.report.render import render
 from fastac.report.timeline_chart import chart, draw
+from fastac.scenes.pace import Pace
 
 STAGES = {
     "normals": 59,
@@ -15,7 +16,7 @@ STAGES = {
     "solution_buffer": 1,
     "force": 142,
 }
-FOUND = timeline.of_image(STAGES, 128, 128, 1)
+FOUND = timeline.of_image(STAGES, 128, 128, Pace())
 
 
 def test_bars_are_in_percent_of_the_whole():
@@ -35,7 +36,7 @@ def test_labels_stand_where_there_is_room():
     by_name = {row.stage.name: row for row in chart(FOUND).rows}
     assert (by_name["force"].when, by_name["force"].text_at) == ("32,488", "right: calc(0.00% + 6px)")
     assert (by_name["normals"].when, by_name["normals"].text_class) == ("59 – 16,442", "inside")
-    early = timeline.of_image({"normals": 282}, 16, 16, 1)
+    early = timeline.of_image({"normals": 282}, 16, 16, Pace())
     assert chart(early, 10_000).rows[1].text_at == "left: calc(2.82% + 8px)"
 
 
