@@ -22,7 +22,7 @@ SLOPES = {
 def by_pace(tmp_path_factory):
     """The same integers at every pace of one pixel a clock and less, the slowest first."""
     pipeline = random_bundle(
-        tmp_path_factory.mktemp("b") / "b", scene(size=32, **SLOPES), hidden=(8, 6)
+        tmp_path_factory.mktemp("b") / "b", scene(size=32, **SLOPES), hidden=(16, 16)
     ).pipeline
     found = []
     for pace in PACES[:5]:
