@@ -200,6 +200,7 @@ def test_hardware_that_the_part_cannot_hold_is_refused_before_anything_is_traine
         outputs=["force_xyz"],
         sensor=large,
         poisson={"mode": "difference", "solver": "adjoint"},
+        network={"width": 24},
         force={"clamp": False, "fit": "slopes"},
         hardware={"part": "xc7z020clg400-1", "weights": "baked", "pixels_per_clock": 4},
     )

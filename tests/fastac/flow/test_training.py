@@ -1,3 +1,4 @@
+# amaranth: UnusedElaboratable=no
 """What the steps of a training write; that they run and resume is tested in test_build.py."""
 
 import numpy as np
