@@ -17,7 +17,8 @@ from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.force.folded_patch import FoldedPatchForce
 from fastac.gateware.force.folded_sum import FoldedWeightedSum
-from fastac.gateware.force.weighted_sum import WeightedSumStream, products_of
+from fastac.gateware.force.weighted_pixel import products_of
+from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.mlp_mvm import tile_multipliers
@@ -111,9 +112,7 @@ class CycleModel(FrameCycles):
         self.guard, self.background = FrameGuard, BackgroundSubtraction
         self.mlp = self._network(sizes)
         if scene.wants_slopes:
-            bits = scene.numbers.slope_bits
-            folded = FoldedDivider.latency_of(bits, self.fold) if self.fold > 1 else None
-            self.divider = Figures(folded or GradientDivider.latency_of(bits))
+            self.divider = Figures(self._divider_latency(scene.numbers.slope_bits))
         if scene.wants_bridge:
             self.bridge = Figures(
                 SlopeBridgeStream.latency_of(bridge_reach(scene.sensor), self.lanes, self.fold)
@@ -136,6 +135,12 @@ class CycleModel(FrameCycles):
             self.slip_stream = Figures(
                 DotSlip.latency_of(spread), DotSlip.interval_of(spread), RigidSums.multipliers
             )
+
+    def _divider_latency(self, bits: int) -> int:
+        """Clocks of the division of slopes of so many bits."""
+        if self.fold > 1:
+            return FoldedDivider.latency_of(bits, self.fold)
+        return GradientDivider.latency_of(bits)
 
     def _network(self, sizes: Sequence[int]) -> Figures:
         """Figures of the pixel network of so many features, hidden neurons of each layer, and 3."""

@@ -6,7 +6,7 @@ from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
 
-from fastac.gateware import stages
+from fastac.gateware import datapath_stages as stages
 from fastac.gateware.bridged_slopes import BridgedSlopes
 from fastac.gateware.dot_force import DotForceStream
 from fastac.gateware.dot_slip import DotSlip

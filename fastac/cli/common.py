@@ -9,58 +9,60 @@ import click
 from fastac.scenes.pace import PACES
 
 
-class Counts(click.ParamType):
-    """Numbers separated by commas, each once, such as of worker processes."""
+class Listed(click.ParamType):
+    """Values separated by commas, each once; `one` makes a value of its text or raises ValueError, which says
+    what was expected."""
 
     name = "N,N,..."
+
+    def one(self, text: str):
+        raise NotImplementedError
 
     def convert(self, value, parameter, context):
         if isinstance(value, tuple):
             return value
         try:
-            counts = tuple(int(part) for part in value.split(","))
-        except ValueError:
-            self.fail(f"{value!r}: expected numbers separated by commas, such as 1,2,4", parameter, context)
-        if len(set(counts)) != len(counts):
+            found = tuple(self.one(part) for part in value.split(","))
+        except ValueError as error:
+            self.fail(f"{value!r}: expected {error}", parameter, context)
+        if len(set(found)) != len(found):
             self.fail(f"{value!r}: a number is there twice", parameter, context)
-        return counts
+        return found
 
 
-class Rates(click.ParamType):
-    """Positive numbers separated by commas, each once, such as frames a second."""
+class Counts(Listed):
+    """Numbers, such as of worker processes."""
+
+    def one(self, text: str) -> int:
+        try:
+            return int(text)
+        except ValueError:
+            raise ValueError("numbers separated by commas, such as 1,2,4") from None
+
+
+class Rates(Listed):
+    """Positive numbers, such as frames a second."""
 
     name = "R,R,..."
 
-    def convert(self, value, parameter, context):
-        if isinstance(value, tuple):
-            return value
+    def one(self, text: str) -> float:
         try:
-            rates = tuple(float(part) for part in value.split(","))
+            rate = float(text)
         except ValueError:
-            rates = (0.0,)
-        if not all(0 < rate < math.inf for rate in rates):
-            self.fail(f"{value!r}: expected positive numbers such as 60,240", parameter, context)
-        if len(set(rates)) != len(rates):
-            self.fail(f"{value!r}: a number is there twice", parameter, context)
-        return rates
+            rate = 0.0
+        if not 0 < rate < math.inf:
+            raise ValueError("positive numbers such as 60,240")
+        return rate
 
 
-class Paces(click.ParamType):
-    """Values of `hardware.pixels_per_clock` separated by commas, each once: 1, 2, 4, or 1/2 and less."""
+class Paces(Listed):
+    """Values of `hardware.pixels_per_clock`: 1, 2, 4, or 1/2 and less."""
 
-    name = "N,N,..."
-
-    def convert(self, value, parameter, context):
-        if isinstance(value, tuple):
-            return value
+    def one(self, text: str) -> int | str:
         known = {str(pace.value): pace.value for pace in PACES}
-        parts = value.split(",")
-        for part in parts:
-            if part not in known:
-                self.fail(f"{part!r}: expected some of {', '.join(known)}", parameter, context)
-        if len(set(parts)) != len(parts):
-            self.fail(f"{value!r}: a number is there twice", parameter, context)
-        return tuple(known[part] for part in parts)
+        if text not in known:
+            self.fail(f"{text!r}: expected some of {', '.join(known)}")
+        return known[text]
 
 
 INPUT = click.Path(path_type=Path)

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 from threadpoolctl import threadpool_limits
 
-from fastac.gateware.target.device import LUT_MARGIN, on_part
+from fastac.gateware.target.device import LUT_MARGIN
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.report.scope import label
 from fastac.report.tables import markdown_table
-from fastac.scenes.pace import Camera, Pace, slowest_pace
+from fastac.scenes.pace import Pace
 from fastac.scenes.parts import PARTS
 from fastac.scenes.schema import Scene
 from fastac.synth import fits, resources
@@ -28,8 +28,7 @@ class Fit:
         """Pixels a clock and the shares that they take of the part, behind a "no" where they do not fit."""
         if self.area is None:
             return "no: too fast"
-        shares = ", ".join(f"{block} {percent:.0f}%" for block, percent in self.area.percent.items())
-        return f"{'' if self.area.fits else 'no: '}{self.pace.value} px/clock: {shares}"
+        return f"{'' if self.area.fits else 'no: '}{self.pace.value} px/clock: {self.area.shares}"
 
 
 def fit(pipeline: IntegerPipeline, part: str, frames_per_second: float, clock_mhz: float) -> Fit:
@@ -38,21 +37,17 @@ def fit(pipeline: IntegerPipeline, part: str, frames_per_second: float, clock_mh
     The camera has the pauses of the pipeline's scene.
     """
     scene = pipeline.scene
-    sensor = scene.sensor
-    camera = Camera(
-        sensor.height_px,
-        sensor.width_px,
-        frames_per_second,
-        sensor.line_blanking_px,
-        sensor.frame_blanking_lines,
-    )
+    hardware = {"pixels_per_clock": "camera", "clock_mhz": clock_mhz, "part": part}
+    changes = {
+        "sensor": scene.sensor.model_copy(update={"frames_per_second": frames_per_second}),
+        "hardware": scene.hardware.model_copy(update=hardware),
+    }
+    paced = pipeline.replace(scene=scene.model_copy(update=changes))
     try:
-        pace = slowest_pace(camera.clocks_per_pixel(clock_mhz), sensor.width_px)
+        pace = paced.scene.pace
     except ValueError:
         return Fit(None, None)
-    hardware = scene.hardware.model_copy(update={"pixels_per_clock": pace.value})
-    paced = pipeline.replace(scene=scene.model_copy(update={"hardware": hardware}))
-    return Fit(pace, fits.area(on_part(paced, part)))
+    return Fit(pace, fits.area(paced))
 
 
 def table(scenes: Sequence[Scene], rates: Sequence[float], clock_mhz: float) -> str:

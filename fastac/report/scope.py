@@ -139,8 +139,7 @@ class Scope:
         found = {}
         for name in PARTS:
             area = fits.area(on_part(self.pipeline, name))
-            shares = ", ".join(f"{block} {percent:.0f}%" for block, percent in area.percent.items())
-            found[label(name)] = shares if area.fits else f"no: {shares}"
+            found[label(name)] = area.shares if area.fits else f"no: {area.shares}"
         return found
 
     def seconds(self) -> dict[str, str]:

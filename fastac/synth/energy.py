@@ -15,7 +15,7 @@ import numpy as np
 
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.dots.axis import quotient_bits
-from fastac.gateware.force.weighted_sum import products_of
+from fastac.gateware.force.weighted_pixel import products_of
 from fastac.gateware.mlp_mvm import accumulator_ranges, input_ranges, layer_graph
 from fastac.gateware.network.requantise import scale_graph
 from fastac.gateware.network.slope_bridge import SlopeBridgeStream

@@ -113,6 +113,11 @@ class Area:
             "LUT": 100 * sum(self.luts.values()) / device.lut,
         }
 
+    @property
+    def shares(self) -> str:
+        """`percent` in words."""
+        return ", ".join(f"{block} {percent:.0f}%" for block, percent in self.percent.items())
+
 
 def area(pipeline: IntegerPipeline) -> Area:
     """What the pipeline's hardware takes of its scene's part."""

@@ -18,7 +18,7 @@ import numpy as np
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.dots.follower import dot_layout
-from fastac.gateware.force.weighted_sum import products_of
+from fastac.gateware.force.weighted_pixel import products_of
 from fastac.gateware.raster_outputs import scene_outputs
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
 from fastac.gateware.target.device import device_of

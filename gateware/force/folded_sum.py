@@ -2,9 +2,8 @@
 """Force as a weighted sum over a frame that comes slowly: a few multipliers, one adder for all axes."""
 
 import numpy as np
-from amaranth import Module, Mux, Shape, signed
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth import Module
+from amaranth.lib import wiring
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.force.shared_accumulator import SharedAccumulator
@@ -13,7 +12,7 @@ from fastac.gateware.force.shared_products import (
     products_latency,
     shared_multipliers,
 )
-from fastac.gateware.force.weighted_sum import products_of
+from fastac.gateware.force.weighted_pixel import WeightedPixel
 from fastac.gateware.stream.handshake import check_folded
 from fastac.models.integer.force import WeightedSum
 
@@ -50,24 +49,11 @@ class FoldedWeightedSum(wiring.Component):
         self.weighted, self.fold, self.loadable = weighted, fold, loadable
         self.bends, self.dsp = bends, dsp
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
-        if bends and (self.terms != len(bends) + 2 or not weighted.input_signed):
-            raise ValueError(
-                f"bends {bends}: {self.terms} terms: expected {len(bends) + 2} of a signed value"
-            )
-        self.values = products_of(len(bends)) if bends else self.terms
+        self.pixel = WeightedPixel(weighted, bends)
+        self.values = self.pixel.products
         if self.rows * self.columns < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 pixels")
-        self.value_shape = pixel = Shape(weighted.input_width, weighted.input_signed)
-        if not bends and self.terms > 1:
-            pixel = data.ArrayLayout(pixel, self.terms)
-        sums = data.ArrayLayout(signed(weighted.width), self.axes)
-        members = {
-            "i": In(stream.Signature(data.ArrayLayout(pixel, 1))),
-            "o": Out(stream.Signature(sums)),
-        }
-        if loadable:
-            members["constant"] = In(sums)
-        super().__init__(members)
+        super().__init__(self.pixel.members(1, loadable=loadable))
 
     @staticmethod
     def latency_of(axes: int, values: int, fold: int) -> int:
@@ -105,7 +91,7 @@ class FoldedWeightedSum(wiring.Component):
         weighted = self.weighted
         by_pixel = np.moveaxis(weighted.weight, 0, 2).reshape(-1, self.axes, self.terms)
         m.submodules.products = products = SharedProducts(
-            by_pixel, self._terms(), shape=self.value_shape, limit=weighted.input_limit, fold=self.fold
+            by_pixel, self._terms(), shape=self.pixel.value, limit=weighted.input_limit, fold=self.fold
         )
         parts = products.latency + SharedAccumulator.latency
         assert parts == self.latency, f"latency {parts}: stated {self.latency}"
@@ -116,7 +102,7 @@ class FoldedWeightedSum(wiring.Component):
             self.i.ready.eq(products.i.ready),
             products.advance.eq(self.o.ready | ~self.o.valid),
         ]
-        m.d.comb += [given[k].eq(value) for k, value in enumerate(self._values(pixel))]
+        m.d.comb += [given[k].eq(value) for k, value in enumerate(self.pixel.values(pixel))]
         if self.bends:
             m.d.comb += products.second.eq(pixel < 0)
 
@@ -150,11 +136,3 @@ class FoldedWeightedSum(wiring.Component):
         if self.bends:
             return [(0,), (1, 2), *((k,) for k in range(3, self.terms))]
         return [(k,) for k in range(self.terms)]
-
-    def _values(self, pixel) -> list:
-        """What is multiplied of a pixel."""
-        if self.bends:
-            band, *deep = self.bends
-            beyond = Mux(pixel > band, pixel - band, Mux(pixel < -band, pixel + band, 0))
-            return [pixel, beyond, *(Mux(pixel > bend, pixel - bend, 0) for bend in deep)]
-        return [pixel] if self.terms == 1 else list(pixel)

@@ -1,24 +1,18 @@
 """Force as a weighted sum over the frame: one weight per displacement or slope and axis, accumulated."""
 
 import numpy as np
-from amaranth import Cat, Module, Mux, Shape, Signal, signed
-from amaranth.lib import data, stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth import Cat, Module, Mux, Signal
+from amaranth.lib import wiring
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, beats_per_frame, tree_levels
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
+from fastac.gateware.force.weighted_pixel import WeightedPixel
 from fastac.gateware.stream.handshake import check_lanes
 from fastac.gateware.stream.tables import RasterRom, raster_beats
 from fastac.models.integer.force import WeightedSum
 from fastac.models.integer.words import signed_width
-
-
-def products_of(bends: int) -> int:
-    """How many products a displacement with so many bends needs: one for itself and one for each bend, as of
-    what is beyond the band on either side one is 0."""
-    return 1 + bends
 
 
 def weight_words(weighted: WeightedSum, lanes: int) -> np.ndarray:
@@ -60,24 +54,11 @@ class WeightedSumStream(wiring.Component):
         self.weighted, self.lanes, self.loadable = weighted, lanes, loadable
         self.bends, self.dsp = bends, dsp
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
-        if bends and (self.terms != len(bends) + 2 or not weighted.input_signed):
-            raise ValueError(
-                f"bends {bends}: {self.terms} terms: expected {len(bends) + 2} of a signed value"
-            )
-        self.values = products_of(len(bends)) if bends else self.terms
+        self.pixel = WeightedPixel(weighted, bends)
+        self.values = self.pixel.products
         if self.interval < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 beats")
-        pixel = Shape(weighted.input_width, weighted.input_signed)
-        if not bends and self.terms > 1:
-            pixel = data.ArrayLayout(pixel, self.terms)
-        sums = data.ArrayLayout(signed(weighted.width), self.axes)
-        members = {
-            "i": In(stream.Signature(data.ArrayLayout(pixel, lanes))),
-            "o": Out(stream.Signature(sums)),
-        }
-        if loadable:
-            members["constant"] = In(sums)
-        super().__init__(members)
+        super().__init__(self.pixel.members(lanes, loadable=loadable))
 
     @staticmethod
     def latency_of(values: int, lanes: int) -> int:
@@ -148,21 +129,13 @@ class WeightedSumStream(wiring.Component):
             with m.If(advance):
                 m.d.sync += delayed.eq(inputs)
             inputs = delayed
-        values = [self._values(lane) for lane in inputs]
+        values = [self.pixel.values(lane) for lane in inputs]
         for axis, weight in enumerate(weights.word):
             for k, (x, factor) in enumerate(self._factors(values, weight)):
                 whole = product(m, platform, advance, x, factor, name=f"product_{axis}_{k}")
                 width = signed_width(int(bounds[:, axis, k].max()))
                 m.d.comb += products.payload[axis][k].eq(whole[:width].as_signed())
         return m
-
-    def _values(self, pixel) -> list:
-        """What is multiplied of a pixel."""
-        if self.bends:
-            band, *deep = self.bends
-            beyond = Mux(pixel > band, pixel - band, Mux(pixel < -band, pixel + band, 0))
-            return [pixel, beyond, *(Mux(pixel > bend, pixel - bend, 0) for bend in deep)]
-        return [pixel] if self.terms == 1 else list(pixel)
 
     def _factors(self, values: list, weight):
         """Each value of the lanes with its weight."""

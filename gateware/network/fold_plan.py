@@ -28,6 +28,16 @@ class Series:
         """Levels of an adder tree over the streams."""
         return (self.streams - 1).bit_length()
 
+    @property
+    def sum_latency(self) -> int:
+        """Clocks from the vector's first values to a weighted sum of them all: the values, a register each
+        for operand and product, and the adder tree."""
+        return self.clocks + 2 + self.levels
+
+    def on(self, stream: int) -> list[int]:
+        """The values on `stream`, in order."""
+        return list(range(stream, self.count, self.streams))
+
     def at(self, clock: int, stream: int) -> int | None:
         """The value on `stream` in `clock`; None if it is empty."""
         k = clock * self.streams + stream

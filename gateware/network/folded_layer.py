@@ -58,36 +58,25 @@ class FoldedLayer(wiring.Component):
         super().__init__(members)
 
     @staticmethod
-    def latency_of(inputs: int, fold: int) -> int:
-        """`latency` of a layer of so many inputs."""
-        arriving = Series(inputs, fold)
-        return arriving.clocks + 2 + arriving.levels
-
-    @staticmethod
     def multipliers_of(inputs: int, neurons: int, fold: int) -> int:
         """`multipliers` of a layer of these sizes."""
         return Series(neurons, fold).streams * inputs
 
     @property
     def latency(self) -> int:
-        return self.latency_of(self.layer.weight.shape[1], self.fold)
+        return self.arriving.sum_latency
 
     @property
     def multipliers(self) -> int:
         neurons, inputs = self.layer.weight.shape
         return self.multipliers_of(inputs, neurons, self.fold)
 
-    def _neurons(self, stream: int) -> list[int]:
-        """The neurons that leave on `stream`, in order."""
-        found = [self.leaving.at(clock, stream) for clock in range(self.leaving.clocks)]
-        return [neuron for neuron in found if neuron is not None]
-
     @property
     def columns(self) -> list[Column]:
         """For each stream of neurons a weight for each input, then the bias, in the order of its neurons."""
         layer, columns = self.layer, []
         for stream in range(self.leaving.streams):
-            chosen = self._neurons(stream)
+            chosen = self.leaving.on(stream)
             weights = layer.weight[chosen].T.tolist()
             columns += [Column(signed(layer.weight_bits), tuple(column)) for column in weights]
             biases = layer.bias[chosen].tolist()
@@ -120,7 +109,7 @@ class FoldedLayer(wiring.Component):
         inputs = layer.weight.shape[1]
         for stream in range(self.leaving.streams):
             first = stream * (inputs + 1)
-            chosen, name = self._neurons(stream), f"{stream}"
+            chosen, name = self.leaving.on(stream), f"{stream}"
             largest = abs(layer.weight[chosen])
             if layer.loadable:
                 largest = np.full_like(largest, layer.weight_limit)

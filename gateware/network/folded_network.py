@@ -61,9 +61,8 @@ class FoldedMlp(wiring.Component):
     @staticmethod
     def latency_of(inputs: Sequence[int], fold: int) -> int:
         """`latency` of layers with these numbers of inputs."""
-        *hidden, last = inputs
-        sums = sum(FoldedLayer.latency_of(k, fold) for k in hidden) + FoldedOutput.latency_of(last, fold)
-        return 1 + sums + FoldedRequantise.latency * len(hidden)
+        sums = sum(Series(count, fold).sum_latency for count in inputs)
+        return 1 + sums + FoldedRequantise.latency * (len(inputs) - 1)
 
     @staticmethod
     def multipliers_of(sizes: Sequence[int], fold: int) -> int:

@@ -47,29 +47,18 @@ class FoldedOutput(wiring.Component):
         super().__init__(members)
 
     @staticmethod
-    def latency_of(inputs: int, fold: int) -> int:
-        """`latency` of a layer of so many inputs."""
-        arriving = Series(inputs, fold)
-        return arriving.clocks + 2 + arriving.levels
-
-    @staticmethod
     def multipliers_of(inputs: int, neurons: int, fold: int) -> int:
         """`multipliers` of a layer of these sizes."""
         return neurons * Series(inputs, fold).streams
 
     @property
     def latency(self) -> int:
-        return self.latency_of(self.layer.weight.shape[1], self.fold)
+        return self.arriving.sum_latency
 
     @property
     def multipliers(self) -> int:
         neurons, inputs = self.layer.weight.shape
         return self.multipliers_of(inputs, neurons, self.fold)
-
-    def _inputs(self, stream: int) -> list[int]:
-        """The inputs that arrive on `stream`, in order."""
-        found = [self.arriving.at(clock, stream) for clock in range(self.arriving.clocks)]
-        return [j for j in found if j is not None]
 
     @property
     def columns(self) -> list[Column]:
@@ -77,7 +66,7 @@ class FoldedOutput(wiring.Component):
         layer, columns = self.layer, []
         for weights, bias in zip(layer.weight, layer.bias.tolist(), strict=True):
             for stream in range(self.arriving.streams):
-                values = weights[self._inputs(stream)].tolist()
+                values = weights[self.arriving.on(stream)].tolist()
                 values += [0] * (self.arriving.clocks - len(values))
                 columns.append(Column(signed(layer.weight_bits), tuple(values)))
             limit = layer.bias_limit if layer.loadable else abs(bias)
@@ -98,7 +87,7 @@ class FoldedOutput(wiring.Component):
             limit = layer.bias_limit if layer.loadable else abs(int(layer.bias[neuron]))
             bias = Term(read(number + streams, row), limit)
             for stream in range(streams):
-                chosen, name = self._inputs(stream), f"{neuron}_{stream}"
+                chosen, name = self.arriving.on(stream), f"{neuron}_{stream}"
                 x = Signal(self.i[stream].shape(), reset_less=True, name=f"input_{name}")
                 with m.If(self.advance):
                     m.d.sync += x.eq(self.i[stream])

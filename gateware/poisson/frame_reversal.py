@@ -60,9 +60,8 @@ class FrameReversal(wiring.Component):
         write, read = page.write_port(), page.read_port()
         accept, issue, advance = Signal(), Signal(), Signal()
         written = self._walk(m, accept, "write", upwards=True)
-        taken = self._walk(
-            m, issue, "read", upwards=False
-        )  # in the direction in which the next frame is written
+        # Read in the direction in which the next frame is written.
+        taken = self._walk(m, issue, "read", upwards=False)
 
         # `whole`: a frame is completely written and not completely read; writing must not overtake reading.
         whole = Signal()

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
+from fastac.gateware.network.fold_plan import Series
 from fastac.gateware.network.folded_layer import FoldedLayer
 from fastac.gateware.network.folded_output import FoldedOutput
 from fastac.gateware.network.folded_parameters import values_of
@@ -87,7 +88,7 @@ def both(make, neurons, inputs, limit, lowest, latency, multipliers):
     baked = layer_of(neurons, inputs, limit, rng, loadable=False)
     dut = make(baked)
     assert (dut.latency, dut.multipliers) == (latency, multipliers)
-    assert (dut.latency_of(inputs, dut.fold), dut.multipliers_of(inputs, neurons, dut.fold)) == (
+    assert (Series(inputs, dut.fold).sum_latency, dut.multipliers_of(inputs, neurons, dut.fold)) == (
         latency,
         multipliers,
     )
