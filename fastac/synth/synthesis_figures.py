@@ -86,6 +86,11 @@ def _figures(content: dict) -> dict:
     if placed:
         clocks = {name: value["clock_mhz"] for name, value in placed.items()}
         forms = [f"{name}: {value['form']}" for name, value in placed.items() if value["form"] != "as built"]
+        forms += [
+            f"{name}: the lowest of {len(value['clocks_mhz'])} placements"
+            for name, value in placed.items()
+            if "clocks_mhz" in value
+        ]
         limits = "; ".join([place_ecp5.ORIGIN, *forms])
         found["ecp5_clock_mhz_by_module"] = stated(clocks, limits)
         missing = f", {len(modules) - len(clocks)} not placed" if len(clocks) < len(modules) else ""
