@@ -36,6 +36,18 @@ synth_xilinx {{family}} {MAPPING} -top {UNIT} -run begin:coarse
 {{pack}}synth_xilinx {{family}} {MAPPING} -top {UNIT} -run coarse:check
 tee -q -o count.json stat -json
 """
+OTHER_MAPPER = """-run coarse:map_luts
+opt_expr -mux_undef -noclkinv
+abc -luts 2:2,3,6:5,10,20
+clean
+xilinx_srl -fixed -minlen 3
+techmap -map +/xilinx/lut_map.v -map +/xilinx/cells_map.v -D LUT_WIDTH=6
+xilinx_dffopt
+opt_lut_ins -tech xilinx
+clean
+"""
+"""What `synth_xilinx` does with look-up tables, by Yosys's older mapper `abc` in place of `abc9`, which ends
+on some large modules."""
 REGISTERS = {"a": "AREG", "b": "BREG", "m": "MREG", "p": "PREG"}
 REGISTER_SCRIPT = f"""\
 read_rtlil part.il
@@ -90,8 +102,7 @@ MEMORY_LUTS = {
 COUNT_ORIGIN = "counted by synthesis: Yosys synth_xilinx {options}, the module by itself"
 LUT_ORIGIN = (
     "estimated: look-up tables of Yosys synth_xilinx {options}, the module by itself, with shift registers"
-    " and distributed RAM, where it can without the adders that DSP slices hold; not Vivado's, which packs"
-    " and shares more"
+    " and distributed RAM, without the adders that DSP slices hold; not Vivado's, which packs and shares more"
 )
 """For the options of a target."""
 REGISTER_ORIGIN = (
@@ -119,25 +130,13 @@ def cells(path: Path) -> dict[str, int]:
     return json.loads(path.read_text())["design"]["num_cells_by_type"]
 
 
-def _run_packed(script: str, part: Part, folder: Path, target: Target) -> None:
-    """Run a script with the target's packing into DSP slices, or without it where Yosys's mapper of look-up
-    tables ends on what is packed, as it does on some engines of several lanes: then the adders that slices
-    would hold are counted as look-up tables."""
-    text = netlist(part, folder)
-    try:
-        _run(script.format(family=target.options, pack=target.pack), text, folder)
-    except tools.ToolError:
-        if not target.pack:
-            raise
-        _run(script.format(family=target.options, pack=""), text, folder)
-
-
 def count(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[str, int]:
     """The target's blocks that one instance takes, by name in lower case.
 
     Flip-flops and timing are omitted: Yosys's are not the device's.
     """
-    _run_packed(COUNT_SCRIPT, part, folder, target)
+    script = COUNT_SCRIPT.format(family=target.options, pack=target.pack)
+    _run(script, netlist(part, folder), folder)
     found = cells(folder / "count.json")
     return {name.lower(): found.get(name, 0) for name in target.blocks}
 
@@ -147,7 +146,13 @@ def luts(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[
 
     Raises ToolError for a distributed RAM of unknown size.
     """
-    _run_packed(LUT_SCRIPT, part, folder, target)
+    text, script = netlist(part, folder), LUT_SCRIPT.format(family=target.options, pack=target.pack)
+    try:
+        _run(script, text, folder)
+    except tools.OutOfTimeError:
+        raise
+    except tools.ToolError:
+        _run(script.replace("-run coarse:check\n", OTHER_MAPPER), text, folder)
     found = cells(folder / "count.json")
     for name in found:
         if re.match(r"(RAM\d|SRL)", name) and name not in MEMORY_LUTS:

@@ -52,20 +52,25 @@ def test_look_up_tables_known_by_hand(modules, tmp_path):
     assert own["carry8"] in (4, 5)
 
 
-def test_where_the_packed_form_cannot_be_mapped_it_is_counted_unpacked(modules, tmp_path, monkeypatch):
-    scripts = []
+@pytest.mark.usefixtures("yosys_alone")
+def test_where_one_mapper_of_look_up_tables_ends_the_other_maps_them(modules, tmp_path, monkeypatch):
+    part, scripts, run = modules["top (own logic)"], [], tools.run
 
-    def run(name, arguments, folder):
+    def ended(name, arguments, folder):
         scripts.append((folder / "script.ys").read_text())
-        if "xilinx_dsp" in scripts[-1]:
+        if "synth_xilinx" in scripts[-1] and ("abc -luts" not in scripts[-1] or always):
             raise ToolError("yosys-abc ended")
-        (folder / "count.json").write_text(json.dumps({"design": {"num_cells_by_type": {"LUT6": 3}}}))
+        run(name, arguments, folder)
 
-    monkeypatch.setattr(tools, "run", run)
-    assert yosys.luts(modules["left"], tmp_path)["lut"] == 3
-    assert ["xilinx_dsp" in script for script in scripts] == [True, False]
+    monkeypatch.setattr(tools, "run", ended)
+    always = False
+    found = yosys.luts(part, tmp_path)
+    assert 32 <= found["lut"] <= 32 + 2 * 5
+    assert found["carry8"] in (4, 5)
+    always = True
     with pytest.raises(ToolError, match="yosys-abc ended"):
-        yosys.luts(modules["left"], tmp_path, yosys.Target("xilinx_dsp", (), "carry8", 2))
+        yosys.luts(part, tmp_path)
+    assert ["abc -luts" in script for script in scripts if "synth_xilinx" in script] == [False, True] * 2
 
 
 def test_distributed_ram_of_unknown_size_is_refused(modules, tmp_path, monkeypatch):
