@@ -9,7 +9,7 @@ DOCS := $(VENV)/.docs
 EVERYTHING := $(VENV)/.everything
 
 .PHONY: all venv build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
-	stability synth verify verify-photographs trade scope chips reproduce samples docs docs-links lerobot notebooks clean
+	stability synth clocks verify verify-photographs trade scope chips reproduce samples docs docs-links lerobot notebooks clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -91,6 +91,13 @@ $(SYNTH): $(READY)
 synth: $(SYNTH)
 	$(FASTAC) synth scenes/$(SCENE).toml
 	$(FASTAC) build scenes/$(SCENE).toml
+
+# The clock of every module of SCENE, of the ten slowest from three placements each, on two trainings. Hours; what
+# is found is kept.
+clocks: $(SYNTH)
+	$(FASTAC) synth scenes/$(SCENE).toml --placements 3
+	$(FASTAC) train scenes/$(SCENE).toml --seed 2
+	$(FASTAC) synth build/$(SCENE)-seed-2 --placements 3
 
 # The campaign: both scenes at 1, 2 and 4 pixels a clock, half of the frames photographs of ball presses.
 PHOTOGRAPHS ?= ../shared/data/fots

@@ -25,9 +25,14 @@ from fastac.sensor import samples as sensor_samples
 @click.option(
     "--data", type=INPUT, help="Dataset of a recorded sensor. [default: simulate the virtual fingertip]"
 )
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    help="Seed in place of the scene's training.seed; the folder is then build/SCENE-seed-N.",
+)
 @output_option("The build folder.", OUTPUT_FOLDER, "build/SCENE")
 @progress_option
-def train(scene, data, output, progress):
+def train(scene, data, seed, output, progress):
     """Train and quantise the models of SCENE and write the bundle. Resumes after an interruption.
 
     \b
@@ -35,6 +40,9 @@ def train(scene, data, output, progress):
     """
     scene = scenes.load(scene)
     folder = build_folder(scene, output)
+    if seed is not None:
+        scene = scene.model_copy(update={"training": scene.training.model_copy(update={"seed": seed})})
+        folder = output or folder.with_name(f"{folder.name}-seed-{seed}")
     run_build(scene, folder, data, progress, until="bundle")
     click.echo(f"{folder / 'bundle'}: sha256 {load_bundle(folder).digest}")
 

@@ -42,6 +42,14 @@ class TestTrain:
             [step, "up to date"] for step in steps
         ]
 
+    def test_another_seed_has_a_folder_of_its_own(self, toml, tiny_file, tiny_bundle, tmp_path, monkeypatch):
+        toml.write_text(toml.read_text().split("[training]")[0] + "[training]" + QUICK)
+        monkeypatch.chdir(tmp_path)
+        found = succeed("train", toml, "--data", tiny_file, "--seed", 7, "--no-progress")
+        name = f"build/{tiny_bundle.scene.name}-seed-7"
+        assert found.stdout.startswith(f"{name}/bundle: sha256 ")
+        assert bundles.load(tmp_path / name / "bundle").scene.training.seed == 7
+
     def test_a_recorded_scene_needs_data(self, toml, tmp_path):
         toml.write_text(
             toml.read_text()

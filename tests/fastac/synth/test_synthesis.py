@@ -2,6 +2,7 @@
 
 import json
 from functools import partial
+from types import SimpleNamespace
 
 import pytest
 from click.testing import CliRunner
@@ -172,6 +173,46 @@ def test_report_takes_synthesis_of_this_verilog_only(design, tmp_path, monkeypat
 
     assert synthesis_figures.resources(tmp_path, hardware | {"bundle_sha256": "other"}) == {}
     assert synthesis_figures.resources(tmp_path, hardware | {"rtlil_sha256": "other"}) == {}
+
+
+def test_the_slowest_parts_are_placed_again_and_the_lowest_clock_counts(design, tmp_path, monkeypatch):
+    faked(monkeypatch)
+    monkeypatch.setattr(synthesis, "elaborate", lambda bundle: (design, "0" * 64))
+    path = {"from": "a", "to": "b", "through": [], "total_ns": 5.0, "routing_ns": 1.0}
+    clocks, placed = (
+        {"left": [201.0, 202.0, 199.5], "delay": [300.0], design[2].name: [250.0, 240.0, 260.0]},
+        [],
+    )
+
+    def place(part, folder, seeds=(None, 1, 2)):
+        placed.append((part.name, seeds[0]))
+        clock_mhz = clocks[part.name][seeds[0] or 0]
+        return {"clock_mhz": clock_mhz, "form": f"seed {seeds[0]}", "critical_path": path}
+
+    monkeypatch.setattr(place_ecp5, "place_and_route", place)
+    bundle = SimpleNamespace(digest="d")
+    kept = {"device": DEVICE, "store": tmp_path / "store", "placements": 3, "again": 2}
+    for modules in ((), ["left"]):
+        placed.clear()
+        content = synthesis.synthesise(bundle, tmp_path, **kept, modules=modules)
+        values = {name: entry[PLACE]["value"] for name, entry in content["modules"].items()}
+        assert values["left"]["clock_mhz"] == 199.5
+        assert values["left"]["clocks_mhz"] == clocks["left"]
+        assert values["left"]["form"] == "seed 2"
+        assert values[design[2].name]["clock_mhz"] == 240
+        assert values["delay"]["clock_mhz"] == 300
+        assert "clocks_mhz" not in values["delay"]
+        expected = [(part.name, None) for part in design] + [(design[2].name, 1), (design[2].name, 2)]
+        assert sorted(placed, key=str) == (
+            [] if modules else sorted([*expected, ("left", 1), ("left", 2)], key=str)
+        )
+    assert "199.5  a → b; seed 2; placed at 201.0, 202.0, 199.5 MHz\n" in synthesis_table.table(
+        content, DEVICE
+    )
+    hardware = {key: content[key] for key in ("bundle_sha256", "rtlil_sha256")}
+    slowest = synthesis_figures.resources(tmp_path, hardware)["ecp5_clock_mhz"]
+    assert slowest["value"] == 199.5
+    assert "left: the lowest of 3 placements" in slowest["origin"]
 
 
 def test_a_device_of_the_7_series(design, tmp_path, monkeypatch):
