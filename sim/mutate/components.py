@@ -178,13 +178,6 @@ COMPONENTS = (
         "network/folded_ratio",
         ("network/test_folded_ratio.py",),
         designs=2,
-        allowed=(
-            Allowed(
-                "with m.If(advance & enable):",
-                "loaded while the pipeline is stalled, with what it gets when this moves on",
-                ("A[0] = 1",),
-            ),
-        ),
     ),
     Component(
         "network/gradient_ratio",
