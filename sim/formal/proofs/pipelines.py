@@ -146,10 +146,8 @@ def _displacement(component: type):
 
 EVERY_CLOCK = "with m.If(1):\n"
 RETURN = "        return m\n"
-QUEUED = (
-    (RETURN, f"        m.d.comb += self.i.ready.eq(1)\n{RETURN}"),
-    (RETURN, f"        m.d.comb += self.o.valid.eq(1)\n{RETURN}"),
-)
+EARLY = (RETURN, f"        m.d.comb += self.o.valid.eq(1)\n{RETURN}")
+QUEUED = ((RETURN, f"        m.d.comb += self.i.ready.eq(1)\n{RETURN}"), EARLY)
 """Faults of a handshake with a queue: beats enter without a place, and leave before they are there."""
 
 
@@ -186,7 +184,7 @@ PIPELINES = (
         NormalMlp,
         partial(_network, lanes=1),
         "two layers of one input",
-        QUEUED,
+        (EARLY,),
     ),
     (
         "folded_network",
@@ -255,7 +253,7 @@ PROOFS = (
             name,
             component,
             f"{size}, in words of few bits; words and tables have no part in the handshake",
-            partial(queued_pipeline if breaks is QUEUED else pipeline, make=make),
+            partial(queued_pipeline if EARLY in breaks else pipeline, make=make),
             depth=1,
             breaks=breaks,
             broken_depth=20 if "network" in name else 16,
