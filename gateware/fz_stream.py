@@ -5,7 +5,7 @@ sums over the frame are the raw force accumulators A, one per axis.
 """
 
 import numpy as np
-from amaranth import Module, Shape, Signal, signed
+from amaranth import Const, Module, Shape, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -20,7 +20,7 @@ from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
 from fastac.gateware.force.patch_generator import PatchGenerator, check_patch_size
 from fastac.gateware.stream.fork import Fork
-from fastac.gateware.stream.handshake import pipeline_handshake
+from fastac.gateware.stream.handshake import credit_handshake
 from fastac.gateware.stream.tables import RasterRom, raster_beats
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.words import signed_width
@@ -40,7 +40,7 @@ class KernelRom(RasterRom):
     """
 
     def __init__(self, force: PatchForce, *, lanes: int):
-        super().__init__(kernel_words(force, lanes), force.kernel_bits)
+        super().__init__(kernel_words(force, lanes), force.kernel_bits, stalls=False)
 
 
 class PixelResponse(wiring.Component):
@@ -54,7 +54,8 @@ class PixelResponse(wiring.Component):
 
     `latency` = 5 + ceil(log2(K²)) clocks from a patch to its response, without back-pressure: 2 for the ROM,
     3 for the product, and the adder tree. Initiation interval: 1 clock per beat. There is one multiplier per
-    axis, lane and kernel word, with the registers of a DSP slice around it.
+    axis, lane and kernel word, with the registers of a DSP slice around it. No register has a clock enable:
+    beats that `o` does not take collect in a queue (`credit_handshake`).
     """
 
     def __init__(self, force: PatchForce, *, lanes: int):
@@ -75,15 +76,14 @@ class PixelResponse(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = pipeline_handshake(m, self.i, self.o, self.latency)
+        last, ago = credit_handshake(m, self.i, self.o, self.latency)
 
         m.submodules.kernels = kernels = KernelRom(self.force, lanes=self.lanes)
-        m.d.comb += [kernels.advance.eq(advance), kernels.take.eq(self.i.valid)]
+        m.d.comb += kernels.take.eq(ago[0])
         patches = self.i.payload
         for stage in range(KernelRom.latency):
             delayed = Signal(patches.shape(), reset_less=True, name=f"patches_{stage}")
-            with m.If(advance):
-                m.d.sync += delayed.eq(patches)
+            m.d.sync += delayed.eq(patches)
             patches = delayed
 
         bounds = np.abs(kernels.table) * self.force.displacement_limit
@@ -92,10 +92,10 @@ class PixelResponse(wiring.Component):
                 name, products = f"f_{axis}_{lane}", []
                 for k, bound in enumerate(bounds[:, axis, lane].max(axis=0)):
                     a, b = patches[lane][k], kernels.word[axis][lane][k]
-                    whole = product(m, platform, advance, a, b, name=f"{name}_product_{k}")
+                    whole = product(m, platform, Const(1), a, b, name=f"{name}_product_{k}")
                     products.append(whole[: signed_width(int(bound))].as_signed())
-                response = adder_tree(m, advance, products, bounds[:, axis, lane], name)
-                m.d.comb += self.o.payload[axis][lane].eq(response)
+                response = adder_tree(m, Const(1), products, bounds[:, axis, lane], name)
+                m.d.comb += last.payload[axis][lane].eq(response)
         return m
 
 

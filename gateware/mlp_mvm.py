@@ -4,7 +4,7 @@
 from functools import cached_property
 
 import numpy as np
-from amaranth import Cat, Const, Module, Shape, Signal, Value, signed, unsigned
+from amaranth import Const, Module, Shape, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -21,6 +21,7 @@ from fastac.gateware.arithmetic.shift_add import (
     partial_adder_tree,
     pipeline_register,
 )
+from fastac.gateware.stream.handshake import credit_handshake
 from fastac.models.integer.network import Layer
 from fastac.models.integer.words import signed_width
 
@@ -76,7 +77,6 @@ class MvmCore(wiring.Component):
 
     Members
     -------
-    advance : clock enable of all registers
     i : inputs, Shape(input_width, input_signed) each, |i[j]| <= layer.input_limit[j]
     o : accumulators with their biases, signed(layer.accumulator_width) each
     parameters : weights and biases, unsigned(parameter_bits), as `parameter_image` packs them; constant while
@@ -91,7 +91,7 @@ class MvmCore(wiring.Component):
     common (`adder_solver`), and each sum has the bits of its own exact range.
 
     There is one addition between two registers.
-    `latency` = 5 + ceil(log2(inputs)) clocks with `advance` high in either mode.
+    `latency` = 5 + ceil(log2(inputs)) clocks in either mode.
     """
 
     def __init__(self, layer: Layer, *, input_width: int, input_signed: bool, dsp: DspSlice = DSP48E2):
@@ -99,7 +99,7 @@ class MvmCore(wiring.Component):
         self.input_width, self.input_signed = input_width, input_signed
         self.latency = tile_latency(layer.weight.shape[1])
         i, o = tile_layouts(layer, input_width=input_width, input_signed=input_signed)
-        members = {"advance": In(1), "i": In(i), "o": Out(o)}
+        members = {"i": In(i), "o": Out(o)}
         if layer.loadable:
             members["parameters"] = In(unsigned(self.parameter_bits))
         super().__init__(members)
@@ -171,7 +171,7 @@ class MvmCore(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        register = pipeline_register(m, self.advance)
+        register = pipeline_register(m)
         inputs = [
             register(Term(x, int(limit)), f"input_{j}")
             for j, (x, limit) in enumerate(zip(self.i, self.layer.input_limit, strict=True))
@@ -206,7 +206,7 @@ class MvmCore(wiring.Component):
             largest = self.packing.limit if packed else self.layer.weight_limit
             terms = []
             for j, (x, weight) in enumerate(zip(inputs, weights, strict=True)):
-                whole = product(m, platform, self.advance, x.value, weight, name=f"product_{name}_{j}")
+                whole = product(m, platform, Const(1), x.value, weight, name=f"product_{name}_{j}")
                 bound = largest * x.bound
                 terms.append(Term(whole[: signed_width(bound)].as_signed(), bound))
             if packed:
@@ -223,7 +223,7 @@ class MvmCore(wiring.Component):
             for x, held in zip(inputs, ranges, strict=True)
         ]
         graph = layer_graph(self.layer, input_signed=self.input_signed)
-        sums = adder_pipeline(m, self.advance, graph, values, PRODUCT_STAGES + self._levels, "sum")
+        sums = adder_pipeline(m, graph, values, PRODUCT_STAGES + self._levels, "sum")
         reached = accumulator_ranges(self.layer, input_signed=self.input_signed)
         accumulators = []
         for k, (total, held) in enumerate(zip(sums, reached, strict=True)):
@@ -231,7 +231,7 @@ class MvmCore(wiring.Component):
             bias = Term(Const(constant), abs(constant))
             if total is not None:
                 biased = total.plus(bias, total.bound + bias.bound)
-                bias = Term(range_register(m, self.advance, biased.value, held, f"biased_{k}"), biased.bound)
+                bias = Term(range_register(m, biased.value, held, f"biased_{k}"), biased.bound)
             accumulators.append(bias)
         return accumulators
 
@@ -283,17 +283,8 @@ class MvmTile(wiring.Component):
         m = Module()
         m.submodules.core = core = self.core
 
-        # Only back-pressure from `o` stalls the core.
-        valid = Signal(self.latency)
-        m.d.comb += [
-            core.advance.eq(self.o.ready | ~self.o.valid),
-            core.i.eq(self.i.payload),
-            self.i.ready.eq(core.advance),
-            self.o.payload.eq(core.o),
-            self.o.valid.eq(valid[-1]),
-        ]
+        last, _ = credit_handshake(m, self.i, self.o, self.latency)
+        m.d.comb += [core.i.eq(self.i.payload), last.payload.eq(core.o)]
         if core.layer.loadable:
             m.d.comb += core.parameters.eq(self.parameters)
-        with m.If(core.advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
         return m

@@ -39,6 +39,7 @@ def check(
     latencies: Iterable[tuple[int, int, int]] = (),
     flags: Mapping[str, int] | None = None,
     elastic: bool = False,
+    room: int | None = None,
     places: tuple[int, int] | None = None,
     stalls: Sequence[float | tuple[float, float]] = (0, 0.3, 0.9),
     seed: int = 1,
@@ -56,6 +57,7 @@ def check(
         run without pauses
     flags : {output port: sum of its words over all transfers at `o`; of one bit: how often it is high}
     elastic : `i` must be ready in every clock in which `o` is empty or taken, and in no other
+    room : `i` must be ready in every clock in which fewer beats are inside, and in no other
     places : (beats at `i` that the first beat at `o` needs, how many more `i` takes before that one leaves),
         checked in runs whose reader pauses in more than half of the clocks: the further beats come once the
         first one is offered at `o`, and this waits until `i` has refused a beat for 64 clocks
@@ -73,6 +75,7 @@ def check(
         "latencies": [list(map(int, entry)) for entry in latencies],
         "flags": dict(flags or {}),
         "elastic": elastic,
+        "room": room,
         "places": places,
         "stalls": list(stalls),
         "seed": seed,

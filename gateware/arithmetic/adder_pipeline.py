@@ -50,19 +50,18 @@ def times(graph: AdderGraph, widths: list[int], latency: int) -> list[int]:
     return found
 
 
-def range_register(m: Module, enable: Value, value: Value, held: Range, name: str) -> Signal:
+def range_register(m: Module, value: Value, held: Range, name: str) -> Signal:
     """`value` one clock later, in the bits of its range, without a reset."""
     shape = signed(held.width) if held.signed else unsigned(held.width)
     signal = Signal(shape, reset_less=True, name=name)
-    with m.If(enable):
-        m.d.sync += signal.eq(value)
+    m.d.sync += signal.eq(value)
     return signal
 
 
 def adder_pipeline(
-    m: Module, enable: Value, graph: AdderGraph, inputs: list[tuple[Value, Range]], latency: int, name: str
+    m: Module, graph: AdderGraph, inputs: list[tuple[Value, Range]], latency: int, name: str
 ) -> list[Term | None]:
-    """The graph's outputs, `latency` clocks with `enable` after its inputs; None for a row of zeros.
+    """The graph's outputs, `latency` clocks after its inputs; None for a row of zeros.
 
     A node's register has the bits of its exact range, without a reset.
     """
@@ -72,9 +71,7 @@ def adder_pipeline(
 
     def register(node: int, value: Value) -> None:
         line = lines[node]
-        line.append(
-            range_register(m, enable, value, ranges[node], f"{name}_{node}_at{ready[node] + len(line)}")
-        )
+        line.append(range_register(m, value, ranges[node], f"{name}_{node}_at{ready[node] + len(line)}"))
 
     def at(operand: Operand, time: int) -> Term:
         line = lines[operand.node]

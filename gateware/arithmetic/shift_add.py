@@ -54,14 +54,13 @@ Register = Callable[[Term, str], Term]
 """Function of a term and a name that returns the term one clock later."""
 
 
-def pipeline_register(m: Module, enable: Value) -> Register:
-    """A function that registers a term: signed(signed_width(bound >> shift)), clock enable, no reset."""
+def pipeline_register(m: Module) -> Register:
+    """A function that registers a term: signed(signed_width(bound >> shift)), no clock enable, no reset."""
 
     def register(term: Term, name: str) -> Term:
         width = signed_width(term.bound >> term.shift)
         signal = Signal(signed(width), reset_less=True, name=name)
-        with m.If(enable):
-            m.d.sync += signal.eq(term.value)
+        m.d.sync += signal.eq(term.value)
         return replace(term, value=signal)
 
     return register

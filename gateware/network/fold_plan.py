@@ -1,8 +1,6 @@
-"""Folding: how a component that takes a beat every few clocks spreads values over them, and its handshake."""
+"""Folding: how a component that takes a beat every few clocks spreads values over them."""
 
 from dataclasses import dataclass
-
-from amaranth import Cat, Module, Signal, Value
 
 
 @dataclass(frozen=True)
@@ -42,23 +40,3 @@ class Series:
         """The value on `stream` in `clock`; None if it is empty."""
         k = clock * self.streams + stream
         return k if k < self.count else None
-
-
-def folded_handshake(m: Module, i, o, latency: int, fold: int) -> tuple[Signal, list[Value]]:
-    """Connect the streams `i` and `o` of a pipeline of `latency` clocks that takes a beat every `fold`.
-
-    Returns `advance`, the clock enable of all the pipeline's registers, as of `pipeline_handshake`, and for
-    0 to `latency` clocks with `advance` high whether a beat was accepted so many of them ago.
-    """
-    advance = Signal()
-    accept = Signal()
-    valid = Signal(latency)
-    m.d.comb += [
-        advance.eq(o.ready | ~o.valid),
-        i.ready.eq(advance & ~valid[: fold - 1].any()),
-        accept.eq(i.valid & ~valid[: fold - 1].any()),
-        o.valid.eq(valid[-1]),
-    ]
-    with m.If(advance):
-        m.d.sync += valid.eq(Cat(accept, valid))
-    return advance, [accept, *valid]

@@ -22,9 +22,8 @@ class FoldedLayer(wiring.Component):
 
     Members
     -------
-    advance : clock enable of all registers
-    begins : bit k is high k − 1 clocks after a vector's first inputs are at `i`, clocks with `advance` high;
-        vectors begin at least `fold` clocks after each other
+    begins : bit k is high k − 1 clocks after a vector's first inputs are at `i`; vectors begin at least
+        `fold` clocks after each other
     i : inputs, Shape(input_width, input_signed) each, |i[j]| <= layer.input_limit[j]: all of them, or one for
         each stream of the series `arriving`
     o : the series `leaving` of accumulators with their biases, signed(layer.accumulator_width) each
@@ -48,7 +47,6 @@ class FoldedLayer(wiring.Component):
         wires = inputs if parallel else self.arriving.streams
         accumulator = signed(layer.accumulator_width)
         members = {
-            "advance": In(1),
             "begins": In(self.arriving.clocks + 1),
             "i": In(data.ArrayLayout(Shape(input_width, input_signed), wires)),
             "o": Out(data.ArrayLayout(accumulator, self.leaving.streams)),
@@ -87,15 +85,14 @@ class FoldedLayer(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         layer, arriving = self.layer, self.arriving
-        register = pipeline_register(m, self.advance)
+        register = pipeline_register(m)
         read = columns_reader(m, self.columns, self.write if layer.loadable else None)
 
         # The row of the multipliers whose input comes k clocks after the first.
-        rows = [row_counter(m, self.advance, self.begins[0], self.fold, "row_0")]
+        rows = [row_counter(m, self.begins[0], self.fold, "row_0")]
         for k in range(1, max(arriving.clocks, 2)):
             rows.append(Signal.like(rows[-1], name=f"row_{k}"))
-            with m.If(self.advance):
-                m.d.sync += rows[k].eq(rows[k - 1])
+            m.d.sync += rows[k].eq(rows[k - 1])
 
         kept = {}
         for clock in range(arriving.clocks):
@@ -103,7 +100,7 @@ class FoldedLayer(wiring.Component):
                 if (j := arriving.at(clock, stream)) is not None:
                     x = self.i[j if self.parallel else stream]
                     kept[j] = Signal(x.shape(), reset_less=True, name=f"input_{j}")
-                    with m.If(self.advance & self.begins[clock + 1]):
+                    with m.If(self.begins[clock + 1]):
                         m.d.sync += kept[j].eq(x)
 
         inputs = layer.weight.shape[1]

@@ -9,13 +9,13 @@ from amaranth import Cat, Module, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.network.fold_plan import Series, folded_handshake
+from fastac.gateware.network.fold_plan import Series
 from fastac.gateware.network.folded_layer import FoldedLayer
 from fastac.gateware.network.folded_output import FoldedOutput
 from fastac.gateware.network.folded_parameters import Column, format_of, values_of
 from fastac.gateware.network.folded_requantise import FoldedRequantise
 from fastac.gateware.network.pixel_network import check_chain
-from fastac.gateware.stream.handshake import check_folded
+from fastac.gateware.stream.handshake import check_folded, credit_handshake
 from fastac.gateware.stream.tables import TableFormat
 from fastac.models.integer.network import Layer
 
@@ -35,8 +35,9 @@ class FoldedMlp(wiring.Component):
     `fold` neurons, and the next layer takes each activation as it comes; the last layer takes one after
     another and finds all of its neurons at once. Weights are in small memories; baked ones too, and they
     take the same multipliers.
-    One clock enable drives all of it. `latency` = 1 + Σ over layers of (clocks + 2 + ceil(log2(streams)) of
-    the Series of its inputs) + 5·(layers − 1) clocks without back-pressure; `interval` = fold.
+    Beats that `o` does not take collect in a queue (`credit_handshake`).
+    `latency` = 1 + Σ over layers of (clocks + 2 + ceil(log2(streams)) of the Series of its inputs)
+    + 5·(layers − 1) clocks without back-pressure; `interval` = fold.
     """
 
     lanes = 1
@@ -94,10 +95,10 @@ class FoldedMlp(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance, ago = folded_handshake(m, self.i, self.o, self.latency, self.fold)
+        last, ago = credit_handshake(m, self.i, self.o, self.latency, fold=self.fold)
 
         features = Signal(self.i.payload[0].shape(), reset_less=True)
-        with m.If(advance & ago[0]):
+        with m.If(ago[0]):
             m.d.sync += features.eq(self.i.payload[0])
 
         # `reached`: clocks from the acceptance of a beat until its first values are at the next core.
@@ -105,7 +106,6 @@ class FoldedMlp(wiring.Component):
         for name, core in self.cores.items():
             m.submodules[name] = core
             m.d.comb += [
-                core.advance.eq(advance),
                 core.begins.eq(Cat(ago[reached - 1 : reached - 1 + len(core.begins)])),
                 core.i.eq(x),
             ]
@@ -116,7 +116,7 @@ class FoldedMlp(wiring.Component):
                 m.d.comb += [write.row.eq(row), write.data.eq(host.data), write.en.eq(Cat(enables))]
                 column += len(enables)
             x, reached = core.o, reached + core.latency
-        m.d.comb += self.o.payload[0].eq(x)
+        m.d.comb += last.payload[0].eq(x)
         assert reached == self.latency, f"latency {reached}: stated {self.latency}"
         return m
 

@@ -18,9 +18,8 @@ class FoldedOutput(wiring.Component):
 
     Members
     -------
-    advance : clock enable of all registers
-    begins : bit k is high k − 1 clocks after a vector's first inputs are at `i`, clocks with `advance` high;
-        vectors begin at least `fold` clocks after each other
+    begins : bit k is high k − 1 clocks after a vector's first inputs are at `i`; vectors begin at least
+        `fold` clocks after each other
     i : the series `arriving` of inputs, Shape(input_width, input_signed) each, |i[j]| <= layer.input_limit[j]
     o : accumulators with their biases, signed(layer.accumulator_width) each; all at once, for one clock
     write : write port of `columns`, see `write_signature`. Only if `layer.loadable`.
@@ -37,7 +36,6 @@ class FoldedOutput(wiring.Component):
         self.arriving = Series(inputs, fold)
         tile_layouts(layer, input_width=input_width, input_signed=input_signed)
         members = {
-            "advance": In(1),
             "begins": In(4),
             "i": In(data.ArrayLayout(Shape(input_width, input_signed), self.arriving.streams)),
             "o": Out(data.ArrayLayout(signed(layer.accumulator_width), neurons)),
@@ -76,9 +74,9 @@ class FoldedOutput(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         layer, streams = self.layer, self.arriving.streams
-        register = pipeline_register(m, self.advance)
+        register = pipeline_register(m)
         read = columns_reader(m, self.columns, self.write if layer.loadable else None)
-        row = row_counter(m, self.advance, self.begins[0], self.fold, "row")
+        row = row_counter(m, self.begins[0], self.fold, "row")
         # The first product is at its accumulator 2 clocks after its input.
         first = self.begins[3]
 
@@ -89,8 +87,7 @@ class FoldedOutput(wiring.Component):
             for stream in range(streams):
                 chosen, name = self.arriving.on(stream), f"{neuron}_{stream}"
                 x = Signal(self.i[stream].shape(), reset_less=True, name=f"input_{name}")
-                with m.If(self.advance):
-                    m.d.sync += x.eq(self.i[stream])
+                m.d.sync += x.eq(self.i[stream])
                 weight = register(
                     Term(read(number + stream, row), layer.weight_limit), f"weight_{name}"
                 ).value
@@ -100,8 +97,7 @@ class FoldedOutput(wiring.Component):
                 most = int(bounds.sum()) + (bias.bound if stream == 0 else 0)
                 total = Signal(signed(signed_width(most)), reset_less=True, name=f"accumulator_{name}")
                 before = Mux(first, bias.value if stream == 0 else 0, total)
-                with m.If(self.advance):
-                    m.d.sync += total.eq(before + product)
+                m.d.sync += total.eq(before + product)
                 sums.append(Term(total, most))
             [whole] = partial_adder_tree(sums, self.arriving.levels, register, f"sum_{neuron}")
             m.d.comb += self.o[neuron].eq(whole.value)

@@ -81,11 +81,10 @@ def columns_reader(m: Module, columns: Sequence[Column], write=None) -> Callable
     return read
 
 
-def row_counter(m: Module, advance: Value, begins: Value, fold: int, name: str) -> Signal:
+def row_counter(m: Module, begins: Value, fold: int, name: str) -> Signal:
     """A count of the clocks of a pixel: 0 in the clock after `begins`, then on, modulo `fold`."""
     row = Signal(range(fold), reset_less=True, name=name)
-    with m.If(advance):
-        m.d.sync += row.eq(row + 1)
-        with m.If(begins):
-            m.d.sync += row.eq(0)
+    m.d.sync += row.eq(row + 1)
+    with m.If(begins):
+        m.d.sync += row.eq(0)
     return row

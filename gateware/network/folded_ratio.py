@@ -4,9 +4,8 @@ from amaranth import Cat, Const, Module, Mux, Signal, Value, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.network.fold_plan import folded_handshake
 from fastac.gateware.network.gradient_ratio import check_ratio
-from fastac.gateware.stream.handshake import check_folded
+from fastac.gateware.stream.handshake import check_folded, credit_handshake
 from fastac.models.integer.network import GradientRatio
 
 
@@ -25,6 +24,7 @@ class FoldedDivider(wiring.Component):
     nearer to 0, and finds one bit of Q = floor(2**(fraction+1)·|n| / n_z), which is rounded by (Q + 1) >> 1.
     A step before the `ratio.width` bits of Q finds whether it overflows. A unit has one adder and makes
     fold/2 steps, first of p, then of q; ceil((width + 1) / (fold/2)) units in a row make all of them.
+    Beats that `o` does not take collect in a queue (`credit_handshake`).
 
     `latency` = ratio.width + 3 + fold/2 clocks without back-pressure; `interval` = fold.
     """
@@ -59,12 +59,12 @@ class FoldedDivider(wiring.Component):
         m = Module()
         ratio, turn = self.ratio, self.fold // 2  # clocks of a slope in a unit
         steps = ratio.width + 1
-        advance, ago = folded_handshake(m, self.i, self.o, self.latency, self.fold)
+        last, ago = credit_handshake(m, self.i, self.o, self.latency, fold=self.fold, flags=self.over)
 
         def register(value, name: str, enable: Value | int = 1, shape=None) -> Signal:
             """`value` a clock later, kept while `enable` is low."""
             signal = Signal(value.shape() if shape is None else shape, reset_less=True, name=name)
-            with m.If(advance & enable):
+            with m.If(enable):
                 m.d.sync += signal.eq(value)
             return signal
 
@@ -104,12 +104,11 @@ class FoldedDivider(wiring.Component):
             for k in range(own - 1):
                 newer.append(register(newer[-1] if newer else bit, f"newer_{unit}_{k}"))
             following = [Const(0, 1), *brings[:-1]][: len(brings)]
-            with m.If(advance):
-                if own > 1:
-                    m.d.sync += [held.eq(total), *map(Signal.eq, brings, following)]
-                with m.If(enters):
-                    entering = rest[len(rest) - len(brings) :]
-                    m.d.sync += [held.eq(remainder), *map(Signal.eq, brings, entering)]
+            if own > 1:
+                m.d.sync += [held.eq(total), *map(Signal.eq, brings, following)]
+            with m.If(enters):
+                entering = rest[len(rest) - len(brings) :]
+                m.d.sync += [held.eq(remainder), *map(Signal.eq, brings, entering)]
             remainder, rest, found = total, following, [bit, *newer, *older]
 
         done = ago[steps] | ago[steps + turn]
@@ -123,10 +122,10 @@ class FoldedDivider(wiring.Component):
         limited = Mux(beyond, Mux(negate, -ratio.limit, ratio.limit), rounded)
         slope = Mux(void & ~some, 0, limited)
         for k in range(2):
-            last = ago[steps + 1 + k * turn]
+            due = ago[steps + 1 + k * turn]
             m.d.comb += [
-                self.o.payload[0][k].eq(register(slope, "pq"[k], last, signed(ratio.width))),
-                self.over[k].eq(register(beyond | void, f"{'pq'[k]}_saturated", last)),
+                last.payload[0][k].eq(register(slope, "pq"[k], due, signed(ratio.width))),
+                last.flags[k].eq(register(beyond | void, f"{'pq'[k]}_saturated", due)),
             ]
         m.d.comb += self.saturated.eq(self.o.valid & self.over.any())
         return m

@@ -1,7 +1,7 @@
 # amaranth: UnusedElaboratable=no
 """Requantisation of one neuron after another: a layer's accumulators become the next layer's activations."""
 
-from amaranth import Module, Mux, Signal, Value, signed, unsigned
+from amaranth import Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -19,7 +19,6 @@ class FoldedRequantise(wiring.Component):
 
     Members
     -------
-    advance : clock enable of all registers
     begins : high one clock before the first accumulators of a vector are at `i`; vectors begin at least
         `fold` clocks after each other
     i : the series `neurons` of accumulators, signed(width) each
@@ -28,7 +27,7 @@ class FoldedRequantise(wiring.Component):
 
     One multiplier for each stream. A loadable shift is by a multiple of 8 first and by 0 … 7 then; of what
     the second cannot bring down to the activation's bits, only whether there is any is kept.
-    `latency` = 5 clocks with `advance` high, loadable or not: 3 of the product, shift, clip.
+    `latency` = 5 clocks, loadable or not: 3 of the product, shift, clip.
     """
 
     latency = 5
@@ -37,7 +36,6 @@ class FoldedRequantise(wiring.Component):
         self.scale, self.width, self.fold, self.loadable = scale, width, fold, loadable
         self.neurons = Series(len(scale.multiplier), fold)
         members = {
-            "advance": In(1),
             "begins": In(1),
             "i": In(data.ArrayLayout(signed(width), self.neurons.streams)),
             "o": Out(data.ArrayLayout(unsigned(scale.bits), self.neurons.streams)),
@@ -66,10 +64,10 @@ class FoldedRequantise(wiring.Component):
         m = Module()
         bits, streams = self.scale.bits, self.neurons.streams
         read = columns_reader(m, self.columns, self.write if self.loadable else None)
-        row = row_counter(m, self.advance, self.begins, self.fold, "row")
+        row = row_counter(m, self.begins, self.fold, "row")
         shift = read(streams, row) if self.loadable else None
         for k, a in enumerate(self.i):
-            whole = product(m, platform, self.advance, a, read(k, row), name=f"product_{k}")
+            whole = product(m, platform, Const(1), a, read(k, row), name=f"product_{k}")
             negative, magnitude = whole[-1], whole[:-1]
             kept = Signal(bits + ((1 << COARSE) - 1 if self.loadable else 0), name=f"kept_{k}")
             above = Signal(name=f"above_{k}")
@@ -85,12 +83,11 @@ class FoldedRequantise(wiring.Component):
             if self.loadable:
                 fine = held >> shift[:COARSE]
                 found, clips = fine[:bits], beyond | fine[bits:].any()
-            with m.If(self.advance):
-                m.d.sync += [
-                    held.eq(Mux(negative, 0, kept)),
-                    beyond.eq(~negative & above),
-                    activation.eq(Mux(clips, top, found)),
-                ]
+            m.d.sync += [
+                held.eq(Mux(negative, 0, kept)),
+                beyond.eq(~negative & above),
+                activation.eq(Mux(clips, top, found)),
+            ]
             m.d.comb += self.o[k].eq(activation)
         return m
 

@@ -4,7 +4,7 @@ from amaranth import Cat, Const, Module, Mux, Signal, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
+from fastac.gateware.stream.handshake import check_lanes, credit_handshake
 from fastac.models.integer.network import GradientRatio
 
 
@@ -39,6 +39,7 @@ class GradientDivider(wiring.Component):
     with one addition a stage and no multiplexer. The remainder is in −n_z … n_z − 1; its sign is the last bit
     of Q, inverted, so it has normal_width − 1 bits beside. Q overflows if
     |n| >> (width − 1 − fraction) >= n_z, which is tested before the division.
+    No register has a clock enable: beats that `o` does not take collect in a queue (`credit_handshake`).
 
     `latency` = ratio.width + 2 clocks (magnitudes, one stage per bit of Q, rounding) without back-pressure;
     initiation interval 1.
@@ -70,17 +71,17 @@ class GradientDivider(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = pipeline_handshake(m, self.i, self.o, self.latency)
+        last, _ = credit_handshake(m, self.i, self.o, self.latency, flags=self.over)
 
         flags = []
         for lane, normal in enumerate(self.i.payload):
-            slopes, saturated = self._divide(m, advance, normal, f"lane{lane}")
-            m.d.comb += [self.o.payload[lane][k].eq(slope) for k, slope in enumerate(slopes)]
+            slopes, saturated = self._divide(m, normal, f"lane{lane}")
+            m.d.comb += [last.payload[lane][k].eq(slope) for k, slope in enumerate(slopes)]
             flags += saturated
-        m.d.comb += [self.over.eq(Cat(flags)), self.saturated.eq(self.o.valid & self.over.any())]
+        m.d.comb += [last.flags.eq(Cat(flags)), self.saturated.eq(self.o.valid & self.over.any())]
         return m
 
-    def _divide(self, m: Module, advance: Signal, normal, lane: str) -> tuple[list[Signal], list[Signal]]:
+    def _divide(self, m: Module, normal, lane: str) -> tuple[list[Signal], list[Signal]]:
         """Build one lane; returns its slopes and their saturation flags."""
         ratio = self.ratio
         whole = ratio.width - 1 - ratio.fraction  # integer bits of a slope = bits of |n| still to bring down
@@ -89,8 +90,7 @@ class GradientDivider(wiring.Component):
         def register(value, name: str, shape=None) -> Signal:
             """`value` delayed by one register without a reset."""
             signal = Signal(value.shape() if shape is None else shape, reset_less=True, name=f"{lane}_{name}")
-            with m.If(advance):
-                m.d.sync += signal.eq(value)
+            m.d.sync += signal.eq(value)
             return signal
 
         n_z = normal[2]

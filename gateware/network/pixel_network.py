@@ -11,7 +11,7 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.mlp_mvm import MvmCore, accumulator_ranges, tile_latency
 from fastac.gateware.network.requantise import RequantiseCore
-from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
+from fastac.gateware.stream.handshake import check_lanes, credit_handshake
 from fastac.gateware.target.elaboration import shared_instances
 from fastac.models.integer.network import Layer
 
@@ -49,8 +49,8 @@ class NormalMlp(wiring.Component):
 
     dsp : the DSP slice that products are packed for, which the layout of the parameters follows
 
-    Every lane has its own tiles, which share the parameters. One clock enable drives all of them, so the
-    lanes run in lockstep, and the path of `ready` is one gate deep for any number of layers.
+    Every lane has its own tiles, which share the parameters. No register has a clock enable, and `ready`
+    comes from a register: beats that `o` does not take collect in a queue (`credit_handshake`).
     `latency` = Σ over layers of (5 + ceil(log2(inputs))) + 6·(layers − 1) clocks without back-pressure,
     loadable or baked; initiation interval 1.
     """
@@ -105,7 +105,7 @@ class NormalMlp(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = pipeline_handshake(m, self.i, self.o, self.latency)
+        last, _ = credit_handshake(m, self.i, self.o, self.latency)
 
         for name in self.cores[0]:
             for lane, core in enumerate(shared_instances([cores[name] for cores in self.cores], name)):
@@ -113,11 +113,11 @@ class NormalMlp(wiring.Component):
         for lane, cores in enumerate(self.cores):
             x, latency, low = self.i.payload[lane], 0, 0
             for core in cores.values():
-                m.d.comb += [core.advance.eq(advance), core.i.eq(x)]
+                m.d.comb += core.i.eq(x)
                 if self.loadable:
                     m.d.comb += core.parameters.eq(self.parameters[low : low + core.parameter_bits])
                 x, latency, low = core.o, latency + core.latency, low + core.parameter_bits
-            m.d.comb += self.o.payload[lane].eq(x)
+            m.d.comb += last.payload[lane].eq(x)
             assert latency == self.latency, f"latency {latency} of lane {lane}: stated {self.latency}"
         return m
 

@@ -4,7 +4,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from amaranth import Cat, Const, Module, Mux, Signal, Value, signed, unsigned
+from amaranth import Const, Module, Mux, Signal, Value, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -13,6 +13,7 @@ from fastac.gateware.arithmetic.adder_pipeline import adder_pipeline, range_regi
 from fastac.gateware.arithmetic.adder_solver import adder_graph
 from fastac.gateware.arithmetic.product import product
 from fastac.gateware.arithmetic.shift_add import Register, Term, pipeline_register
+from fastac.gateware.stream.handshake import credit_handshake
 from fastac.models.integer.network import Requantisation
 
 MULTIPLIER_BITS, SHIFT_BITS = 17, 6
@@ -42,7 +43,6 @@ class RequantiseCore(wiring.Component):
 
     Members
     -------
-    advance : clock enable of all registers
     i : `len(scale.multiplier)` accumulators, one per neuron, signed(width)
     o : as many activations, unsigned(scale.bits)
     parameters : multipliers and shift, unsigned(17 · neurons + 6), as `parameter_image` packs them; constant
@@ -55,7 +55,7 @@ class RequantiseCore(wiring.Component):
     by 0 … 7.
     Baked: the product is a graph of additions (`adder_solver`), and the shift is wiring. Accumulators whose
     upper bits alone clip them are found beside it, so that only the lower bits are multiplied.
-    `latency` = 6 clocks with `advance` high in either mode: operand, 4 of product and shift, clip.
+    `latency` = 6 clocks in either mode: operand, 4 of product and shift, clip.
     """
 
     latency = 2 + SCALE_STAGES
@@ -72,7 +72,6 @@ class RequantiseCore(wiring.Component):
         neurons = len(scale.multiplier)
         self.largest = tuple(largest or [(1 << (width - 1)) - 1] * neurons)
         members = {
-            "advance": In(1),
             "i": In(data.ArrayLayout(signed(width), neurons)),
             "o": Out(data.ArrayLayout(unsigned(scale.bits), neurons)),
         }
@@ -108,12 +107,12 @@ class RequantiseCore(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        register = pipeline_register(m, self.advance)
+        register = pipeline_register(m)
         top = (1 << self.scale.bits) - 1
         for k, a in enumerate(self.i):
             if self.loadable:
                 multiplier = self.parameters.word_select(k, MULTIPLIER_BITS)
-                whole = product(m, platform, self.advance, a, multiplier, name=f"product_{k}")
+                whole = product(m, platform, Const(1), a, multiplier, name=f"product_{k}")
                 bound = ((1 << (self.width - 1)) - 1) * ((1 << MULTIPLIER_BITS) - 1)
                 scaled, beyond = self._shifted(k, whole, bound, register), Const(0)
             else:
@@ -138,11 +137,11 @@ class RequantiseCore(wiring.Component):
         width = held.width
 
         def register(value: Value, held: Range, name: str) -> Signal:
-            return range_register(m, self.advance, value, held, f"{name}_{k}")
+            return range_register(m, value, held, f"{name}_{k}")
 
         # The accumulator of a neuron that is never active needs no register.
         positive = register(Mux(a < 0, 0, a[: held.width] if held.high else 0), held, "positive")
-        [product] = adder_pipeline(m, self.advance, graph, [(positive, held)], SCALE_STAGES, f"product_{k}")
+        [product] = adder_pipeline(m, graph, [(positive, held)], SCALE_STAGES, f"product_{k}")
         beyond = Const(0)
         if largest >> width:
             beyond = ~a[-1] & a[width:-1].any()
@@ -180,17 +179,8 @@ class Requantise(wiring.Component):
         m = Module()
         m.submodules.core = core = self.core
 
-        # Only back-pressure from `o` stalls the core.
-        valid = Signal(self.latency)
-        m.d.comb += [
-            core.advance.eq(self.o.ready | ~self.o.valid),
-            core.i.eq(self.i.payload),
-            self.i.ready.eq(core.advance),
-            self.o.payload.eq(core.o),
-            self.o.valid.eq(valid[-1]),
-        ]
+        last, _ = credit_handshake(m, self.i, self.o, self.latency)
+        m.d.comb += [core.i.eq(self.i.payload), last.payload.eq(core.o)]
         if core.loadable:
             m.d.comb += core.parameters.eq(self.parameters)
-        with m.If(core.advance):
-            m.d.sync += valid.eq(Cat(self.i.valid, valid))
         return m

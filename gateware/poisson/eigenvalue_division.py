@@ -6,7 +6,7 @@ from amaranth.lib import data, memory, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
-from fastac.gateware.stream.handshake import check_fold, pipeline_handshake
+from fastac.gateware.stream.handshake import check_fold, credit_handshake
 from fastac.models.integer.dst2d import MANTISSA_BITS, EigenvalueDivision
 
 
@@ -25,8 +25,9 @@ class EigenvalueDivider(wiring.Component):
 
     The lanes beyond N in a row's last beat are undefined. `latency` = 5 + ceil(b/2) clocks without
     back-pressure, where b is the number of bits of the largest difference of two shifts; initiation
-    interval 1. There is one product a lane at any `fold`, clocks between two beats; with one above 1, and one
-    lane, the table has each pair of symmetric eigenvalues once.
+    interval 1. No register has a clock enable: beats that `o` does not take collect in a queue
+    (`credit_handshake`). There is one product a lane at any `fold`, clocks between two beats; with one above
+    1, and one lane, the table has each pair of symmetric eigenvalues once.
     """
 
     def __init__(self, division: EigenvalueDivision, *, lanes: int, fold: int = 1, dsp: DspSlice = DSP48E2):
@@ -67,7 +68,7 @@ class EigenvalueDivider(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        advance = pipeline_handshake(m, self.i, self.o, self.latency)
+        last, ago = credit_handshake(m, self.i, self.o, self.latency)
 
         # A word of the table has each lane's mantissa and its shift minus the smallest shift.
         entries = self._table()
@@ -77,8 +78,8 @@ class EigenvalueDivider(wiring.Component):
         )
         words = table.read_port()
         beat = Signal(range(len(entries)))
-        m.d.comb += [words.addr.eq(beat), words.en.eq(advance)]
-        with m.If(advance & self.i.valid):
+        m.d.comb += words.addr.eq(beat)
+        with m.If(ago[0]):
             if self.fold > 1:
                 self._step_in_triangle(m, beat)
             else:
@@ -88,8 +89,7 @@ class EigenvalueDivider(wiring.Component):
 
             def register(value, name, lane=lane):
                 held = Signal(value.shape(), reset_less=True, name=f"{name}_{lane}")
-                with m.If(advance):
-                    m.d.sync += held.eq(value)
+                m.d.sync += held.eq(value)
                 return held
 
             word = words.data[lane]
@@ -104,8 +104,9 @@ class EigenvalueDivider(wiring.Component):
                 part = Cat(Const(0, bit), distance[bit : bit + 2])
                 scaled = register(scaled >> part, f"scaled_{bit}")
                 distance = register(distance, f"distance_{bit}")
-            with m.If(advance):
-                m.d.sync += self.o.payload[lane].eq((scaled + self.division.half_bit) >> 1)
+            rounded = Signal(signed(self.division.output_width), reset_less=True, name=f"rounded_{lane}")
+            m.d.sync += rounded.eq((scaled + self.division.half_bit) >> 1)
+            m.d.comb += last.payload[lane].eq(rounded)
         return m
 
     def _step_in_triangle(self, m, address) -> None:

@@ -1,9 +1,18 @@
-"""The valid/ready handshake of a pipeline, the AXI4-Stream signature, and the allowed numbers of lanes."""
+# amaranth: UnusedElaboratable=no
+"""The valid/ready handshake of a pipeline, the AXI4-Stream signature, and the allowed numbers of lanes.
 
-from amaranth import Cat, Const, Module, Signal, unsigned
-from amaranth.lib import wiring
+A pipeline has one of two handshakes. `pipeline_handshake` costs a gate, and its `advance` is the clock enable
+of all registers: for pipelines of few registers (background, darkness, depth, recurrence), and where the last
+register is a sum that stays until it is taken (the weighted sums). `credit_handshake` costs a queue as deep
+as the pipeline, and no register has a clock enable: for the long and wide ones (network, divider, division
+by eigenvalues, responses of patches).
+"""
+
+from amaranth import Cat, Const, Module, Signal, Value, unsigned
+from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.stream.queues import CreditQueue
 from fastac.scenes.pace import FOLDS
 
 
@@ -77,3 +86,39 @@ def pipeline_handshake(m: Module, i, o, latency: int) -> Signal:
     with m.If(advance):
         m.d.sync += valid.eq(Cat(i.valid, valid))
     return advance
+
+
+def credit_handshake(
+    m: Module, i, o, latency: int, *, fold: int = 1, flags: Value | None = None
+) -> tuple[data.View, list[Value]]:
+    """Add valid bits, an output queue and back-pressure for a pipeline without clock enables between streams.
+
+    The pipeline has `latency` registers and takes a beat at most every `fold` clocks. A beat enters only
+    while the queue (CreditQueue, a submodule of `m`) has a place for it, so the registers never stall:
+    `i.ready` comes from registers and `o.ready` goes to the queue alone. A beat that finds the queue empty
+    passes it in the same clock. The queue holds one beat more than the pipeline has inside at its highest
+    rate, so that back-pressure stops it hardly later than it would stop a pipeline without a queue.
+
+    flags : output beside `o` that belongs to the beat that `o` offers, if any
+
+    Returns what the pipeline's last registers drive, a view with `payload`, shaped as that of `o`, and
+    `flags`; and for 0 to `latency` clocks whether a beat has entered so many of them ago.
+    """
+    valid = Signal(latency)
+    enters = Signal()
+    layout = {"payload": o.payload.shape(), "flags": unsigned(0 if flags is None else len(flags))}
+    depth = latency // fold + 1
+    m.submodules.queue = queue = CreditQueue(data.StructLayout(layout), depth=depth)
+    m.d.comb += [
+        i.ready.eq(queue.room & ~valid[: fold - 1].any()),
+        enters.eq(i.valid & i.ready),
+        queue.launch.eq(enters),
+        queue.i_valid.eq(valid[-1]),
+        o.valid.eq(queue.o.valid),
+        queue.o.ready.eq(o.ready),
+        o.payload.eq(queue.o.payload.payload),
+    ]
+    if flags is not None:
+        m.d.comb += flags.eq(queue.o.payload.flags)
+    m.d.sync += valid.eq(Cat(enters, valid))
+    return queue.i, [enters, *valid]

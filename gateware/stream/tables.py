@@ -75,23 +75,24 @@ class RasterRom(wiring.Component):
 
     Members
     -------
-    advance : clock enable of the pipeline beside the table
-    take : a beat enters the pipeline and uses the next word; counts only while `advance` is high
+    advance : clock enable of the pipeline beside the table. Only if `stalls`.
+    take : a beat enters the pipeline and uses the next word; counts only while the pipeline is not stalled
     word : nested ArrayLayouts of signed(bits), of the shape of `table[0]`
     write : write port, see `TableFormat`; must not be used while a frame is being read. Only if `loadable`.
 
-    `latency` = 2 clocks with `advance` high from `take` to the word at `word`: the memory's read register
-    and its output register.
+    `stalls`: whether that pipeline has a clock enable.
+    `latency` = 2 clocks, of those with `advance` high, from `take` to the word at `word`: the memory's read
+    register and its output register.
     """
 
     latency = 2
 
-    def __init__(self, table: np.ndarray, bits: int, *, loadable: bool = False):
-        self.table, self.bits, self.loadable = table, bits, loadable
+    def __init__(self, table: np.ndarray, bits: int, *, loadable: bool = False, stalls: bool = True):
+        self.table, self.bits, self.loadable, self.stalls = table, bits, loadable, stalls
         layout = signed(bits)
         for fields in reversed(table.shape[1:]):
             layout = data.ArrayLayout(layout, fields)
-        members = {"advance": In(1), "take": In(1), "word": Out(layout)}
+        members = {"take": In(1), "word": Out(layout)} | ({"advance": In(1)} if stalls else {})
         if loadable:
             members["write"] = In(TableFormat(len(table), table[0].size, bits).signature)
         super().__init__(members)
@@ -107,6 +108,7 @@ class RasterRom(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         depth = len(self.table)
+        advance = self.advance if self.stalls else Const(1)
         m.submodules.memory = memory = Memory(
             shape=unsigned(self.word.as_value().shape().width),
             depth=depth,
@@ -125,10 +127,10 @@ class RasterRom(wiring.Component):
         output = Signal(read.data.shape(), reset_less=True)
         m.d.comb += [
             read.addr.eq(address),
-            read.en.eq(self.advance & self.take),
+            read.en.eq(advance & self.take),
             self.word.as_value().eq(output),
         ]
-        with m.If(self.advance):
+        with m.If(advance):
             m.d.sync += output.eq(read.data)
             with m.If(self.take):
                 m.d.sync += address.eq(Mux(address == depth - 1, 0, address + 1))

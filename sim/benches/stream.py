@@ -74,6 +74,12 @@ async def values_order_latency_flags(dut, stall):
         pauses = sink.now()
         dut.o__ready.value = int(full and not pauses and (sink.share <= PATIENT or held is not None))
         await ReadOnly()
+        inside = len(accepted_at) - len(received)
+        if SETTINGS["room"] is not None:
+            ready = int(dut.i__ready.value)
+            assert ready == (inside < SETTINGS["room"]), (
+                f"clock {cycle}: `i` ready: {ready}, beats inside: {inside}"
+            )
         if int(dut.i__valid.value) and int(dut.i__ready.value):
             accepted_at.append(cycle)
             refused = 0

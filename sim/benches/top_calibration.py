@@ -96,7 +96,10 @@ async def words_refused_while_frames_are_in_flight(dut, stall, blocked):
     await bench.expect_registers(CALIBRATION_RECEIVED=0, BUNDLE_HASH_LOW=HASH["own"] & 0xFFFFFFFF)
     bench.streams.limit = sys.maxsize
     if blocked and bench.streams.sinks:
-        await ClockCycles(dut.clk, 4 * FRAME_BEATS)
+        # Beats that do not leave wait in queues, and none of the next calibration's may join them.
+        for _ in range(4):
+            await ClockCycles(dut.clk, FRAME_BEATS)
+            assert await offer(bench, IMAGES["other"][0]) == SLVERR
     while await bench.host.read("STATUS") & 1:
         refused = await offer(bench, IMAGES["other"][0])
         if refused == OKAY:  # the last result left between the two accesses

@@ -26,7 +26,7 @@ def compare(dut, layer, x, folder):
         dut,
         "mvm_tile",
         folder,
-        elastic=True,
+        room=latency + 1,
         inputs=pack(x, width),
         expected=pack(layer.accumulate(x), layer.accumulator_width),
         latencies=[(k, k, latency) for k in range(len(x))],

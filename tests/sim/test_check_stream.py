@@ -89,6 +89,7 @@ WRONG = {
         {"inputs": [STUCK, *WORDS], "expected": [STUCK, *WORDS], "elastic": True},
         "clock 1: `i` ready: 0, `o` waits: False",
     ),
+    "a beat too few inside": ({"room": LATENCY}, "clock 3: `i` ready: 1, beats inside: 3"),
     "a place too few": (
         {"places": (1, 1), "stalls": (0.9,)},
         "1 beats taken before the first one left, expected 2",

@@ -160,12 +160,6 @@ def tile(component: type, loadable: bool) -> FormalBench:
     layer = Layer(np.array(weight), np.array(bias), np.array([2, 1]), 3, loadable=loadable)
     dut = component(layer, input_width=2, input_signed=True)
     bench = FormalBench(dut)
-    advance = bench.free("advance")
-    bench.drive(dut.advance, advance)
-    if loadable:
-        bench.assume(advance)
-    else:
-        _one_stall(bench, advance)
 
     def unknown(name: str, limit: int) -> Value:
         return bench.constant(name, range(2 * limit + 1)) - limit
@@ -185,8 +179,8 @@ def tile(component: type, loadable: bool) -> FormalBench:
         bench.m.d.comb += total.eq(sum(terms, bias[k]))
         sums.append(total)
     for step in range(dut.latency):
-        given = _later(bench, advance, given, f"given_{step}")
-        sums = [_later(bench, advance, total, f"sum_{k}_{step}") for k, total in enumerate(sums)]
+        given = _later(bench, Const(1), given, f"given_{step}")
+        sums = [_later(bench, Const(1), total, f"sum_{k}_{step}") for k, total in enumerate(sums)]
     for k, total in enumerate(sums):
         bench.always(f"neuron {k} is the unbounded sum", ~given | (dut.o[k] == total))
     return bench
@@ -237,22 +231,20 @@ PROOFS = (
         Proof(
             f"tile_bound_{name}",
             MvmCore,
-            f"two neurons of two inputs, {name} weights of 3 bits; {stalls}",
+            f"two neurons of two inputs, {name} weights of 3 bits",
             partial(tile, loadable=name == "loadable"),
             depth=depth,
             breaks=breaks,
         )
-        for name, depth, stalls, breaks in (
+        for name, depth, breaks in (
             (
                 "baked",
-                16,
-                ONE_STALL,
+                8,
                 (("biased.value, held,", "biased.value, Range(held.low, held.high // 2),"),),
             ),
             (
                 "loadable",
                 8,
-                "no stalls, so that the solver, which multiplies unknowns here, answers",
                 (
                     ("reached + bias.bound", "reached"),
                     ("largest = self.packing.limit if packed", "largest = self.layer.weight_limit if packed"),

@@ -32,15 +32,13 @@ def stages(component: type, ratio: GradientRatio) -> FormalBench:
     """After every stage R = E < D or R = E - D; the slope is the rounded quotient, limited, with its sign."""
     dut = component(ratio, lanes=1)
     bench = FormalBench(dut)
-    advance = bench.probe("advance")
     bench.source(dut.i, "i")
     bench.sink(dut.o, "o")
 
     def register(value: Value, name: str, bits: ShapeLike = 1) -> Signal:
         """`value` a step of the pipeline later; no reset, as the pipeline's registers of data."""
         held = Signal(bits, name=name, reset_less=True)
-        with bench.m.If(advance):
-            bench.m.d.sync += held.eq(value)
+        bench.m.d.sync += held.eq(value)
         return held
 
     n_z = dut.i.payload[0][2]
@@ -62,12 +60,13 @@ def stages(component: type, ratio: GradientRatio) -> FormalBench:
         own = bench.probe(f"lane0_void_{k}")
         bench.always(f"stage {k}: whether n_z is positive", ~live[-1] | (own == void[-1]))
     given = register(live[-1], "given")
+    last = bench.probe("queue.i", 2 * ratio.width + 2)
 
     for place, axis in enumerate("pq"):
         slope, saturated = _axis(bench, register, ratio, place, live, void, divisor)
-        found = dut.o.payload[0][place]
-        bench.always(f"{axis}: the slope is the rounded quotient", ~given | (found == slope.as_signed()))
-        bench.always(f"{axis}: saturation is flagged", ~given | (dut.over[place] == saturated))
+        found = last.word_select(place, ratio.width)
+        bench.always(f"{axis}: the slope is the rounded quotient", ~given | (found == slope))
+        bench.always(f"{axis}: saturation is flagged", ~given | (last[2 * ratio.width + place] == saturated))
     bench.always("saturated while a slope of the beat is", dut.saturated == (dut.o.valid & dut.over.any()))
     return bench
 
@@ -200,7 +199,7 @@ STAGES = tuple(
         f"gradient_divider_{normal_width}_{width}_{fraction}",
         GradientDivider,
         f"normals of {normal_width} bits, slopes of {width} bits, {fraction} of them fractional; one lane,"
-        " as lanes have nothing in common but the clock enable",
+        " as lanes have nothing in common but the handshake",
         partial(stages, ratio=GradientRatio(normal_width, width, fraction)),
         depth=2,
         breaks=breaks,

@@ -3,7 +3,8 @@
 
 What a pipeline computes has no part in this and is compared with the integers elsewhere, so words are short
 and tables small. A pipeline with one clock enable moves as a whole; its stages' valid bits say where its
-beats are. Solvers, the force with its patches and the whole datapath are such parts, connected by streams
+beats are. One with an output queue moves in every clock, and there is a place in the queue for each beat
+inside. Solvers, the force with its patches and the whole datapath are such parts, connected by streams
 alone: what holds for every part with any neighbour holds for them together.
 """
 
@@ -33,6 +34,7 @@ from fastac.models.integer.network import GradientRatio, Layer, Requantisation
 from fastac.models.integer.tridiagonal import Elimination
 from fastac.sim.formal.bench import FormalBench, ones
 from fastac.sim.formal.proof import Proof
+from fastac.sim.formal.proofs.streams import fifo_words
 
 FLAGS = ("saturated", "over")
 """Outputs that belong to the beat that is offered."""
@@ -53,11 +55,8 @@ def waits(bench: FormalBench, due: Value, stages: Value, needed: Value | int = 1
         bench.always(f"a beat that waits for {k} clocks is in stage {k}", (waited != k) | reached)
 
 
-def pipeline(component: type, make: Callable[[type], object]) -> FormalBench:
-    """A beat leaves for each that enters, after all of the stages; all stages move together.
-
-    A folded pipeline takes a beat only when none is in the first fold − 1 of its stages.
-    """
+def _opened(component: type, make: Callable[[type], object]) -> tuple[FormalBench, Signal, Signal]:
+    """A bench of a pipeline; the valid bits of its stages, and a count of the beats inside."""
     bench = FormalBench(make(component))
     dut = bench.dut
     enters, _ = bench.source(dut.i, "i")
@@ -67,15 +66,46 @@ def pipeline(component: type, make: Callable[[type], object]) -> FormalBench:
             flag = getattr(dut, name)
             stable = bench.held(name, dut.o.valid, dut.o.ready, flag)[1]
             bench.always(f"{name} is stable until the beat is taken", stable)
-    valid = bench.probe("valid", dut.latency)
     inside = Signal(range(dut.latency + 2))
     bench.m.d.sync += inside.eq(inside + enters - leaves)
+    return bench, bench.probe("valid", dut.latency), inside
+
+
+def pipeline(component: type, make: Callable[[type], object]) -> FormalBench:
+    """A beat leaves for each that enters, after all of the stages; all stages move together."""
+    bench, valid, inside = _opened(component, make)
+    dut = bench.dut
     bench.always("no beat lost or made up: inside are those in the stages", inside == ones(valid))
     bench.always("offered is the last stage's beat", dut.o.valid == valid[-1])
-    free = ~valid[: getattr(dut, "fold", 1) - 1].any()
     bench.always(
-        "no deadlock: takes a beat when its last stage moves on",
-        dut.i.ready == (free & (dut.o.ready | ~dut.o.valid)),
+        "no deadlock: takes a beat when its last stage moves on", dut.i.ready == (dut.o.ready | ~dut.o.valid)
+    )
+    waits(bench, inside != 0, valid)
+    return bench
+
+
+def queued_pipeline(component: type, make: Callable[[type], object]) -> FormalBench:
+    """A beat leaves for each that enters; the stages move in every clock, and none without a place behind.
+
+    A folded pipeline takes a beat only when none is in the first fold − 1 of its stages.
+    """
+    bench, valid, inside = _opened(component, make)
+    dut = bench.dut
+    fold = getattr(dut, "fold", 1)
+    depth = dut.latency // fold + 1
+    flags = len(dut.over) if "over" in dut.signature.members else 0
+    level, _ = fifo_words(bench, "queue.queue.queue", depth, len(Value.cast(dut.o.payload)) + flags)
+    credits, full = bench.probe("queue.under_way", range(depth + 1)), bench.probe("queue.full")
+    bench.always(
+        "no beat lost or made up: inside are those in the stages and in the queue",
+        inside == ones(valid) + level,
+    )
+    bench.always("a credit for each beat inside", credits == inside)
+    bench.always("no beat without a place in the queue", (inside <= depth) & (full == (inside == depth)))
+    bench.always("no deadlock: what is there is offered", dut.o.valid == (valid[-1] | (level != 0)))
+    free = ~valid[: fold - 1].any()
+    bench.always(
+        "no deadlock: takes a beat while there is a place", dut.i.ready == (free & (inside != depth))
     )
     waits(bench, inside != 0, valid)
     return bench
@@ -115,13 +145,10 @@ def _displacement(component: type):
 
 
 EVERY_CLOCK = "with m.If(1):\n"
-STALLED = ("core.advance.eq(self.o.ready | ~self.o.valid)", "core.advance.eq(1)")
-CORE = (
-    STALLED,
-    ("self.i.ready.eq(core.advance)", "self.i.ready.eq(1)"),
-    ("self.o.valid.eq(valid[-1])", "self.o.valid.eq(valid[0])"),
-)
-"""Faults of the handshakes around the cores."""
+RETURN = "        return m\n"
+EARLY = (RETURN, f"        m.d.comb += self.o.valid.eq(1)\n{RETURN}")
+QUEUED = ((RETURN, f"        m.d.comb += self.i.ready.eq(1)\n{RETURN}"), EARLY)
+"""Faults of a handshake with a queue: beats enter without a place, and leave before they are there."""
 
 
 def _unheld(text: str) -> tuple[str, str]:
@@ -144,48 +171,48 @@ PIPELINES = (
         "8 × 8 pixels of one channel",
         (_unheld("                m.d.sync += self.o.payload[lane]"),),
     ),
-    ("tile", MvmTile, _tile, "two neurons of two inputs, loadable", CORE),
+    ("tile", MvmTile, _tile, "two neurons of two inputs, loadable", QUEUED),
     (
         "requantise",
         Requantise,
         lambda component: component(Requantisation(np.array([3]), 1, 2), width=3),
         "one neuron",
-        CORE,
+        QUEUED,
     ),
     (
         "network",
         NormalMlp,
         partial(_network, lanes=1),
         "two layers of one input",
-        (("core.advance.eq(advance)", "core.advance.eq(1)"),),
+        (EARLY,),
     ),
     (
         "folded_network",
         FoldedMlp,
         partial(_network, fold=4),
         "two layers of one input, a pixel every 4 clocks",
-        (("core.advance.eq(advance)", "core.advance.eq(1)"),),
+        QUEUED,
     ),
     (
         "folded_divider",
         FoldedDivider,
         lambda component: component(GradientRatio(3, 3, 1), fold=4),
         "slopes of 3 bits, a normal every 4 clocks",
-        (("with m.If(advance & enable):\n", EVERY_CLOCK),),
+        QUEUED,
     ),
     (
         "gradient_divider_stream",
         GradientDivider,
         lambda component: component(GradientRatio(3, 3, 1), lanes=1),
         "slopes of 3 bits",
-        (_unheld("                m.d.sync += signal.eq(value)"),),
+        QUEUED,
     ),
     (
         "eigenvalue_division",
         EigenvalueDivider,
         _division,
         "3 × 3 coefficients, two a beat",
-        (_unheld("                m.d.sync += self.o.payload[lane]"),),
+        QUEUED,
     ),
     (
         "recurrence",
@@ -216,7 +243,7 @@ PIPELINES = (
         PixelResponse,
         lambda component: component(PatchForce(np.ones((1, 3, 3, 3, 3), int), 2, 1), lanes=1),
         "kernels of 3 × 3 weights",
-        (("adder_tree(m, advance, products", "adder_tree(m, 1, products"),),
+        QUEUED,
     ),
 )
 
@@ -226,7 +253,7 @@ PROOFS = (
             name,
             component,
             f"{size}, in words of few bits; words and tables have no part in the handshake",
-            partial(pipeline, make=make),
+            partial(queued_pipeline if EARLY in breaks else pipeline, make=make),
             depth=1,
             breaks=breaks,
             broken_depth=20 if "network" in name else 16,

@@ -77,7 +77,6 @@ class TileTrial(Trial):
             word = core.packing.word(lower, upper)[: core.packing.width]
             constants = [Const(bias, core.bias_width) for bias in biases]
             m.d.comb += [
-                core.advance.eq(1),
                 core.i[0].eq(_operands(clock, k)[2]),
                 core.parameters.eq(Cat(word, constants)),
             ]

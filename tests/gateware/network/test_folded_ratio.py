@@ -33,6 +33,7 @@ def test_bit_exact_to_golden_model(tmp_path, normal_width, width, fraction, fold
             *((k, k, latency) for k in range(len(n))),
             *((0, k, latency + k * fold) for k in range(len(n))),
         ],
+        places=(1, latency // fold),
         stalls=(0, 0.6),
         flags={
             "saturated": int(saturated.any(axis=(1, 2)).sum()),

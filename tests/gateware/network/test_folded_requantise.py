@@ -10,13 +10,12 @@ from tests.gateware.network.test_requantise import TABLES, WIDTH, accumulators
 
 
 def run(dut, scale, fold, loaded=()):
-    """Simulate vectors that begin every `fold` clocks, with pauses, after the columns' values are written."""
+    """Simulate vectors that begin every `fold` clocks, after the columns' values are written."""
     a, streams = accumulators(scale), dut.neurons.streams
     vectors = a.reshape(len(a), -1, streams)
     clocks, found = vectors.shape[1], []
 
     async def bench(ctx):
-        ctx.set(dut.advance, 1)
         for k, value in enumerate(loaded):
             ctx.set(dut.write.en, 1 << (k // fold))
             ctx.set(dut.write.row, k % fold)
@@ -25,10 +24,6 @@ def run(dut, scale, fold, loaded=()):
         if len(loaded):
             ctx.set(dut.write.en, 0)
         for clock in range(len(vectors) * fold + 1 + dut.latency):
-            if clock % 7 == 3:  # nothing moves while the pipeline is stalled
-                ctx.set(dut.advance, 0)
-                await ctx.tick().repeat(2)
-                ctx.set(dut.advance, 1)
             ctx.set(dut.begins, clock % fold == 0)
             vector, part = divmod(clock - 1, fold)
             if clock and vector < len(vectors) and part < clocks:

@@ -68,7 +68,7 @@ def test_bit_exact_to_golden_model(tmp_path, normal_width, width, fraction, lane
         dut,
         "gradient_divider",
         tmp_path,
-        elastic=True,
+        room=width + 3,
         inputs=pack(n, normal_width),
         expected=pack(slopes, width),
         latencies=[(k, k, width + 2) for k in range(len(n))],

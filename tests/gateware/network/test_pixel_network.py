@@ -58,7 +58,7 @@ def compare(dut, layers, x, latency, bits, folder):
         dut,
         "normal_mlp",
         folder,
-        elastic=True,
+        room=latency + 1,
         inputs=pack(x, WIDTH),
         expected=pack(reference(layers, x), layers[-1].accumulator_width),
         latencies=[(k, k, latency) for k in range(len(x))],
@@ -77,8 +77,8 @@ def test_baked_weights(tmp_path, sizes, lanes, latency, bits):
     assert (dut.latency, dut.multipliers, dut.parameter_bits) == (latency, 0, 0)
     text = to_rtlil(dut)
     assert "cell $mul " not in text
-    # The lanes share one module of each core.
-    assert text.count("\nmodule ") == 1 + len(dut.cores[0])
+    # The lanes share one module of each core, beside the three of the queue.
+    assert text.count("\nmodule ") == 1 + len(dut.cores[0]) + 3
     compare(dut, layers, beats(layers, lanes, rng), latency, bits, tmp_path)
 
 

@@ -52,7 +52,7 @@ def compare(dut, scale, folder):
         dut,
         "requantise",
         folder,
-        elastic=True,
+        room=7,
         inputs=pack(a, WIDTH),
         expected=pack(scale(a), scale.bits),
         latencies=[(k, k, 6) for k in range(len(a))],
@@ -87,7 +87,6 @@ def test_every_shift():
     wrong = []
 
     async def bench(ctx):
-        ctx.set(core.advance, 1)
         for k, value in enumerate(a):
             ctx.set(core.i[k], value)
         for shift in range(48):
@@ -112,7 +111,6 @@ def test_largest_accumulators_of_baked_hardware():
     wrong = []
 
     async def bench(ctx):
-        ctx.set(core.advance, 1)
         for part in (0.0, 1.0, 0.5, 0.01, -1.0):
             a = [int(part * most) if part >= 0 else -(1 << (WIDTH - 1)) for most in largest]
             for k, value in enumerate(a):

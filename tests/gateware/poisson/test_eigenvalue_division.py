@@ -51,7 +51,7 @@ def compare(folder, division, lanes: int, fold: int = 1):
         dut,
         "eigenvalue_division",
         folder,
-        elastic=True,
+        room=dut.latency + 1,
         inputs=pack(by_beats(x.reshape(-1, size), lanes, -1), width),
         expected=pack(by_beats(quotients, lanes, 0), division.output_width),
         mask=pack(by_beats(np.full_like(quotients, -1), lanes, 0), division.output_width),
