@@ -33,6 +33,23 @@ def held_out_option(command):
     )(command)
 
 
+def every_option(what: str):
+    """An option that thins out a long recording."""
+    return click.option(
+        "--every",
+        type=click.IntRange(1),
+        default=1,
+        show_default=True,
+        help=f"Take each so-many-th {what} only.",
+    )
+
+
+def negate_option(command):
+    return click.option(
+        "--negate", is_flag=True, help="Negate all forces: for gauges of which z is negative in compression."
+    )(command)
+
+
 def split_counts(data) -> str:
     return ", ".join(f"{len(data.indices(split))} {split}" for split in ("train", "validation", "test"))
 

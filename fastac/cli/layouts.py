@@ -3,7 +3,16 @@
 import click
 
 from fastac.cli.common import INPUT, OUTPUT_FILE, output_option, progress_option
-from fastac.cli.import_options import px_per_mm_option, say_presses, size_options
+from fastac.cli.import_options import (
+    every_option,
+    held_out_option,
+    negate_option,
+    pitch_option,
+    px_per_mm_option,
+    say_forces,
+    say_presses,
+    size_options,
+)
 
 
 @click.command("gs-sdk")
@@ -81,3 +90,121 @@ def fots(folder, ball_mm, px_per_mm, background, height_px, width_px, output, pr
         progress=progress,
     )
     say_presses(output)
+
+
+@click.command("feats")
+@click.argument("folder", type=INPUT)
+@click.option(
+    "--background",
+    type=INPUT,
+    required=True,
+    help="The untouched gel: .npy with gs_img, or a photograph.",
+)
+@pitch_option
+@click.option(
+    "--group-pattern",
+    default="[^-]+",
+    show_default=True,
+    metavar="REGEX",
+    help="What names a group in the name of a file that names no indenter.",
+)
+@held_out_option
+@every_option("file")
+@size_options
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE)
+@progress_option
+def feats(
+    folder, background, pitch_mm, group_pattern, held_out, every, height_px, width_px, output, progress
+):
+    """Import frames with forces in the layout of FEATS from FOLDER: labels, or raw recordings.
+
+    FOLDER holds one .npy a frame, itself or in train, val and test, which are then the splits unless groups
+    are held out. Nothing is unpickled: arrays and plain values are read, all else is refused. Forces are
+    negated, so that z is positive in compression. Frames are padded with the background to the target's
+    aspect ratio and resampled by area.
+
+    \b
+    Example: fastac import feats labels --background nocontact_train_sensor.npy --pitch-mm 0.15
+                 -o feats.h5
+    """
+    from fastac.sensor.importers.feats import import_folder
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_folder(
+        folder,
+        background,
+        pitch_mm=pitch_mm,
+        group_pattern=group_pattern,
+        held_out=held_out,
+        every=every,
+        height_px=height_px,
+        width_px=width_px,
+        output=output,
+        progress=progress,
+    )
+    say_forces(output)
+
+
+@click.command("tacbench")
+@click.argument("folder", type=INPUT)
+@pitch_option
+@click.option(
+    "--group-by",
+    type=click.Choice(["batch", "probe", "stroke"]),
+    default="batch",
+    show_default=True,
+    help="What a group is: a folder of recordings, a probe's folders, or one stroke.",
+)
+@held_out_option
+@click.option(
+    "--background-frames",
+    type=click.IntRange(1),
+    default=20,
+    show_default=True,
+    help="Most images without contact that are averaged into a batch's background.",
+)
+@every_option("labelled image")
+@negate_option
+@size_options
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE)
+@progress_option
+def tacbench(
+    folder,
+    pitch_mm,
+    group_by,
+    held_out,
+    background_frames,
+    every,
+    negate,
+    height_px,
+    width_px,
+    output,
+    progress,
+):
+    """Import frames with forces of DIGIT or GelSight Mini in the layout of TacBench (Sparsh) from FOLDER.
+
+    Each folder at or below FOLDER with dataset_slip_forces.pkl is a batch: its strokes' images become frames
+    with forces, its images without contact its background. Nothing is unpickled: arrays and plain values are
+    read, all else is refused. Frames are padded with the background to the target's aspect ratio and
+    resampled by area.
+
+    \b
+    Example: fastac import tacbench T1_force/digit --pitch-mm 0.15 --held-out flat/batch_1 -o digit.h5
+    """
+    from fastac.sensor.importers.tacbench import import_folder
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_folder(
+        folder,
+        pitch_mm=pitch_mm,
+        group_by=group_by,
+        held_out=held_out,
+        background_frames=background_frames,
+        every=every,
+        negate=negate,
+        height_px=height_px,
+        width_px=width_px,
+        output=output,
+        progress=progress,
+    )
+    say_forces(output)

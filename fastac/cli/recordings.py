@@ -195,6 +195,8 @@ IMPORTERS = Kinds(
         "cnc": cnc_recording,
         "gs-sdk": layouts.gs_sdk,
         "fots": layouts.fots,
+        "feats": layouts.feats,
+        "tacbench": layouts.tacbench,
     },
 )
 """Importers by the names of their commands, `fastac import NAME`."""

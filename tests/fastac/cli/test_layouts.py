@@ -1,7 +1,7 @@
 """The commands that import the layouts of other projects."""
 
 from command_line import fail, succeed
-from miniatures import fots_folder, gs_sdk_folder
+from miniatures import feats_folder, fots_folder, gs_sdk_folder, tacbench_folder
 
 SIZE = ("--height-px", 32, "--width-px", 32, "--no-progress")
 
@@ -22,3 +22,23 @@ def test_fots_writes_a_dataset(tmp_path):
     command = ("import", "fots", folder, "--ball-mm", 4, "--px-per-mm", 10, "-o", tmp_path / "d.h5", *SIZE)
     assert "6 frames (5 train, 0 validation, 1 test), pitch" in succeed(*command).stdout
     assert "ball_mm = -1: expected more than 0" in fail(*command, "--ball-mm", -1)
+
+
+def test_feats_writes_a_dataset(tmp_path):
+    folder = feats_folder(tmp_path / "labels")
+    command = ("import", "feats", folder, "--background", folder / "rest.npy", "--pitch-mm", 0.2)
+    command = (*command, "-o", tmp_path / "d.h5", *SIZE)
+    assert succeed(*command).stdout.splitlines() == [
+        f"{tmp_path}/d.h5: 6 frames (3 train, 1 validation, 2 test), force x, y, z",
+        "test: ring",
+    ]
+    assert succeed(*command, "--held-out", "cuboid_10").stdout.endswith("test: cuboid_10\n")
+    assert "group 'nut': expected one of" in fail(*command, "--held-out", "nut")
+
+
+def test_tacbench_writes_a_dataset(tmp_path):
+    folder = tacbench_folder(tmp_path / "digit")
+    command = ("import", "tacbench", folder, "--pitch-mm", 0.2, "-o", tmp_path / "d.h5", *SIZE)
+    assert succeed(*command, "--held-out", "flat/batch_2").stdout.endswith("test: flat/batch_2\n")
+    assert succeed(*command, "--group-by", "probe", "--every", 2).stdout.endswith("test: sphere\n")
+    assert "force_z_n = -4 to -1: expected positive" in fail(*command, "--negate")
