@@ -208,3 +208,60 @@ def tacbench(
         progress=progress,
     )
     say_forces(output)
+
+
+@click.command("rosbag2")
+@click.argument("recordings", metavar="BAG...", type=INPUT, nargs=-1, required=True)
+@click.option("--image-topic", help="Topic of the camera's images. [default: the only one]")
+@click.option("--wrench-topic", help="Topic of the force gauge's wrenches. [default: the only one]")
+@click.option(
+    "--background-frames",
+    type=click.IntRange(1),
+    required=True,
+    help="Number of a recording's first images, without contact, averaged into its background.",
+)
+@pitch_option
+@click.option(
+    "--tolerance-ms",
+    type=float,
+    default=20.0,
+    show_default=True,
+    help="How far in time a frame's wrench may be from it, ms.",
+)
+@click.option(
+    "--clock",
+    type=click.Choice(["stamp", "log"]),
+    default="stamp",
+    show_default=True,
+    help="Time of a message: its header's stamp, or when it was recorded.",
+)
+@click.option(
+    "--group-by",
+    type=click.Choice(["recording", "press"]),
+    default="recording",
+    show_default=True,
+    help="What a group is: a recording, or one press in it.",
+)
+@held_out_option
+@every_option("frame with a force")
+@negate_option
+@click.option("--tare", is_flag=True, help="Take the mean force of the background images off the forces.")
+@size_options
+@output_option("The dataset to write, HDF5.", OUTPUT_FILE)
+@progress_option
+def rosbag2(recordings, output, **given):
+    """Import ROS 2 recordings of a camera and a force gauge: rosbag2 folders, or files .mcap or .db3.
+
+    Images are sensor_msgs/Image or CompressedImage in colour, forces geometry_msgs/WrenchStamped with z
+    positive in compression. A frame has the wrench nearest in time; frames without one within the tolerance
+    are left out and counted. Frames are padded with the background to the target's aspect ratio and resampled
+    by area. Needs the extra `ros`.
+
+    \b
+    Example: fastac import rosbag2 pear plum.mcap --background-frames 20 --pitch-mm 0.12 -o grasps.h5
+    """
+    from fastac.sensor.importers.rosbag2 import import_recordings
+
+    output.parent.mkdir(parents=True, exist_ok=True)
+    import_recordings(recordings, output=output, **given)
+    say_forces(output)

@@ -197,6 +197,7 @@ IMPORTERS = Kinds(
         "fots": layouts.fots,
         "feats": layouts.feats,
         "tacbench": layouts.tacbench,
+        "rosbag2": layouts.rosbag2,
     },
 )
 """Importers by the names of their commands, `fastac import NAME`."""

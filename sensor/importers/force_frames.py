@@ -33,7 +33,7 @@ class ForceFrame:
     """
 
     image: np.ndarray
-    force_n: tuple[float, float, float]
+    force_n: tuple[float, ...]
     recording: str
     group: str
     place: str
@@ -82,6 +82,7 @@ def write_forces(
     pitch_mm: float,
     source: str,
     output: Path | str,
+    axes: tuple[str, ...] = FORCE_AXES,
     held_out: tuple[str, ...] = (),
     height_px: int = 128,
     width_px: int = 128,
@@ -92,6 +93,7 @@ def write_forces(
 
     backgrounds : {recording: its untouched skin, (height, width, 3) in the order B, G, R}
     origin : the folder or file that errors about all frames name
+    axes : of the forces, z last
     held_out : groups of the test split, whatever split the layout has; without it that split holds or, where
         there is none, the last group is the test split
     left_out : frames that were dropped
@@ -114,7 +116,7 @@ def write_forces(
     shifts = {name: background - resampling.covered(own) for name, own in backgrounds.items()}
 
     room = _room((count, height_px, width_px, len(CHANNELS)), Path(output).absolute().parent)
-    force_n, group, split = np.zeros((count, len(FORCE_AXES)), np.float32), [], []
+    force_n, group, split = np.zeros((count, len(axes)), np.float32), [], []
     with progress_bar(frames, total=count, desc="frames", unit="frame", enabled=progress) as bar:
         for k, frame in enumerate(bar):
             if frame.image.shape != shape:
@@ -142,6 +144,7 @@ def write_forces(
         frames=room,
         split=np.array(split) if known else split_held_out(origin, groups, held_out),
         force_n=force_n,
+        force_axes=axes,
         group=groups,
         left_out=left_out,
         photograph_px=shape[:2],

@@ -1,5 +1,6 @@
 """The commands that import the layouts of other projects."""
 
+import pytest
 from command_line import fail, succeed
 from miniatures import feats_folder, fots_folder, gs_sdk_folder, tacbench_folder
 
@@ -42,3 +43,19 @@ def test_tacbench_writes_a_dataset(tmp_path):
     assert succeed(*command, "--held-out", "flat/batch_2").stdout.endswith("test: flat/batch_2\n")
     assert succeed(*command, "--group-by", "probe", "--every", 2).stdout.endswith("test: sphere\n")
     assert "force_z_n = -4 to -1: expected positive" in fail(*command, "--negate")
+
+
+def test_rosbag2_writes_a_dataset(tmp_path):
+    pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
+    from miniature_bags import messages, write_bag, write_mcap
+
+    bags = write_bag(tmp_path / "pear", messages(lost=(4,))), write_mcap(tmp_path / "plum.mcap", messages())
+    command = ("import", "rosbag2", *bags, "--background-frames", 2, "--pitch-mm", 0.2, *SIZE)
+    command = (*command, "-o", tmp_path / "d.h5")
+    assert succeed(*command, "--held-out", "pear").stdout.splitlines() == [
+        f"{tmp_path}/d.h5: 17 frames (7 train, 2 validation, 8 test), 1 left out, force x, y, z",
+        "test: pear",
+    ]
+    assert succeed(*command, "--group-by", "press").stdout.endswith("test: plum/2\n")
+    assert "topic '/x' of" in fail(*command, "--wrench-topic", "/x")
