@@ -103,7 +103,7 @@ def fots(folder, ball_mm, px_per_mm, background, height_px, width_px, output, pr
 @pitch_option
 @click.option(
     "--group-pattern",
-    default="[^-]+",
+    default=r"[A-Za-z]\w*",
     show_default=True,
     metavar="REGEX",
     help="What names a group in the name of a file that names no indenter.",
@@ -119,8 +119,8 @@ def feats(
     """Import frames with forces in the layout of FEATS from FOLDER: labels, or raw recordings.
 
     FOLDER holds one .npy a frame, itself or in train, val and test, which are then the splits unless groups
-    are held out. Nothing is unpickled: arrays and plain values are read, all else is refused. Forces are
-    negated, so that z is positive in compression. Frames are padded with the background to the target's
+    are held out. Nothing is unpickled: arrays and plain values are read, all else is refused. z is negated,
+    so that it is positive in compression. Frames are padded with the background to the target's
     aspect ratio and resampled by area.
 
     \b

@@ -11,8 +11,12 @@ np.save has pickled, with
 and, unused here, grid_x, grid_y, grid_z (forces of cells) or the machine's pose. Files lie in a folder, or in
 its folders train, val and test, which then are the splits.
 
-All three axes are negated: a dataset has the force of the skin on what it touches. A frame's group is its
-indenter or, where the file has none, what the pattern finds in the file's name.
+Of the forces z alone is negated. A dataset has the force of the skin on what it touches, and x and y of the
+labels are that along the image's columns and rows already: the finite elements have the force on the gel, in
+axes that point against the image's (src/feats/homography/homography.npy). In raw recordings the axes are the
+gauge's own.
+
+A frame's group is its indenter or, where the file has none, what the pattern finds in the file's name.
 """
 
 import re
@@ -27,8 +31,8 @@ from fastac.sensor.importers.force_frames import ForceFrame, checked_image, writ
 
 SPLITS = {"train": "train", "val": "validation", "test": "test"}
 """Folders and the splits that they are."""
-GROUP = "[^-]+"
-"""The pattern of a group in a file's name: what is before the first hyphen."""
+GROUP = r"[A-Za-z]\w*"
+"""The pattern of a group in a file's name: sphere_10 in 100_1744012609911964307_sphere_10.npy."""
 FORCES = ("f_x", "f_y", "f_z")
 
 
@@ -68,7 +72,8 @@ def _force_n(path: Path, sample: dict) -> tuple[float, float, float]:
             raise ImportFailure(f"{path}: {key}: missing key")
         if not isinstance(value, int | float) or isinstance(value, bool):
             raise ImportFailure(f"{path}: {key} = {type(value).__name__}: expected a number")
-    return tuple(-float(sample[key]) for key in FORCES)
+    x, y, z = (float(sample[key]) for key in FORCES)
+    return x, y, -z
 
 
 def _group(path: Path, sample: dict, pattern: re.Pattern) -> str:

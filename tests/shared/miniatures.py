@@ -53,7 +53,7 @@ def feats_folder(folder: Path) -> Path:
         place.mkdir(parents=True, exist_ok=True)
         force = {"f_x": np.float64(0.1), "f_y": -0.2, "f_z": np.float64(-1.0 - k)}
         label = {"gs_img": pressed(1 + k), "grid_z": np.zeros((24, 32)), **force}
-        np.save(place / f"{('cuboid_10', 'sphere_6', 'ring')[k // 2]}-2-{k}.npy", label)
+        np.save(place / f"{k}_1744012609_{('cuboid_10', 'sphere_6', 'ring')[k // 2]}.npy", label)
     np.save(folder / "rest.npy", {"gs_img": pressed(0)})
     return folder
 

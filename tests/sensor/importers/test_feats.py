@@ -35,7 +35,7 @@ def test_frames_forces_and_splits(folder):
     np.testing.assert_array_equal(data.split, ["train"] * 3 + ["validation"] + ["test"] * 2)
     np.testing.assert_array_equal(data.group, ["cuboid_10"] * 2 + ["sphere_6"] * 2 + ["ring"] * 2)
     np.testing.assert_allclose(data.force_n[:, 2], 1 + np.arange(6))  # z is negative in FEATS
-    np.testing.assert_allclose(data.force_n[0, :2], [-0.1, 0.2])
+    np.testing.assert_allclose(data.force_n[0, :2], [0.1, -0.2])
     np.testing.assert_array_equal(data.background[0, 0], [90, 80, 70])  # B, G, R
     np.testing.assert_array_equal(
         data.frames[:, 8, 10], data.background[8, 10] + 10 * np.arange(1, 7)[:, None]
@@ -66,7 +66,7 @@ def test_raw_recordings_of_one_folder(tmp_path):
 
 
 def test_errors(folder, tmp_path):
-    path = folder / "train" / "cuboid_10-2-0.npy"
+    path = folder / "train" / "0_1744012609_cuboid_10.npy"
     good = {"gs_img": pressed(1), "f_x": 0.0, "f_y": 0.0, "f_z": -1.0}
     for changed, message in (
         ({"gs_img": pressed(1)[..., 0]}, "gs_img = uint8 of shape (48, 64): expected an image"),
@@ -79,11 +79,11 @@ def test_errors(folder, tmp_path):
         np.save(path, good | changed)
         assert message in refused(folder), message
     np.save(path, {key: value for key, value in good.items() if key != "f_z"})
-    assert "cuboid_10-2-0.npy: f_z: missing key" in refused(folder)
+    assert "0_1744012609_cuboid_10.npy: f_z: missing key" in refused(folder)
     np.save(path, np.zeros(3))
-    assert "cuboid_10-2-0.npy: an array: expected a dict" in refused(folder)
+    assert "0_1744012609_cuboid_10.npy: an array: expected a dict" in refused(folder)
     np.save(path, {"gs_img": os.system})
-    assert "cuboid_10-2-0.npy: refused: it holds the name 'posix.system'" in refused(folder)
+    assert "0_1744012609_cuboid_10.npy: refused: it holds the name 'posix.system'" in refused(folder)
     np.save(path, good)
     assert "the pattern 'x+' finds no group in this name" in refused(folder, group_pattern="x+")
     assert "group pattern '('" in refused(folder, group_pattern="(")
