@@ -4,22 +4,19 @@ from functools import partial
 
 import click
 
+from fastac.cli import layouts
 from fastac.cli.common import INPUT, OUTPUT_FILE, Group, cad_options, load_cad, output_option, progress_option
+from fastac.cli.import_options import (
+    held_out_option,
+    pitch_option,
+    px_per_mm_option,
+    say_forces,
+    say_presses,
+    size_options,
+    split_counts,
+)
 from fastac.scenes import schema as scenes
 from fastac.store.kinds import Kinds
-
-
-def size_options(command):
-    """Options for the rows and columns that photographs are resampled to."""
-    for name, text in (("--width-px", "Columns to resample to."), ("--height-px", "Rows to resample to.")):
-        command = click.option(name, type=click.IntRange(16, 256), default=128, show_default=True, help=text)(
-            command
-        )
-    return command
-
-
-def split_counts(data) -> str:
-    return ", ".join(f"{len(data.indices(split))} {split}" for split in ("train", "validation", "test"))
 
 
 @click.command("ball-press")
@@ -32,7 +29,7 @@ def split_counts(data) -> str:
 )
 @click.option("--background", type=INPUT, required=True, help="Photograph of the untouched gel.")
 @click.option("--ball-mm", type=float, required=True, help="Diameter of the ball, mm.")
-@click.option("--px-per-mm", type=float, required=True, help="Pixels of the original photographs per mm.")
+@px_per_mm_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_px, output):
@@ -45,7 +42,6 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
     Example: fastac import ball-press photos --labels labels.csv --background background.png
                  --ball-mm 4.7 --px-per-mm 19.58 -o presses.h5
     """
-    from fastac.sensor.dataset import read
     from fastac.sensor.importers.ball_press import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -59,8 +55,7 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
         height_px=height_px,
         width_px=width_px,
     )
-    written = read(output)
-    click.echo(f"{output}: {len(written)} frames ({split_counts(written)}), pitch {written.pitch_mm:.5f} mm")
+    say_presses(output)
 
 
 @click.command("force")
@@ -82,13 +77,8 @@ def ball_press(folder, labels, background, ball_mm, px_per_mm, height_px, width_
     is_flag=True,
     help="Average a background for each group, where light or skin drifts between them.",
 )
-@click.option("--pitch-mm", type=float, required=True, help="Size of a resampled pixel on the skin, mm.")
-@click.option(
-    "--held-out",
-    multiple=True,
-    metavar="GROUP",
-    help="Group whose frames are the test split; repeatable. [default: the last]",
-)
+@pitch_option
+@held_out_option
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
@@ -116,7 +106,6 @@ def force_recording(
     Example: fastac import force press.mp4 --forces gauge.csv --background-frames 20
                  --pitch-mm 0.12 -o recording.h5
     """
-    from fastac.sensor.dataset import read
     from fastac.sensor.importers.force_recording import import_recording
 
     output.parent.mkdir(parents=True, exist_ok=True)
@@ -132,12 +121,7 @@ def force_recording(
         output=output,
         progress=progress,
     )
-    written = read(output)
-    tested = ", ".join(dict.fromkeys(written.group[written.indices("test")].tolist()))
-    click.echo(
-        f"{output}: {len(written)} frames ({split_counts(written)}), force {', '.join(written.force_axes)}"
-    )
-    click.echo(f"test: {tested}")
+    say_forces(output)
 
 
 @click.command("cnc")
@@ -203,7 +187,19 @@ def cnc_recording(
     click.echo(f"{output}: {len(written)} frames ({split_counts(written)}){left_out}")
 
 
-IMPORTERS = Kinds("importer", {"ball-press": ball_press, "force": force_recording, "cnc": cnc_recording})
+IMPORTERS = Kinds(
+    "importer",
+    {
+        "ball-press": ball_press,
+        "force": force_recording,
+        "cnc": cnc_recording,
+        "gs-sdk": layouts.gs_sdk,
+        "fots": layouts.fots,
+        "feats": layouts.feats,
+        "tacbench": layouts.tacbench,
+        "rosbag2": layouts.rosbag2,
+    },
+)
 """Importers by the names of their commands, `fastac import NAME`."""
 
 

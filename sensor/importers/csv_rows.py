@@ -1,12 +1,13 @@
 """Rows of CSV files, checked against a dataclass whose fields name the columns and type their values.
 
+A column has its field's name, or the one that the field's metadata says: field(metadata={COLUMN: "r (mm)"}).
 Every error is one line that names the file, the line, the column, the value, and what was expected.
 """
 
 import csv
 import math
 from collections.abc import Iterable
-from dataclasses import MISSING, fields
+from dataclasses import MISSING, Field, fields
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal, TypeVar
@@ -18,6 +19,12 @@ from fastac.sensor.importers.footage import ImportFailure
 Row = TypeVar("Row")
 Split = Literal["train", "validation", "test"]
 """The type of a column `split`: a name of a split of the dataset."""
+COLUMN = "column"
+"""Key of a field's metadata: the name of its column, where that is no name in Python."""
+
+
+def _column(field: Field) -> str:
+    return field.metadata.get(COLUMN, field.name)
 
 
 def where(path: Path, line: int) -> str:
@@ -54,8 +61,8 @@ def read_rows(
 
 def _check_header(path: Path, kind: type, header: list[str], needed: set[str], others_allowed: bool) -> None:
     """Refuse columns that are named twice, missing, or unknown; a misspelt one is told as such."""
-    known = [field.name for field in fields(kind)]
-    needed |= {field.name for field in fields(kind) if field.default is MISSING}
+    known = [_column(field) for field in fields(kind)]
+    needed |= {_column(field) for field in fields(kind) if field.default is MISSING}
     unknown = [column for column in header if column not in known]
     for column in header:
         if header.count(column) > 1:
@@ -75,24 +82,24 @@ def _row(adapter: TypeAdapter, kind: type, values: dict, place: str):
     if None in values:
         count = len(columns) + len(values[None])
         raise ImportFailure(f"{place}: {count} values: expected {len(columns)}, one for each column")
-    texts = {}
-    for field in fields(kind):
-        if field.name not in values:
+    texts, named = {}, {field.name: _column(field) for field in fields(kind)}
+    for name, column in named.items():
+        if column not in values:
             continue
-        text = (values[field.name] or "").strip()
+        text = (values[column] or "").strip()
         if not text:
-            raise ImportFailure(f"{place}: {field.name}: missing value")
-        texts[field.name] = text
+            raise ImportFailure(f"{place}: {column}: missing value")
+        texts[name] = text
     try:
         row = adapter.validate_python(texts)
     except ValidationError as error:
         first = error.errors()[0]
-        column = str(first["loc"][0])
-        raise ImportFailure(f"{place}: {column} = {texts[column]!r}: expected {_expected(first)}") from None
-    for column, text in texts.items():
-        value = getattr(row, column)
+        name, expected = str(first["loc"][0]), _expected(first)
+        raise ImportFailure(f"{place}: {named[name]} = {texts[name]!r}: expected {expected}") from None
+    for name, text in texts.items():
+        value = getattr(row, name)
         if isinstance(value, float) and not math.isfinite(value):
-            raise ImportFailure(f"{place}: {column} = {text!r}: expected a number")
+            raise ImportFailure(f"{place}: {named[name]} = {text!r}: expected a number")
     return row
 
 

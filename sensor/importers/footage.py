@@ -1,8 +1,9 @@
 """Recorded frames from a video file or a folder of photographs, read one at a time."""
 
+import io
 import re
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,24 +48,37 @@ def pixels(path: Path, mode: str, expected: str) -> np.ndarray:
 
     Raises ImportFailure on a missing or unreadable file, another mode, or more pixels than it can hold.
     """
+    return _decoded(path, lambda: path.stat().st_size, str(path), mode, expected)
+
+
+def encoded_photograph(content: bytes, place: str) -> np.ndarray:
+    """The RGB image in the bytes of a file, (height, width, 3) uint8 in the order B, G, R.
+
+    Raises ImportFailure, which begins with `place`, for bytes that are no such image.
+    """
+    return _decoded(io.BytesIO(content), lambda: len(content), place, "RGB", "an 8-bit RGB image")[..., ::-1]
+
+
+def _decoded(source: Path | io.BytesIO, size: Callable[[], int], place: str, mode: str, expected: str):
+    """The values of an image of so many bytes; errors begin with `place`."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error")  # Pillow warns of files that are damaged or far too large
-            with Image.open(path, formats=FORMATS) as image:
+            with Image.open(source, formats=FORMATS) as image:
                 if image.mode != mode:
-                    raise ImportFailure(f"{path}: mode = {image.mode}: expected {expected}")
-                declared, held = image.width * image.height * len(mode), path.stat().st_size
+                    raise ImportFailure(f"{place}: mode = {image.mode}: expected {expected}")
+                declared, held = image.width * image.height * len(mode), size()
                 if declared > MAX_RATIO * held:
-                    size = f"{image.width} x {image.height} px"
-                    raise ImportFailure(f"{path}: size = {size}: more than its {held} bytes can hold")
+                    shape = f"{image.width} x {image.height} px"
+                    raise ImportFailure(f"{place}: size = {shape}: more than its {held} bytes can hold")
                 return np.asarray(image)
     except ImportFailure:
         raise
     except FileNotFoundError:
-        raise ImportFailure(f"{path}: no such file") from None
+        raise ImportFailure(f"{place}: no such file") from None
     except Exception as error:  # Pillow's readers raise whatever they meet
         reason = (str(error).splitlines() or [type(error).__name__])[0]
-        raise ImportFailure(f"{path}: not a readable image: {reason}") from None
+        raise ImportFailure(f"{place}: not a readable image: {reason}") from None
 
 
 def file_in(folder: Path, name: str) -> Path:

@@ -73,6 +73,27 @@ def split_by_group(group: np.ndarray, held_out: tuple[str, ...]) -> np.ndarray:
     return split
 
 
+def split_held_out(
+    origin: Path, group: np.ndarray, held_out: tuple[str, ...], advice: str = ""
+) -> np.ndarray:
+    """The split of each frame where the groups `held_out` are the test split, or else the last one.
+
+    Raises ImportFailure, which begins with `origin`, for groups that are not there and where nothing is left
+    to test or to train on; `advice` says what helps where there is one group alone.
+    """
+    groups = list(dict.fromkeys(group.tolist()))
+    for name in held_out:
+        if name not in groups:
+            raise ImportFailure(f"{origin}: group {name!r}: expected one of {', '.join(groups)}")
+    if len(groups) == 1:
+        raise ImportFailure(
+            f"{origin}: group = {groups[0]!r} in every row: nothing can be held out{advice and '; '}{advice}"
+        )
+    if len(set(held_out)) == len(groups):
+        raise ImportFailure(f"{origin}: group: all {len(groups)} are held out, none is left to train on")
+    return split_by_group(group, held_out or (groups[-1],))
+
+
 def _index(value: str, frames: Photographs | Video, place: str) -> int:
     """The index of the frame that a value of the column `frame` names."""
     if value.isascii() and value.isdigit() and len(value) <= LONGEST_INDEX:

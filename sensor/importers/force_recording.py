@@ -10,7 +10,7 @@ import numpy as np
 from fastac.sensor import dataset
 from fastac.sensor.importers import force_labels
 from fastac.sensor.importers.footage import CHANNELS, ImportFailure, Photographs, Video, footage
-from fastac.sensor.importers.force_labels import Labels, split_by_group
+from fastac.sensor.importers.force_labels import Labels, split_held_out
 from fastac.sensor.importers.resample import Resampling
 from fastac.store.progress import progress_bar
 
@@ -91,23 +91,15 @@ def _backgrounds(source, labels: Labels, chosen: dict[int, int], progress: bool)
 
 def _split(labels: Labels, held_out: tuple[str, ...]) -> np.ndarray:
     """The file's own split, or a split by groups; without `held_out` the last group is the test split."""
+    if labels.split is None:
+        advice = "name several groups or give a column split"
+        return split_held_out(labels.path, labels.group, held_out, advice)
     for name in held_out:
         if name not in labels.groups:
             raise ImportFailure(f"{labels.path}: group {name!r}: expected one of {', '.join(labels.groups)}")
-    if labels.split is not None:
-        if held_out:
-            raise ImportFailure(f"{labels.path}: split: a column of its own, so no group can be held out too")
-        return labels.split
-    if len(labels.groups) == 1:
-        raise ImportFailure(
-            f"{labels.path}: group = {labels.groups[0]!r} in every row: nothing can be held out;"
-            " name several groups or give a column split"
-        )
-    if len(set(held_out)) == len(labels.groups):
-        raise ImportFailure(
-            f"{labels.path}: group: all {len(labels.groups)} are held out, none is left to train on"
-        )
-    return split_by_group(labels.group, held_out or (labels.groups[-1],))
+    if held_out:
+        raise ImportFailure(f"{labels.path}: split: a column of its own, so no group can be held out too")
+    return labels.split
 
 
 def import_recording(

@@ -6,7 +6,8 @@ from PIL import Image
 
 from fastac.scenes.schema import load
 from fastac.sensor.dataset import read
-from fastac.sensor.importers.ball_press import ImportFailure, import_folder
+from fastac.sensor.importers.ball_press import import_folder
+from fastac.sensor.importers.footage import ImportFailure
 
 ROOT = Path(__file__).parents[3]
 FOTS = ROOT.parent / "shared" / "data" / "fots"

@@ -1,9 +1,9 @@
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import pytest
 
-from fastac.sensor.importers.csv_rows import Split, read_rows
+from fastac.sensor.importers.csv_rows import COLUMN, Split, read_rows
 from fastac.sensor.importers.footage import ImportFailure
 
 
@@ -66,3 +66,24 @@ def test_errors_are_one_line_that_says_where_and_what(tmp_path, text, message):
 def test_a_column_that_is_needed_may_not_be_absent(tmp_path):
     with pytest.raises(ImportFailure, match=r"rows\.csv: count: missing column"):
         read(tmp_path, "name,force_n\nball,1\n", needed=["count"])
+
+
+@dataclass(frozen=True)
+class Circle:
+    name: str
+    radius_mm: float = field(metadata={COLUMN: "radius(mm)"})
+
+
+def test_a_column_may_have_a_name_that_is_none_in_python(tmp_path):
+    path = tmp_path / "rows.csv"
+    path.write_text("name,radius(mm)\nball,2.5\n")
+    assert read_rows(path, Circle) == [(Circle("ball", 2.5), 2)]
+    for text, message in (
+        ("name,radius_mm\nball,1\n", r"'radius_mm': unknown column; did you mean radius\(mm\)"),
+        ("name,radius(mm)\nball,\n", r"line 2: radius\(mm\): missing value"),
+        ("name,radius(mm)\nball,x\n", r"line 2: radius\(mm\) = 'x': expected a number"),
+        ("name,radius(mm)\nball,inf\n", r"line 2: radius\(mm\) = 'inf': expected a number"),
+    ):
+        path.write_text(text)
+        with pytest.raises(ImportFailure, match=message):
+            read_rows(path, Circle)

@@ -1,0 +1,78 @@
+"""What the commands `fastac import` share: options, and the line that says what was written."""
+
+import click
+
+
+def size_options(command):
+    """Options for the rows and columns that photographs are resampled to."""
+    for name, text in (("--width-px", "Columns to resample to."), ("--height-px", "Rows to resample to.")):
+        command = click.option(name, type=click.IntRange(16, 256), default=128, show_default=True, help=text)(
+            command
+        )
+    return command
+
+
+def px_per_mm_option(command):
+    return click.option(
+        "--px-per-mm", type=float, required=True, help="Pixels of the original photographs per mm."
+    )(command)
+
+
+def pitch_option(command):
+    return click.option(
+        "--pitch-mm", type=float, required=True, help="Size of a resampled pixel on the skin, mm."
+    )(command)
+
+
+def held_out_option(command):
+    return click.option(
+        "--held-out",
+        multiple=True,
+        metavar="GROUP",
+        help="Group whose frames are the test split; repeatable. [default: the last]",
+    )(command)
+
+
+def every_option(what: str):
+    """An option that thins out a long recording."""
+    return click.option(
+        "--every",
+        type=click.IntRange(1),
+        default=1,
+        show_default=True,
+        help=f"Take each so-many-th {what} only.",
+    )
+
+
+def negate_option(command):
+    return click.option(
+        "--negate", is_flag=True, help="Negate all forces: for gauges of which z is negative in compression."
+    )(command)
+
+
+def split_counts(data) -> str:
+    return ", ".join(f"{len(data.indices(split))} {split}" for split in ("train", "validation", "test"))
+
+
+def say_presses(output) -> None:
+    """Print what a dataset of presses with known circles holds."""
+    from fastac.sensor.dataset import read
+
+    written = read(output)
+    left_out = f", {written.left_out} left out" if written.left_out else ""
+    size = f"pitch {written.pitch_mm:.5f} mm"
+    click.echo(f"{output}: {len(written)} frames ({split_counts(written)}){left_out}, {size}")
+
+
+def say_forces(output) -> None:
+    """Print what a dataset of frames with forces holds, and which groups are held out."""
+    from fastac.sensor.dataset import read
+
+    written = read(output)
+    tested = ", ".join(dict.fromkeys(written.group[written.indices("test")].tolist()))
+    left_out = f", {written.left_out} left out" if written.left_out else ""
+    click.echo(
+        f"{output}: {len(written)} frames ({split_counts(written)}){left_out},"
+        f" force {', '.join(written.force_axes)}"
+    )
+    click.echo(f"test: {tested}")

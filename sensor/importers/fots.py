@@ -1,0 +1,79 @@
+"""Imports the ball presses of a FOTS calibration as a dataset.
+
+The layout is that of FOTS (GitHub, Rancho-zhao/FOTS, mlp_calib and its scripts/label_data.py):
+
+    csv/annotate.csv     img_names,center_x,center_y,radius, px; names are paths of the machine that labelled
+    gelsight/0001.png    the photograph that …/gelsight/0001.png names: the last two parts of its path count
+    0000.png             the untouched gel
+
+A photograph that is labelled twice has the later circle. Each press is a group of its own, by its file.
+"""
+
+from dataclasses import dataclass, field
+from pathlib import Path, PurePosixPath
+
+from fastac.sensor.importers.contact_circles import (
+    Press,
+    check_scale,
+    every_fifth,
+    photograph_in,
+    write_presses,
+)
+from fastac.sensor.importers.csv_rows import COLUMN, read_rows, where
+from fastac.sensor.importers.footage import file_in
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """A photograph's path on the machine that labelled it, and its circle, px."""
+
+    img_names: str
+    center_x_px: float = field(metadata={COLUMN: "center_x"})
+    center_y_px: float = field(metadata={COLUMN: "center_y"})
+    radius_px: float = field(metadata={COLUMN: "radius"})
+
+
+def import_folder(
+    folder: Path | str,
+    *,
+    ball_mm: float,
+    px_per_mm: float,
+    output: Path | str,
+    background: str = "0000.png",
+    height_px: int = 128,
+    width_px: int = 128,
+    progress: bool = True,
+) -> None:
+    """Import the annotated presses of a folder mlp_calib (see above) into the dataset `output`.
+
+    background : the photograph of the untouched gel, a name in the folder
+
+    Every fifth press is in the test split: the layout has none. What the dataset holds,
+    sensor/importers/contact_circles.py says. Raises ImportFailure on anything missing, unreadable or
+    inconsistent.
+    """
+    folder = Path(folder)
+    check_scale(folder, "ball_mm", ball_mm)
+    check_scale(folder, "px_per_mm", px_per_mm)
+    table = file_in(folder, "csv/annotate.csv")
+    latest = {}
+    for row, line in read_rows(table, Annotation, others_allowed=True):
+        parts = PurePosixPath(row.img_names.replace("\\", "/")).parts
+        latest["/".join(parts[-2:])] = row, where(table, line)
+    names = sorted(latest)
+    presses = []
+    for name, split in zip(names, every_fifth(len(names)), strict=True):
+        row, place = latest[name]
+        circle = row.center_x_px, row.center_y_px, row.radius_px
+        path = photograph_in(folder, name, place)
+        presses.append(Press(path, place, *circle, ball_mm, split, name))
+    write_presses(
+        presses,
+        file_in(folder, background),
+        px_per_mm=px_per_mm,
+        source=f"recorded: FOTS calibration {folder.resolve().name}",
+        output=output,
+        height_px=height_px,
+        width_px=width_px,
+        progress=progress,
+    )

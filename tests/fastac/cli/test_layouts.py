@@ -1,0 +1,61 @@
+"""The commands that import the layouts of other projects."""
+
+import pytest
+from command_line import fail, succeed
+from miniatures import feats_folder, fots_folder, gs_sdk_folder, tacbench_folder
+
+SIZE = ("--height-px", 32, "--width-px", 32, "--no-progress")
+
+
+def test_gs_sdk_writes_a_dataset(tmp_path):
+    folder = gs_sdk_folder(tmp_path / "calib")
+    command = ("import", "gs-sdk", folder, "--px-per-mm", 10, "-o", tmp_path / "out" / "d.h5", *SIZE)
+    said = succeed(*command).stdout
+    assert said == f"{tmp_path}/out/d.h5: 4 frames (4 train, 0 validation, 0 test), pitch 0.20000 mm\n"
+    (folder / "6.500mm/0/label.npz").unlink()
+    assert "label.npz: no such file" in fail(*command)
+    said = succeed(*command, "--skip-unlabelled").stdout
+    assert "3 frames (3 train, 0 validation, 0 test), 1 left out, pitch" in said
+
+
+def test_fots_writes_a_dataset(tmp_path):
+    folder = fots_folder(tmp_path / "mlp_calib")
+    command = ("import", "fots", folder, "--ball-mm", 4, "--px-per-mm", 10, "-o", tmp_path / "d.h5", *SIZE)
+    assert "6 frames (5 train, 0 validation, 1 test), pitch" in succeed(*command).stdout
+    assert "ball_mm = -1: expected more than 0" in fail(*command, "--ball-mm", -1)
+
+
+def test_feats_writes_a_dataset(tmp_path):
+    folder = feats_folder(tmp_path / "labels")
+    command = ("import", "feats", folder, "--background", folder / "rest.npy", "--pitch-mm", 0.2)
+    command = (*command, "-o", tmp_path / "d.h5", *SIZE)
+    assert succeed(*command).stdout.splitlines() == [
+        f"{tmp_path}/d.h5: 6 frames (3 train, 1 validation, 2 test), force x, y, z",
+        "test: ring",
+    ]
+    assert succeed(*command, "--held-out", "cuboid_10").stdout.endswith("test: cuboid_10\n")
+    assert "group 'nut': expected one of" in fail(*command, "--held-out", "nut")
+
+
+def test_tacbench_writes_a_dataset(tmp_path):
+    folder = tacbench_folder(tmp_path / "digit")
+    command = ("import", "tacbench", folder, "--pitch-mm", 0.2, "-o", tmp_path / "d.h5", *SIZE)
+    assert succeed(*command, "--held-out", "flat/batch_2").stdout.endswith("test: flat/batch_2\n")
+    assert succeed(*command, "--group-by", "probe", "--every", 2).stdout.endswith("test: sphere\n")
+    assert "force_z_n = -4 to -1: expected positive" in fail(*command, "--negate")
+
+
+def test_rosbag2_writes_a_dataset(tmp_path):
+    pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
+    pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
+    from miniature_bags import messages, write_bag, write_mcap
+
+    bags = write_bag(tmp_path / "pear", messages(lost=(4,))), write_mcap(tmp_path / "plum.mcap", messages())
+    command = ("import", "rosbag2", *bags, "--background-frames", 2, "--pitch-mm", 0.2, *SIZE)
+    command = (*command, "-o", tmp_path / "d.h5")
+    assert succeed(*command, "--held-out", "pear").stdout.splitlines() == [
+        f"{tmp_path}/d.h5: 17 frames (7 train, 2 validation, 8 test), 1 left out, force x, y, z",
+        "test: pear",
+    ]
+    assert succeed(*command, "--group-by", "press").stdout.endswith("test: plum/2\n")
+    assert "topic '/x' of" in fail(*command, "--wrench-topic", "/x")
