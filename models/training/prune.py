@@ -28,8 +28,9 @@ NO_EFFECT = 1e-4
 """Relative growth of the error up to which a neuron counts as without effect: nothing is trained after it."""
 WIDTH_SHARE = 1 / 30
 """Epochs after each neuron, as a share of the float network's, on the way to a width."""
-LAST_SHARE = 1.0
-"""The same once the width is reached."""
+LAST_SHARE, LAST_ROUNDS = 0.4, 5
+"""The same once the width is reached, so many times. A single training as long as all of them moves further
+from the wide network: the slopes gain by it, but the depth loses."""
 
 
 def gradient_error(network: PixelNetwork, x: np.ndarray, y: np.ndarray, slope_limit: float) -> float:
@@ -152,4 +153,6 @@ def prune_to_width(
         pruned = network
         while widths(pruned) != width:
             pruned = pruning.trained_on(pruning.ranked(pruned, width)[0], WIDTH_SHARE)
-        return pruned if pruned is network else pruning.trained_on(pruned, LAST_SHARE)
+        for _ in range(0 if pruned is network else LAST_ROUNDS):
+            pruned = pruning.trained_on(pruned, LAST_SHARE)
+        return pruned
