@@ -24,6 +24,7 @@ def check_scene(scene) -> None:
     check_part(scene.hardware.part, scene.hardware.clock_mhz)
     if scene.hardware.pixels_per_clock == "camera" and scene.camera_clocks_per_pixel is None:
         raise ValueError("hardware.pixels_per_clock: 'camera' needs sensor.frames_per_second")
+    _check_widths(scene)
     _check_dots(scene)
     _check_outputs(scene)
     _check_solver(scene)
@@ -43,6 +44,19 @@ def check_scene(scene) -> None:
                 f"sensor.ellipsoid.semi_axes_mm: {a} x {b} do not span the image"
                 f" ({2 * half_u:g} x {2 * half_v:g} mm)"
             )
+
+
+def _check_widths(scene) -> None:
+    """Raise ValueError unless the network's widths go together."""
+    network = scene.network
+    for layer, (trained, kept) in enumerate(zip(network.trained, network.hidden, strict=True), 1):
+        if trained < kept:
+            raise ValueError(
+                f"network.train_width: {trained} in hidden layer {layer}: expected at least the {kept} of"
+                " network.width"
+            )
+    if network.train_width is not None and scene.training.labels == "force":
+        raise ValueError("network.train_width: needs training.labels 'geometry', normals to judge neurons by")
 
 
 def _check_outputs(scene) -> None:

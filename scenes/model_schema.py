@@ -24,23 +24,39 @@ def _widths(value: object) -> object:
     return value
 
 
+Width = Annotated[Neurons | tuple[Neurons, Neurons, Neurons], BeforeValidator(_widths)]
+
+
+def _by_layer(width: int | tuple[int, int, int]) -> tuple[int, int, int]:
+    return (width,) * 3 if isinstance(width, int) else width
+
+
 class Network(Strict):
     """The pixel network: three hidden layers, then the normal."""
 
-    width: Annotated[Neurons | tuple[Neurons, Neurons, Neurons], BeforeValidator(_widths)] = 16
+    width: Width = 16
     """Neurons of each hidden layer: of all alike, or a list with one number a layer. 16 are the paper's."""
+    train_width: Width | None = None
+    """Neurons that are trained, at least `width` in each layer: those of least effect are then removed until
+    `width` remain, whatever the training's outcome, so that the hardware is known before it. Not given: as
+    many as `width`."""
     prune: Annotated[float, Field(ge=0, lt=1)] | None = None
     """Largest relative growth of the slopes' error, on the validation frames, for which hidden neurons are
     removed after training, and digits of baked weights. 0: only what makes no error larger. Not given: the
-    network keeps its width."""
+    network keeps its width. With `train_width`: of the digits alone, for neurons follow from the widths."""
     bridge_dots: bool = False
     """Whether pixels under the marker dots take the slopes of the skin beside them. The network is then
     trained on skin alone."""
 
     @property
     def hidden(self) -> tuple[int, ...]:
-        """Neurons of each hidden layer as asked; pruning may keep fewer."""
-        return (self.width,) * 3 if isinstance(self.width, int) else self.width
+        """Neurons of each hidden layer as asked; pruning without `train_width` may keep fewer."""
+        return _by_layer(self.width)
+
+    @property
+    def trained(self) -> tuple[int, ...]:
+        """Neurons of each hidden layer that training begins with."""
+        return self.hidden if self.train_width is None else _by_layer(self.train_width)
 
 
 class Numbers(Strict):

@@ -24,7 +24,7 @@ from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
 from fastac.models.training.network_depth import depth_mae_mm
-from fastac.models.training.prune import prune_neurons
+from fastac.models.training.prune import prune_neurons, prune_to_width
 from fastac.models.vision.dots import bridge_of, detected_as, follower_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -88,18 +88,37 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
         network, history = from_forces.train(data, scene, progress=progress)
     else:
         skin = skin_alone(data, scene)
-        network, history = train_normals.train(skin, scene.training, scene.network.hidden, progress=progress)
-        if scene.network.prune is not None:
-            network = prune_neurons(
-                network,
-                train_normals.labelled_splits(skin, scene.training),
-                scene.training,
-                growth=scene.network.prune,
-                slope_limit=scene.numbers.slope_limit,
-                further_error=network_depth_error(data, scene),
-                progress=progress,
-            )
+        network, history = train_normals.train(skin, scene.training, scene.network.trained, progress=progress)
+        network = pruned(network, skin, data, scene, progress=progress)
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
+
+
+def pruned(
+    network: PixelNetwork, skin: Dataset, data: Dataset, scene: Scene, *, progress: bool
+) -> PixelNetwork:
+    """The network with as many hidden neurons as the scene says or, where it gives a limit, as its errors
+    allow; `skin` is what `skin_alone` leaves of the dataset."""
+    if scene.network.train_width is None and scene.network.prune is None:
+        return network
+    pixels = train_normals.labelled_splits(skin, scene.training)
+    if scene.network.train_width is not None:
+        return prune_to_width(
+            network,
+            pixels,
+            scene.training,
+            width=scene.network.hidden,
+            slope_limit=scene.numbers.slope_limit,
+            progress=progress,
+        )
+    return prune_neurons(
+        network,
+        pixels,
+        scene.training,
+        growth=scene.network.prune,
+        slope_limit=scene.numbers.slope_limit,
+        further_error=network_depth_error(data, scene),
+        progress=progress,
+    )
 
 
 def depth_frames(data: Dataset, scene: Scene) -> np.ndarray | None:
@@ -194,7 +213,8 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 further_error=layers_depth_error(data, scene),
                 progress=progress,
             )
-        layers = without_constant(layers, x)
+        if scene.network.train_width is None:  # else the width stays the scene's
+            layers = without_constant(layers, x)
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
 
 

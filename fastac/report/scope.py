@@ -72,7 +72,9 @@ class Scope:
     def trained(self) -> dict[str, str]:
         scene, training = self.scene, self.scene.training
         width = "-".join(map(str, scene.network.hidden))
-        if scene.network.prune is not None:
+        if scene.network.train_width is not None:
+            width += f" of {'-'.join(map(str, scene.network.trained))}"
+        elif scene.network.prune is not None:
             width += " at most"
         force = ABSENT
         if scene.wants_force:

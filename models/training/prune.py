@@ -1,19 +1,18 @@
 """Pruning of the float pixel network: hidden neurons are removed in the order of their least effect.
 
-A neuron's outputs are replaced by the best linear combination of its layer's other outputs, which goes into
-the next layer's weights and biases; then the network is trained on. Where the error has grown too much, the
-network before that neuron is what is kept.
+After each neuron the network is trained on. It ends where the error has grown too much, and the network
+before that neuron is kept; or at a width that was asked for, whatever the error is then.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 
 import numpy as np
-import torch
 from threadpoolctl import threadpool_limits
 
 from fastac.models.floating.network import PixelNetwork, predict, slopes_of
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import scales
+from fastac.models.training.hidden_neurons import candidates, widths
 from fastac.models.training.normals import Fit, ScaledNetwork, _tensors
 from fastac.scenes.model_schema import FEWEST_NEURONS, Training
 
@@ -24,9 +23,14 @@ COMBINED_PX = 1 << 16
 TRIES = 2
 """Neurons that are tried in turn, those of least effect, before nothing more is removed."""
 TUNING_SHARE = 0.2
-"""Epochs after each neuron, as a share of the float network's."""
+"""Epochs after each neuron, as a share of the float network's, where the error decides."""
 NO_EFFECT = 1e-4
 """Relative growth of the error up to which a neuron counts as without effect: nothing is trained after it."""
+WIDTH_SHARE = 1 / 30
+"""Epochs after each neuron, as a share of the float network's, on the way to a width."""
+LAST_SHARE, LAST_ROUNDS = 0.4, 5
+"""The same once the width is reached, so many times. A single training as long as all of them moves further
+from the wide network: the slopes gain by it, but the depth loses."""
 
 
 def gradient_error(network: PixelNetwork, x: np.ndarray, y: np.ndarray, slope_limit: float) -> float:
@@ -35,53 +39,56 @@ def gradient_error(network: PixelNetwork, x: np.ndarray, y: np.ndarray, slope_li
     return float(np.abs(slopes_of(predict(network, x), slope_limit) - truth).sum(axis=1).mean())
 
 
-def outputs(network: PixelNetwork, x: np.ndarray) -> list[np.ndarray]:
-    """Each hidden layer's outputs (pixels, neurons) for features (pixels, inputs)."""
-    found = []
-    with torch.inference_mode():
-        values = torch.from_numpy(x.astype(np.float32) * scales(x.shape[1] - 2).astype(np.float32))
-        for layer in network.linear_layers[:-1]:
-            values = torch.relu(layer(values))
-            found.append(values.numpy().astype(np.float64))
-    return found
+class Pruning:
+    """What both ways of pruning do with a network: rank what is left without one neuron, and train on.
 
-
-def widths(network: PixelNetwork) -> tuple[int, ...]:
-    """Neurons of each hidden layer."""
-    return tuple(layer.out_features for layer in network.linear_layers[:-1])
-
-
-def without_neuron(network: PixelNetwork, index: int, neuron: int, hidden: np.ndarray) -> PixelNetwork:
-    """The network without one neuron of hidden layer `index`, whose outputs are `hidden` (pixels, all)."""
-    others = np.delete(hidden, neuron, axis=1)
-    known = np.column_stack([others, np.ones(len(others))])
-    share, *_ = np.linalg.lstsq(known.T @ known, known.T @ hidden[:, neuron], rcond=1e-9)
-    sizes = list(widths(network))
-    sizes[index] -= 1
-    found = PixelNetwork(network.linear_layers[0].in_features, tuple(sizes))
-    kept = [k for k in range(hidden.shape[1]) if k != neuron]
-    with torch.no_grad():
-        for k, (new, old) in enumerate(zip(found.linear_layers, network.linear_layers, strict=True)):
-            weight, bias = old.weight, old.bias
-            if k == index:
-                weight, bias = weight[kept], bias[kept]
-            elif k == index + 1:
-                column = weight[:, neuron]
-                bias = bias + column * float(share[-1])
-                weight = weight[:, kept] + torch.outer(column, torch.tensor(share[:-1], dtype=weight.dtype))
-            new.weight.copy_(weight)
-            new.bias.copy_(bias)
-    return found
-
-
-def candidates(network: PixelNetwork, x: np.ndarray) -> Iterator[PixelNetwork]:
-    """The network without one neuron, for every hidden neuron of a layer with more than FEWEST_NEURONS.
-
-    x : features (pixels, inputs) from which the linear combinations are found
+    pixels : features and normals by split name, from `labelled_splits`; judged is the validation split or,
+        where there is none, the train split
+    slope_limit : magnitude at which slopes are clipped
     """
-    for index, hidden in enumerate(outputs(network, x)):
-        for neuron in range(hidden.shape[1] if hidden.shape[1] > FEWEST_NEURONS else 0):
-            yield without_neuron(network, index, neuron, hidden)
+
+    def __init__(
+        self,
+        pixels: dict[str, tuple[np.ndarray, np.ndarray]],
+        settings: Training,
+        slope_limit: float,
+        *,
+        progress: bool,
+    ):
+        self.pixels, self.settings, self.slope_limit, self.progress = pixels, settings, slope_limit, progress
+        self.judged = pixels.get("validation", pixels["train"])
+        rng = np.random.default_rng(settings.seed)
+        few = rng.permutation(len(self.judged[0]))[:JUDGED_PX]
+        known = rng.permutation(len(pixels["train"][0]))[:COMBINED_PX]
+        self.few, self.known = tuple(values[few] for values in self.judged), pixels["train"][0][known]
+
+    def error(self, network: PixelNetwork) -> float:
+        """The mean slope error on all judged pixels."""
+        return gradient_error(network, *self.judged, self.slope_limit)
+
+    def ranked(self, network: PixelNetwork, fewest: tuple[int, ...]) -> list[PixelNetwork]:
+        """The network without one neuron of a layer that has more than its `fewest`, least effect first."""
+        return sorted(
+            candidates(network, self.known, fewest),
+            key=lambda candidate: gradient_error(candidate, *self.few, self.slope_limit),
+        )
+
+    def trained_on(self, network: PixelNetwork, share: float) -> PixelNetwork:
+        """The network itself, trained on for a share of the float network's epochs, one at least."""
+        settings = self.settings
+        fit = Fit(
+            max(1, round(share * settings.normals_epochs)),
+            settings.normals_batch_px,
+            settings.normals_learning_rate,
+            settings.seed,
+            f"normals, {'-'.join(map(str, widths(network)))}",
+            0.0,
+            settings.input_noise,
+            settings.position_noise,
+        )
+        model = ScaledNetwork(network, scales(network.linear_layers[0].in_features - 2))
+        fit(model, *self.pixels["train"], validation=_tensors(self.pixels), progress=self.progress)
+        return network
 
 
 def prune_neurons(
@@ -96,50 +103,56 @@ def prune_neurons(
 ) -> PixelNetwork:
     """The network with as few hidden neurons as the error allows; `network` itself is not changed.
 
-    pixels : features and normals by split name, from `labelled_splits`; judged is the validation split or,
-        where there is none, the train split
+    pixels, slope_limit : see `Pruning`
     growth : largest relative growth of the mean slope error of `network`
-    slope_limit : magnitude at which slopes are clipped
     further_error : of a network, an error that must not grow by more either
 
     The same for the same pixels and `settings.seed`.
     """
-    judged = pixels.get("validation", pixels["train"])
-    rng = np.random.default_rng(settings.seed)
-    few = rng.permutation(len(judged[0]))[:JUDGED_PX]
-    known = rng.permutation(len(pixels["train"][0]))[:COMBINED_PX]
-
-    def error(candidate: PixelNetwork) -> float:
-        return gradient_error(candidate, judged[0][few], judged[1][few], slope_limit)
+    pruning = Pruning(pixels, settings, slope_limit, progress=progress)
+    fewest = (FEWEST_NEURONS,) * len(widths(network))
 
     def errors(candidate: PixelNetwork) -> np.ndarray:
-        found = [gradient_error(candidate, *judged, slope_limit)]
+        found = [pruning.error(candidate)]
         return np.array(found if further_error is None else [*found, further_error(candidate)])
-
-    def trained_on(candidate: PixelNetwork) -> PixelNetwork:
-        fit = Fit(
-            max(1, round(TUNING_SHARE * settings.normals_epochs)),
-            settings.normals_batch_px,
-            settings.normals_learning_rate,
-            settings.seed,
-            f"normals, {'-'.join(map(str, widths(candidate)))}",
-            0.0,
-            settings.input_noise,
-            settings.position_noise,
-        )
-        model = ScaledNetwork(candidate, scales(candidate.linear_layers[0].in_features - 2))
-        fit(model, *pixels["train"], validation=_tensors(pixels), progress=progress)
-        return candidate
 
     # Small products are slower on several threads, and sums then depend on the machine.
     with single_thread(), threadpool_limits(1):
         first = errors(network)
         limits, unharmed = (1 + max(growth, NO_EFFECT)) * first, (1 + NO_EFFECT) * first
         while True:
-            found = sorted(candidates(network, pixels["train"][0][known]), key=error)[:TRIES]
-            for candidate in found:
-                if (errors(candidate) <= unharmed).all() or (errors(trained_on(candidate)) <= limits).all():
+            for candidate in pruning.ranked(network, fewest)[:TRIES]:
+                if (errors(candidate) <= unharmed).all():
+                    network = candidate
+                    break
+                if (errors(pruning.trained_on(candidate, TUNING_SHARE)) <= limits).all():
                     network = candidate
                     break
             else:
                 return network
+
+
+def prune_to_width(
+    network: PixelNetwork,
+    pixels: dict[str, tuple[np.ndarray, np.ndarray]],
+    settings: Training,
+    *,
+    width: tuple[int, ...],
+    slope_limit: float,
+    progress: bool = False,
+) -> PixelNetwork:
+    """The network with `width` neurons in each hidden layer; `network` itself is not changed.
+
+    pixels, slope_limit : see `Pruning`
+    width : at most what `network` has, layer by layer
+
+    The same for the same pixels and `settings.seed`.
+    """
+    pruning = Pruning(pixels, settings, slope_limit, progress=progress)
+    with single_thread(), threadpool_limits(1):
+        pruned = network
+        while widths(pruned) != width:
+            pruned = pruning.trained_on(pruning.ranked(pruned, width)[0], WIDTH_SHARE)
+        for _ in range(0 if pruned is network else LAST_ROUNDS):
+            pruned = pruning.trained_on(pruned, LAST_SHARE)
+        return pruned

@@ -259,6 +259,11 @@ def test_forces_alone_train_a_flat_recorded_sensor():
             '"force", position_noise = 0.1 }',
             "training.position_noise: 0.1 needs training.labels 'geometry'",
         ),
+        (
+            "sensor =",
+            "network.train_width = 20\nsensor =",
+            "network.train_width: needs training.labels 'geometry'",
+        ),
     ],
 )
 def test_forces_alone_train_nothing_else(old, new, message):
@@ -455,3 +460,18 @@ def test_a_network_has_a_width_or_one_for_each_layer():
             parse(text.format(wrong), origin="x")
         assert "network.width = " in str(refusal.value)
         assert "expected a number from 4 to 64, or a list of three" in str(refusal.value)
+
+
+def test_a_network_may_be_trained_wider_than_it_is_wanted():
+    text = 'name = "x"\noutputs = ["depth"]\nsensor.geometry = "flat"\n[network]\nwidth = [12, 8, 6]\n{}'
+    assert parse(text.format(""), origin="x").network.trained == (12, 8, 6)
+    found = parse(text.format("train_width = 16"), origin="x")
+    assert (found.network.trained, found.network.hidden) == ((16, 16, 16), (12, 8, 6))
+    assert parse(text.format("train_width = [12, 9, 6]"), origin="x").network.trained == (12, 9, 6)
+    for wrong, expected in (
+        ("[12, 7, 6]", "network.train_width: 7 in hidden layer 2: expected at least the 8 of network.width"),
+        ("3", "network.train_width = 3: expected a number from 4 to 64, or a list of three"),
+    ):
+        with pytest.raises(SceneError) as refusal:
+            parse(text.format(f"train_width = {wrong}"), origin="x")
+        assert str(refusal.value).startswith(f"x: {expected}")

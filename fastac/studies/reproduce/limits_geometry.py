@@ -113,7 +113,7 @@ def summary(errors: dict) -> dict[str, float]:
 def wider(scene: Scene) -> Scene:
     """The scene with a pixel network twice as wide."""
     width = tuple(2 * neurons for neurons in scene.network.hidden)
-    network = scene.network.model_copy(update={"width": width})
+    network = scene.network.model_copy(update={"width": width, "train_width": None})
     return scene.model_copy(update={"network": network})
 
 

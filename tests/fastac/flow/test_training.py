@@ -98,6 +98,34 @@ def test_a_pruned_network_is_narrower_and_its_hardware_too(tiny_data, make_scene
     assert few_digits == (weights == "baked")
 
 
+@pytest.mark.parametrize("weights", ["loadable", "baked"])
+def test_a_network_pruned_to_a_width_has_it_whatever_its_neurons_say(
+    tiny_data, make_scene, tmp_path, monkeypatch, weights
+):
+    """`prune` then concerns the digits of baked weights alone."""
+    scene = make_scene(
+        outputs=["depth"],
+        network={"width": [6, 5, 5], "train_width": 7, "prune": 0.5},
+        hardware={"weights": weights},
+        training={"normals_epochs": 3, "normals_batch_px": 1024},
+    )
+    quantised = quantise.quantise_layers
+
+    def with_an_idle_neuron(weight, bias, *others, **named):
+        weight[1][0], bias[1][0] = 0, -1
+        return quantised(weight, bias, *others, **named)
+
+    monkeypatch.setattr(quantise, "quantise_layers", with_an_idle_neuron)
+    floats, integers = tmp_path / "normals.npz", tmp_path / "integers.npz"
+    training.normals(tiny_data, scene, floats, progress=False)
+    training.integers(tiny_data, scene, floats, integers, progress=False)
+    layers = quantise.layers_from_arrays(load_arrays(integers))
+    assert tuple(len(layer.weight) for layer in layers[:-1]) == (6, 5, 5) == scene.network.hidden
+    many = np.concatenate([layer.requantisation.multiplier for layer in layers[:-1]])
+    few_digits = digits.digit_counts(many).max() <= max(digits.MULTIPLIER_DIGITS)
+    assert few_digits == (weights == "baked")
+
+
 def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_data):
     """Layers, kernels, float weights and learning curves, unchanged."""
     weights = load_arrays(tiny_folder / "normals.npz")

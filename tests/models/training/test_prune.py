@@ -1,9 +1,9 @@
-import numpy as np
 import pytest
 import torch
 
-from fastac.models.floating.network import PixelNetwork, predict
+from fastac.models.floating.network import PixelNetwork
 from fastac.models.training import prune
+from fastac.models.training.hidden_neurons import widths
 from fastac.models.training.normals import labelled_splits, train
 
 
@@ -15,36 +15,6 @@ def trained(tiny_data, make_scene):
     return network, settings, labelled_splits(tiny_data, settings)
 
 
-def with_idle_neurons(network: PixelNetwork) -> PixelNetwork:
-    """The same function with two more neurons in the second layer: one is always 0, one twice another."""
-    wider = PixelNetwork(6, (8, 10, 8))
-    with torch.no_grad():
-        for new, old in zip(wider.linear_layers, network.linear_layers, strict=True):
-            new.weight.zero_()
-            new.bias.zero_()
-            new.weight[: old.out_features, : old.in_features] = old.weight
-            new.bias[: old.out_features] = old.bias
-        second, third = wider.linear_layers[1:3]
-        second.bias[8] = -1.0
-        second.weight[9], second.bias[9] = 2 * second.weight[0], 2 * second.bias[0]
-        third.weight[:, 9] = 0.3 * third.weight[:, 0]
-        third.weight[:, 0] -= 2 * third.weight[:, 9]
-    return wider
-
-
-def test_neurons_that_add_nothing_go_at_no_cost(trained):
-    network, _, pixels = trained
-    x = pixels["train"][0][:3000]
-    wider = with_idle_neurons(network)
-    np.testing.assert_allclose(predict(wider, x), predict(network, x), atol=1e-5)
-    hidden = prune.outputs(wider, x)
-    for neuron in (0, 8, 9):
-        fewer = prune.without_neuron(wider, 1, neuron, hidden[1])
-        assert prune.widths(fewer) == (8, 9, 8)
-        np.testing.assert_allclose(predict(fewer, x), predict(network, x), atol=1e-4)
-    assert len(list(prune.candidates(wider, x))) == 26
-
-
 @pytest.mark.parametrize("growth", [0.0, 0.2])
 def test_as_few_neurons_as_the_error_allows(trained, growth):
     network, settings, pixels = trained
@@ -52,9 +22,9 @@ def test_as_few_neurons_as_the_error_allows(trained, growth):
     found = prune.prune_neurons(network, pixels, settings, growth=growth, slope_limit=4)
     first, error = (prune.gradient_error(k, *pixels["validation"], 4) for k in (network, found))
     assert error <= (1 + growth) * first
-    assert min(prune.widths(found)) >= 4
+    assert min(widths(found)) >= 4
     if growth:
-        assert sum(prune.widths(found)) < 20
+        assert sum(widths(found)) < 20
     again = prune.prune_neurons(network, pixels, settings, growth=growth, slope_limit=4)
     for one, other in zip(found.state_dict().values(), again.state_dict().values(), strict=True):
         assert torch.equal(one, other)
@@ -69,7 +39,7 @@ def test_another_error_may_not_grow_either(trained):
         settings,
         growth=0.0,
         slope_limit=4,
-        further_error=lambda candidate: 100 - sum(prune.widths(candidate)),
+        further_error=lambda candidate: 100 - sum(widths(candidate)),
     )
     assert kept is network
 
@@ -79,3 +49,36 @@ def test_the_smallest_network_stays(trained):
     smallest = PixelNetwork(6, (4, 4, 4))
     found = prune.prune_neurons(smallest, pixels, settings, growth=0.5, slope_limit=4)
     assert found is smallest
+
+
+def test_the_neurons_of_least_effect_go_until_a_width_is_reached(trained, monkeypatch):
+    network, settings, pixels = trained
+    before = [weight.clone() for weight in network.state_dict().values()]
+    on_the_way, trained_on = [], prune.Pruning.trained_on
+
+    def watched(pruning, candidate, share):
+        on_the_way.append((widths(candidate), share))
+        return trained_on(pruning, candidate, share)
+
+    monkeypatch.setattr(prune.Pruning, "trained_on", watched)
+    found = prune.prune_to_width(network, pixels, settings, width=(8, 6, 5), slope_limit=4)
+    assert widths(found) == (8, 6, 5)
+    assert [sum(width) for width, _ in on_the_way] == [23, 22, 21, 20] + [19] * 6
+    rounds = [prune.LAST_SHARE] * prune.LAST_ROUNDS
+    assert [share for _, share in on_the_way] == [prune.WIDTH_SHARE] * 5 + rounds
+    assert all(width[0] == 8 and width[1] >= 6 and width[2] >= 5 for width, _ in on_the_way)
+    assert all(torch.equal(a, b) for a, b in zip(before, network.state_dict().values(), strict=True))
+    again = prune.prune_to_width(network, pixels, settings, width=(8, 6, 5), slope_limit=4)
+    assert all(
+        torch.equal(a, b)
+        for a, b in zip(found.state_dict().values(), again.state_dict().values(), strict=True)
+    )
+    cut = prune.Pruning(pixels, settings, 4, progress=False)
+    while widths(network) != (8, 6, 5):
+        network = cut.ranked(network, (8, 6, 5))[0]
+    assert cut.error(found) < cut.error(network)  # training on makes up for what was removed
+
+
+def test_a_network_of_the_width_asked_stays(trained):
+    network, settings, pixels = trained
+    assert prune.prune_to_width(network, pixels, settings, width=(8, 8, 8), slope_limit=4) is network

@@ -1,0 +1,93 @@
+"""Designs of a sweep that differ in the training's seed alone: means, spreads, and what a network costs."""
+
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fastac.report.tables import Table, number
+from fastac.sweep.front import Source
+from fastac.sweep.results import Row
+from fastac.sweep.shown import SHOWN, named
+
+SEED = "training.seed"
+COMPARED = ("normal_mae_deg", "depth_mae_mm", "force_mae_n")
+"""Errors whose means are shown; of the force that of all its axes together, which chance moves least."""
+FEWEST = 2
+"""Seeds of a design that has a spread."""
+
+
+@dataclass(frozen=True)
+class Trainings:
+    """The rows of one design, a row for each seed."""
+
+    rows: Sequence[Row]
+
+    @property
+    def design(self) -> Row:
+        """The first row, without the seed among its axes."""
+        first = self.rows[0]
+        return replace(first, axes={key: value for key, value in first.axes.items() if key != SEED})
+
+    def has(self, name: str) -> bool:
+        return all(name in row.metrics for row in self.rows)
+
+    def mean(self, name: str) -> float:
+        return float(np.mean([row.metrics[name] for row in self.rows]))
+
+    def spread(self, name: str) -> float:
+        """Standard deviation, as of a sample."""
+        return float(np.std([row.metrics[name] for row in self.rows], ddof=1))
+
+
+def trainings(rows: Iterable[Row]) -> list[Trainings]:
+    """The designs with several seeds, in the order in which they were measured first."""
+    found: dict[str, dict[int, Row]] = {}
+    for row in rows:
+        found.setdefault(_without(row, ()), {})[row.scene["training"]["seed"]] = row
+    return [Trainings([*by_seed.values()]) for by_seed in found.values() if len(by_seed) >= FEWEST]
+
+
+def _without(row: Row, tables: Sequence[str]) -> str:
+    """The row's scene without name, seed and simulation, and without `tables`, to group rows by."""
+    kept = {key: value for key, value in row.scene.items() if key not in ("name", "simulation", *tables)}
+    training = {key: value for key, value in kept["training"].items() if key != "seed"}
+    return json.dumps(kept | {"training": training}, sort_keys=True)
+
+
+def seeds_table(source: Source) -> Table:
+    """Means and standard deviations over training.seed, and the change from the design's first network."""
+    designs = trainings(source.done)
+    errors = [name for name in COMPARED if any(design.has(name) for design in designs)]
+    costs = [name for name in SHOWN if any(design.has(name) for design in designs)]
+    first: dict[str, Trainings] = {}
+    rows = []
+    for design in designs:
+        reference = first.setdefault(_without(design.rows[0], ("network",)), design)
+        cells = [_mean(design, name) + _change(design, reference, name) for name in errors]
+        cells += [_mean(design, name) for name in costs]
+        rows.append([named(design.design) or design.design.scene["name"], len(design.rows), *cells])
+    return Table(
+        f"Means over {SEED}: {source.results.path.name}",
+        ["design", "trainings", *errors, *costs],
+        [[str(cell) for cell in row] for row in rows],
+        "Mean ± standard deviation over trainings; in brackets the mean's change from the first line of a"
+        " scene with another network.",
+    )
+
+
+def _mean(design: Trainings, name: str) -> str:
+    if not design.has(name):
+        return ""
+    mean, spread = design.mean(name), design.spread(name)
+    if not spread:
+        return number(mean)
+    digits = ",.0f" if mean >= 1000 else ",.3g" if spread > mean / 100 else ",.4g"
+    return f"{mean:{digits}} ± {spread:{',.0f' if mean >= 1000 else '.2g'}}"
+
+
+def _change(design: Trainings, reference: Trainings, name: str) -> str:
+    if design is reference or not (design.has(name) and reference.has(name)):
+        return ""
+    return f" ({100 * (design.mean(name) / reference.mean(name) - 1):+.1f}%)"

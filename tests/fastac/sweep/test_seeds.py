@@ -1,0 +1,40 @@
+import pytest
+
+from fastac.sweep import front
+from fastac.sweep.results import Results, Row
+from fastac.sweep.seeds import seeds_table, trainings
+
+
+@pytest.fixture
+def source(make_scene, tmp_path):
+    """Two networks of three trainings, one of a single training, as a sweep measures them."""
+    results = Results(tmp_path / "r.sqlite")
+    results.set_facts({"scene": make_scene().model_dump(mode="json"), "generation": "now"})
+    for width, errors in ((8, (0.5, 0.6, 0.7)), (6, (0.55, 0.66, 0.77)), (4, (0.9,))):
+        for seed, error in enumerate(errors, 1):
+            scene = make_scene(network={"width": width}, training={"seed": seed}).model_dump(mode="json")
+            axes = {"network.width": width, "training.seed": seed}
+            metrics = {"normal_mae_deg": error, "dsp": 10 * width, "lut": 20000 + 100 * seed}
+            results.add(Row(f"{width} {seed}", "done", axes, scene, metrics, generation="now"))
+    return front.read(results.path)
+
+
+def test_designs_are_grouped_over_seeds_alone(source):
+    found = trainings(source.done)
+    assert [[row.key for row in design.rows] for design in found] == [
+        [f"{width} {seed}" for seed in (1, 2, 3)] for width in (8, 6)
+    ]
+    assert [design.design.axes for design in found] == [{"network.width": 8}, {"network.width": 6}]
+    assert found[0].mean("normal_mae_deg") == pytest.approx(0.6)
+    assert found[0].spread("normal_mae_deg") == pytest.approx(0.1)
+    assert not found[0].has("depth_mae_mm")
+    assert trainings(source.done[:1]) == []
+
+
+def test_the_table_has_means_spreads_and_what_another_network_changes(source):
+    table = seeds_table(source)
+    assert table.head == ["design", "trainings", "normal_mae_deg", "dsp", "lut"]
+    assert table.rows == [
+        ["width 8", "3", "0.6 ± 0.1", "80", "20,200 ± 100"],
+        ["width 6", "3", "0.66 ± 0.11 (+10.0%)", "60", "20,200 ± 100"],
+    ]
