@@ -70,7 +70,8 @@ def _room(shape: tuple[int, ...], folder: Path) -> np.ndarray:
     """Room for frames: memory, or, where they are many, a file that is gone when it is closed."""
     if math.prod(shape) <= MOST_IN_MEMORY:
         return np.empty(shape, np.uint8)
-    return np.memmap(tempfile.TemporaryFile(dir=folder), np.uint8, "w+", shape=shape)
+    with tempfile.TemporaryFile(dir=folder) as file:
+        return np.memmap(file, np.uint8, "w+", shape=shape)  # which keeps the file open
 
 
 def write_forces(

@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from fastac.sensor.importers.footage import ImportFailure, encoded_photograph
+from fastac.sensor.importers.footage import ImportFailure, encoded_photograph, file_in
 
 RAW, COMPRESSED = "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage"
 IMAGES, WRENCHES = (RAW, COMPRESSED), ("geometry_msgs/msg/WrenchStamped",)
@@ -43,6 +43,8 @@ def _opened(path: Path) -> Iterator:
 
     if not path.exists():
         raise ImportFailure(f"{path}: no such file or folder")
+    for file in path.iterdir() if path.is_dir() else ():
+        file_in(path, file.name)
     try:
         with Reader(path) as reader:
             yield reader

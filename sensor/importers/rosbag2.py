@@ -20,7 +20,6 @@ from fastac.sensor.importers.ros_recording import Clock, RosRecording, require_p
 from fastac.sensor.samples import FORCE_AXES
 from fastac.store.progress import progress_bar
 
-GROUPS = ("recording", "press")
 CONTACT_SHARE = MAX_BACKGROUND_FORCE_SHARE
 """A press begins where the force rises above this share of the recording's largest one."""
 
@@ -72,7 +71,9 @@ def _check_background(recording: RosRecording, force_n: np.ndarray, count: int) 
         )
 
 
-def _matched(recordings: Iterable[RosRecording], count: int, tolerance_ns: int, sign: int, tare: bool):
+def _matched(
+    recordings: Iterable[RosRecording], count: int, tolerance_ns: int, sign: int, tare: bool
+) -> Iterator[Matched]:
     """Each recording with its forces and its background, the mean of the first `count` images."""
     for recording in recordings:
         force_n = _forces(recording, tolerance_ns, sign, count if tare else 0)

@@ -30,7 +30,6 @@ from fastac.sensor.importers.force_frames import ForceFrame, checked_image, mean
 FORCES = "dataset_slip_forces.pkl"
 UNLABELLED = 5
 """The most images at a stroke's end that may lack a force: the benchmark never reads theirs."""
-GROUPS = ("batch", "probe", "stroke")
 
 
 @dataclass(frozen=True)
@@ -48,8 +47,8 @@ class Batch:
         probe = self.name.rsplit("/", 1)[0]
         return {"batch": self.name, "probe": probe, "stroke": f"{self.name}/{self.stroke[row]}"}[by]
 
-    def all_images(self) -> Iterator[tuple[int, np.ndarray, str]]:
-        """Every image, decoded where it is asked for: index, a function's result, place."""
+    def all_images(self) -> Iterator[tuple[int, object, str]]:
+        """Every image as it is stored, encoded or not, with its index and its place for errors."""
         index = 0
         for path in self.images:
             held = plain_pickle.load(path)

@@ -142,6 +142,9 @@ def test_errors(tmp_path):
     whole = write_mcap(tmp_path / "whole.mcap", messages()).read_bytes()
     cut.write_bytes(whole[: len(whole) // 2])
     assert "cut.mcap: not a readable ROS 2 recording" in refused(cut)
+    (small / "small.mcap").rename(tmp_path / "small.mcap")
+    (small / "small.mcap").symlink_to(tmp_path / "small.mcap")
+    assert "'small.mcap': not a file inside this folder" in refused(small)
     (tmp_path / "a.txt").write_text("x")
     assert "a.txt: not a readable ROS 2 recording: Unrecognized storage format" in refused(tmp_path / "a.txt")
 

@@ -53,6 +53,14 @@ def test_groups_and_every_so_many(folder):
     np.testing.assert_array_equal(data.group, ["batch_2/0"] * 3 + ["batch_2/1"] * 4)
 
 
+def test_many_frames_are_kept_in_a_file(folder, monkeypatch):
+    frames = imported(folder).frames
+    monkeypatch.setattr("fastac.sensor.importers.force_frames.MOST_IN_MEMORY", 0)
+    before = sorted(folder.parent.iterdir())
+    np.testing.assert_array_equal(imported(folder).frames, frames)
+    assert sorted(folder.parent.iterdir()) == before
+
+
 def test_of_a_stroke_the_last_images_may_lack_forces(folder):
     path = folder / "flat/batch_2/dataset_slip_forces.pkl"
     labels = pickle.loads(path.read_bytes())
