@@ -160,6 +160,12 @@ class Training(Strict):
     """What the pixel network learns from. geometry: normals. force: the force alone; network and weights of
     the slopes are then learned together, and the slopes mean nothing by themselves."""
     seed: Annotated[int, Field(ge=0)] = 1
+    patience_epochs: Count | None = None
+    """Epochs in a row that do not lower the validation error, after which the training of a pixel network
+    stops; the numbers of epochs are then upper limits. Training from forces alone, which anneals its rates
+    over all epochs otherwise, then keeps them and takes the mean of the network's weights over an epoch; the
+    search for the size of the force's weights stops in the same way. Not given, or where no frame is in the
+    validation split: all epochs."""
     normals_epochs: Count = 30
     normals_batch_px: Count = 8192
     teachers: Annotated[int, Field(ge=0, le=32)] = 0

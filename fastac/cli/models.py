@@ -1,5 +1,8 @@
 """Commands that train models, judge them and run them on frames."""
 
+import os
+from contextlib import nullcontext
+
 import click
 import numpy as np
 
@@ -66,14 +69,20 @@ def print_errors(errors: dict) -> None:
     is_flag=True,
     help="Train once for each group of a recording, without it, and test on it.",
 )
+@click.option(
+    "--jobs",
+    type=click.IntRange(1),
+    help="Groups that are left out side by side. [default: one for each core]",
+)
 @click.option("--json", "json_file", type=OUTPUT_FILE, help="Also write the errors to this file.")
 @progress_option
-def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
+def evaluate(bundle, data, split, leave_one_group_out, jobs, json_file, progress):
     """Print the errors of BUNDLE's float and integer models against the ground truth of a dataset.
 
     With --leave-one-group-out, models like BUNDLE's are trained from the forces of all groups but one and
     tested on that one. Two baselines are listed beside them: ridge regression on the pixels, and a quadratic
-    in the summed difference from the background. Finished trainings are kept in the step store.
+    in the summed difference from the background. Each group is trained on one core. Finished trainings are
+    kept in the step store.
 
     \b
     Example: fastac evaluate build/paper --data build/paper/data.h5
@@ -81,11 +90,23 @@ def evaluate(bundle, data, split, leave_one_group_out, json_file, progress):
     from fastac import api
     from fastac.flow import leave_one_out
     from fastac.store.files import write_json
+    from fastac.sweep.pools import local_pool
 
+    if jobs and not leave_one_group_out:
+        raise click.UsageError("--jobs is for --leave-one-group-out")
+    jobs = jobs or os.cpu_count() or 1
     sensor = api.load(bundle)
     samples = sensor.read(data, progress=progress)
     if leave_one_group_out:
-        content = leave_one_out.evaluate(samples, sensor.scene, data, store_beside(bundle), progress=progress)
+        with local_pool(jobs) if jobs > 1 else nullcontext() as pool:
+            content = leave_one_out.evaluate(
+                samples,
+                sensor.scene,
+                data,
+                store_beside(bundle),
+                start=pool and pool.start,
+                progress=progress,
+            )
         if json_file:
             write_json(json_file, content)
         click.echo(leave_one_out.table(content))

@@ -109,7 +109,9 @@ class WeightFit:
         *,
         progress: bool,
     ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
-        return smooth_weights.fit(found, truth, shifts_px, progress=progress)
+        return smooth_weights.fit(
+            found, truth, shifts_px, patience=scene.training.patience_epochs, progress=progress
+        )
 
 
 class SlopeFit(WeightFit):

@@ -1,9 +1,12 @@
 """What a model trained from forces is worth: each group left out once, and two simple models beside it."""
 
+from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, as_completed
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from threadpoolctl import threadpool_limits
 
 from fastac.flow import frames, training
 from fastac.models import accuracy
@@ -39,12 +42,16 @@ def check(data: Dataset, scene: Scene, path: Path) -> list[str]:
     return groups
 
 
-def linear_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
-    """Forces (test frames, axes) of a ridge on the pixels' differences, its weights smooth over the image."""
+def linear_force_n(data: Dataset, axes: tuple[int, ...], patience: int | None = None) -> np.ndarray:
+    """Forces (test frames, axes) of a ridge on the pixels' differences, its weights smooth over the image.
+
+    patience : as in `smooth_weights.fit`
+    """
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
     weights, *_ = smooth_weights.fit(
         {split: background_differences(data, index) for split, index in splits.items()},
         {split: data.forces_n(index, axes) for split, index in splits.items()},
+        patience=patience,
     )
     return np.einsum("nijc,aijc->na", background_differences(data, data.indices("test")), weights)
 
@@ -68,32 +75,80 @@ def train(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> Bundl
 
 
 def without_group(folder: Path, data: Path, scene: Scene, group: str, *, store: Path, progress: bool) -> dict:
-    """A step: mean absolute errors, N, of all models on a group of recordings, trained on the others."""
-    known = frames.read(data, scene, store=store, progress=progress)
-    known = replace(known, split=split_by_group(known.group, (group,)))
-    model, index = train(known, scene, folder, progress=progress), known.indices("test")
-    truth = known.forces_n(index, scene.force_axes)
-    found = {
-        name: value["force_mae_n"]
-        for name, value in accuracy.compare_pipelines(model, known, index, progress=progress)[0].items()
-        if name in MODELS
-    }
-    for name, estimate in (("linear", linear_force_n), ("quadratic", quadratic_force_n)):
-        found[name] = float(np.abs(estimate(known, scene.force_axes) - truth).mean())
+    """A step: mean absolute errors, N, of all models on a group of recordings, trained on the others.
+
+    On one core, so that groups can be trained side by side and the result does not depend on how many are.
+    """
+    with threadpool_limits(1):
+        known = frames.read(data, scene, store=store, progress=progress)
+        known = replace(known, split=split_by_group(known.group, (group,)))
+        model, index = train(known, scene, folder, progress=progress), known.indices("test")
+        truth = known.forces_n(index, scene.force_axes)
+        found = {
+            name: value["force_mae_n"]
+            for name, value in accuracy.compare_pipelines(model, known, index, progress=progress)[0].items()
+            if name in MODELS
+        }
+        estimates = {
+            "linear": linear_force_n(known, scene.force_axes, scene.training.patience_epochs),
+            "quadratic": quadratic_force_n(known, scene.force_axes),
+        }
+    found |= {name: float(np.abs(estimate - truth).mean()) for name, estimate in estimates.items()}
     return {"frames": len(index), "mae_n": found}
 
 
-def evaluate(data: Dataset, scene: Scene, path: Path, store: Path, *, progress: bool) -> dict:
+def step_of(path: Path, scene: Scene, group: str, store: Path, *, progress: bool) -> Step:
+    """The step of the store in the folder `store` that leaves a group out."""
+    arguments = {"data": path, "scene": scene, "group": group}
+    return Step("left_out", without_group, arguments, (), {"store": store, "progress": progress})
+
+
+def perform(path: Path, scene: Scene, group: str, store: Path) -> dict:
+    """What `without_group` finds, for a process of its own."""
+    return open_store(store).value(step_of(path, scene, group, store, progress=False))
+
+
+def _side_by_side(tasks: list[tuple], executor: Executor) -> Iterator[None]:
+    """Perform tasks, arguments of `perform`, in the executor's processes; yields whenever one is done."""
+    with executor:
+        for done in as_completed([executor.submit(perform, *task) for task in tasks]):
+            try:
+                done.result()
+            except BaseException:
+                executor.shutdown(wait=False, cancel_futures=True)
+                raise
+            yield
+
+
+def evaluate(
+    data: Dataset,
+    scene: Scene,
+    path: Path,
+    store: Path,
+    *,
+    start: Callable[[], Executor] | None = None,
+    progress: bool,
+) -> dict:
     """Errors with each group left out, {"groups": {name: …}, "mean_mae_n": {model: N}}.
 
     Each group's trainings are a step of the store in the folder `store`, so that an interrupted run goes on
     where it stopped. Groups count alike in the mean.
+
+    start : makes the processes that train groups side by side; None, or one group: this process does
     """
-    found, quiet = {}, {"store": store, "progress": progress}
-    groups = check(data, scene, path)
-    for name in progress_bar(groups, desc="groups", unit="group", enabled=progress, leave=True):
-        step = Step("left_out", without_group, {"data": path, "scene": scene, "group": name}, (), quiet)
-        found[name] = open_store(store).value(step)
+    groups, kept = check(data, scene, path), open_store(store)
+    steps = {name: step_of(path, scene, name, store, progress=progress) for name in groups}
+    missing = [name for name, step in steps.items() if not kept.is_current(step)]
+    with progress_bar(total=len(groups), desc="groups", unit="group", enabled=progress, leave=True) as bar:
+        bar.update(len(groups) - len(missing))
+        if start is not None and len(missing) > 1:
+            for _ in _side_by_side([(path, scene, name, store) for name in missing], start()):
+                bar.update()
+        else:
+            for name in missing:
+                kept.value(steps[name])
+                bar.update()
+    found = {name: kept.value(step) for name, step in steps.items()}
     means = {model: float(np.mean([entry["mae_n"][model] for entry in found.values()])) for model in MODELS}
     return {"data": str(path), "groups": found, "mean_mae_n": means}
 

@@ -141,6 +141,7 @@ def finetune(
         0.0,
         settings.input_noise,
         settings.position_noise,
+        settings.patience_epochs,
     )(
         model,
         x,

@@ -7,12 +7,16 @@ for each channel, are reduced to the two linear combinations of channels that ex
 network is initialised to compute these. Then network and fields a, b (sums of cosines) are trained on the L1
 error of the force, on frames averaged over blocks, which is faster and loses little since contacts are
 smooth. Afterwards models/training/smooth_weights.py fits the fields again, to the slopes of each arithmetic.
-"""
 
-import copy
+Where the scene limits the patience, nobody knows beforehand which epoch will be the last, and rates cannot be
+annealed towards it. They stay as they are, and a moving average of the parameters over about an epoch is
+validated and kept, which damps the noise of the steps as small rates would (Polyak, Juditsky, "Acceleration
+of Stochastic Approximation by Averaging", 1992).
+"""
 
 import numpy as np
 import torch
+from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from fastac.models.floating.network import PixelNetwork, UnitLength
 from fastac.models.floating.threads import single_thread
@@ -24,18 +28,23 @@ from fastac.models.integer.features import (
     scales,
 )
 from fastac.models.training import smooth_weights
-from fastac.models.training.normals import ScaledNetwork
+from fastac.models.training.best_epoch import BestEpoch
+from fastac.models.training.normals import VALIDATION_PX, ScaledNetwork
+from fastac.scenes.model_schema import Training
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.progress import progress_bar
 
-MIN_BLOCKS = 32
-"""Smallest side of block-averaged frames, in blocks."""
+MIN_BLOCKS = 20
+"""Smallest side of block-averaged frames, in blocks: time goes with their number. With 10 × 11 for 40 × 44 px
+the error grew by a seventh."""
+WARM_UP_EPOCHS = 0.5
+"""Over which rates rise that then stay."""
 INITIAL_SLOPE = 1.0
 """Scale of the linear model's slopes: their 99.99th percentile, a quarter of the default slope limit."""
 MIN_N_Z = 1e-2
-DISTILLED_PX = 1 << 20
-"""Number of pixels with the float network's normals on which the integers are fine-tuned."""
+DISTILLED_PX = {"train": 1 << 20, "validation": VALIDATION_PX}
+"""Number of pixels with the float network's normals on which the integers are fine-tuned, and judged."""
 
 
 def background_differences(data: Dataset, index: np.ndarray) -> np.ndarray:
@@ -44,14 +53,19 @@ def background_differences(data: Dataset, index: np.ndarray) -> np.ndarray:
 
 
 def linear_fields(
-    pixels: dict[str, np.ndarray], force_n: dict[str, np.ndarray], *, progress: bool = False
+    pixels: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    *,
+    patience: int | None = None,
+    progress: bool = False,
 ) -> tuple[np.ndarray, int]:
     """Fit the linear model F = Σ fields · pixels; returns its fields (axes, H, W, C) and their number of
     cosines.
 
     pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); both by split name
+    patience : as in `smooth_weights.fit`
     """
-    fields, _, history = smooth_weights.fit(pixels, force_n, progress=progress)
+    fields, _, history = smooth_weights.fit(pixels, force_n, patience=patience, progress=progress)
     return fields, min(history, key=lambda entry: entry["validation_mae_n"])["cosines"]
 
 
@@ -151,10 +165,11 @@ def initial_model(data: Dataset, scene: Scene, *, progress: bool = False) -> For
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
     change = {split: background_differences(data, index) for split, index in splits.items()}
     force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
-    fields, _ = linear_fields(change, force, progress=progress)
+    keys = {"patience": scene.training.patience_epochs, "progress": progress}
+    fields, _ = linear_fields(change, force, **keys)
     mixtures = channel_mixtures(fields, change["train"])
     mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
-    fields, cosines = linear_fields(mixed, force, progress=progress)
+    fields, cosines = linear_fields(mixed, force, **keys)
     lowest = smooth_weights.lowest_cosines(fields, cosines)
     network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32), scene.network.hidden)
     return ForceFromPixels(network, lowest, data.background.shape, scene.numbers.slope_limit)
@@ -165,7 +180,7 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     """Fit network and weight fields to the train split's forces; returns the network and the learning curve.
 
     The parameters with the smallest validation error are kept, the initial linear model included; without a
-    validation split, the last ones.
+    validation split, the last ones. `scene.training.patience_epochs` may end it early.
     """
     settings = scene.training
     torch.manual_seed(settings.seed)
@@ -181,24 +196,35 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
         split: torch.from_numpy(data.forces_n(index, scene.force_axes)) for split, index in splits.items()
     }
     spread = change["train"].std(dim=(0, 1, 2)) * settings.input_noise
-    rates = [settings.normals_learning_rate, settings.force_learning_rate]
     optimiser = torch.optim.AdamW(
         [
-            {"params": model.network.parameters(), "weight_decay": 0.0},
-            {"params": [model.fields], "weight_decay": settings.force_weight_decay},
-        ]
+            {
+                "params": model.network.parameters(),
+                "lr": settings.normals_learning_rate,
+                "weight_decay": 0.0,
+            },
+            {
+                "params": [model.fields],
+                "lr": settings.force_learning_rate,
+                "weight_decay": settings.force_weight_decay,
+            },
+        ],
+        fused=True,
     )
     count = len(change["train"])
-    steps = settings.force_epochs * -(-count // settings.force_batch)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, rates, total_steps=steps, pct_start=0.1 if steps > 10 else 0.05
-    )
-    history = []
-    best, best_state = np.inf, None
+    steps = -(-count // settings.force_batch)
+    early = settings.patience_epochs is not None and len(change["validation"])
+    schedule = _constant(optimiser, steps) if early else _one_cycle(optimiser, settings, steps)
+    averaged = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(1 - 1 / max(steps, 2)))
+    judged = averaged.module if early else model
+    history, best = [], BestEpoch(settings.patience_epochs)
     if len(change["validation"]):  # what it starts from counts too: training must not lose it
-        best, best_state = _error(model, change, force), copy.deepcopy(model.state_dict())
-        history.append({"epoch": 0, "train_mae_n": np.nan, "validation_mae_n": best})
-    bar = progress_bar(total=steps, desc="slopes from forces", unit="step", enabled=progress)
+        error = _error(model, change, force)
+        best.tell(error, model)
+        history.append({"epoch": 0, "train_mae_n": np.nan, "validation_mae_n": error})
+    bar = progress_bar(
+        total=settings.force_epochs * steps, desc="slopes from forces", unit="step", enabled=progress
+    )
     for epoch in range(settings.force_epochs):
         total = 0.0
         for index in torch.randperm(count, generator=generator).split(settings.force_batch):
@@ -210,19 +236,37 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
             loss.backward()
             optimiser.step()
             schedule.step()
+            if early:
+                averaged.update_parameters(model)
             total += loss.item() * len(index)
             bar.update()
         entry = {"epoch": epoch + 1, "train_mae_n": total / count}
         if len(change["validation"]):
-            entry["validation_mae_n"] = _error(model, change, force)
-            if entry["validation_mae_n"] < best:
-                best, best_state = entry["validation_mae_n"], copy.deepcopy(model.state_dict())
+            entry["validation_mae_n"] = _error(judged, change, force)
+            best.tell(entry["validation_mae_n"], judged)
         history.append(entry)
         bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
+        if best.done:
+            break
     bar.close()
-    if best_state is not None:
-        model.load_state_dict(best_state)
+    best.restore(model)
     return model.network, history
+
+
+def _one_cycle(optimiser: torch.optim.Optimizer, settings: Training, steps: int):
+    """Rates that rise and are annealed over all epochs of so many steps each."""
+    total = settings.force_epochs * steps
+    rates = [group["lr"] for group in optimiser.param_groups]
+    return torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, rates, total_steps=total, pct_start=0.1 if total > 10 else 0.05
+    )
+
+
+def _constant(optimiser: torch.optim.Optimizer, steps: int):
+    """Rates that rise in the first half of an epoch of so many steps, and stay."""
+    return torch.optim.lr_scheduler.LambdaLR(
+        optimiser, lambda step: min(1.0, (step + 1) / (WARM_UP_EPOCHS * steps))
+    )
 
 
 def _error(model: ForceFromPixels, change: dict, force: dict) -> float:
@@ -232,12 +276,12 @@ def _error(model: ForceFromPixels, change: dict, force: dict) -> float:
 
 
 def distillation_pixels(
-    network: PixelNetwork, data: Dataset, *, limit: int = DISTILLED_PX, seed: int = 0
+    network: PixelNetwork, data: Dataset, *, limit: int | None = None, seed: int = 0
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Features (pixels, inputs) and the float network's unit normals (pixels, 3), by split name.
 
-    At most `limit` random pixels of a split, equally many from each frame. They are the targets of the
-    integers' fine-tuning where there are no labelled normals.
+    At most `limit` random pixels of a split, equally many from each frame; None: DISTILLED_PX. They are the
+    targets of the integers' fine-tuning where there are no labelled normals.
     """
     teacher = torch.nn.Sequential(ScaledNetwork(network, scales(data.frames.shape[-1])), UnitLength())
     height, width = data.frames.shape[1:3]
@@ -247,7 +291,7 @@ def distillation_pixels(
         index = data.indices(split)
         if not len(index):
             continue
-        each = max(min(limit // len(index), height * width), 1)
+        each = max(min((limit or DISTILLED_PX[split]) // len(index), height * width), 1)
         chosen = []
         for frame in index:
             features = integer_features(data.frames[frame], data.background).reshape(height * width, -1)

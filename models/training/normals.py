@@ -4,7 +4,6 @@ Loss and network are the paper's (Lu et al., "FasTac", section "Position-Aware M
 Estimation"). models/training/bit_true.py then fine-tunes the quantised network.
 """
 
-import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +12,7 @@ import torch
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, integer_features, scales
+from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.teachers import Ensemble
 from fastac.scenes.model_schema import Training
 from fastac.sensor.dataset import Dataset
@@ -72,6 +72,7 @@ class Fit:
     batch : pixels; rate : initial learning rate; label : name of the progress bar
     input_noise : standard deviation of the noise added to ΔI, as a fraction of ΔI's standard deviation
     position_noise : standard deviation of the noise added to x and y, as a fraction of half the image
+    patience : epochs in a row without a smaller validation loss that end the training; None: all are trained
     """
 
     epochs: int
@@ -82,6 +83,7 @@ class Fit:
     weight_decay: float = 0.0
     input_noise: float = 0.0
     position_noise: float = 0.0
+    patience: int | None = None
 
     @single_thread()
     def __call__(self, model, x, y, *, validation=None, teacher=None, copies=0, progress=False) -> list[dict]:
@@ -106,9 +108,9 @@ class Fit:
         if teacher is not None and not noisy:  # it says the same every time
             with torch.no_grad():
                 y, teacher = torch.cat([teacher(part) for part in x.split(self.batch)]), None
-        best, best_state, history = np.inf, None, []
+        best, history = BestEpoch(self.patience), []
         if validation is not None:  # what it starts from counts too: fine-tuning must not lose it
-            best, best_state = _loss(model, *validation), copy.deepcopy(model.state_dict())
+            best.tell(_loss(model, *validation), model)
         bar = progress_bar(total=steps, desc=self.label, unit="step", enabled=progress)
         for epoch in range(self.epochs):
             total = 0.0
@@ -130,13 +132,13 @@ class Fit:
             entry = {"epoch": epoch + 1, "train_loss": total / len(x)}
             if validation is not None:
                 entry["validation_loss"] = _loss(model, *validation)
-                if entry["validation_loss"] < best:
-                    best, best_state = entry["validation_loss"], copy.deepcopy(model.state_dict())
+                best.tell(entry["validation_loss"], model)
             history.append(entry)
             bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
+            if best.done:
+                break
         bar.close()
-        if best_state is not None:
-            model.load_state_dict(best_state)
+        best.restore(model)
         return history
 
 
@@ -219,6 +221,7 @@ def train(
         0.0,
         settings.input_noise,
         settings.position_noise,
+        settings.patience_epochs,
     )
     model = ScaledNetwork(network, unit)
     return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)

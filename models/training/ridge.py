@@ -9,6 +9,10 @@ import numpy as np
 
 REGULARISATION = 10.0 ** np.arange(-9, 1, 0.5)
 """Strengths that are tried, relative to the mean eigenvalue of the frames' Gram matrix."""
+LARGEST_SVD = 1024
+"""Rank up to which a singular value decomposition is used. Beyond, the eigenvectors of the Gram matrix take a
+quarter of the time, and what its squared condition loses, 1e-16 of the largest eigenvalue, is little beside
+the weakest regularisation."""
 HELD_OUT = 5
 """Without a validation split, one of this many training frames is held out to choose the regularisation."""
 
@@ -17,16 +21,31 @@ def solve(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.
     """Ridge weights (regularisations, features, axes) of x (frames, features) for force_n (frames, axes) in
     N.
 
-    Each feature is scaled to a root mean square of 1 for the penalty. One singular value decomposition serves
-    all regularisation strengths.
+    Each feature is scaled to a root mean square of 1 for the penalty. One decomposition serves all
+    regularisation strengths.
     """
     x = x.astype(np.float64)
     spread = np.sqrt((x**2).mean(axis=0))
     spread = np.where(spread > 0, spread, 1)
+    if min(x.shape) > LARGEST_SVD:
+        return _by_eigenvectors(x / spread, force_n, regularisation) / spread[:, None]
     u, s, vh = np.linalg.svd(x / spread, full_matrices=False)
     power = (s**2).sum() / len(x)
     damped = s / (s**2 + np.maximum(regularisation[:, None] * power, np.finfo(float).tiny))
     return vh.T @ (damped[..., None] * (u.T @ force_n)) / spread[:, None]
+
+
+def _by_eigenvectors(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.ndarray:
+    """`solve` for scaled features, by the eigenvectors of the smaller of their two Gram matrices."""
+    frames, features = x.shape
+    wide = features > frames
+    values, vectors = np.linalg.eigh(x @ x.T if wide else x.T @ x)
+    values = np.maximum(values, 0)
+    damped = 1 / (
+        values + np.maximum(regularisation[:, None] * (values.sum() / frames), np.finfo(float).tiny)
+    )
+    found = vectors @ (damped[..., None] * (vectors.T @ (force_n if wide else x.T @ force_n)))
+    return x.T @ found if wide else found
 
 
 def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:

@@ -33,6 +33,7 @@ def fit(
     force_n: dict[str, np.ndarray],
     shifts_px: dict[str, np.ndarray] | None = None,
     *,
+    patience: int | None = None,
     progress: bool = False,
 ) -> tuple[np.ndarray, np.ndarray | None, list[dict]]:
     """Fit the weights of the images, (axes, H, W, terms) in N, and of the dots' shifts, (axes, M, 2) in N per
@@ -40,6 +41,8 @@ def fit(
 
     images : (frames, H, W, terms) by split name, such as slopes less those of the background, with two terms
     force_n : (frames, axes), shifts_px : (frames, M, 2), by split name
+    patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
+        tried; None: all are tried. The largest take nearly all of the time.
     """
     height, width, terms = images["train"].shape[1:]
     sizes = [size for size in SIZES if size <= min(height, width)]
@@ -49,10 +52,16 @@ def fit(
         lowest = x[split][:, :size, :size].reshape(len(x[split]), -1)
         return ridge.joined(lowest, shifts_px and shifts_px[split])
 
-    history = []
+    history, waited, smallest = [], 0, np.inf
     for size in progress_bar(sizes, desc="force, weights", unit="basis", enabled=progress):
         part = {split: features(split, size) for split in x}
-        history += [{"cosines": size, **entry} for entry in ridge.validation_errors(part, force_n)]
+        found = [{"cosines": size, **entry} for entry in ridge.validation_errors(part, force_n)]
+        history += found
+        error = ridge.best(found)["validation_mae_n"]
+        waited = 0 if error < smallest else waited + 1
+        smallest = min(error, smallest)
+        if waited == patience:
+            break
     chosen = ridge.best(history)
     size = chosen["cosines"]
     found = ridge.fit(features("train", size), force_n["train"], chosen)

@@ -2,7 +2,10 @@
 
 import json
 import shutil
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -121,7 +124,8 @@ class TestLeaveOneGroupOut:
             return train(data, *arguments, **keys)
 
         monkeypatch.setattr(leave_one_out, "train", observed)
-        result = self.evaluate(build_folder, data_file, "--json", tmp_path / "e.json")
+        alone = ("--jobs", 1)
+        result = self.evaluate(build_folder, data_file, "--json", tmp_path / "e.json", *alone)
         assert [entry["test"] for entry in seen] == [{name} for name in GROUPS]
         for entry in seen:
             assert entry["train"] == entry["validation"] == set(GROUPS) - entry["test"]
@@ -150,6 +154,26 @@ class TestLeaveOneGroupOut:
         shutil.rmtree(second)
         assert self.evaluate(build_folder, data_file).stdout == result.stdout
         assert len(seen) == 4
+
+    def test_side_by_side_as_one_after_the_other(self, build_folder, data_file, scene, tmp_path):
+        """Every group in a process of its own; one that fails ends them all."""
+        data = dataset.read(data_file)
+        kept = build_folder.parent / "store"
+        spawned = partial(ProcessPoolExecutor, 2, get_context("spawn"))
+        one = leave_one_out.evaluate(data, scene, data_file, kept, progress=False)
+        assert (
+            leave_one_out.evaluate(data, scene, data_file, tmp_path / "many", start=spawned, progress=False)
+            == one
+        )
+        wide = scene.model_copy(update={"outputs": ("force_xyz",)})
+        with pytest.raises(dataset.DatasetError, match="force_n: x: not measured"):
+            leave_one_out.evaluate(
+                data, wide, data_file, tmp_path / "none", start=partial(ThreadPoolExecutor, 2), progress=False
+            )
+
+    def test_jobs_are_of_groups(self, build_folder, data_file):
+        message = run("evaluate", build_folder, "--data", data_file, "--jobs", 2, code=2).stderr
+        assert message.endswith("--jobs is for --leave-one-group-out\n")
 
     def test_refuses_what_has_no_groups(self, build_folder, data_file, tmp_path):
         data = dataset.read(data_file)

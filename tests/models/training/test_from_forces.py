@@ -64,7 +64,7 @@ def test_mixtures_span_what_fields_of_rank_two_use():
 
 def test_blocks_leave_enough_of_a_frame():
     sizes = [(16, 16), (64, 64), (128, 128), (256, 256), (96, 128), (100, 128), (66, 66)]
-    assert [from_forces.block_size(*size) for size in sizes] == [1, 2, 4, 8, 2, 2, 2]
+    assert [from_forces.block_size(*size) for size in sizes] == [1, 2, 4, 8, 4, 4, 2]
 
 
 class TestForceFromPixels:
@@ -140,6 +140,26 @@ def test_training_is_repeatable_and_noise_changes_it(forces_only, scene):
     )
     assert first == again
     assert first != other
+
+
+def test_it_stops_when_patience_ends_and_the_mean_of_the_weights_is_kept(forces_only, scene):
+    """With a rate that no step survives, the mean over an epoch is worse too: the start is what is kept."""
+    keys = {"force_epochs": 12, "patience_epochs": 2}
+    wild = scene.model_copy(
+        update={"training": scene.training.model_copy(update={**keys, "normals_learning_rate": 10.0})}
+    )
+    _, history = from_forces.train(forces_only, wild)
+    assert [entry["epoch"] for entry in history] == [0, 1, 2]
+    tame = scene.model_copy(update={"training": scene.training.model_copy(update=keys)})
+    (_, history), (_, again) = (from_forces.train(forces_only, tame) for _ in range(2))
+    assert history[1:] == again[1:]
+    errors = [entry["validation_mae_n"] for entry in history]
+    best = int(np.argmin(errors))
+    assert errors[best] < errors[0]
+    assert len(history) == min(12, best + 2) + 1
+    # Rates that stay and an average, not the cycle that ends with the last epoch.
+    cycle = from_forces.train(forces_only, scene)[1]
+    assert cycle[1]["validation_mae_n"] != errors[1]
 
 
 def test_without_validation_the_last_is_kept(forces_only, scene):

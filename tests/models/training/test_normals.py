@@ -110,6 +110,17 @@ class TestTrain:
         x, y = pixels(tiny_data, "validation")
         assert loss_of(predict(network, x), y) <= min(losses) * 1.0001
 
+    def test_stops_when_patience_ends(self, tiny_data, make_scene):
+        """Trained on mirrored normals, the second epoch is worse than the first, and so is the third."""
+        mirrored = tiny_data.normals * np.float32([-1, -1, 1])
+        training = (tiny_data.split == "train")[:, None, None, None]
+        data = replace(tiny_data, normals=np.where(training, mirrored, tiny_data.normals))
+        lengths = [
+            len(train(data, make_scene(training={"normals_epochs": 9, "patience_epochs": count}).training)[1])
+            for count in (2, 4)
+        ]
+        assert lengths[0] + 2 == lengths[1] < 9
+
     def test_teachers_replace_the_labels(self, tiny_data, make_scene):
         """With teachers trained on mirrored labels, the network learns mirrored normals: it follows the
         teachers."""

@@ -28,8 +28,11 @@ def test_without_regularisation_it_is_the_shortest_of_many_solutions():
     np.testing.assert_allclose(weights, np.linalg.pinv(x) @ force, atol=1e-9)
 
 
+@pytest.mark.parametrize("largest", [4, ridge.LARGEST_SVD])
 @pytest.mark.parametrize(("frames", "features"), [(40, 6), (12, 30), (9, 9)])
-def test_solutions_are_those_of_the_normal_equations(frames, features):
+def test_solutions_are_those_of_the_normal_equations(frames, features, largest, monkeypatch):
+    """By singular values as by the eigenvectors of either Gram matrix."""
+    monkeypatch.setattr(ridge, "LARGEST_SVD", largest)
     x, force, _ = problem(frames, features, noise=0.1)
     strengths = np.array([1e-6, 1e-2, 1.0])
     found = ridge.solve(x, force, strengths)

@@ -70,6 +70,16 @@ def test_the_choice_s_error_is_what_its_weights_give():
     assert len(history) == 6 * len(ridge.REGULARISATION)
 
 
+@pytest.mark.parametrize("patience", [1, 2])
+def test_no_larger_size_is_tried_once_so_many_were_no_better(patience):
+    change, truth = problem(fields(4), noise=0.5)
+    found, _, history = smooth_weights.fit(change, truth, patience=patience)
+    tried = list(dict.fromkeys(entry["cosines"] for entry in history))
+    assert tried == [2, 4, 6, 8, 10, 12][: 2 + patience]
+    every, *_ = smooth_weights.fit(change, truth)
+    np.testing.assert_array_equal(found, every)
+
+
 def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
     weights = fields(2)
     change, truth = problem(weights, noise=0.5, validation=False)
