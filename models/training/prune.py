@@ -23,12 +23,13 @@ COMBINED_PX = 1 << 16
 TRIES = 2
 """Neurons that are tried in turn, those of least effect, before nothing more is removed."""
 TUNING_SHARE = 0.2
-"""Epochs after each neuron, as a share of the float network's. With fewer the network moves further from the
-wide one: epochs at the end bring the slopes back, but not the depth."""
+"""Epochs after each neuron, as a share of the float network's, where the error decides."""
 NO_EFFECT = 1e-4
 """Relative growth of the error up to which a neuron counts as without effect: nothing is trained after it."""
-LAST_SHARE = 0.4
-"""The same once a width is reached that was asked for."""
+WIDTH_SHARE = 0.1
+"""Epochs after each neuron, as a share of the float network's, on the way to a width."""
+LAST_SHARE, LAST_ROUNDS = 0.4, 3
+"""The same once the width is reached, so many times."""
 
 
 def gradient_error(network: PixelNetwork, x: np.ndarray, y: np.ndarray, slope_limit: float) -> float:
@@ -150,5 +151,7 @@ def prune_to_width(
     with single_thread(), threadpool_limits(1):
         pruned = network
         while widths(pruned) != width:
-            pruned = pruning.trained_on(pruning.ranked(pruned, width)[0], TUNING_SHARE)
-        return pruned if pruned is network else pruning.trained_on(pruned, LAST_SHARE)
+            pruned = pruning.trained_on(pruning.ranked(pruned, width)[0], WIDTH_SHARE)
+        for _ in range(0 if pruned is network else LAST_ROUNDS):
+            pruned = pruning.trained_on(pruned, LAST_SHARE)
+        return pruned
