@@ -26,11 +26,10 @@ TUNING_SHARE = 0.2
 """Epochs after each neuron, as a share of the float network's, where the error decides."""
 NO_EFFECT = 1e-4
 """Relative growth of the error up to which a neuron counts as without effect: nothing is trained after it."""
-WIDTH_SHARE = 1 / 30
+WIDTH_SHARE = 0.1
 """Epochs after each neuron, as a share of the float network's, on the way to a width."""
-LAST_SHARE, LAST_ROUNDS = 0.4, 5
-"""The same once the width is reached, so many times. A single training as long as all of them moves further
-from the wide network: the slopes gain by it, but the depth loses."""
+LAST_SHARE, LAST_ROUNDS = 0.4, 3
+"""The same once the width is reached, so many times."""
 
 
 def gradient_error(network: PixelNetwork, x: np.ndarray, y: np.ndarray, slope_limit: float) -> float:

@@ -63,7 +63,7 @@ def test_the_neurons_of_least_effect_go_until_a_width_is_reached(trained, monkey
     monkeypatch.setattr(prune.Pruning, "trained_on", watched)
     found = prune.prune_to_width(network, pixels, settings, width=(8, 6, 5), slope_limit=4)
     assert widths(found) == (8, 6, 5)
-    assert [sum(width) for width, _ in on_the_way] == [23, 22, 21, 20] + [19] * 6
+    assert [sum(width) for width, _ in on_the_way] == [23, 22, 21, 20, 19] + [19] * prune.LAST_ROUNDS
     rounds = [prune.LAST_SHARE] * prune.LAST_ROUNDS
     assert [share for _, share in on_the_way] == [prune.WIDTH_SHARE] * 5 + rounds
     assert all(width[0] == 8 and width[1] >= 6 and width[2] >= 5 for width, _ in on_the_way)
