@@ -37,6 +37,8 @@ class Spec(Strict):
 
     scene: FileName
     """File of the base scene, which gives all keys that no axis sets."""
+    set: Annotated[dict[str, object], Field(default_factory=dict)]
+    """Values by key that the base scene has in this sweep in place of its own."""
     axes: Annotated[list[Axes], Field(min_length=1)]
     """One grid or, as [[axes]], several, whose points are merged."""
     method: Literal["grid", "optuna"] = "grid"
@@ -135,7 +137,24 @@ def load(path: Path) -> tuple[Spec, Scene]:
                     _check_value(one, key, f"{path}: axes: {axis!r}")
     if spec.method == "optuna" and len(spec.axes) > 1:
         raise SpecError(f"{path}: method = 'optuna': expected one table of axes")
-    return spec, scenes.load(path.parent / spec.scene)
+    return spec, _base(spec, path)
+
+
+def _base(spec: Spec, path: Path) -> Scene:
+    """The base scene with the values of `set`."""
+    base = scenes.load(path.parent / spec.scene)
+    if not spec.set:
+        return base
+    if any("scene" in keys_of(axis) for grid in spec.axes for axis in grid):
+        raise SpecError(f"{path}: set: expected no axis 'scene' beside it, whose files it would not change")
+    for key, value in spec.set.items():
+        if not _is_scene_key(key):
+            raise SpecError(f"{path}: set: {key!r}: a scene has no such key")
+        _check_value(value, key, f"{path}: set: {key!r}")
+    found = point_of(base, spec.set, path.parent)
+    if found.scene is None:
+        raise SpecError(f"{path}: set: {found.error}")
+    return found.scene
 
 
 def point_of(base: Scene, choice: dict, folder: Path) -> Point:

@@ -23,6 +23,31 @@ def points(path):
     return list(grid(spec, base, path.parent))
 
 
+def test_every_point_has_what_is_set(write):
+    set_bits = '[set]\n"numbers.data_bits" = 20\n"network.prune" = "unset"\n'
+    found = points(write(set_bits + '[axes]\n"poisson.mode" = ["absolute", "difference"]'))
+    assert [(p.scene.numbers.data_bits, p.scene.poisson.mode) for p in found] == [
+        (20, "absolute"),
+        (20, "difference"),
+    ]
+    assert found[0].axes == {"poisson.mode": "absolute"}
+    for text, message in (
+        (
+            '[set]\n"numbers.colour" = 1\n[axes]\n"numbers.data_bits" = [18]',
+            "'numbers.colour': a scene has no",
+        ),
+        ('[set]\n"numbers.data_bits" = 99\n[axes]\n"poisson.mode" = ["absolute"]', "set: numbers.data_bits"),
+        (
+            '[set]\n"numbers.data_bits" = 1979-05-27\n[axes]\n"poisson.mode" = ["absolute"]',
+            "expected numbers",
+        ),
+        (set_bits + '[axes]\n"scene" = ["tiny.toml"]', "expected no axis 'scene' beside it"),
+    ):
+        with pytest.raises(SpecError, match=message) as error:
+            points(write(text))
+        assert "\n" not in str(error.value)
+
+
 def test_every_combination_once(write):
     found = points(
         write('[axes]\n"numbers.data_bits" = [18, 26]\n"poisson.mode" = ["absolute", "difference"]')
