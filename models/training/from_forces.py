@@ -35,9 +35,9 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.progress import progress_bar
 
-MIN_BLOCKS = 20
-"""Smallest side of block-averaged frames, in blocks: time goes with their number. With 10 × 11 for 40 × 44 px
-the error grew by a seventh."""
+MIN_BLOCKS, FEW_BLOCKS = 32, 20
+"""Smallest side of block-averaged frames, in blocks, and where the scene limits the patience: time goes with
+their number. With 10 × 11 for 40 × 44 px the error grew by a seventh."""
 WARM_UP_EPOCHS = 0.5
 """Over which rates rise that then stay."""
 INITIAL_SLOPE = 1.0
@@ -108,11 +108,16 @@ def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> Pi
     return network
 
 
-def block_size(height: int, width: int) -> int:
+def fewest_blocks(settings: Training) -> int:
+    """Along a side of block-averaged frames, by the scene's settings."""
+    return MIN_BLOCKS if settings.patience_epochs is None else FEW_BLOCKS
+
+
+def block_size(height: int, width: int, fewest: int = MIN_BLOCKS) -> int:
     """Side in px of the blocks over which frames are averaged: the largest power of two that divides the
-    image and leaves MIN_BLOCKS blocks along each side."""
+    image and leaves `fewest` blocks along each side."""
     block = 1
-    while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < MIN_BLOCKS):
+    while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < fewest):
         block *= 2
     return block
 
@@ -127,13 +132,20 @@ def block_averages(images: np.ndarray, block: int) -> np.ndarray:
 class ForceFromPixels(torch.nn.Module):
     """The force from differences to the background: pixel network, slopes, and their weighted sum."""
 
-    def __init__(self, network: PixelNetwork, fields: np.ndarray, shape: tuple[int, int, int], limit: float):
+    def __init__(
+        self,
+        network: PixelNetwork,
+        fields: np.ndarray,
+        shape: tuple[int, int, int],
+        limit: float,
+        fewest: int = MIN_BLOCKS,
+    ):
         """fields : (axes, m, m, 2), DCT coefficients of the slopes' weights in N
-        shape : (H, W, C) of the frames; limit : the largest |slope|
+        shape : (H, W, C) of the frames; limit : the largest |slope|; fewest : as in `block_size`
         """
         super().__init__()
         height, width, channels = shape
-        block = block_size(height, width)
+        block = block_size(height, width, fewest)
         self.network, self.limit = network, limit
         self.unit = float(np.abs(fields).mean()) * block**2
         self.fields = torch.nn.Parameter(torch.tensor(fields * block**2 / self.unit, dtype=torch.float32))
@@ -172,7 +184,13 @@ def initial_model(data: Dataset, scene: Scene, *, progress: bool = False) -> For
     fields, cosines = linear_fields(mixed, force, **keys)
     lowest = smooth_weights.lowest_cosines(fields, cosines)
     network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32), scene.network.hidden)
-    return ForceFromPixels(network, lowest, data.background.shape, scene.numbers.slope_limit)
+    return ForceFromPixels(
+        network,
+        lowest,
+        data.background.shape,
+        scene.numbers.slope_limit,
+        fewest_blocks(scene.training),
+    )
 
 
 @single_thread()
@@ -186,7 +204,7 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     torch.manual_seed(settings.seed)
     generator = torch.Generator().manual_seed(settings.seed)
     model = initial_model(data, scene, progress=progress)
-    block = block_size(*data.frames.shape[1:3])
+    block = block_size(*data.frames.shape[1:3], fewest_blocks(settings))
     splits = {split: data.indices(split) for split in ("train", "validation")}
     change = {
         split: torch.from_numpy(block_averages(background_differences(data, index), block))

@@ -64,7 +64,8 @@ def test_mixtures_span_what_fields_of_rank_two_use():
 
 def test_blocks_leave_enough_of_a_frame():
     sizes = [(16, 16), (64, 64), (128, 128), (256, 256), (96, 128), (100, 128), (66, 66)]
-    assert [from_forces.block_size(*size) for size in sizes] == [1, 2, 4, 8, 4, 4, 2]
+    assert [from_forces.block_size(*size) for size in sizes] == [1, 2, 4, 8, 2, 2, 2]
+    assert [from_forces.block_size(*size, 20) for size in (*sizes, (40, 44))] == [1, 2, 4, 8, 4, 4, 2, 2]
 
 
 class TestForceFromPixels:
