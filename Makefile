@@ -99,7 +99,8 @@ clocks: $(SYNTH)
 	$(FASTAC) train scenes/$(SCENE).toml --seed 2
 	$(FASTAC) synth build/$(SCENE)-seed-2 --placements 3
 
-# The campaign: both scenes at 1, 2 and 4 pixels a clock, half of the frames photographs of ball presses.
+# The campaign: both scenes at 1, 2 and 4 pixels a clock, half of the frames photographs of ball presses; and the
+# scene small with a pixel in 2 to 16 clocks.
 PHOTOGRAPHS ?= ../shared/data/fots
 PRESSES := build/photographs.h5
 
@@ -109,6 +110,7 @@ $(PRESSES): | $(READY)
 
 verify: $(READY)
 	$(FASTAC) verify scenes/paper.toml
+	$(FASTAC) verify scenes/small.toml --lanes 1/2,1/4,1/8,1/16 --frames 3
 	@if [ -d "$(PHOTOGRAPHS)" ]; then \
 		$(MAKE) verify-photographs; \
 	else \
