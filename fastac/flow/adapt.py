@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac.export.card import ADAPTED_FROM
 from fastac.flow import training
 from fastac.flow.few_presses import known_presses, pixels_of, presses, read
 from fastac.flow.force_scale import with_force_scale
@@ -193,7 +194,7 @@ def adapted(
     validity = as_wide_limits(limited.validity, known.pipeline.validity)
     about = {
         **training.provenance(few),
-        "adapted_from_sha256": known.digest,
+        ADAPTED_FROM: known.digest,
         "presses": chosen["presses"],
         "tuned": chosen["tune"],
         "force": force,

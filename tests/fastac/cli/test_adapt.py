@@ -55,6 +55,7 @@ def test_a_bundle_and_a_calibration_for_hardware_that_is_built(tiny_folder, tiny
     about = found.pipeline.provenance
     assert about["adapted_from_sha256"] == tiny_bundle.digest
     assert about["source"] == data.source
+    assert f"adapted from the bundle {tiny_bundle.digest[:16]}…" in succeed("card", new).stdout
     assert json.loads((new / "adapt.json").read_text())["bundle_sha256"] == found.digest
     # The words are those of `fastac calibration`, and the bundle is one like any other.
     succeed("calibration", new, "--for", tiny_folder, "-o", tmp_path / "again.bin")
