@@ -2,6 +2,7 @@
 
 import click
 
+from fastac.cli.adapt import adapt
 from fastac.cli.bench import bench
 from fastac.cli.build import build, compare, report, reproduce
 from fastac.cli.common import Group
@@ -41,7 +42,7 @@ def main():
 
 COMMANDS = (
     *(build, reproduce, report, compare, data, protocol, import_),
-    *(train, evaluate, predict, objects, vibration, grasp),
+    *(train, adapt, evaluate, predict, objects, vibration, grasp),
     *(
         verilog,
         registers,

@@ -12,6 +12,8 @@ from fastac.report.tables import markdown_table, number
 from fastac.scenes.outputs import measured
 from fastac.store.files import DamagedFileError, read_json
 
+ADAPTED_FROM = "adapted_from_sha256"
+"""In a bundle's provenance: the hash of the bundle that it was adapted from, if it was (flow/adapt.py)."""
 NOT_STATED = "not stated"
 DATA, ACCURACY, REPORT = "data.h5", "accuracy.json", "report.json"
 
@@ -61,7 +63,7 @@ def _training_data(data: Path, bundle: Bundle) -> dict:
     frames of each split, the recordings, and the diameters of the balls."""
     known = bundle.pipeline.provenance
     found: dict = {"frames_are": bundle.scene.sensor.source}
-    found |= {key: known[key] for key in ("source", "frames") if key in known}
+    found |= {key: known[key] for key in ("source", "frames", ADAPTED_FROM) if key in known}
     if not data.exists():
         return found
     try:
@@ -128,6 +130,8 @@ def _data(data: dict) -> str:
     parts = [source if source.startswith(kind) else f"{kind}: {source}"]
     if "frames" in data:
         parts.append(f"{data['frames']} frames")
+    if ADAPTED_FROM in data:
+        parts.append(f"adapted from the bundle {data[ADAPTED_FROM][:16]}…")
     if "frames_of_split" in data:
         parts.append(", ".join(f"{count} {split}" for split, count in data["frames_of_split"].items()))
     if "recordings" in data:

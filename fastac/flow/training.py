@@ -343,7 +343,12 @@ def assemble(
         floats |= kernels
     known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))
     pipeline = emulator_pipeline.with_limits(pipeline, data.frames[known])
+    return bundle.save(output, replace(pipeline, provenance=provenance(data)), floats)
+
+
+def provenance(data: Dataset) -> dict:
+    """What a bundle remembers of the frames that it was trained on."""
     source = {"source": data.source, "frames": len(data), "channels": list(data.channels)}
     if data.photograph_px is not None:
         source["photograph_px"] = list(data.photograph_px)
-    return bundle.save(output, replace(pipeline, provenance=source), floats)
+    return source

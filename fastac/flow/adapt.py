@@ -1,0 +1,259 @@
+"""Another unit of a sensor: a few presses of it make a calibration for hardware built from the first one.
+
+Steps, kept in the store: what is tuned (`choice`), the float network (`tuned`), the integers
+(`requantised`), and the bundle with the words that the hardware takes (`adapted`). Word lengths, tables that
+are no part of a calibration, the skin at rest and the force's weights are those of the bundle that was given;
+the background is the new unit's.
+"""
+
+import copy
+import tempfile
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fastac.export.card import ADAPTED_FROM
+from fastac.flow import training
+from fastac.flow.few_presses import known_presses, pixels_of, presses, read
+from fastac.flow.force_scale import with_force_scale
+from fastac.gateware import calibration
+from fastac.models.emulator.pipeline import with_limits
+from fastac.models.floating.network import PixelNetwork
+from fastac.models.integer import assemble, quantise
+from fastac.models.integer import bundle as bundles
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.features import scales
+from fastac.models.integer.frame_validity import FrameValidity
+from fastac.models.integer.network import Layer
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.training import bit_true, transfer
+from fastac.models.training.prune import gradient_error
+from fastac.models.vision.dots import bridge_of, follower_of
+from fastac.report.tables import text_table
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
+from fastac.store.files import load_arrays, read_json, save_arrays, write_json
+from fastac.store.progress import progress_bar
+from fastac.store.steps import Step
+from fastac.store.store import open_store
+
+WEIGHTS, INTEGERS = "normals.npz", "integers.npz"
+BUNDLE, WORDS, SUMMARY = "bundle", "calibration.bin", "adapt.json"
+FEWEST_TO_CHOOSE = 3
+"""Presses from which on what is tuned is chosen by cross-validation; with fewer it is DEFAULT."""
+DEFAULT = "gains"
+FOLDS = 3
+FINETUNE_STEPS = 400
+"""Steps of the bit-true fine-tuning, at least, whatever number of presses there is."""
+NOT_ADAPTED = "none"
+"""In the errors of the choice: the network as it was, with the new unit's background."""
+
+
+def start(known: Bundle, x: np.ndarray, y: np.ndarray) -> PixelNetwork:
+    """The bundle's float network, no wider than its hardware."""
+    hidden, limit = known.pipeline.hidden, known.scene.numbers.slope_limit
+    return transfer.narrowed(transfer.network_of(known.floats), x, y, hidden, limit)
+
+
+def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> dict:
+    """A step: what to tune, and the slope errors of held-out presses that say so, as
+    {"presses": n, "tune": …, "errors": {what: {press: error}} or None}.
+
+    Presses are held out whole, in FOLDS parts; the errors are mean absolute errors of both slopes together.
+    What tunes the fewest numbers is chosen of all that are no worse than the best by more than one standard
+    error of the difference between presses. Too few presses are not held out at all.
+    """
+    known = bundles.load_for(bundle, scene)
+    few = training.skin_alone(read(data, scene, store=store, progress=progress), scene)
+    press, names = presses(few), known_presses(few)
+    if len(names) < FEWEST_TO_CHOOSE:
+        return {"presses": len(names), "tune": DEFAULT, "errors": None}
+    order = np.random.default_rng(scene.training.seed).permutation(len(names))
+    errors = {what: {} for what in (NOT_ADAPTED, *transfer.TUNES)}
+    bar = progress_bar(total=FOLDS * len(transfer.TUNES), desc="choice", unit="tuning", enabled=progress)
+    for fold in range(FOLDS):
+        held = [names[k] for k in order[fold::FOLDS]]
+        x, y = pixels_of(few, scene, (few.split != "test") & ~np.isin(press, held))
+        begun = start(known, x, y)
+        networks = {NOT_ADAPTED: begun}
+        for what in transfer.TUNES:
+            networks[what], _ = transfer.tune(copy.deepcopy(begun), x, y, scene.training, what)
+            bar.update()
+        for name in held:
+            truth = pixels_of(few, scene, (few.split != "test") & (press == name))
+            for what, network in networks.items():
+                errors[what][name] = gradient_error(network, *truth, scene.numbers.slope_limit)
+    bar.close()
+    return {"presses": len(names), "tune": simplest(errors), "errors": errors}
+
+
+def simplest(errors: dict[str, dict[str, float]]) -> str:
+    """Of TUNES, what tunes the fewest numbers and is no worse than the best by more than a standard error."""
+    table = {what: np.array(list(errors[what].values())) for what in transfer.TUNES}
+    best = min(table.values(), key=np.mean)
+    for what, values in table.items():
+        excess = values - best
+        if excess.mean() <= excess.std(ddof=1) / np.sqrt(len(excess)):
+            return what
+    raise AssertionError("the best is no worse than itself")
+
+
+def tuned(
+    folder: Path, scene: Scene, bundle: Path, data: Path, tune: str, *, store: Path, progress: bool
+) -> None:
+    """A step: the float network, tuned on all presses, and its learning curve."""
+    known = bundles.load_for(bundle, scene)
+    few = training.skin_alone(read(data, scene, store=store, progress=progress), scene)
+    x, y = pixels_of(few, scene, few.split != "test")
+    network, history = transfer.tune(start(known, x, y), x, y, scene.training, tune, progress=progress)
+    arrays = training.network_arrays(network) | training.curve(history, "normals")
+    save_arrays(folder / WEIGHTS, arrays)
+
+
+def requantised(
+    folder: Path, scene: Scene, data: Path, weights: Path, *, store: Path, progress: bool
+) -> None:
+    """A step: the integers of the tuned network, fine-tuned bit-true."""
+    few = training.skin_alone(read(data, scene, store=store, progress=progress), scene)
+    seen, _ = pixels_of(few, scene, few.split != "test")
+    settings, numbers, arrays = scene.training, scene.numbers, load_arrays(weights)
+    network = transfer.network_of(arrays)
+    x = transfer.at_other_places(seen, settings.seed)
+    chosen = np.random.default_rng(settings.seed).permutation(len(x))[: training.CALIBRATION_PX]
+    count = len(network.linear_layers)
+    layers = quantise.quantise_layers(
+        [arrays[f"network.{k}.weight"] for k in range(count)],
+        [arrays[f"network.{k}.bias"] for k in range(count)],
+        scales(x.shape[1] - 2),
+        x[chosen],
+        weight_bits=numbers.weight_bits,
+        activation_bits=numbers.activation_bits,
+        last_weight_bits=numbers.last_weight_bits,
+    )
+    epochs = settings.finetune_epochs
+    if epochs:
+        epochs = max(epochs, -(-FINETUNE_STEPS // -(-len(x) // settings.normals_batch_px)))
+    of_network = np.zeros((len(x), 3), np.float32)  # the teacher's outputs replace them
+    layers, history = bit_true.finetune(
+        {"train": (x, of_network)}, layers, network, settings, epochs=epochs, progress=progress
+    )
+    save_arrays(folder / INTEGERS, quantise.layers_to_arrays(layers) | training.curve(history, "finetune"))
+
+
+def pipeline_of(layers: tuple[Layer, ...], data: Dataset, known: Bundle) -> IntegerPipeline:
+    """The integers up to the force: new layers and background, the skin at rest of the known bundle."""
+    scene = known.scene
+    return assemble.assemble(
+        scene,
+        layers=layers,
+        background=data.background,
+        rest_depth_mm=known.pipeline.rest_depth_mm,
+        bridge=bridge_of(data.background, scene.sensor) if scene.wants_bridge else None,
+        follower=follower_of(data.background, scene.sensor) if scene.wants_dots else None,
+    )
+
+
+def loadable(made: Bundle, known: Bundle, folder: Path) -> Bundle:
+    """The bundle with the force and as many neurons as the hardware of `known`.
+
+    Raises CalibrationError, one line that says what differs, where it cannot be loaded there.
+    """
+    if known.pipeline.force is not None:
+        made = calibration.with_hardware_force(made, known, folder)
+    else:
+        made = replace(made, pipeline=calibration.as_wide_as(made.pipeline, known.pipeline))
+    calibration.calibration_words(made, known)
+    return made
+
+
+def adapted(
+    folder: Path,
+    scene: Scene,
+    bundle: Path,
+    data: Path,
+    chosen: dict,
+    weights: Path,
+    integers: Path,
+    *,
+    store: Path,
+    progress: bool,
+) -> None:
+    """A step: the new bundle, the words that the old one's hardware takes, and what was done."""
+    known, few = bundles.load_for(bundle, scene), read(data, scene, store=store, progress=progress)
+    floats, integer = load_arrays(weights), load_arrays(integers)
+    if scene.wants_dots:
+        floats |= training.dots_at_rest(few, scene)
+    floats |= {name: values for name, values in integer.items() if name.startswith("history.")}
+    pipeline = pipeline_of(quantise.layers_from_arrays(integer), few, known)
+    made = loadable(Bundle(pipeline, floats, ""), known, folder / "with_force")
+    seen = np.flatnonzero(few.split != "test")
+    made, force = with_force_scale(made, few, seen)
+    limited = with_limits(made.pipeline, few.frames[seen])
+    validity = as_wide_limits(limited.validity, known.pipeline.validity)
+    about = {
+        **training.provenance(few),
+        ADAPTED_FROM: known.digest,
+        "presses": chosen["presses"],
+        "tuned": chosen["tune"],
+        "force": force,
+    }
+    pipeline = limited.replace(validity=validity, provenance=about)
+    made = bundles.save(folder / BUNDLE, pipeline, made.floats)
+    words = calibration.calibration_words(made, known)
+    (folder / WORDS).write_bytes(words.astype("<u4").tobytes())
+    about |= {"bundle_sha256": made.digest, "words": len(words), "layout": int(words[0])}
+    write_json(folder / SUMMARY, about | {"slope_errors": chosen["errors"]})
+
+
+def as_wide_limits(few: FrameValidity, known: FrameValidity) -> FrameValidity:
+    """The limits of few presses, as wide at least as those of the first unit: few show few good frames."""
+    return replace(few, low=np.minimum(few.low, known.low), high=np.maximum(few.high, known.high))
+
+
+def adapt(
+    source: Path,
+    data: Path,
+    output: Path,
+    tune: str | None = None,
+    *,
+    announce: Callable[[str, str], None] | None = None,
+    progress: bool = True,
+) -> dict:
+    """Adapt the bundle `source` to the presses in `data`; writes the folder `output`, whole, and returns what
+    its file SUMMARY says.
+
+    tune : one of TUNES; None: chosen, see `choice`
+    Raises AdaptError, DatasetError or CalibrationError, before anything is trained as far as it can be known.
+    """
+    source = bundles.bundle_folder(source)
+    known, store = bundles.load(source), output.absolute().parent / "store"
+    few = read(data, known.scene, store=store, progress=progress)
+    with tempfile.TemporaryDirectory() as place:
+        pipeline = pipeline_of(known.pipeline.layers, few, known)
+        loadable(Bundle(pipeline, known.floats, ""), known, Path(place) / "with_force")
+    given = {"scene": known.scene, "bundle": source, "data": data}
+    quiet = {"store": store, "progress": progress}
+    kept = open_store(store)
+    if tune is None:
+        chosen = kept.value(Step("choice", choice, given, (), quiet), announce)
+    else:
+        chosen = {"presses": len(known_presses(few)), "tune": tune, "errors": None}
+    weights = Step("tuned", tuned, given | {"tune": chosen["tune"]}, (WEIGHTS,), quiet).output(WEIGHTS)
+    of_data = {"scene": known.scene, "data": data, "weights": weights}
+    integers = Step("requantised", requantised, of_data, (INTEGERS,), quiet).output(INTEGERS)
+    made = given | {"chosen": chosen, "weights": weights, "integers": integers}
+    entry = kept.perform(Step("adapted", adapted, made, (BUNDLE, WORDS, SUMMARY), quiet), announce)
+    entry.place(output)
+    return read_json(output / SUMMARY)
+
+
+def table(errors: dict[str, dict[str, float]]) -> str:
+    """The slope errors of held-out presses, by what was tuned."""
+    rows = []
+    for what, of_presses in errors.items():
+        values = np.array(list(of_presses.values()))
+        spread = values.std(ddof=1) / np.sqrt(len(values))
+        rows.append([what, f"{values.mean():.4f}", f"{spread:.4f}"])
+    return text_table(["tuned", "slope error", "standard error"], rows)

@@ -1,0 +1,62 @@
+"""The few presses of a second unit: which frames are of one press, and the pixels that are learned from."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from fastac.flow import frames
+from fastac.models.training.normals import labelled_pixels
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
+
+PLACES = (("grid_x_mm", "grid_y_mm"), ("x_mm", "y_mm"), ("center_px",))
+"""Keys of `indenter` that say where a press is; the first that a dataset has count."""
+
+
+class AdaptError(ValueError):
+    """Presses that a bundle cannot be adapted to; the message is one line."""
+
+
+def presses(data: Dataset) -> np.ndarray:
+    """The press that each frame is of, (frames,) text, "" for frames without contact.
+
+    Frames of one recording (`group`) at one place are of one press, whatever their loads are. Where no place
+    is known a recording is one press, and without recordings the whole dataset is.
+    """
+    group = np.full(len(data), "data", object) if data.group is None else data.group.astype(object)
+    known = data.indenter or {}
+    names = next((names for names in PLACES if all(name in known for name in names)), ())
+    places = np.column_stack([known[name] for name in names]) if names else np.zeros((len(data), 1))
+    text = np.array([f"{g}: {' '.join(f'{x:.6g}' for x in p)}" for g, p in zip(group, places, strict=True)])
+    at_rest = np.array([np.array_equal(frame, data.background) for frame in data.frames])
+    return np.where(at_rest | np.isnan(places).any(axis=1), "", text)
+
+
+def known_presses(data: Dataset) -> list[str]:
+    """Names of the presses that may be learned from, those of split test excepted, in the file's order."""
+    return list(dict.fromkeys(name for name in presses(data)[data.split != "test"].tolist() if name))
+
+
+def read(path: Path, scene: Scene, *, store: Path, progress: bool = False) -> Dataset:
+    """The few presses; raises AdaptError, or what `frames.read` raises, where they cannot be learned from."""
+    data = frames.read(path, scene, store=store, progress=progress)
+    if scene.training.labels == "force":
+        raise AdaptError(
+            f"scene {scene.name}: training.labels = 'force': expected 'geometry'; what such a network says"
+            " is no normal, so that presses of known geometry cannot tune it"
+        )
+    if data.normals is None:
+        raise AdaptError(f"{path}: normals: missing, and the pixel network is tuned on them")
+    if not known_presses(data):
+        raise AdaptError(f"{path}: split: no frame in contact outside of 'test'")
+    return data
+
+
+def pixels_of(data: Dataset, scene: Scene, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Features (pixels, inputs) and normals (pixels, 3) of the labelled pixels of `chosen` frames, a mask."""
+    split = np.where(chosen, "train", "test")
+    settings = scene.training
+    return labelled_pixels(
+        replace(data, split=split), "train", flat_fraction=settings.flat_fraction, seed=settings.seed
+    )

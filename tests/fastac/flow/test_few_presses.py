@@ -1,0 +1,64 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fastac.flow.few_presses import AdaptError, known_presses, pixels_of, presses, read
+from fastac.sensor import dataset
+
+
+def test_frames_at_one_place_are_of_one_press(tiny_data):
+    """The tiny dataset presses each of its 17 places with two loads."""
+    found = presses(tiny_data)
+    names, counts = np.unique(found, return_counts=True)
+    assert "" not in names
+    assert (len(names), set(counts)) == (17, {2})
+    assert len(known_presses(tiny_data)) == 13
+
+
+def test_recordings_and_places(tiny_data):
+    count = len(tiny_data)
+    group = np.array(["a", "b"])[np.arange(count) % 2]
+    assert len(set(presses(replace(tiny_data, group=group)))) == count
+    assert set(presses(replace(tiny_data, group=group, indenter=None))) == {"a: 0", "b: 0"}
+    assert len(set(presses(replace(tiny_data, indenter=None)))) == 1
+
+
+def test_frames_without_contact_are_of_no_press(tiny_data):
+    frames = tiny_data.frames.copy()
+    frames[3] = tiny_data.background
+    x_mm = tiny_data.indenter["x_mm"].copy()
+    x_mm[5] = np.nan
+    found = presses(replace(tiny_data, frames=frames, indenter=tiny_data.indenter | {"x_mm": x_mm}))
+    assert np.flatnonzero(found == "").tolist() == [3, 5]
+
+
+def test_pixels_of_chosen_frames(tiny_data, tiny_scene):
+    chosen = np.zeros(len(tiny_data), bool)
+    chosen[[0, 4]] = True
+    x, y = pixels_of(tiny_data, tiny_scene, chosen)
+    assert x.shape == (2 * 256, 6)
+    np.testing.assert_array_equal(y, tiny_data.normals[[0, 4]].reshape(-1, 3))
+
+
+def test_what_cannot_be_learned_from(tiny_data, tiny_scene, make_scene, tmp_path):
+    def written(name, **changes):
+        kept = ("pitch_mm", "channels", "source", "background", "frames", "split", "normals", "indenter")
+        given = {key: getattr(tiny_data, key) for key in kept} | changes
+        dataset.write(tmp_path / name, **given)
+        return tmp_path / name
+
+    file = written("bare.h5", normals=None)
+    with pytest.raises(AdaptError, match=rf"^{file}: normals: missing"):
+        read(file, tiny_scene, store=tmp_path)
+    file = written("test.h5", split=np.full(len(tiny_data), "test"))
+    with pytest.raises(AdaptError, match=rf"^{file}: split: no frame in contact outside of 'test'$"):
+        read(file, tiny_scene, store=tmp_path)
+    forces = make_scene(
+        outputs=["force_z"],
+        poisson={"mode": "difference", "solver": "adjoint"},
+        force={"clamp": False, "fit": "slopes"},
+        training={"labels": "force"},
+    )
+    with pytest.raises(AdaptError, match=r"^scene tiny: training\.labels = 'force': expected 'geometry'"):
+        read(written("whole.h5"), forces, store=tmp_path)
