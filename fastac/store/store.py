@@ -278,9 +278,13 @@ def _one_line(reasons: Sequence[str]) -> str:
     return f"{first} (and {len(others)} more)" if others else first
 
 
-@cache
 def open_store(folder: Path) -> Store:
     """The store in a folder; within a process always the same, so that code is read once."""
+    return _store(Path(folder).absolute())
+
+
+@cache
+def _store(folder: Path) -> Store:
     return Store(folder, _code())
 
 

@@ -84,7 +84,7 @@ async def values_order_latency_flags(dut, stall):
             accepted_at.append(cycle)
             refused = 0
         else:
-            refused += int(dut.i__valid.value)
+            refused += int(dut.i__valid.value) if accepted_at else 0  # before, a table may be written
         if not full and refused == LINGER:
             full = True
             assert len(accepted_at) == needed + places, (

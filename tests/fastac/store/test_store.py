@@ -13,7 +13,7 @@ import pytest
 
 from fastac.store.recording import unrecorded
 from fastac.store.steps import Step, StepError
-from fastac.store.store import DAY_S
+from fastac.store.store import DAY_S, open_store
 
 ROOT = Path(__file__).parents[3]
 
@@ -45,6 +45,16 @@ def test_a_result_is_kept(toy):
     assert entry.path("slopes.txt").read_text() == "19"
     assert store.is_current(slopes(toy))
     assert store.why(slopes(toy)) == "current"
+
+
+def test_a_relative_folder_is_one_of_the_current_directory(tmp_path, monkeypatch):
+    stores = []
+    for name in ("a", "b", "a"):
+        (tmp_path / name).mkdir(exist_ok=True)
+        monkeypatch.chdir(tmp_path / name)
+        stores.append(open_store(Path("store")))
+    assert [store.folder for store in stores] == [tmp_path / name / "store" for name in ("a", "b", "a")]
+    assert stores[0] is stores[2]
 
 
 def test_a_step_that_another_process_performs_meanwhile(toy, monkeypatch):
