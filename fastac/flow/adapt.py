@@ -21,16 +21,14 @@ from fastac.flow.force_scale import with_force_scale
 from fastac.gateware import calibration
 from fastac.models.emulator.pipeline import with_limits
 from fastac.models.floating.network import PixelNetwork
-from fastac.models.integer import assemble, quantise
 from fastac.models.integer import bundle as bundles
+from fastac.models.integer import quantise
 from fastac.models.integer.bundle import Bundle
-from fastac.models.integer.features import scales
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.training import bit_true, transfer
 from fastac.models.training.prune import gradient_error
-from fastac.models.vision.dots import bridge_of, follower_of
 from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -54,7 +52,7 @@ NOT_ADAPTED = "none"
 def start(known: Bundle, x: np.ndarray, y: np.ndarray) -> PixelNetwork:
     """The bundle's float network, no wider than its hardware."""
     hidden, limit = known.pipeline.hidden, known.scene.numbers.slope_limit
-    return transfer.narrowed(transfer.network_of(known.floats), x, y, hidden, limit)
+    return transfer.narrowed(PixelNetwork.from_arrays(known.floats), x, y, hidden, limit)
 
 
 def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> dict:
@@ -118,20 +116,9 @@ def requantised(
     """A step: the integers of the tuned network, fine-tuned bit-true."""
     few = training.skin_alone(read(data, scene, store=store, progress=progress), scene)
     seen, _ = pixels_of(few, scene, few.split != "test")
-    settings, numbers, arrays = scene.training, scene.numbers, load_arrays(weights)
-    network = transfer.network_of(arrays)
+    settings, network = scene.training, PixelNetwork.from_arrays(load_arrays(weights))
     x = transfer.at_other_places(seen, settings.seed)
-    chosen = np.random.default_rng(settings.seed).permutation(len(x))[: training.CALIBRATION_PX]
-    count = len(network.linear_layers)
-    layers = quantise.quantise_layers(
-        [arrays[f"network.{k}.weight"] for k in range(count)],
-        [arrays[f"network.{k}.bias"] for k in range(count)],
-        scales(x.shape[1] - 2),
-        x[chosen],
-        weight_bits=numbers.weight_bits,
-        activation_bits=numbers.activation_bits,
-        last_weight_bits=numbers.last_weight_bits,
-    )
+    layers = training.quantised(network, x, scene)
     epochs = settings.finetune_epochs
     if epochs:
         epochs = max(epochs, -(-FINETUNE_STEPS // -(-len(x) // settings.normals_batch_px)))
@@ -144,15 +131,7 @@ def requantised(
 
 def pipeline_of(layers: tuple[Layer, ...], data: Dataset, known: Bundle) -> IntegerPipeline:
     """The integers up to the force: new layers and background, the skin at rest of the known bundle."""
-    scene = known.scene
-    return assemble.assemble(
-        scene,
-        layers=layers,
-        background=data.background,
-        rest_depth_mm=known.pipeline.rest_depth_mm,
-        bridge=bridge_of(data.background, scene.sensor) if scene.wants_bridge else None,
-        follower=follower_of(data.background, scene.sensor) if scene.wants_dots else None,
-    )
+    return training.layers_pipeline(layers, data, known.scene, known.pipeline.rest_depth_mm)
 
 
 def loadable(made: Bundle, known: Bundle, folder: Path) -> Bundle:

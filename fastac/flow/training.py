@@ -180,26 +180,29 @@ def dots_at_rest(data: Dataset, scene: Scene) -> dict[str, np.ndarray]:
     return {"dots.rest_px": detected_as(follower, data.background, scene.sensor).rest_px}
 
 
-def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:
-    """Quantise the pixel network and fine-tune it bit-true; writes the integer layers."""
-    arrays = load_arrays(weights)
-    count = len([k for k in arrays if k.startswith("network.") and k.endswith(".weight")])
-    network = float_pipeline(arrays, data, scene).network
-    if scene.training.labels == "force":
-        split = from_forces.distillation_pixels(network, data, seed=scene.training.seed)
-    else:
-        split = train_normals.labelled_splits(skin_alone(data, scene), scene.training)
-    x, _ = split["train"]
+def quantised(network: PixelNetwork, x: np.ndarray, scene: Scene) -> tuple[Layer, ...]:
+    """The network's layers in the scene's words; features x (pixels, inputs) fix the activations' ranges."""
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
-    layers = quantise.quantise_layers(
-        [arrays[f"network.{k}.weight"] for k in range(count)],
-        [arrays[f"network.{k}.bias"] for k in range(count)],
+    return quantise.quantise_layers(
+        [layer.weight.detach().numpy() for layer in network.linear_layers],
+        [layer.bias.detach().numpy() for layer in network.linear_layers],
         scales(x.shape[1] - 2),
         x[chosen],
         weight_bits=scene.numbers.weight_bits,
         activation_bits=scene.numbers.activation_bits,
         last_weight_bits=scene.numbers.last_weight_bits,
     )
+
+
+def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:
+    """Quantise the pixel network and fine-tune it bit-true; writes the integer layers."""
+    network = PixelNetwork.from_arrays(load_arrays(weights))
+    if scene.training.labels == "force":
+        split = from_forces.distillation_pixels(network, data, seed=scene.training.seed)
+    else:
+        split = train_normals.labelled_splits(skin_alone(data, scene), scene.training)
+    x, _ = split["train"]
+    layers = quantised(network, x, scene)
     layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
     if scene.network.prune is not None:
         if scene.hardware.weights == "baked":
@@ -304,15 +307,20 @@ def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene)
     return layers_pipeline(quantise.layers_from_arrays(arrays), data, scene)
 
 
-def layers_pipeline(layers: tuple[Layer, ...], data: Dataset, scene: Scene) -> IntegerPipeline:
-    """The integers up to the displacement and the dots' shifts."""
+def layers_pipeline(
+    layers: tuple[Layer, ...], data: Dataset, scene: Scene, rest_mm: np.ndarray | None = None
+) -> IntegerPipeline:
+    """The integers up to the displacement and the dots' shifts.
+
+    rest_mm : depth (H, W) of the skin at rest; None: the dataset's
+    """
     return integer_assemble.assemble(
         scene,
         bridge=slope_bridge(data, scene),
         follower=follower_of(data.background, scene.sensor) if scene.wants_dots else None,
         layers=layers,
         background=data.background,
-        rest_depth_mm=rest_depth_mm(data),
+        rest_depth_mm=rest_depth_mm(data) if rest_mm is None else rest_mm,
     )
 
 

@@ -4,7 +4,9 @@ A multi-layer perceptron, by default with layers of 16, 16, 16 and 3 neurons, ap
 Source: Lu et al., "FasTac", section "Position-Aware MLP for Surface Normal Estimation".
 """
 
+from collections.abc import Mapping
 from itertools import pairwise
+from typing import Self
 
 import numpy as np
 import torch
@@ -36,6 +38,18 @@ class PixelNetwork(nn.Module):
         # Initially a surface that faces the camera: with n_z > 0 everywhere the slopes are finite.
         with torch.no_grad():
             self.layers[-1].bias.copy_(torch.tensor([0.0, 0.0, 1.0]))
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, np.ndarray]) -> Self:
+        """From `network.k.weight` (neurons, inputs) and `network.k.bias` of a bundle's float arrays."""
+        count = sum(name.startswith("network.") and name.endswith(".weight") for name in arrays)
+        weights = [torch.from_numpy(arrays[f"network.{k}.weight"]) for k in range(count)]
+        network = cls(weights[0].shape[1], tuple(len(weight) for weight in weights[:-1]))
+        with torch.no_grad():
+            for k, (layer, weight) in enumerate(zip(network.linear_layers, weights, strict=True)):
+                layer.weight.copy_(weight)
+                layer.bias.copy_(torch.from_numpy(arrays[f"network.{k}.bias"]))
+        return network
 
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return self.layers(x)

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
-import torch
 
 from fastac.models.floating import network as pixel_normals
 from fastac.models.floating.after_slopes import AfterSlopes
@@ -59,15 +58,7 @@ class FloatPipeline:
     ) -> "FloatPipeline":
         """From a bundle's float arrays: `network.k.weight`, `network.k.bias`, and optionally
         `force.float_weights`, `force.float_dot_weights` and `dots.rest_px`."""
-        count = sum(k.startswith("network.") and k.endswith(".weight") for k in arrays)
-        weights = [torch.from_numpy(arrays[f"network.{k}.weight"]) for k in range(count)]
-        network = pixel_normals.PixelNetwork(
-            weights[0].shape[1], tuple(len(weight) for weight in weights[:-1])
-        )
-        with torch.no_grad():
-            for k, (layer, weight) in enumerate(zip(network.linear_layers, weights, strict=True)):
-                layer.weight.copy_(weight)
-                layer.bias.copy_(torch.from_numpy(arrays[f"network.{k}.bias"]))
+        network = pixel_normals.PixelNetwork.from_arrays(arrays)
         dots = None
         if scene.wants_dots:
             dots = DetectedDots.at(arrays["dots.rest_px"], scene.sensor)

@@ -132,16 +132,13 @@ def finetune(
     x, y = pixels["train"]
     teacher = torch.nn.Sequential(ScaledNetwork(network, scales(x.shape[1] - 2)), UnitLength())
     model = BitTrueNetwork(layers, hidden_weights=hidden_weights, multipliers=multipliers)
-    history = Fit(
-        epochs,
-        settings.normals_batch_px,
-        settings.finetune_learning_rate,
-        settings.seed + 1,
+    history = Fit.of(
+        settings,
         "normals, bit-true",
-        0.0,
-        settings.input_noise,
-        settings.position_noise,
-        settings.patience_epochs,
+        epochs=epochs,
+        rate=settings.finetune_learning_rate,
+        seed=settings.seed + 1,
+        patience=settings.patience_epochs,
     )(
         model,
         x,

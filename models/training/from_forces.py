@@ -233,7 +233,9 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     steps = -(-count // settings.force_batch)
     early = settings.patience_epochs is not None and len(change["validation"])
     schedule = _constant(optimiser, steps) if early else _one_cycle(optimiser, settings, steps)
-    averaged = AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(1 - 1 / max(steps, 2)))
+    averaged = (
+        AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(1 - 1 / max(steps, 2))) if early else None
+    )
     judged = averaged.module if early else model
     history, best = [], BestEpoch(settings.patience_epochs)
     if len(change["validation"]):  # what it starts from counts too: training must not lose it

@@ -5,6 +5,7 @@ Estimation"). models/training/bit_true.py then fine-tunes the quantised network.
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 import torch
@@ -84,6 +85,20 @@ class Fit:
     input_noise: float = 0.0
     position_noise: float = 0.0
     patience: int | None = None
+
+    @classmethod
+    def of(cls, settings: Training, label: str, **others) -> Self:
+        """That of the float network by the scene's settings, without its patience; `others` are other values
+        by field."""
+        own = {
+            "epochs": settings.normals_epochs,
+            "batch": settings.normals_batch_px,
+            "rate": settings.normals_learning_rate,
+            "seed": settings.seed,
+            "input_noise": settings.input_noise,
+            "position_noise": settings.position_noise,
+        }
+        return cls(label=label, **own | others)
 
     @single_thread()
     def __call__(self, model, x, y, *, validation=None, teacher=None, copies=0, progress=False) -> list[dict]:
@@ -200,28 +215,15 @@ def train(
     if settings.teachers:
         ensemble = Ensemble(x.shape[1], teachers=settings.teachers, width=settings.teacher_width)
         teacher = ScaledNetwork(ensemble, unit)
-        Fit(
-            settings.teacher_epochs,
-            settings.normals_batch_px,
-            settings.normals_learning_rate,
-            settings.seed,
+        fit = Fit.of(
+            settings,
             "normals, teachers",
-            TEACHER_WEIGHT_DECAY,
-            settings.input_noise,
-            settings.position_noise,
-        )(teacher, x, y, copies=settings.teachers, progress=progress)
+            epochs=settings.teacher_epochs,
+            weight_decay=TEACHER_WEIGHT_DECAY,
+        )
+        fit(teacher, x, y, copies=settings.teachers, progress=progress)
         teacher.eval()
     network = PixelNetwork(x.shape[1], hidden)
-    fit = Fit(
-        settings.normals_epochs,
-        settings.normals_batch_px,
-        settings.normals_learning_rate,
-        settings.seed,
-        "normals, float",
-        0.0,
-        settings.input_noise,
-        settings.position_noise,
-        settings.patience_epochs,
-    )
+    fit = Fit.of(settings, "normals, float", patience=settings.patience_epochs)
     model = ScaledNetwork(network, unit)
     return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)

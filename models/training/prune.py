@@ -74,16 +74,10 @@ class Pruning:
 
     def trained_on(self, network: PixelNetwork, share: float) -> PixelNetwork:
         """The network itself, trained on for a share of the float network's epochs, one at least."""
-        settings = self.settings
-        fit = Fit(
-            max(1, round(share * settings.normals_epochs)),
-            settings.normals_batch_px,
-            settings.normals_learning_rate,
-            settings.seed,
+        fit = Fit.of(
+            self.settings,
             f"normals, {'-'.join(map(str, widths(network)))}",
-            0.0,
-            settings.input_noise,
-            settings.position_noise,
+            epochs=max(1, round(share * self.settings.normals_epochs)),
         )
         model = ScaledNetwork(network, scales(network.linear_layers[0].in_features - 2))
         fit(model, *self.pixels["train"], validation=_tensors(self.pixels), progress=self.progress)

@@ -51,18 +51,6 @@ class InputGains(torch.nn.Module):
         return self.network
 
 
-def network_of(arrays: dict[str, np.ndarray]) -> PixelNetwork:
-    """The float network in a bundle's arrays `network.k.weight` (neurons, inputs), `network.k.bias`."""
-    count = sum(name.startswith("network.") and name.endswith(".weight") for name in arrays)
-    weights = [arrays[f"network.{k}.weight"] for k in range(count)]
-    network = PixelNetwork(weights[0].shape[1], tuple(len(weight) for weight in weights[:-1]))
-    with torch.no_grad():
-        for k, layer in enumerate(network.linear_layers):
-            layer.weight.copy_(torch.from_numpy(weights[k]))
-            layer.bias.copy_(torch.from_numpy(arrays[f"network.{k}.bias"]))
-    return network
-
-
 def narrowed(
     network: PixelNetwork, x: np.ndarray, y: np.ndarray, hidden: Sequence[int], slope_limit: float
 ) -> PixelNetwork:
@@ -97,15 +85,11 @@ def tune(
     if what == "last":
         for parameter in network.linear_layers[-1].parameters():
             parameter.requires_grad = True
-    fit = Fit(
-        max(1, STEPS // -(-len(x) // settings.normals_batch_px)),
-        settings.normals_batch_px,
-        settings.normals_learning_rate * RATE_SHARES[what],
-        settings.seed,
+    fit = Fit.of(
+        settings,
         f"normals, {what}",
-        0.0,
-        settings.input_noise,
-        settings.position_noise,
+        epochs=max(1, STEPS // -(-len(x) // settings.normals_batch_px)),
+        rate=settings.normals_learning_rate * RATE_SHARES[what],
     )
     history = fit(ScaledNetwork(tuned, scales(x.shape[1] - 2)), x, y, progress=progress)
     for parameter in network.parameters():

@@ -1,6 +1,7 @@
 """A second unit of the tiny sensor: another light, coat, gel and camera."""
 
 import json
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -81,9 +82,7 @@ def test_what_cannot_be_loaded_is_refused_before_anything_is_trained(
     tiny_folder, tiny_bundle, make_scene, second, tmp_path
 ):
     baked = make_scene(hardware={"weights": "baked"})
-    layers = tuple(
-        layer.__class__(**{**vars(layer), "loadable": False}) for layer in tiny_bundle.pipeline.layers
-    )
+    layers = tuple(replace(layer, loadable=False) for layer in tiny_bundle.pipeline.layers)
     bundles.save(
         tmp_path / "baked", tiny_bundle.pipeline.replace(scene=baked, layers=layers), tiny_bundle.floats
     )

@@ -8,6 +8,16 @@ from fastac.models.integer.network import GradientRatio
 from fastac.models.training.normals import normal_loss
 
 
+def test_the_network_of_a_bundle():
+    torch.manual_seed(1)
+    network, arrays = PixelNetwork(6, (5, 4)), {}
+    for k, layer in enumerate(network.linear_layers):
+        arrays[f"network.{k}.weight"] = layer.weight.detach().numpy()
+        arrays[f"network.{k}.bias"] = layer.bias.detach().numpy()
+    x = torch.rand(20, 6)
+    assert torch.equal(PixelNetwork.from_arrays(arrays)(x), network(x))
+
+
 def test_slopes_by_hand():
     normals = np.array([[0.0, 0, 1], [3, -4, 2], [-1, 2, -5], [0, -2, 0], [0, 0, -1], [0, 0, 0], [9, 1, 1]])
     expected = [[0, 0], [-1.5, 2], [4, -4], [0, 4], [0, 0], [0, 0], [-4, -1]]

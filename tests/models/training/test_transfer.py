@@ -39,15 +39,6 @@ def test_gains_are_multiplied_into_the_first_layer(network):
         torch.testing.assert_close(tuned.folded()(x), before)
 
 
-def test_the_network_of_a_bundle(network):
-    arrays = {}
-    for k, layer in enumerate(network.linear_layers):
-        arrays[f"network.{k}.weight"] = layer.weight.detach().numpy()
-        arrays[f"network.{k}.bias"] = layer.bias.detach().numpy()
-    x = torch.rand(20, 6)
-    assert torch.equal(transfer.network_of(arrays)(x), network(x))
-
-
 @pytest.mark.parametrize("what", transfer.TUNES)
 def test_only_what_is_tuned_changes(network, pixels, monkeypatch, what):
     monkeypatch.setattr(transfer, "STEPS", 8)
