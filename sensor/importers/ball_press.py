@@ -7,8 +7,9 @@ or test), in pixel indices of the original photographs.
 from dataclasses import dataclass
 from pathlib import Path
 
-from fastac.sensor.importers.contact_circles import Press, check_scale, photograph_in, write_presses
+from fastac.sensor.importers.contact_circles import Press, photograph_in, write_presses
 from fastac.sensor.importers.csv_rows import Split, read_rows, where
+from fastac.sensor.importers.footage import check_scale
 
 
 @dataclass(frozen=True)

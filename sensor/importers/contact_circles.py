@@ -5,7 +5,6 @@ that was not measured: its pixels are not valid, and their normals are NaN. The 
 of flat skin; it is stored last, in split train.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -51,12 +50,6 @@ def photograph_in(folder: Path, name: str, place: str) -> Path:
     if not path.is_file():
         raise ImportFailure(f"{place}: image = {name!r}: not in {folder}")
     return path
-
-
-def check_scale(origin: Path | str, key: str, value: float) -> None:
-    """Raise ImportFailure unless a length or a scale is a positive number."""
-    if not (math.isfinite(value) and value > 0):
-        raise ImportFailure(f"{origin}: {key} = {value:g}: expected more than 0")
 
 
 def every_fifth(count: int) -> list[str]:

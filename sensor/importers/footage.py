@@ -1,6 +1,7 @@
 """Recorded frames from a video file or a folder of photographs, read one at a time."""
 
 import io
+import math
 import re
 import warnings
 from collections.abc import Callable, Iterator
@@ -79,6 +80,12 @@ def _decoded(source: Path | io.BytesIO, size: Callable[[], int], place: str, mod
     except Exception as error:  # Pillow's readers raise whatever they meet
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise ImportFailure(f"{place}: not a readable image: {reason}") from None
+
+
+def check_scale(origin: Path | str, key: str, value: float) -> None:
+    """Raise ImportFailure unless a length or a scale is a positive number."""
+    if not (math.isfinite(value) and value > 0):
+        raise ImportFailure(f"{origin}: {key} = {value:g}: expected more than 0")
 
 
 def file_in(folder: Path, name: str) -> Path:

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from fastac.sensor import dataset
-from fastac.sensor.importers.footage import CHANNELS, ImportFailure
-from fastac.sensor.importers.force_labels import split_held_out
+from fastac.sensor.importers.footage import CHANNELS, ImportFailure, check_scale
+from fastac.sensor.importers.force_labels import check_compression, split_held_out
 from fastac.sensor.importers.resample import Resampling
 from fastac.sensor.samples import FORCE_AXES
 from fastac.store.progress import progress_bar
@@ -102,8 +102,7 @@ def write_forces(
     Raises ImportFailure for frames and backgrounds of several sizes, forces that are not finite or negative
     in compression, and groups that cannot be held out.
     """
-    if not (math.isfinite(pitch_mm) and pitch_mm > 0):
-        raise ImportFailure(f"{origin}: pitch_mm = {pitch_mm:g}: expected more than 0")
+    check_scale(origin, "pitch_mm", pitch_mm)
     if not count:
         raise ImportFailure(f"{origin}: no frame with a force")
     first, *others = backgrounds
@@ -129,11 +128,7 @@ def write_forces(
             force_n[k] = frame.force_n
             group.append(frame.group)
             split.append(frame.split)
-    low, high = force_n[:, -1].min(), force_n[:, -1].max()
-    if -low > high:
-        raise ImportFailure(
-            f"{origin}: force_z_n = {low:g} to {high:g}: expected positive values in compression"
-        )
+    check_compression(origin, force_n)
     groups = np.array(group)
     known = all(name is not None for name in split) and not held_out
     dataset.write(

@@ -94,6 +94,15 @@ def split_held_out(
     return split_by_group(group, held_out or (groups[-1],))
 
 
+def check_compression(origin: Path, force_n: np.ndarray) -> None:
+    """Raise ImportFailure where z, the last axis of forces (frames, axes), is negative in compression."""
+    low, high = force_n[:, -1].min(), force_n[:, -1].max()
+    if -low > high:
+        raise ImportFailure(
+            f"{origin}: force_z_n = {low:g} to {high:g}: expected positive values in compression"
+        )
+
+
 def _index(value: str, frames: Photographs | Video, place: str) -> int:
     """The index of the frame that a value of the column `frame` names."""
     if value.isascii() and value.isdigit() and len(value) <= LONGEST_INDEX:
@@ -133,9 +142,5 @@ def read(path: Path, frames: Photographs | Video) -> Labels:
     twice = np.flatnonzero(np.diff(labels.frame) == 0)
     if len(twice):
         raise ImportFailure(f"{labels.where(twice[0] + 1)}: frame = {labels.frame[twice[0]]}: named twice")
-    low, high = labels.force_n[:, -1].min(), labels.force_n[:, -1].max()
-    if -low > high:
-        raise ImportFailure(
-            f"{path}: force_z_n = {low:g} to {high:g}: expected positive values in compression"
-        )
+    check_compression(path, labels.force_n)
     return labels

@@ -1,17 +1,15 @@
 """Importer of recordings with a force gauge: a video or photographs, and a CSV file with a force per
 frame."""
 
-import math
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
-from fastac.sensor import dataset
 from fastac.sensor.importers import force_labels
-from fastac.sensor.importers.footage import CHANNELS, ImportFailure, Photographs, Video, footage
+from fastac.sensor.importers.footage import ImportFailure, Photographs, Video, check_scale, footage
+from fastac.sensor.importers.force_frames import ForceFrame, write_forces
 from fastac.sensor.importers.force_labels import Labels, split_held_out
-from fastac.sensor.importers.resample import Resampling
 from fastac.store.progress import progress_bar
 
 MAX_BACKGROUND_FORCE_SHARE = 0.1
@@ -28,14 +26,14 @@ def _check_frames(labels: Labels, first: int) -> None:
 
 
 def _frames(
-    source: Photographs | Video, labels: Labels, stop: int, progress: bool, label: str
+    source: Photographs | Video, labels: Labels, stop: int, progress: bool = False
 ) -> Iterator[tuple[int, np.ndarray]]:
     """Yield index and image of the frames before `stop`, which must exist and have the same size.
 
     Where `stop` is behind the last labelled frame, the recording must end there too.
     """
     shape, last, index = None, int(labels.frame[-1]), -1
-    with progress_bar(source, total=stop, desc=label, unit="frame", enabled=progress) as bar:
+    with progress_bar(source, total=stop, desc="background", unit="frame", enabled=progress) as bar:
         for index, image in enumerate(bar):
             if index == stop <= last:
                 return
@@ -81,7 +79,7 @@ def _background_frames(labels: Labels, count: int, per_group: bool) -> dict[int,
 def _backgrounds(source, labels: Labels, chosen: dict[int, int], progress: bool) -> np.ndarray:
     """The mean of each group's background frames, float64 (groups, height, width, C)."""
     sums, counts = None, np.bincount(list(chosen.values()))
-    for index, image in _frames(source, labels, max(chosen) + 1, progress, "background"):
+    for index, image in _frames(source, labels, max(chosen) + 1, progress):
         if sums is None:
             sums = np.zeros((len(counts), *image.shape), np.uint32)
         if index in chosen:
@@ -128,8 +126,7 @@ def import_recording(
     is decoded twice rather than kept. Raises ImportFailure on anything missing, unreadable or inconsistent.
     """
     source, forces = footage(Path(source)), Path(forces)
-    if not (math.isfinite(pitch_mm) and pitch_mm > 0):
-        raise ImportFailure(f"{source.path}: pitch_mm = {pitch_mm:g}: expected more than 0")
+    check_scale(source.path, "pitch_mm", pitch_mm)
     labels = force_labels.read(forces, source)
     last = int(labels.frame[-1])
     if not 1 <= background_frames <= last + 1:
@@ -138,28 +135,28 @@ def import_recording(
     _check_frames(labels, 0 if per_group else background_frames)
     chosen = _background_frames(labels, background_frames, per_group)
 
-    backgrounds = _backgrounds(source, labels, chosen, progress)
-    resampling = Resampling(*backgrounds.shape[1:3], height_px, width_px)
-    background = resampling.background(backgrounds.mean(axis=0))
-    shifts = [background - resampling.covered(own) for own in backgrounds]
-    numbers = {name: number if per_group else 0 for number, name in enumerate(labels.groups)}
-    frames = np.empty((len(labels.frame), height_px, width_px, len(CHANNELS)), np.uint8)
+    means = _backgrounds(source, labels, chosen, progress)
+    names = labels.groups if per_group else [""]
     rows = {int(frame): row for row, frame in enumerate(labels.frame)}
-    for index, image in _frames(source, labels, last + 1, progress, "frames"):
-        row = rows.get(index)
-        if row is not None:
-            shifted = resampling.covered(image) + shifts[numbers[labels.group[row]]]
-            frames[row] = np.clip(np.rint(shifted), 0, 255)
-    dataset.write(
-        output,
+
+    def samples() -> Iterator[ForceFrame]:
+        for index, image in _frames(source, labels, last + 1):
+            row = rows.get(index)
+            if row is not None:
+                group = str(labels.group[row])
+                recording, place = group if per_group else "", f"{source.path}: frame {index}"
+                yield ForceFrame(image, tuple(labels.force_n[row]), recording, group, place, split[row])
+
+    write_forces(
+        samples(),
+        len(rows),
+        dict(zip(names, means, strict=True)),
+        origin=forces,
         pitch_mm=pitch_mm,
-        channels=CHANNELS,
         source=f"recorded: forces from {source.path.name}",
-        background=np.rint(background).astype(np.uint8),
-        frames=frames,
-        split=split,
-        force_n=labels.force_n,
-        force_axes=labels.axes,
-        group=labels.group,
-        photograph_px=backgrounds.shape[1:3],
+        output=output,
+        axes=labels.axes,
+        height_px=height_px,
+        width_px=width_px,
+        progress=progress,
     )

@@ -14,13 +14,12 @@ from pathlib import Path, PurePosixPath
 
 from fastac.sensor.importers.contact_circles import (
     Press,
-    check_scale,
     every_fifth,
     photograph_in,
     write_presses,
 )
 from fastac.sensor.importers.csv_rows import COLUMN, read_rows, where
-from fastac.sensor.importers.footage import file_in
+from fastac.sensor.importers.footage import check_scale, file_in
 
 
 @dataclass(frozen=True)

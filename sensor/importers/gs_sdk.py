@@ -14,20 +14,19 @@ What else is in the folder is not read. Each press is a group of its own, by its
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
 from fastac.sensor.importers.contact_circles import (
     Press,
-    check_scale,
     every_fifth,
     photograph_in,
     write_presses,
 )
 from fastac.sensor.importers.csv_rows import COLUMN, read_rows, where
-from fastac.sensor.importers.footage import ImportFailure, file_in
+from fastac.sensor.importers.footage import ImportFailure, check_scale, file_in
 from fastac.store.files import DamagedFileError, load_arrays, read_json
 
 MOST_LABEL_BYTES = 1 << 16
@@ -130,7 +129,7 @@ def import_folder(
         raise ImportFailure(f"{catalog}: experiment_reldir: none of {left_out} presses is labelled")
     split = _split(folder, [press.group for press in found])
     write_presses(
-        [Press(**vars(press) | {"split": part}) for press, part in zip(found, split, strict=True)],
+        [replace(press, split=part) for press, part in zip(found, split, strict=True)],
         file_in(folder, "background.png"),
         px_per_mm=px_per_mm,
         source=f"recorded: gs_sdk calibration {folder.resolve().name}",

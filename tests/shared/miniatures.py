@@ -5,9 +5,21 @@ import pickle
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image
 
+from fastac.sensor.importers.footage import ImportFailure
+
 GS_SDK_PRESSES = {"4.000mm/0": 4.0, "4.000mm/1": 4.0, "6.500mm/0": 6.5}
+
+
+def refused_by(imported, folder: Path, *others, **changed) -> str:
+    """The one line with which a test's function `imported` fails; out.h5 beside the folder is not written."""
+    with pytest.raises(ImportFailure) as error:
+        imported(folder, *others, **changed)
+    assert "\n" not in str(error.value)
+    assert not (folder.parent / "out.h5").exists()
+    return str(error.value)
 
 
 def gs_sdk_folder(folder: Path) -> Path:

@@ -1,13 +1,13 @@
 import os
+from functools import partial
 
 import numpy as np
 import pytest
-from miniatures import feats_folder, pressed
+from miniatures import feats_folder, pressed, refused_by
 from PIL import Image
 
 from fastac.sensor.dataset import read
 from fastac.sensor.importers.feats import import_folder
-from fastac.sensor.importers.footage import ImportFailure
 
 
 @pytest.fixture
@@ -22,12 +22,7 @@ def imported(folder, **changed):
     return read(folder.parent / "out.h5")
 
 
-def refused(folder, **changed) -> str:
-    with pytest.raises(ImportFailure) as error:
-        imported(folder, **changed)
-    assert "\n" not in str(error.value)
-    assert not (folder.parent / "out.h5").exists()
-    return str(error.value)
+refused = partial(refused_by, imported)
 
 
 def test_frames_forces_and_splits(folder):

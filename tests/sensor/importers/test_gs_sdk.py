@@ -1,12 +1,12 @@
 import json
+from functools import partial
 
 import numpy as np
 import pytest
-from miniatures import GS_SDK_PRESSES, gs_sdk_folder
+from miniatures import GS_SDK_PRESSES, gs_sdk_folder, refused_by
 from PIL import Image
 
 from fastac.sensor.dataset import read
-from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.importers.gs_sdk import import_folder
 
 PRESSES = GS_SDK_PRESSES
@@ -24,12 +24,7 @@ def imported(folder, **changed):
     return read(output)
 
 
-def refused(folder, **changed) -> str:
-    with pytest.raises(ImportFailure) as error:
-        imported(folder, **changed)
-    assert "\n" not in str(error.value)
-    assert not (folder.parent / "out.h5").exists()
-    return str(error.value)
+refused = partial(refused_by, imported)
 
 
 def test_presses_of_several_balls(folder):

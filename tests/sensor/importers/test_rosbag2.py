@@ -1,3 +1,5 @@
+from functools import partial
+
 import numpy as np
 import pytest
 
@@ -5,10 +7,9 @@ pytest.importorskip("mcap", reason="the extra `ros` is not installed: pip instal
 pytest.importorskip("rosbags", reason="the extra `ros` is not installed: pip install -e '.[ros]'")
 
 from miniature_bags import LOADS, START_NS, STEP_NS, image, messages, wrench, write_bag, write_mcap
-from miniatures import pressed
+from miniatures import pressed, refused_by
 
 from fastac.sensor.dataset import read
-from fastac.sensor.importers.footage import ImportFailure
 from fastac.sensor.importers.rosbag2 import import_recordings
 
 
@@ -18,12 +19,7 @@ def imported(*paths, **changed):
     return read(paths[0].parent / "out.h5")
 
 
-def refused(*paths, **changed) -> str:
-    with pytest.raises(ImportFailure) as error:
-        imported(*paths, **changed)
-    assert "\n" not in str(error.value)
-    assert not (paths[0].parent / "out.h5").exists()
-    return str(error.value)
+refused = partial(refused_by, imported)
 
 
 def two(place, **given):
