@@ -12,25 +12,22 @@ def size_options(command):
     return command
 
 
-def px_per_mm_option(command):
-    return click.option(
-        "--px-per-mm", type=float, required=True, help="Pixels of the original photographs per mm."
-    )(command)
+px_per_mm_option = click.option(
+    "--px-per-mm", type=float, required=True, help="Pixels of the original photographs per mm."
+)
 
 
-def pitch_option(command):
-    return click.option(
-        "--pitch-mm", type=float, required=True, help="Size of a resampled pixel on the skin, mm."
-    )(command)
+pitch_option = click.option(
+    "--pitch-mm", type=float, required=True, help="Size of a resampled pixel on the skin, mm."
+)
 
 
-def held_out_option(command):
-    return click.option(
-        "--held-out",
-        multiple=True,
-        metavar="GROUP",
-        help="Group whose frames are the test split; repeatable. [default: the last]",
-    )(command)
+held_out_option = click.option(
+    "--held-out",
+    multiple=True,
+    metavar="GROUP",
+    help="Group whose frames are the test split; repeatable. [default: the last]",
+)
 
 
 def every_option(what: str):
@@ -44,10 +41,9 @@ def every_option(what: str):
     )
 
 
-def negate_option(command):
-    return click.option(
-        "--negate", is_flag=True, help="Negate all forces: for gauges of which z is negative in compression."
-    )(command)
+negate_option = click.option(
+    "--negate", is_flag=True, help="Negate all forces: for gauges of which z is negative in compression."
+)
 
 
 def split_counts(data) -> str:

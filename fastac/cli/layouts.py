@@ -26,7 +26,7 @@ from fastac.cli.import_options import (
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
-def gs_sdk(folder, px_per_mm, skip_unlabelled, height_px, width_px, output, progress):
+def gs_sdk(folder, output, **given):
     """Import a calibration FOLDER of gs_sdk, or of a fork of gsrobotics with the same tools.
 
     FOLDER holds catalog.csv, background.png and, for each press, gelsight.png and label.npz; balls of several
@@ -40,15 +40,7 @@ def gs_sdk(folder, px_per_mm, skip_unlabelled, height_px, width_px, output, prog
     from fastac.sensor.importers.gs_sdk import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_folder(
-        folder,
-        px_per_mm=px_per_mm,
-        skip_unlabelled=skip_unlabelled,
-        height_px=height_px,
-        width_px=width_px,
-        output=output,
-        progress=progress,
-    )
+    import_folder(folder, output=output, **given)
     say_presses(output)
 
 
@@ -66,7 +58,7 @@ def gs_sdk(folder, px_per_mm, skip_unlabelled, height_px, width_px, output, prog
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
-def fots(folder, ball_mm, px_per_mm, background, height_px, width_px, output, progress):
+def fots(folder, output, **given):
     """Import the annotated ball presses of FOTS from FOLDER, its mlp_calib.
 
     FOLDER holds csv/annotate.csv with the circles, the photographs that it names, and 0000.png, the untouched
@@ -79,16 +71,7 @@ def fots(folder, ball_mm, px_per_mm, background, height_px, width_px, output, pr
     from fastac.sensor.importers.fots import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_folder(
-        folder,
-        ball_mm=ball_mm,
-        px_per_mm=px_per_mm,
-        background=background,
-        height_px=height_px,
-        width_px=width_px,
-        output=output,
-        progress=progress,
-    )
+    import_folder(folder, output=output, **given)
     say_presses(output)
 
 
@@ -113,9 +96,7 @@ def fots(folder, ball_mm, px_per_mm, background, height_px, width_px, output, pr
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
-def feats(
-    folder, background, pitch_mm, group_pattern, held_out, every, height_px, width_px, output, progress
-):
+def feats(folder, background, output, **given):
     """Import frames with forces in the layout of FEATS from FOLDER: labels, or raw recordings.
 
     FOLDER holds one .npy a frame, itself or in train, val and test, which are then the splits unless groups
@@ -130,18 +111,7 @@ def feats(
     from fastac.sensor.importers.feats import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_folder(
-        folder,
-        background,
-        pitch_mm=pitch_mm,
-        group_pattern=group_pattern,
-        held_out=held_out,
-        every=every,
-        height_px=height_px,
-        width_px=width_px,
-        output=output,
-        progress=progress,
-    )
+    import_folder(folder, background, output=output, **given)
     say_forces(output)
 
 
@@ -168,19 +138,7 @@ def feats(
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
-def tacbench(
-    folder,
-    pitch_mm,
-    group_by,
-    held_out,
-    background_frames,
-    every,
-    negate,
-    height_px,
-    width_px,
-    output,
-    progress,
-):
+def tacbench(folder, output, **given):
     """Import frames with forces of DIGIT or GelSight Mini in the layout of TacBench (Sparsh) from FOLDER.
 
     Each folder at or below FOLDER with dataset_slip_forces.pkl is a batch: its strokes' images become frames
@@ -194,19 +152,7 @@ def tacbench(
     from fastac.sensor.importers.tacbench import import_folder
 
     output.parent.mkdir(parents=True, exist_ok=True)
-    import_folder(
-        folder,
-        pitch_mm=pitch_mm,
-        group_by=group_by,
-        held_out=held_out,
-        background_frames=background_frames,
-        every=every,
-        negate=negate,
-        height_px=height_px,
-        width_px=width_px,
-        output=output,
-        progress=progress,
-    )
+    import_folder(folder, output=output, **given)
     say_forces(output)
 
 
