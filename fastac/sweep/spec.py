@@ -101,6 +101,12 @@ def expand(axis: str, value) -> dict:
     return dict(zip(keys, value if each else [value] * len(keys), strict=True))
 
 
+def _check_key(key: str, place: str) -> None:
+    """Raise SpecError, beginning with `place`, for a key that is not in the scene's schema."""
+    if not _is_scene_key(key):
+        raise SpecError(f"{place}: {key!r}: a scene has no such key")
+
+
 def _check_value(value: object, key: str, place: str) -> None:
     """Raise SpecError, beginning with `place`, for what no key of a scene can be."""
     if key == "scene" and not (isinstance(value, str) and value.isprintable()):
@@ -127,8 +133,8 @@ def load(path: Path) -> tuple[Spec, Scene]:
         for axis, values in grid.items():
             keys = keys_of(axis)
             for key in keys:
-                if key != "scene" and not _is_scene_key(key):
-                    raise SpecError(f"{path}: axes: {key!r}: a scene has no such key")
+                if key != "scene":
+                    _check_key(key, f"{path}: axes")
             for value in values:
                 if len(keys) > 1 and isinstance(value, list) and len(value) != len(keys):
                     wrong = f"{axis!r}: {scenes.shown(value)}"
@@ -148,8 +154,7 @@ def _base(spec: Spec, path: Path) -> Scene:
     if any("scene" in keys_of(axis) for grid in spec.axes for axis in grid):
         raise SpecError(f"{path}: set: expected no axis 'scene' beside it, whose files it would not change")
     for key, value in spec.set.items():
-        if not _is_scene_key(key):
-            raise SpecError(f"{path}: set: {key!r}: a scene has no such key")
+        _check_key(key, f"{path}: set")
         _check_value(value, key, f"{path}: set: {key!r}")
     found = point_of(base, spec.set, path.parent)
     if found.scene is None:

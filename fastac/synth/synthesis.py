@@ -18,7 +18,7 @@ from fastac.store.steps import Step
 from fastac.store.store import Store, open_store
 from fastac.synth import place_ecp5, yosys
 from fastac.synth.netlist import Part, parts
-from fastac.synth.synthesis_tasks import AGAIN, COUNT, LUTS, PLACE, REGISTERS, TASKS, Task
+from fastac.synth.synthesis_tasks import AGAIN, COUNT, EVERY, LUTS, PLACE, PLACEMENTS, REGISTERS, TASKS, Task
 
 FILE = "synth.json"
 
@@ -71,7 +71,7 @@ def perform(
     results: dict[str, dict] = {part.name: {} for part in found}
     waiting = []
     for part in found:
-        for task in (*TASKS, *AGAIN):
+        for task in EVERY:
             step = task.step(part, device.dsp.name)
             if store.is_current(step):
                 results[part.name][task.name] = store.value(step)
@@ -80,7 +80,7 @@ def perform(
     if waiting:
         synth_tools.check_installed(sorted({tool for _, task, _ in waiting for tool in task.tools}))
     # The counts of all parts first: they take less time.
-    waiting.sort(key=lambda job: (*TASKS, *AGAIN).index(job[1]))
+    waiting.sort(key=lambda job: EVERY.index(job[1]))
     with progress_bar(total=len(waiting), desc="synth", unit="run", enabled=progress, leave=True) as bar:
 
         def find(job: tuple[Part, Task, Step]) -> None:
@@ -117,7 +117,7 @@ def slowest(results: dict[str, dict], chosen: Iterable[Part], count: int) -> lis
 
 def worst_placement(results: dict[str, dict]) -> dict | None:
     """A part's placement of the lowest clock, or None; with `clocks_mhz` of all where there are several."""
-    found = [results[task.name] for task in (PLACE, *AGAIN) if "clock_mhz" in results.get(task.name, {})]
+    found = [results[task.name] for task in PLACEMENTS if "clock_mhz" in results.get(task.name, {})]
     if not found:
         return None
     worst = min(found, key=lambda placed: placed["clock_mhz"])

@@ -78,3 +78,5 @@ AGAIN = tuple(
     for seed in range(1, MOST_PLACEMENTS)
 )
 """Further placements of a part, each from a seed of its own."""
+EVERY = (*TASKS, *AGAIN)
+PLACEMENTS = (PLACE, *AGAIN)

@@ -33,9 +33,9 @@ tee -q -o count.json stat -json
 LUT_SCRIPT = f"""\
 read_rtlil part.il
 synth_xilinx {{family}} {MAPPING} -top {UNIT} -run begin:coarse
-{{pack}}synth_xilinx {{family}} {MAPPING} -top {UNIT} -run coarse:check
-tee -q -o count.json stat -json
+{{pack}}synth_xilinx {{family}} {MAPPING} -top {UNIT} {{mapper}}tee -q -o count.json stat -json
 """
+MAPPER = "-run coarse:check\n"
 OTHER_MAPPER = """-run coarse:map_luts
 opt_expr -mux_undef -noclkinv
 abc -luts 2:2,3,6:5,10,20
@@ -146,13 +146,17 @@ def luts(part: Part, folder: Path, target: Target = TARGETS["DSP48E2"]) -> dict[
 
     Raises ToolError for a distributed RAM of unknown size.
     """
-    text, script = netlist(part, folder), LUT_SCRIPT.format(family=target.options, pack=target.pack)
+    text = netlist(part, folder)
+
+    def mapped_by(mapper: str) -> None:
+        _run(LUT_SCRIPT.format(family=target.options, pack=target.pack, mapper=mapper), text, folder)
+
     try:
-        _run(script, text, folder)
+        mapped_by(MAPPER)
     except tools.OutOfTimeError:
         raise
     except tools.ToolError:
-        _run(script.replace("-run coarse:check\n", OTHER_MAPPER), text, folder)
+        mapped_by(OTHER_MAPPER)
     found = cells(folder / "count.json")
     for name in found:
         if re.match(r"(RAM\d|SRL)", name) and name not in MEMORY_LUTS:
