@@ -19,6 +19,7 @@ from fastac.cli.run import run
 from fastac.cli.stream import listen, serve
 from fastac.cli.studies import study
 from fastac.cli.trade import chips, scope, sweep, trade
+from fastac.cli.tune import tune
 from fastac.cli.verify import verify
 from fastac.cli.vivado import vivado, vivado_reports
 
@@ -52,6 +53,7 @@ COMMANDS = (
         verify,
         synth,
         sweep,
+        tune,
         trade,
         scope,
         chips,

@@ -69,8 +69,9 @@ def train(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> Bundl
     weights, integers, force = (folder / name for name in ("normals.npz", "integers.npz", "force.npz"))
     training.normals(data, scene, weights, progress=progress)
     training.integers(data, scene, weights, integers, progress=progress)
-    training.force(data, scene, weights, integers, force, progress=progress)
-    arrays = [load_arrays(path) for path in (weights, integers, force)]
+    if scene.wants_force:
+        training.force(data, scene, weights, integers, force, progress=progress)
+    arrays = [load_arrays(path) if path.exists() else {} for path in (weights, integers, force)]
     return training.assemble(data, scene, *arrays, folder / "bundle")
 
 

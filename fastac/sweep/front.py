@@ -7,12 +7,11 @@ from operator import ge, gt, le, lt
 from pathlib import Path
 
 import numpy as np
-import tomli_w
 from pydantic import BaseModel, ValidationError
 
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene
-from fastac.store.files import write_text
+from fastac.sweep import scene_file
 from fastac.sweep.results import Results, ResultsError, Row
 
 ERRORS = {
@@ -279,13 +278,5 @@ def pick(rows: Iterable[Row], text: str, by: Sequence[str]) -> Row:
 
 def write_scene(row: Row, path: Path, origin: str) -> Scene:
     """Write the row's scene as TOML for `fastac build`, named after the file, with `origin` as a comment."""
-    content = Scene.model_validate(row.scene | {"name": "picked"}).model_dump(
-        mode="json", exclude={"name"}, exclude_defaults=True
-    )
-    # These keys are written even where they have their defaults: a reader looks for them first.
-    shown = ("height_px", "width_px", "pitch_mm", "channels", "source")
-    sensor = {name: row.scene["sensor"][name] for name in shown} | content["sensor"]
-    lines = [f"# {origin}", *(f"# {name} = {value:.6g}" for name, value in sorted(row.metrics.items()))]
-    text = "\n".join(lines) + "\n" + tomli_w.dumps(content | {"sensor": sensor})
-    write_text(path, text)
-    return scenes.load(path)
+    figures = [f"{name} = {value:.6g}" for name, value in sorted(row.metrics.items())]
+    return scene_file.write(row.scene, path, [origin, *figures])

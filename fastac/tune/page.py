@@ -1,0 +1,188 @@
+"""What a tuning found, as text and as a page with its curves."""
+
+from pathlib import Path
+
+from fastac.report.headline import Headline
+from fastac.report.render import render
+from fastac.report.tables import Table, number
+from fastac.report.vector import drawing, inline_svg
+from fastac.store.files import write_text
+
+SCENE_COLOUR, CHOSEN_COLOUR = "#3f83c5", "#e07b28"
+UNITS = {"rad": "rad", "deg": "°", "mm": "mm", "n": "N"}
+LABELS = {
+    "contact_gradient_angle_mae_rad": "gradients' error in contacts",
+    "normal_mae_deg": "normals' error",
+    "contact_depth_mae_mm": "depth error in contacts",
+    "depth_mae_mm": "depth error",
+    "force_mae_n": "force error",
+}
+SHOWN_AXES = 8
+"""Axes that have a chart of their own, at most."""
+
+
+def axes_text(axes: dict) -> str:
+    """What a candidate sets, in one line, without the tables' names."""
+    return ", ".join(f"{key.split('.')[-1]} {value}" for key, value in axes.items()) or "the scene itself"
+
+
+def _value(metric: str, value: float) -> str:
+    return f"{number(value)} {UNITS[metric.rsplit('_', 1)[-1]]}"
+
+
+def _change(before: float, after: float) -> str:
+    return f"{100 * (after / before - 1):+.1f}%"
+
+
+def nested_table(content: dict) -> Table:
+    """The errors on folds that had no say in the choice."""
+    scene, chosen = content["nested"]["scene"], content["nested"]["chosen"]
+    rows = [
+        [
+            LABELS[name],
+            *(f"{number(kind[name]['mean'])} ± {number(kind[name]['spread'])}" for kind in (scene, chosen)),
+            _change(scene[name]["mean"], chosen[name]["mean"]),
+        ]
+        for name in content["metrics"]
+    ]
+    units = sum(map(len, content["folds"]))
+    return Table(
+        "Nested errors: on folds that had no say in the choice",
+        ["error", "the scene", "chosen", "change"],
+        [
+            [f"{row[0]}, {UNITS[name.rsplit('_', 1)[-1]]}", *row[1:]]
+            for row, name in zip(rows, content["metrics"], strict=True)
+        ],
+        f"Floats; {units} groups or presses in {len(content['folds'])} folds, {content['seeds']} seeds: mean"
+        " and spread (standard deviation) over the seeds. For each fold a"
+        " choice of its own was made without it.",
+    )
+
+
+def test_table(content: dict) -> Table:
+    """The errors on the split test."""
+    rows = []
+    for name in content["metrics"]:
+        for arithmetic in ("float", "integer"):
+            found = [[entry[arithmetic][name] for entry in entries] for entries in content["test"].values()]
+            means = [sum(values) / len(values) for values in found]
+            ranges = [
+                f"{number(m)} ({number(min(v))} to {number(max(v))})"
+                for m, v in zip(means, found, strict=True)
+            ]
+            unit = UNITS[name.rsplit("_", 1)[-1]]
+            rows.append([f"{LABELS[name]}, {unit}", arithmetic, *ranges, _change(*means)])
+    return Table(
+        "Test: presses that were looked at once, now",
+        ["error", "", "the scene", "winner", "change"],
+        rows,
+        f"Mean over {content['seeds']} seeds, and their range.",
+    )
+
+
+def candidates_table(content: dict) -> Table:
+    """All candidates, the best first."""
+    last = len(content["rungs"]) - 1
+    rows = []
+    for candidate, axes in enumerate(content["candidates"]):
+        key = str(candidate)
+        errors = [rung.get(key) for rung in content["rungs"]]
+        reached = max((k for k, error in enumerate(errors) if error is not None), default=-1)
+        marks = ["winner"] * (candidate == content["winner"])
+        marks += ["as good"] * (candidate in content["indistinguishable"] and not marks)
+        marks += [content["refused"][key]] if key in content["refused"] else []
+        rows.append(
+            (-reached, errors[reached] if reached >= 0 else 0.0, [axes_text(axes), *errors, *(marks or [""])])
+        )
+    rows.sort(key=lambda row: row[:2])
+    cells = [
+        [row[0], *("" if error is None else number(error) for error in row[1 : last + 2]), row[-1]]
+        for _, _, row in rows
+    ]
+    return Table(
+        "Candidates",
+        ["candidate", *(f"rung {k + 1}" for k in range(last + 1)), ""],
+        cells,
+        "Error by which they are compared: "
+        + (
+            LABELS[content["metrics"][0]]
+            if len(content["metrics"]) == 1
+            else "the geometric mean of " + ", ".join(LABELS[name] for name in content["metrics"])
+        )
+        + ". Each rung leaves out more pairs of folds; “as good”: within one standard error of the best.",
+    )
+
+
+def tables(content: dict) -> list[Table]:
+    found = [nested_table(content)]
+    if content["test"]:
+        found.append(test_table(content))
+    return [*found, candidates_table(content)]
+
+
+def folds_chart(content: dict) -> str:
+    """An SVG: the error of each outer fold, of the scene and of what was chosen without the fold."""
+    name = content["metrics"][0]
+    with drawing(5, 2.8) as (figure, axis):
+        places = range(1, len(content["folds"]) + 1)
+        for kind, label, colour, shift in (
+            ("scene", "the scene", SCENE_COLOUR, -0.2),
+            ("chosen", "chosen without the fold", CHOSEN_COLOUR, 0.2),
+        ):
+            values = content["nested"][kind][name]["folds"]
+            axis.bar([place + shift for place in places], values, 0.4, color=colour, label=label)
+        axis.set_xticks(list(places))
+        axis.set_xlabel("outer fold")
+        axis.set_ylabel(f"{LABELS[name]}, {UNITS[name.rsplit('_', 1)[-1]]}")
+        axis.legend(loc="upper left", bbox_to_anchor=(0, 1.2), ncols=2)
+        return inline_svg(figure)
+
+
+def axis_charts(content: dict) -> list[tuple[str, str]]:
+    """For each key that was varied an SVG: the first rung's errors over its values, and their means."""
+    first = {int(c): error for c, error in content["rungs"][0].items()}
+    keys = list(dict.fromkeys(key for axes in content["candidates"] for key in axes))[:SHOWN_AXES]
+    charts = []
+    for key in keys:
+        points = [
+            (content["candidates"][c][key], e) for c, e in first.items() if key in content["candidates"][c]
+        ]
+        values = sorted({value for value, _ in points}, key=lambda value: (str(type(value)), value))
+        with drawing(2.9, 2.3) as (figure, axis):
+            for place, value in enumerate(values):
+                errors = [error for other, error in points if other == value]
+                axis.plot([place] * len(errors), errors, "o", markersize=4, color=SCENE_COLOUR, alpha=0.6)
+                axis.plot(place, sum(errors) / len(errors), "_", markersize=18, color=CHOSEN_COLOUR)
+            axis.set_xticks(range(len(values)), [str(value) for value in values])
+            axis.set_xlim(-0.5, len(values) - 0.5)
+            axis.set_ylabel("error, first rung")
+            charts.append((key, inline_svg(figure)))
+    return charts
+
+
+def headlines(content: dict) -> list[Headline]:
+    """The nested error before and after, metric by metric."""
+    scene, chosen = content["nested"]["scene"], content["nested"]["chosen"]
+    return [
+        Headline(
+            LABELS[name],
+            _value(name, chosen[name]["mean"]),
+            f"nested; {_value(name, scene[name]['mean'])} of the scene,"
+            f" {_change(scene[name]['mean'], chosen[name]['mean'])}",
+        )
+        for name in content["metrics"]
+    ]
+
+
+def write(content: dict, path: Path) -> None:
+    """Write the page."""
+    page = render(
+        "tune/tune.html.j2",
+        content=content,
+        winner=axes_text(content["candidates"][content["winner"]]),
+        headlines=headlines(content),
+        tables=tables(content),
+        folds=folds_chart(content),
+        axes=axis_charts(content),
+    )
+    write_text(path, page)

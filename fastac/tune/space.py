@@ -1,0 +1,83 @@
+"""The scenes that are compared: the scene itself, and others that cost the hardware nothing more."""
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from scipy.stats import qmc
+
+from fastac.scenes.schema import Scene
+from fastac.sweep.spec import Point, SpecError, expand, point_of
+from fastac.tune.groups import TuneError
+
+GEOMETRY = {
+    "training.input_noise": [0.0, 0.02, 0.04, 0.08],
+    "training.position_noise": [0.0, 0.04, 0.08, 0.16],
+    "training.teachers": [0, 4, 8],
+    "training.flat_fraction": [0.05, 0.2, 0.4],
+    "training.normals_batch_px, training.normals_learning_rate": [[256, 3e-3], [1024, 6e-3], [2048, 1e-2]],
+    "training.normals_epochs": [60, 120, 250],
+}
+"""Where the network learns from normals. Axes as in the specification of a sweep."""
+FORCE = {
+    "training.input_noise": [0.0, 0.01, 0.02, 0.05],
+    "training.normals_learning_rate": [1e-3, 2e-3, 4e-3],
+    "training.force_learning_rate": [5e-4, 1e-3, 3e-3],
+    "training.force_weight_decay": [0.0, 1e-3, 1e-2],
+    "training.force_batch": [8, 16, 32],
+}
+"""Where it learns from forces alone."""
+DRAWS = 64
+"""Points drawn for each candidate that is wanted, at most: equal and impossible ones do not count."""
+
+
+def axes_of(scene: Scene, vary: Sequence[str] = (), keep: Sequence[str] = ()) -> dict[str, list]:
+    """The axes that are searched: those of the scene's kind of labels without the keys `keep`, and those of
+    `vary`, texts such as "network.width=12,16", which replace axes of the same name.
+
+    Raises TuneError for texts that say no axis.
+    """
+    axes = dict(FORCE if scene.training.labels == "force" else GEOMETRY)
+    for text in vary:
+        key, equals, values = text.partition("=")
+        try:
+            found = tomllib.loads(f"values = [{values}]")["values"]
+        except tomllib.TOMLDecodeError:
+            found = []
+        if not (key.strip() and equals and found):
+            raise TuneError(f"--vary {text!r}: expected KEY=VALUE,VALUE,..., such as network.width=12,16")
+        axes[key.strip()] = found
+    for key in keep:
+        if key not in axes:
+            raise TuneError(f"--keep {key!r}: is not searched; there are {', '.join(axes) or 'no keys'}")
+        del axes[key]
+    return axes
+
+
+def candidates(scene: Scene, axes: Mapping[str, list], count: int, seed: int) -> list[Point]:
+    """The scene itself, its `axes` empty, and up to `count` − 1 others, spread evenly over the axes.
+
+    By a scrambled Sobol sequence (Owen, "Scrambling Sobol' and Niederreiter-Xing Points", 1998), the same for
+    the same seed. Raises TuneError for a key or a value that a scene cannot have.
+    """
+    found = [Point({}, scene)]
+    for axis, values in axes.items():
+        for value in values:
+            try:
+                point_of(scene, expand(axis, value), Path())
+            except (KeyError, TypeError, ValueError, SpecError):
+                raise TuneError(f"{axis} = {value!r}: a scene has no such key or number of values") from None
+    if not axes:
+        return found
+    sampler = qmc.Sobol(len(axes), seed=seed)
+    for _ in range(DRAWS * count):
+        if len(found) == count:
+            break
+        [place] = sampler.random(1)
+        choice = {}
+        for (axis, values), at in zip(axes.items(), place, strict=True):
+            choice |= expand(axis, values[min(int(at * len(values)), len(values) - 1)])
+        point = point_of(scene, choice, Path())
+        if point.scene is not None and all(point.scene != other.scene for other in found):
+            found.append(point)
+    return found

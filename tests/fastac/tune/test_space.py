@@ -1,0 +1,53 @@
+import pytest
+
+from fastac.tune.groups import TuneError
+from fastac.tune.space import FORCE, GEOMETRY, axes_of, candidates
+
+
+def test_axes_follow_the_labels(make_scene, tiny_scene):
+    from_force = make_scene(
+        outputs=["force_z"],
+        poisson={"mode": "difference", "solver": "adjoint"},
+        force={"clamp": False, "fit": "slopes"},
+        training={"labels": "force"},
+    )
+    assert axes_of(from_force) == FORCE
+    assert axes_of(tiny_scene) == GEOMETRY
+    found = axes_of(tiny_scene, ["network.width=8, 12", "training.teachers=0"], ["training.input_noise"])
+    assert (found["network.width"], found["training.teachers"]) == ([8, 12], [0])
+    assert "training.input_noise" not in found
+
+
+@pytest.mark.parametrize("text", ["network.width", "network.width=", "network.width=8,,", "=3"])
+def test_texts_that_say_no_axis(tiny_scene, text):
+    with pytest.raises(TuneError, match=r"^--vary '.*': expected KEY=VALUE"):
+        axes_of(tiny_scene, [text])
+
+
+def test_unknown_keys(tiny_scene):
+    with pytest.raises(
+        TuneError, match=r"^--keep 'training.seed': is not searched; there are training.input_n"
+    ):
+        axes_of(tiny_scene, keep=["training.seed"])
+    with pytest.raises(TuneError, match=r"^nowhere.width = 8: a scene has no such key"):
+        candidates(tiny_scene, {"nowhere.width": [8]}, 3, seed=1)
+
+
+def test_candidates(tiny_scene):
+    found = candidates(tiny_scene, axes_of(tiny_scene), 12, seed=1)
+    assert len(found) == 12
+    assert (found[0].axes, found[0].scene) == ({}, tiny_scene)
+    assert len({point.scene.model_dump_json() for point in found}) == 12
+    assert found == candidates(tiny_scene, axes_of(tiny_scene), 12, seed=1)
+    assert found != candidates(tiny_scene, axes_of(tiny_scene), 12, seed=2)
+    paired = {(p.scene.training.normals_batch_px, p.scene.training.normals_learning_rate) for p in found[1:]}
+    assert paired <= {(256, 3e-3), (1024, 6e-3), (2048, 1e-2)}
+
+
+def test_what_there_are_no_more_of(tiny_scene):
+    own = tiny_scene.training.input_noise
+    found = candidates(tiny_scene, {"training.input_noise": [own, own + 0.1]}, 9, seed=1)
+    assert [point.axes for point in found] == [{}, {"training.input_noise": own + 0.1}]
+    impossible = candidates(tiny_scene, {"training.input_noise": [7.0]}, 9, seed=1)
+    assert [point.axes for point in impossible] == [{}]
+    assert len(candidates(tiny_scene, {}, 9, seed=1)) == 1
