@@ -7,6 +7,7 @@ import click
 from fastac.cli.common import (
     INPUT,
     OUTPUT_FOLDER,
+    Counts,
     Group,
     load_bundle,
     output_option,
@@ -17,7 +18,7 @@ from fastac.cli.common import (
 
 @click.group(cls=Group)
 def study():
-    """Studies of a build: dots, slip, identities of the arithmetic, extremes, long runs, force ablation."""
+    """Studies: dots, slip, identities of the arithmetic, extremes, long runs, force ablation, second units."""
 
 
 @study.command()
@@ -174,3 +175,45 @@ def stability(folder, frames, rtl_frames, progress):
 
     for line in robustness.measure(folder, frames=frames, rtl_frames=rtl_frames, progress=progress):
         click.echo(line)
+
+
+@study.command()
+@click.argument("scene", type=INPUT)
+@click.option(
+    "--units", type=click.IntRange(1, 20), default=3, show_default=True, help="Number of second units."
+)
+@click.option(
+    "--presses",
+    type=Counts(),
+    default="1,3,10,30",
+    show_default=True,
+    help="Numbers of presses of a second unit: places of the protocol, each with all of its loads.",
+)
+@output_option(
+    "Folder for everything trained, transfer.json and .png.", OUTPUT_FOLDER, "build/SCENE-transfer"
+)
+@progress_option
+def transfer(scene, units, presses, output, progress):
+    """Adapt SCENE's first unit to others by a few presses, and compare that with training anew.
+
+    Virtual units differ in light, coat, gel and camera. For each number of presses: the first unit's network
+    as it is, its gains tuned, its last layer, all of it, what `fastac adapt` chooses of these, and a network
+    trained on these presses alone, with as many steps as on all. Errors are the integers', on presses of the
+    second unit that no training saw. Everything is kept in the output folder, so an interrupted study goes on.
+
+    \b
+    Example: fastac study transfer scenes/paper.toml --units 1 --presses 1,3
+    """
+    from fastac.scenes import schema
+    from fastac.studies.transfer import shown
+    from fastac.studies.transfer import study as experiment
+
+    known = schema.load(scene)
+    output = output or Path("build") / f"{known.name}-transfer"
+    content = experiment.run(known, output, units=units, counts=presses, progress=progress)
+    for table in shown.tables(content):
+        click.echo(f"{table.text}\n{table.note}\n")
+    for line in content["left_out"]:
+        click.echo(f"left out: {line}", err=True)
+    shown.write(content, output / "transfer.png")
+    click.echo(f"written: {output}/transfer.json, .png")
