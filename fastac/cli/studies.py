@@ -18,7 +18,7 @@ from fastac.cli.common import (
 
 @click.group(cls=Group)
 def study():
-    """Studies: dots, slip, identities of the arithmetic, extremes, long runs, force ablation, second units."""
+    """Studies: dots, slip, identities, extremes, long runs, force ablation, second units."""
 
 
 @study.command()
@@ -199,7 +199,7 @@ def transfer(scene, units, presses, output, progress):
     Virtual units differ in light, coat, gel and camera. For each number of presses: the first unit's network
     as it is, its gains tuned, its last layer, all of it, what `fastac adapt` chooses of these, and a network
     trained on these presses alone, with as many steps as on all. Errors are the integers', on presses of the
-    second unit that no training saw. Everything is kept in the output folder, so an interrupted study goes on.
+    second unit that no training saw. All is kept in the output folder, so an interrupted study goes on.
 
     \b
     Example: fastac study transfer scenes/paper.toml --units 1 --presses 1,3
