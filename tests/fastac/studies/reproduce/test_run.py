@@ -108,6 +108,7 @@ def content(place):
     return json.loads((place[0] / "out" / "reproduce.json").read_text())
 
 
+@pytest.mark.full
 def test_everything_is_there_and_called_simulated(place, content):
     folder, result = place
     assert list(content["sections"]) == ["geometry", "forces", "stages", "limits", "vibration", "grasp"]
@@ -124,6 +125,7 @@ def test_everything_is_there_and_called_simulated(place, content):
     assert result.output.count("reached") >= len(content["goals"])
 
 
+@pytest.mark.full
 def test_gradients_and_depth_are_those_of_the_build_s_evaluation(build, content):
     geometry = content["sections"]["geometry"]
     index = vertical(build.data, "test")
@@ -140,6 +142,7 @@ def test_gradients_and_depth_are_those_of_the_build_s_evaluation(build, content)
     assert depth["no_prior"] > depth["no_prior_less_mean"] > depth["prior"]
 
 
+@pytest.mark.full
 def test_forces_are_those_of_the_ablation_and_of_the_evaluation(place, build, content):
     forces = content["sections"]["forces"]
     assert set(forces["displacements"]) == {"true", "found"}
@@ -153,6 +156,7 @@ def test_forces_are_those_of_the_ablation_and_of_the_evaluation(place, build, co
     assert list(written["displacements"]["true"]["results"]) == [" ".join(pair) for pair in FORCE_MAE_N]
 
 
+@pytest.mark.full
 def test_stages_have_times_cycles_and_no_invented_energy(build, content):
     stages = content["sections"]["stages"]
     cpu, rtl = stages["platforms"]["CPU"], stages["platforms"]["RTL"]
@@ -170,6 +174,7 @@ def test_stages_have_times_cycles_and_no_invented_energy(build, content):
     assert cpu["accuracy"]["depth"] == errors["float"]["depth_mae_mm"]
 
 
+@pytest.mark.full
 def test_limits_switch_off_one_thing_each(build, content):
     limits = content["sections"]["limits"]
     names = ["as recorded", "no camera noise", "no grain of the paint", "no dots"]
@@ -193,6 +198,7 @@ def test_limits_switch_off_one_thing_each(build, content):
     assert all(np.isfinite(errors["mae_n"]).all() for errors in force.values())
 
 
+@pytest.mark.full
 def test_goals_follow_from_the_sections(content):
     goals = {goal["what"]: goal for goal in content["goals"]}
     assert len(goals) == 8
@@ -205,6 +211,7 @@ def test_goals_follow_from_the_sections(content):
     assert [goals[f"F_{axis}, NMAE"]["ours"] for axis in "xyz"] == full["nmae_percent"]
 
 
+@pytest.mark.full
 def test_a_second_run_keeps_everything(place, monkeypatch):
     folder, first = place
 
@@ -226,6 +233,7 @@ def networks(build: Build) -> dict:
     return limits_geometry.network_steps(finished.scene, finished.data_path, **known)
 
 
+@pytest.mark.full
 def test_an_interrupted_section_goes_on_with_what_it_has(place, build, monkeypatch):
     folder, store = place[0], open_store(build.store)
     before = (folder / "out" / "limits" / "limits.json").read_text()
@@ -249,6 +257,7 @@ def test_an_interrupted_section_goes_on_with_what_it_has(place, build, monkeypat
     assert again.path("errors.json").read_text() == errors
 
 
+@pytest.mark.full
 def test_a_section_depends_on_what_it_reads(build):
     """A training on its own settings, the hardware's left out; only the times on the build's report."""
     wider = networks(build)["as recorded, a network twice as wide"]["bgr+nir"]
@@ -280,6 +289,7 @@ def ran(folder, scene, bundle, data, *, store, progress):
 """
 
 
+@pytest.mark.full
 def test_a_section_of_one_s_own(place, build, tmp_path, monkeypatch):
     """As the temporal experiments add theirs: a function, its tables, and its picture."""
     package = tmp_path / "own_sections"
