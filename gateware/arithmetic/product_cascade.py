@@ -24,8 +24,12 @@ def product_cascade(
 
     Each product's operands wait one clock longer than the one's before, so that it is added to a sum that is
     already there: on AMD's devices in the slice's own adder, of 48 bits (Xilinx UG579, "Cascading DSP
-    slices"). The first wait is in the slice, too, which has two registers for each operand.
+    slices"). The first wait is in the slice, too, which has two registers for each operand. For a device
+    whose multipliers have no adders, `platform` has a method `product_cascade` with these parameters and the
+    same latency (see Ecp5).
     """
+    if hasattr(platform, "product_cascade"):
+        return platform.product_cascade(m, advance, operands, bounds, start=start, wait=wait, name=name)
     total = Const(start) if start else None
     for place, ((a, b), bound) in enumerate(zip(operands, bounds, strict=True)):
         for stage in range(wait + place):

@@ -12,48 +12,48 @@ from fastac.gateware.arithmetic.product import sum_shape
 from fastac.gateware.arithmetic.product_cascade import cascade_latency, product_cascade
 from fastac.models.integer.words import signed_width
 
-A, B, START, WAIT = 27, 18, 5, 2
-LENGTH = 3
-BOUNDS = [(k + 1 << A + B - 2) + START for k in range(LENGTH)]
+A, B = 27, 18
 
 
 class Cascade(wiring.Component):
     """A component around `product_cascade`."""
 
-    def __init__(self):
+    def __init__(self, length, start, wait):
+        self.length, self.start, self.wait = length, start, wait
+        self.bounds = [(k + 1 << A + B - 2) + start for k in range(length)]
         super().__init__(
             {
                 "advance": In(1),
-                "a": In(data.ArrayLayout(signed(A), LENGTH)),
-                "b": In(data.ArrayLayout(signed(B), LENGTH)),
-                "o": Out(signed(signed_width(BOUNDS[-1]))),
+                "a": In(data.ArrayLayout(signed(A), length)),
+                "b": In(data.ArrayLayout(signed(B), length)),
+                "o": Out(signed(max(signed_width(self.bounds[-1]), A + B))),
             }
         )
 
     def elaborate(self, platform):
         m = Module()
-        pairs = [(self.a[k], self.b[k]) for k in range(LENGTH)]
-        total = product_cascade(
-            m, platform, self.advance, pairs, BOUNDS, start=START, wait=WAIT, name="products"
-        )
+        pairs = [(self.a[k], self.b[k]) for k in range(self.length)]
+        keys = {"start": self.start, "wait": self.wait, "name": "products"}
+        total = product_cascade(m, platform, self.advance, pairs, self.bounds, **keys)
         assert total.shape() == self.o.shape()
         m.d.comb += self.o.eq(total)
         return m
 
 
 @pytest.mark.parametrize("platform", [None, ModelledEcp5()], ids=["DSP48E2", "ECP5"])
-def test_every_sum_after_the_cascade_s_clocks(platform):
+@pytest.mark.parametrize(("length", "start", "wait"), [(3, 5, 2), (4, 0, 0), (2, 5, 1), (1, 5, 0)])
+def test_every_sum_after_the_cascade_s_clocks(platform, length, start, wait):
+    dut, found = Cascade(length, start, wait), []
     rng = np.random.default_rng(1)
     low = np.array([-(1 << width - 1) for width in (A, B)])
     high = -low - 1
     corners = [[x, y] for x in (low[0], high[0]) for y in (low[1], high[1])]
-    rows = [[corner] * LENGTH for corner in corners]  # the limits of the sums
-    rows += rng.integers(low, high + 1, (60, LENGTH, 2)).tolist()
-    expected = [START + sum(x * y for x, y in np.array(row).tolist()) for row in rows]
-    assert max(expected) == BOUNDS[-1]
-    latency = cascade_latency(LENGTH) + WAIT
-    pauses = rng.random(500) < 0.4
-    dut, found = Cascade(), []
+    rows = [[corner] * length for corner in corners]  # the limits of the sums
+    rows += rng.integers(low, high + 1, (60, length, 2)).tolist()
+    expected = [start + sum(x * y for x, y in np.array(row).tolist()) for row in rows]
+    assert max(expected) == dut.bounds[-1]
+    latency = cascade_latency(length) + wait
+    pauses = rng.random(900) < 0.4
 
     async def bench(ctx):
         taken, cycle = 0, 0
