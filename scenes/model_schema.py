@@ -11,8 +11,8 @@ FEWEST_NEURONS, MOST_NEURONS = 4, 64
 LIGHT_NOISE = 0.01
 """Of a training from forces alone whose scene does not say."""
 PATIENCE_SIZES = 3
-"""Of a training from forces alone, which fits smooth weights five times: the largest sizes, of which none is
-ever chosen, would take three quarters of that time."""
+"""Of a training from forces alone, which fits smooth weights four times: the largest sizes take most of the
+time."""
 Neurons = Annotated[int, Field(ge=FEWEST_NEURONS, le=MOST_NEURONS)]
 
 

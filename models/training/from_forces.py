@@ -7,6 +7,8 @@ for each channel, are reduced to the two linear combinations of channels that ex
 network is initialised to compute these. Then network and fields a, b (sums of cosines) are trained on the L1
 error of the force, on frames averaged over blocks, which is faster and loses little since contacts are
 smooth. Afterwards models/training/smooth_weights.py fits the fields again, to the slopes of each arithmetic.
+All of it sees each frame under a light of its own (models/training/light.py), the network another in each
+epoch.
 
 Where the scene limits the patience, nobody knows beforehand which epoch will be the last, and rates cannot be
 annealed towards it. They stay as they are, and a moving average of the parameters over about an epoch is
