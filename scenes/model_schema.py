@@ -8,6 +8,11 @@ from fastac.scenes.strict import Count, Positive, Strict
 
 FEWEST_NEURONS, MOST_NEURONS = 4, 64
 """Of a hidden layer, also after pruning."""
+LIGHT_NOISE = 0.01
+"""Of a training from forces alone whose scene does not say."""
+PATIENCE_SIZES = 3
+"""Of a training from forces alone, which fits smooth weights four times: the largest sizes take most of the
+time."""
 Neurons = Annotated[int, Field(ge=FEWEST_NEURONS, le=MOST_NEURONS)]
 
 
@@ -163,9 +168,9 @@ class Training(Strict):
     patience_epochs: Count | None = None
     """Epochs in a row that do not lower the validation error, after which the training of a pixel network
     stops; the numbers of epochs are then upper limits. Training from forces alone, which anneals its rates
-    over all epochs otherwise, then keeps them and takes the mean of the network's weights over an epoch; the
-    search for the size of the force's weights stops in the same way. Not given, or where no frame is in the
-    validation split: all epochs."""
+    over all epochs otherwise, then keeps them and takes the mean of the network's weights over an epoch: that
+    is for a recording whose epochs are so long that nobody can wait for all. Not given, or where no frame is
+    in the validation split: all epochs."""
     normals_epochs: Count = 30
     normals_batch_px: Count = 8192
     teachers: Annotated[int, Field(ge=0, le=32)] = 0
@@ -178,6 +183,10 @@ class Training(Strict):
     position_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Standard deviation of the noise added to the pixel's place in training, as a fraction of half the
     image: where presses are few, it keeps the network from learning each place by heart."""
+    light_noise: Annotated[float, Field(ge=0, lt=1)] | None = None
+    """Standard deviation of the gain by which each channel of a frame is made brighter or darker in training,
+    as a fraction, with labels 'force': what lamps and exposure differ by from one recording to the next. Not
+    given: 0.01."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
     finetune_epochs: Annotated[int, Field(ge=0)] = 3
@@ -189,3 +198,16 @@ class Training(Strict):
     force_batch: Count = 8
     force_learning_rate: Positive = 1e-3
     force_weight_decay: Annotated[float, Field(ge=0)] = 1e-3
+
+    @property
+    def force_light_noise(self) -> float:
+        """`light_noise`, or what it is where it is not given: 0 with labels 'geometry'."""
+        if self.labels == "geometry":
+            return 0.0
+        return LIGHT_NOISE if self.light_noise is None else self.light_noise
+
+    @property
+    def patience_sizes(self) -> int | None:
+        """How many sizes of the force's smooth weights in a row may not lower the validation error before no
+        larger one is tried; None: all are."""
+        return PATIENCE_SIZES if self.labels == "force" else self.patience_epochs

@@ -110,7 +110,7 @@ class WeightFit:
         progress: bool,
     ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
         return smooth_weights.fit(
-            found, truth, shifts_px, patience=scene.training.patience_epochs, progress=progress
+            found, truth, shifts_px, patience=scene.training.patience_sizes, progress=progress
         )
 
 

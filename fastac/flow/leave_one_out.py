@@ -91,7 +91,7 @@ def without_group(folder: Path, data: Path, scene: Scene, group: str, *, store: 
             if name in MODELS
         }
         estimates = {
-            "linear": linear_force_n(known, scene.force_axes, scene.training.patience_epochs),
+            "linear": linear_force_n(known, scene.force_axes, scene.training.patience_sizes),
             "quadratic": quadratic_force_n(known, scene.force_axes),
         }
     found |= {name: float(np.abs(estimate - truth).mean()) for name, estimate in estimates.items()}

@@ -23,6 +23,7 @@ from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
+from fastac.models.training.light import under_other_light
 from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import prune_neurons, prune_to_width
 from fastac.models.vision.dots import bridge_of, detected_as, follower_of
@@ -263,6 +264,8 @@ def force_samples(
     pipeline: FloatPipeline | Emulator, data: Dataset, *, progress: bool
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray] | None]:
     """What the pipeline finds for the force model, the true forces, and the dots' shifts in px, by split."""
+    settings = pipeline.scene.training
+    data = under_other_light(data, settings.force_light_noise, settings.seed)
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
     way = FITS[pipeline.scene.force.fit]
     found = {

@@ -7,6 +7,8 @@ for each channel, are reduced to the two linear combinations of channels that ex
 network is initialised to compute these. Then network and fields a, b (sums of cosines) are trained on the L1
 error of the force, on frames averaged over blocks, which is faster and loses little since contacts are
 smooth. Afterwards models/training/smooth_weights.py fits the fields again, to the slopes of each arithmetic.
+All of it sees each frame under a light of its own (models/training/light.py), the network another in each
+epoch.
 
 Where the scene limits the patience, nobody knows beforehand which epoch will be the last, and rates cannot be
 annealed towards it. They stay as they are, and a moving average of the parameters over about an epoch is
@@ -29,15 +31,16 @@ from fastac.models.integer.features import (
 )
 from fastac.models.training import smooth_weights
 from fastac.models.training.best_epoch import BestEpoch
+from fastac.models.training.light import under_other_light
 from fastac.models.training.normals import VALIDATION_PX, ScaledNetwork
 from fastac.scenes.model_schema import Training
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.progress import progress_bar
 
-MIN_BLOCKS, FEW_BLOCKS = 32, 20
-"""Smallest side of block-averaged frames, in blocks, and where the scene limits the patience: time goes with
-their number. With 10 × 11 for 40 × 44 px the error grew by a seventh."""
+MIN_BLOCKS = 20
+"""Smallest side of block-averaged frames, in blocks: time goes with their number. With 10 × 11 for 40 × 44 px
+the error grew by a seventh."""
 WARM_UP_EPOCHS = 0.5
 """Over which rates rise that then stay."""
 INITIAL_SLOPE = 1.0
@@ -108,16 +111,11 @@ def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> Pi
     return network
 
 
-def fewest_blocks(settings: Training) -> int:
-    """Along a side of block-averaged frames, by the scene's settings."""
-    return MIN_BLOCKS if settings.patience_epochs is None else FEW_BLOCKS
-
-
-def block_size(height: int, width: int, fewest: int = MIN_BLOCKS) -> int:
+def block_size(height: int, width: int) -> int:
     """Side in px of the blocks over which frames are averaged: the largest power of two that divides the
-    image and leaves `fewest` blocks along each side."""
+    image and leaves MIN_BLOCKS blocks along each side."""
     block = 1
-    while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < fewest):
+    while not (height % (2 * block) or width % (2 * block) or min(height, width) // (2 * block) < MIN_BLOCKS):
         block *= 2
     return block
 
@@ -132,20 +130,13 @@ def block_averages(images: np.ndarray, block: int) -> np.ndarray:
 class ForceFromPixels(torch.nn.Module):
     """The force from differences to the background: pixel network, slopes, and their weighted sum."""
 
-    def __init__(
-        self,
-        network: PixelNetwork,
-        fields: np.ndarray,
-        shape: tuple[int, int, int],
-        limit: float,
-        fewest: int = MIN_BLOCKS,
-    ):
+    def __init__(self, network: PixelNetwork, fields: np.ndarray, shape: tuple[int, int, int], limit: float):
         """fields : (axes, m, m, 2), DCT coefficients of the slopes' weights in N
-        shape : (H, W, C) of the frames; limit : the largest |slope|; fewest : as in `block_size`
+        shape : (H, W, C) of the frames; limit : the largest |slope|
         """
         super().__init__()
         height, width, channels = shape
-        block = block_size(height, width, fewest)
+        block = block_size(height, width)
         self.network, self.limit = network, limit
         self.unit = float(np.abs(fields).mean()) * block**2
         self.fields = torch.nn.Parameter(torch.tensor(fields * block**2 / self.unit, dtype=torch.float32))
@@ -172,25 +163,47 @@ class ForceFromPixels(torch.nn.Module):
         return torch.einsum("nijt,aijt->na", slopes[:-1] - slopes[-1:], weights)
 
 
+class Disturbance:
+    """What training adds to each batch of averaged differences: noise of pixels, and another light.
+
+    Each channel of a frame is as if its light were brighter or darker. Lamps warm up and exposures differ
+    from recording to recording, which some thousand pixels in sum take for a force. The few recordings that
+    there are do not teach a network that it is none.
+    """
+
+    def __init__(
+        self, settings: Training, change: torch.Tensor, background: torch.Tensor, generator: torch.Generator
+    ):
+        """change : all averaged differences (frames, H / block, W / block, C), whose spread is the unit of
+        `input_noise`; background : (H / block, W / block, C), averaged alike
+        """
+        self.spread = change.std(dim=(0, 1, 2)) * settings.input_noise
+        self.light_noise = settings.force_light_noise
+        self.background, self.generator = background, generator
+
+    def __call__(self, change: torch.Tensor) -> torch.Tensor:
+        """A batch's differences, disturbed."""
+        if self.light_noise:
+            gains = torch.randn((len(change), 1, 1, change.shape[-1]), generator=self.generator)
+            change = change + (change + self.background) * (self.light_noise * gains)
+        if self.spread.any():
+            change = change + self.spread * torch.randn(change.shape, generator=self.generator)
+        return change
+
+
 def initial_model(data: Dataset, scene: Scene, *, progress: bool = False) -> ForceFromPixels:
     """The linear model on the two best combinations of channels, as a network and weight fields."""
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
     change = {split: background_differences(data, index) for split, index in splits.items()}
     force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
-    keys = {"patience": scene.training.patience_epochs, "progress": progress}
+    keys = {"patience": scene.training.patience_sizes, "progress": progress}
     fields, _ = linear_fields(change, force, **keys)
     mixtures = channel_mixtures(fields, change["train"])
     mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
     fields, cosines = linear_fields(mixed, force, **keys)
     lowest = smooth_weights.lowest_cosines(fields, cosines)
     network = linear_network((mixtures / DIFFERENCE_SCALE).astype(np.float32), scene.network.hidden)
-    return ForceFromPixels(
-        network,
-        lowest,
-        data.background.shape,
-        scene.numbers.slope_limit,
-        fewest_blocks(scene.training),
-    )
+    return ForceFromPixels(network, lowest, data.background.shape, scene.numbers.slope_limit)
 
 
 @single_thread()
@@ -201,10 +214,11 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     validation split, the last ones. `scene.training.patience_epochs` may end it early.
     """
     settings = scene.training
+    data = under_other_light(data, settings.force_light_noise, settings.seed)
     torch.manual_seed(settings.seed)
     generator = torch.Generator().manual_seed(settings.seed)
     model = initial_model(data, scene, progress=progress)
-    block = block_size(*data.frames.shape[1:3], fewest_blocks(settings))
+    block = block_size(*data.frames.shape[1:3])
     splits = {split: data.indices(split) for split in ("train", "validation")}
     change = {
         split: torch.from_numpy(block_averages(background_differences(data, index), block))
@@ -213,7 +227,12 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     force = {
         split: torch.from_numpy(data.forces_n(index, scene.force_axes)) for split, index in splits.items()
     }
-    spread = change["train"].std(dim=(0, 1, 2)) * settings.input_noise
+    disturb = Disturbance(
+        settings,
+        change["train"],
+        torch.from_numpy(block_averages(data.background.astype(np.float32), block)),
+        generator,
+    )
     optimiser = torch.optim.AdamW(
         [
             {
@@ -248,10 +267,7 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     for epoch in range(settings.force_epochs):
         total = 0.0
         for index in torch.randperm(count, generator=generator).split(settings.force_batch):
-            batch = change["train"][index]
-            if settings.input_noise:
-                batch = batch + spread * torch.randn(batch.shape, generator=generator)
-            loss = (model(batch) - force["train"][index]).abs().sum(dim=1).mean()
+            loss = (model(disturb(change["train"][index])) - force["train"][index]).abs().sum(dim=1).mean()
             optimiser.zero_grad(set_to_none=True)
             loss.backward()
             optimiser.step()

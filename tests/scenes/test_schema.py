@@ -243,6 +243,27 @@ def test_forces_alone_train_a_flat_recorded_sensor():
 
 
 @pytest.mark.parametrize(
+    ("given", "expected"), [("", 0.01), (", light_noise = 0", 0), (", light_noise = 0.03", 0.03)]
+)
+def test_light_differs_by_a_hundredth_where_the_scene_does_not_say(given, expected):
+    text = BY_FORCE.replace('"force" }', f'"force"{given} }}')
+    assert parse(text, origin="x").training.force_light_noise == expected
+
+
+def test_light_is_the_same_in_all_frames_where_normals_train():
+    text = BY_FORCE.replace('training = { labels = "force" }', "")
+    assert parse(text, origin="x").training.force_light_noise == 0
+
+
+def test_the_search_for_a_size_of_weights_is_cut_short_where_forces_alone_train():
+    texts = BY_FORCE, BY_FORCE.replace('training = { labels = "force" }', "")
+    of_force, of_geometry = (parse(text, origin="x").training for text in texts)
+    assert of_force.patience_sizes == 3
+    assert of_geometry.patience_sizes is None
+    assert of_geometry.model_copy(update={"patience_epochs": 5}).patience_sizes == 5
+
+
+@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ('["force_z"]', '["force_z", "normals"]', "training.labels: 'force' gives forces only, no normals"),
@@ -263,6 +284,11 @@ def test_forces_alone_train_a_flat_recorded_sensor():
             "sensor =",
             "network.train_width = 20\nsensor =",
             "network.train_width: needs training.labels 'geometry'",
+        ),
+        (
+            'labels = "force"',
+            "light_noise = 0.02",
+            "training.light_noise: 0.02 needs training.labels 'force'",
         ),
     ],
 )

@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """What the steps of a training write; that they run and resume is tested in test_build.py."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -44,6 +46,35 @@ def test_arrays_survive_a_file_which_is_whole_or_as_it_was(tmp_path, monkeypatch
     for name, array in arrays.items():
         assert found[name].dtype == array.dtype
         np.testing.assert_array_equal(found[name], array)
+
+
+class Colours:
+    """A pipeline whose slopes are the first two channels."""
+
+    def __init__(self, scene):
+        self.scene = scene
+
+    def run(self, frames, **_):
+        return SimpleNamespace(slopes=frames[..., :2].astype(float))
+
+
+def test_weights_are_fitted_to_frames_under_other_lights_where_forces_alone_train(make_scene, tiny_data):
+    keys = {"outputs": ["force_z"], "poisson": {"solver": "adjoint"}}
+    keys["force"] = {"clamp": False, "fit": "slopes"}
+
+    def samples(**settings):
+        scene = make_scene(**keys, training=settings)
+        return training.force_samples(Colours(scene), tiny_data, progress=False)
+
+    found, truth, _ = samples(labels="force")
+    plain, same_truth, _ = samples(labels="geometry")
+    assert set(found) == {"train", "validation"}
+    for split in found:
+        frames = tiny_data.frames[tiny_data.indices(split)][..., :2].astype(float)
+        np.testing.assert_array_equal(plain[split], frames - tiny_data.background[..., :2])
+        gains = (found[split] + tiny_data.background[..., :2]).mean(axis=(1, 2)) / frames.mean(axis=(1, 2))
+        assert 0.005 < gains.std() < 0.02
+        np.testing.assert_array_equal(truth[split], same_truth[split])
 
 
 def test_pickles_are_not_opened(tmp_path):
