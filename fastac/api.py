@@ -209,11 +209,17 @@ class TactileSensor:
         """Errors of float and integer models on the samples `index` of a dataset with ground truth.
 
         Frames are seen against the dataset's own background. Returns {"float": {…}, "integer": {…},
-        "growth_percent": {…}, "saturated_values": {…}}, whose keys carry units (`depth_mae_mm`).
+        "growth_percent": {…}, "saturated_values": {…}}, whose keys carry units (`depth_mae_mm`), and of
+        intervals around the force {"force_interval": {…}}, see `models/interval_accuracy.py`.
         """
-        from fastac.models import accuracy
+        from fastac.models import accuracy, interval_accuracy
 
-        return accuracy.compare_pipelines(self.bundle, data, index, progress=progress)[0]
+        found = accuracy.compare_pipelines(self.bundle, data, index, progress=progress)[0]
+        pipeline = self.bundle.pipeline
+        if pipeline.interval is not None and data.has_force(self.scene.force_axes):
+            of_intervals = interval_accuracy.evaluate(pipeline, data, index, progress=progress)
+            found[interval_accuracy.INTERVAL] = of_intervals
+        return found
 
     @cached_property
     def _usual(self) -> dict[str, tuple[str, ...]]:

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import frames, hardware, training
-from fastac.models import accuracy
+from fastac.models import accuracy, interval_accuracy
 from fastac.models.integer import bundle as bundles
+from fastac.models.interval_accuracy import INTERVAL
 from fastac.report import page
 from fastac.scenes.schema import Scene
 from fastac.sensor import fingertip, samples
@@ -83,6 +84,8 @@ def evaluate(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Pat
     known = frames.read(data, scene, store=store, progress=progress)
     index = samples.split_indices(known, "test", data)
     errors, _ = accuracy.compare_pipelines(model, known, index, progress=progress)
+    if model.pipeline.interval is not None:
+        errors[INTERVAL] = interval_accuracy.evaluate(model.pipeline, known, index, progress=progress)
     write_json(folder / ACCURACY, {"split": "test", "frames": len(index), **errors})
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow.force_fits import FITS
-from fastac.flow.force_interval import INTERVAL, calibrated
+from fastac.flow.intervals import calibrated
 from fastac.models import accuracy
 from fastac.models.emulator import pipeline as emulator_pipeline
 from fastac.models.emulator.pipeline import Emulator
@@ -21,6 +21,7 @@ from fastac.models.integer.features import scales
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
+from fastac.models.interval_accuracy import INTERVAL
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits

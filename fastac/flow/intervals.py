@@ -12,8 +12,6 @@ from fastac.sensor.dataset import Dataset
 from fastac.sensor.groups import groups
 from fastac.sensor.samples import evenly_spaced
 
-INTERVAL = "force_interval"
-"""In a bundle's provenance: what its intervals hold and follow from, as `calibrated` returns it."""
 FITTED_FRAMES = 1000
 """Most frames of the training split, evenly spaced, that the widths' dependence on the measures follows from,
 as they are and drifted."""
@@ -88,14 +86,3 @@ def calibrated(pipeline: IntegerPipeline, data: Dataset) -> tuple[IntegerPipelin
     )
     about = {"asked": scene.force.coverage, "coverage": coverage, "groups": count, "frames": len(held)}
     return pipeline.replace(interval=interval), about
-
-
-def remark(pipeline: IntegerPipeline) -> str | None:
-    """One line where the intervals hold less than the scene asks; None where they do not."""
-    about = pipeline.provenance.get(INTERVAL)
-    if about is None or about["coverage"] >= about["asked"]:
-        return None
-    return (
-        f"force.coverage = {about['asked']:g}: {about['groups']} groups of the validation split support at"
-        f" most {100 * about['coverage']:.1f}%, which the intervals are made for"
-    )
