@@ -82,6 +82,9 @@ def without_group(folder: Path, data: Path, scene: Scene, group: str, *, store: 
     with threadpool_limits(1):
         known = frames.read(data, scene, store=store, progress=progress)
         known = replace(known, split=split_by_group(known.group, (group,)))
+        if scene.wants_interval:  # too few groups are left to calibrate one
+            force = scene.force.model_copy(update={"coverage": None})
+            scene = scene.model_copy(update={"force": force})
         model, index = train(known, scene, folder, progress=progress), known.indices("test")
         truth = known.forces_n(index, scene.force_axes)
         found = {

@@ -1,7 +1,7 @@
-"""Presses of random objects on the virtual sensor's elastic layer, as a dataset whose groups are the objects.
+"""Presses of random objects on the virtual sensor's elastic layer: a dataset whose groups are the objects.
 
-Balls, cylinders, edges, round punches and lumps of random size, each pressed at a few random places with random
-loads. An object whose contact the layer's model cannot represent is drawn anew.
+Balls, cylinders, edges, round punches and lumps of random size, each pressed at a few random places with
+random loads. An object whose contact the layer's model cannot represent is drawn anew.
 """
 
 from collections.abc import Callable
