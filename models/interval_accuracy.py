@@ -13,7 +13,8 @@ from fastac.sensor.samples import Dataset
 
 INTERVAL = "force_interval"
 """In a bundle's provenance: what its intervals hold and follow from; "asked", the scene's coverage,
-"coverage", what they are made for, "groups" and "frames" that they are calibrated on."""
+"coverage", what they are made for, "groups" and "frames" that they are calibrated on, "trainings" that these
+groups were left out of, one each."""
 DRIFT_SEED = 2
 WANTED = ("force_n", "force_half_width_n", "validity")
 
@@ -103,6 +104,6 @@ def remark(pipeline: IntegerPipeline) -> str | None:
     if about is None or about["coverage"] >= about["asked"]:
         return None
     return (
-        f"force.coverage = {about['asked']:g}: {about['groups']} groups of the validation split support at"
-        f" most {100 * about['coverage']:.1f}%, which the intervals are made for"
+        f"force.coverage = {about['asked']:g}: {about['groups']} groups support at most"
+        f" {100 * about['coverage']:.1f}%, which the intervals are made for"
     )

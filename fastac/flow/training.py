@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow.force_fits import FITS
-from fastac.flow.intervals import calibrated
+from fastac.flow.intervals import calibrated, can_calibrate
 from fastac.models import accuracy
 from fastac.models.emulator import pipeline as emulator_pipeline
 from fastac.models.emulator.pipeline import Emulator
@@ -64,9 +64,13 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
     curved = scene.sensor.geometry == "fingertip"
     if by_geometry and curved and scene.wants_slopes and data.rest_depth_mm is None:
         raise TrainingError(f"{path}: rest_depth_mm: missing, and a curved skin needs its boundary prior")
-    for split in ("train", "validation", "test") if scene.wants_interval else ("train", "test"):
+    for split in ("train", "test"):
         if not len(data.indices(split)):
             raise TrainingError(f"{path}: split: no frame is in {split!r}")
+    if scene.wants_interval and not can_calibrate(data):
+        raise TrainingError(
+            f"{path}: split: no press is in 'validation' alone, and scene {scene.name} has force.coverage"
+        )
 
 
 def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
@@ -341,10 +345,12 @@ def assemble(
     integer: dict[str, np.ndarray],
     kernels: dict[str, np.ndarray],
     output: Path,
+    left_out: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> bundle.Bundle:
     """All integers and the float weights as a bundle, from what `normals`, `integers` and `force` wrote.
 
     kernels : the arrays of `force`; empty where the scene wants none
+    left_out : as in `intervals.calibrated`, where intervals are not calibrated on the validation split
     """
     pipeline = integer_pipeline(integer, data, scene)
     floats = floats | {k: v for k, v in integer.items() if k.startswith("history.")}
@@ -355,7 +361,7 @@ def assemble(
     pipeline = emulator_pipeline.with_limits(pipeline, data.frames[known])
     about = provenance(data)
     if scene.wants_interval:
-        pipeline, about[INTERVAL] = calibrated(pipeline, data)
+        pipeline, about[INTERVAL] = calibrated(pipeline, data, left_out)
     return bundle.save(output, replace(pipeline, provenance=about), floats)
 
 

@@ -32,6 +32,7 @@ class _Intervals(TypedDict):
     coverage: float
     groups: Count
     frames: Count
+    trainings: Count
     as_they_are: _Counted
     drifted: NotRequired[_Counted]
 

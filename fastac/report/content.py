@@ -196,7 +196,8 @@ def interval_rows(found: dict, frames: str) -> list[tuple[str, str, str, str]]:
         return []
     asked, made_for = (f"{100 * found[key]:.3g}%" for key in ("asked", "coverage"))
     promise = made_for if made_for == asked else f"{asked} asked, {made_for} supported"
-    origin = f"{found['groups']} groups of the validation split, {found['frames']} frames"
+    how = "left out of a training each" if found["trainings"] else "of the validation split"
+    origin = f"calibrated on {found['groups']} groups {how}, {found['frames']} frames"
     rows = [("forces within their intervals, promised", promise, "", origin)]
     for key, label in (("as_they_are", ""), ("drifted", " under drift")):
         counted = found.get(key, {})

@@ -36,7 +36,13 @@ def common(made):
 def test_intervals_hold_what_they_were_calibrated_on(common, tiny_data, tiny_bundle):
     bundle, _ = common
     pipeline = bundle.pipeline
-    assert pipeline.provenance[INTERVAL] == {"asked": 0.6, "coverage": 0.6, "groups": 4, "frames": 8}
+    assert pipeline.provenance[INTERVAL] == {
+        "asked": 0.6,
+        "coverage": 0.6,
+        "groups": 4,
+        "frames": 8,
+        "trainings": 0,
+    }
     assert remark(pipeline) is None
     index = tiny_data.indices("validation")
     found = with_background_of(pipeline, tiny_data).run(tiny_data.frames[index])
@@ -53,10 +59,15 @@ def test_intervals_hold_what_they_were_calibrated_on(common, tiny_data, tiny_bun
 def test_too_few_groups_give_what_they_can(made, common):
     bundle, _ = made(0.9)
     pipeline = bundle.pipeline
-    assert pipeline.provenance[INTERVAL] == {"asked": 0.9, "coverage": 0.8, "groups": 4, "frames": 8}
+    assert pipeline.provenance[INTERVAL] == {
+        "asked": 0.9,
+        "coverage": 0.8,
+        "groups": 4,
+        "frames": 8,
+        "trainings": 0,
+    }
     assert remark(pipeline) == (
-        "force.coverage = 0.9: 4 groups of the validation split support at most 80.0%, which the intervals"
-        " are made for"
+        "force.coverage = 0.9: 4 groups support at most 80.0%, which the intervals are made for"
     )
     assert pipeline.interval.base[0] > common[0].pipeline.interval.base[0]
 
@@ -64,7 +75,7 @@ def test_too_few_groups_give_what_they_can(made, common):
 def test_a_validation_split_is_needed(make_scene, tiny_data, tmp_path):
     without = replace(tiny_data, split=np.where(tiny_data.split == "test", "test", "train"))
     training.require(without, make_scene(), tmp_path)
-    with pytest.raises(training.TrainingError, match="split: no frame is in 'validation'"):
+    with pytest.raises(training.TrainingError, match="split: no press is in 'validation' alone"):
         training.require(without, make_scene(force={"coverage": 0.9}), tmp_path)
 
 
@@ -94,5 +105,5 @@ def test_commands_tell_them(common, made, tiny_file, tmp_path):
     found = runner.invoke(
         main, ["evaluate", str(made(0.95)[1]), "--data", str(tiny_file)], catch_exceptions=False
     )
-    assert "force.coverage = 0.95: 4 groups of the validation split support at most 80.0%" in found.output
+    assert "force.coverage = 0.95: 4 groups support at most 80.0%" in found.output
     assert interval_rows(content | {"asked": 0.9}, "simulated")[0][1] == "90% asked, 60% supported"
