@@ -23,6 +23,7 @@ import numpy as np
 from fastac.flow import frames as processed_frames
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle, BundleError, load_bundle
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.frame_validity import REASONS
 from fastac.models.result import Result
 from fastac.models.vision.image_processing import as_channels
@@ -217,8 +218,7 @@ class TactileSensor:
         found = accuracy.compare_pipelines(self.bundle, data, index, progress=progress)[0]
         pipeline = self.bundle.pipeline
         if pipeline.interval is not None and data.has_force(self.scene.force_axes):
-            of_intervals = interval_accuracy.evaluate(pipeline, data, index, progress=progress)
-            found[interval_accuracy.INTERVAL] = of_intervals
+            found[INTERVAL] = interval_accuracy.evaluate(pipeline, data, index, progress=progress)
         return found
 
     @cached_property

@@ -3,6 +3,7 @@
 import numpy as np
 
 from fastac.models.accuracy import with_background_of
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.result import Result
 from fastac.models.training.conformal import group_weights, wilson
@@ -11,10 +12,6 @@ from fastac.scenes.schema import AXES
 from fastac.sensor.groups import groups
 from fastac.sensor.samples import Dataset
 
-INTERVAL = "force_interval"
-"""In a bundle's provenance: what its intervals hold and follow from; "asked", the scene's coverage,
-"coverage", what they are made for, "groups" and "frames" that they are calibrated on, "trainings" that these
-groups were left out of, one each."""
 DRIFT_SEED = 2
 WANTED = ("force_n", "force_half_width_n", "validity")
 

@@ -12,7 +12,7 @@ import numpy as np
 from fastac.flow import frames, hardware, left_out_groups, training
 from fastac.models import accuracy, interval_accuracy
 from fastac.models.integer import bundle as bundles
-from fastac.models.interval_accuracy import INTERVAL
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.report import page
 from fastac.scenes.schema import Scene
 from fastac.sensor import fingertip, samples

@@ -18,10 +18,10 @@ from fastac.models.integer import assemble as integer_assemble
 from fastac.models.integer import bundle, quantise
 from fastac.models.integer.constant_neurons import without_constant
 from fastac.models.integer.features import scales
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.interval_accuracy import INTERVAL
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits

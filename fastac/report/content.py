@@ -4,7 +4,7 @@ from pathlib import Path
 
 from fastac.gateware.target.device import device_of
 from fastac.models.integer.bundle import Bundle
-from fastac.models.interval_accuracy import INTERVAL
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.report import build_files
 from fastac.report import paper as paper_figures
 from fastac.scenes.schema import AXES, Scene

@@ -16,6 +16,10 @@ LOAD = "load"
 """The measure that is the raw force itself, of one axis."""
 OF_PIXELS = REASONS[: REASONS.index("gradient") + 1]
 """Measures of `FrameValidity` that are complete with the frame's last slope, before any force is."""
+INTERVAL = "force_interval"
+"""In a bundle's provenance: what its intervals hold and follow from; "asked", the scene's coverage,
+"coverage", what they are made for, "groups" and "frames" that they are calibrated on, "trainings" that these
+groups were left out of, one each."""
 WEIGHT_BITS = 17
 """Bits of a weight, without a sign: with one it fits a DSP's port of 18."""
 MEASURE_BITS = 24

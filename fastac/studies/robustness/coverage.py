@@ -7,7 +7,8 @@ many forces are within their intervals is counted on others still. Everything is
 from pathlib import Path
 
 from fastac.flow.build import Build
-from fastac.models.interval_accuracy import INTERVAL, lines
+from fastac.models.integer.force_interval import INTERVAL
+from fastac.models.interval_accuracy import lines
 from fastac.scenes.schema import Scene
 from fastac.store.files import read_json, write_json
 from fastac.store.steps import Step

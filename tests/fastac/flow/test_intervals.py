@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+import fastac
 from fastac.cli.main import main
 from fastac.flow import steps, training
 from fastac.models.accuracy import with_background_of
-from fastac.models.interval_accuracy import INTERVAL, remark
+from fastac.models.integer.force_interval import INTERVAL
+from fastac.models.interval_accuracy import remark
 from fastac.report.content import interval_rows
 
 
@@ -50,6 +52,8 @@ def test_intervals_hold_what_they_were_calibrated_on(common, tiny_data, tiny_bun
     # Of 5 groups with the same share, one of them infinite, 3 must be reached.
     assert 0.75 <= inside.mean() < 1
     assert (found.force_half_width_n > 0).all()
+    one = fastac.load(common[1]).run(tiny_data.frames[index[0]])
+    assert one.force_half_width_n.tolist() == found.force_half_width_n[0].tolist()
     # Nothing else has changed.
     plain = with_background_of(tiny_bundle.pipeline, tiny_data).run(tiny_data.frames[index])
     assert plain.force_half_width_n is None

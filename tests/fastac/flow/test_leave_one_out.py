@@ -20,7 +20,7 @@ from fastac.flow.steps import LEFT_OUT
 from fastac.flow.training import TrainingError, require
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle
-from fastac.models.interval_accuracy import INTERVAL
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
 from fastac.store.files import load_arrays
