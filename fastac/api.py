@@ -23,6 +23,7 @@ import numpy as np
 from fastac.flow import frames as processed_frames
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle, BundleError, load_bundle
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.frame_validity import REASONS
 from fastac.models.result import Result
 from fastac.models.vision.image_processing import as_channels
@@ -38,7 +39,14 @@ if TYPE_CHECKING:
 __all__ = ["BundleError", "Measurement", "TactileSensor", "load"]
 
 Arithmetic = Literal["integer", "float"]
-FLAGS = ("gradient_saturated", "displacement_saturated", "validity", "slip_dots", "slipping")
+FLAGS = (
+    "force_half_width_n",
+    "gradient_saturated",
+    "displacement_saturated",
+    "validity",
+    "slip_dots",
+    "slipping",
+)
 """What the integers say of a frame beside its outputs."""
 
 
@@ -52,6 +60,7 @@ class Measurement(Result):
     normals : (H, W, 3) outward unit vectors
     depth_mm : (H, W) height z of the skin in mm; pressing lowers it
     force_n : (axes,) force in N along `force_axes`; z is positive in compression
+    force_half_width_n : (axes,) with force.coverage: the interval around the force is force_n ± this
     force_map_n : (axes, H - 2, W - 2) each inner pixel's share of the force in N
     slip_px : root mean square spread in px of the dots in contact about the rigid motion that fits them
     slip_dots, slipping : how many these dots are; whether their spread is beyond the scene's limit
@@ -201,11 +210,16 @@ class TactileSensor:
         """Errors of float and integer models on the samples `index` of a dataset with ground truth.
 
         Frames are seen against the dataset's own background. Returns {"float": {…}, "integer": {…},
-        "growth_percent": {…}, "saturated_values": {…}}, whose keys carry units (`depth_mae_mm`).
+        "growth_percent": {…}, "saturated_values": {…}}, whose keys carry units (`depth_mae_mm`), and of
+        intervals around the force {"force_interval": {…}}, see `models/interval_accuracy.py`.
         """
-        from fastac.models import accuracy
+        from fastac.models import accuracy, interval_accuracy
 
-        return accuracy.compare_pipelines(self.bundle, data, index, progress=progress)[0]
+        found = accuracy.compare_pipelines(self.bundle, data, index, progress=progress)[0]
+        pipeline = self.bundle.pipeline
+        if pipeline.interval is not None and data.has_force(self.scene.force_axes):
+            found[INTERVAL] = interval_accuracy.evaluate(pipeline, data, index, progress=progress)
+        return found
 
     @cached_property
     def _usual(self) -> dict[str, tuple[str, ...]]:

@@ -11,8 +11,9 @@ from fastac.models.integer.assemble import assemble, with_force, with_force_of
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.dot_follower import FRACTION, DotFollower, at_rest, guides_of
 from fastac.models.integer.dot_windows import BLOCK, DotWindows
+from fastac.models.integer.force_interval import BASE_BITS, WEIGHT_BITS, ForceInterval
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.random_tables import force_weights, frames, layers, network_bits
+from fastac.models.random_tables import force_interval, force_weights, frames, layers, network_bits
 from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.parts import DEFAULT_PART
 from fastac.scenes.schema import Scene
@@ -61,6 +62,7 @@ def scene(
     bridge_dots: bool = False,
     streams: str = "video",
     part: str = DEFAULT_PART,
+    coverage: float | None = None,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -86,6 +88,7 @@ def scene(
                 "clamp": clamp,
                 "max_displacement_mm": 0.01,
                 "dots": dots,
+                "coverage": coverage,
             }
             | ({"band_mm": band_mm, "deep_mm": deep_mm, "fit": "weights"} if band_mm else {}),
             "slip": {"contact_mm": 0.001, "limit_px": 0.04},
@@ -138,6 +141,8 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     )
     if scene.wants_force:
         pipeline = with_force(pipeline, *force_weights(scene, rng, follower))
+    if scene.wants_interval:
+        pipeline = pipeline.replace(interval=force_interval(pipeline, rng))
     return bundle.save(folder, with_limits(pipeline, frames(background, GOOD_FRAME_SPANS)), {})
 
 
@@ -165,6 +170,12 @@ def remounted(follower: DotFollower, rng: np.random.Generator, spacing_px: float
     return replace(follower, rest=rest, guides=guides, low=low, high=high)
 
 
+def other_widths(interval: ForceInterval, rng: np.random.Generator) -> ForceInterval:
+    """An interval of the same measures in the same words with another base and other weights."""
+    base = rng.integers(0, 1 << BASE_BITS, interval.base.shape)
+    return replace(interval, base=base, weights=rng.integers(0, 1 << WEIGHT_BITS, interval.weights.shape))
+
+
 def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
     """Save and return a copy of the bundle `known` with another random network and tighter validity limits.
 
@@ -186,4 +197,6 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
         **stages,
     )
     pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD_FRAME_SPANS[:2]))
+    if old.interval is not None:
+        pipeline = pipeline.replace(interval=other_widths(old.interval, np.random.default_rng(seed)))
     return bundle.save(folder, pipeline, {})

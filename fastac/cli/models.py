@@ -47,7 +47,18 @@ def train(scene, data, seed, output, progress):
         scene = scene.model_copy(update={"training": scene.training.model_copy(update={"seed": seed})})
         folder = output or folder.with_name(f"{folder.name}-seed-{seed}")
     run_build(scene, folder, data, progress, until="bundle")
-    click.echo(f"{folder / 'bundle'}: sha256 {load_bundle(folder).digest}")
+    made = load_bundle(folder)
+    click.echo(f"{folder / 'bundle'}: sha256 {made.digest}")
+    print_remark(made.pipeline)
+
+
+def print_remark(pipeline) -> None:
+    """Where the intervals around forces hold less than the scene asks, say so."""
+    from fastac.models import interval_accuracy
+
+    said = interval_accuracy.remark(pipeline)
+    if said:
+        click.echo(said)
 
 
 def print_errors(errors: dict) -> None:
@@ -58,6 +69,11 @@ def print_errors(errors: dict) -> None:
         rows.append([key, f"{value:.6f}", f"{errors['integer'][key]:.6f}", change])
     rows += [[key, None, f"{count} values", None] for key, count in errors["saturated_values"].items()]
     click.echo(text_table(["error", "float", "integer", "growth"], rows))
+    if "force_interval" in errors:
+        from fastac.models import interval_accuracy
+
+        for line in interval_accuracy.lines(errors["force_interval"]):
+            click.echo(line)
 
 
 @click.command()
@@ -117,6 +133,7 @@ def evaluate(bundle, data, split, leave_one_group_out, jobs, json_file, progress
         write_json(json_file, {"data": str(data), "split": split, "frames": len(index), **errors})
     click.echo(f"{data}: {len(index)} frames, {samples.source}")
     print_errors(errors)
+    print_remark(sensor.bundle.pipeline)
 
 
 @click.command()
@@ -130,7 +147,8 @@ def predict(bundle, data, use_float, split, output, progress):
     """Compute the outputs of BUNDLE's scene for the frames of the dataset DATA and write them as HDF5.
 
     These are some of normals, depth_mm, force_n, force_map_n and slip_px. The integer model gives what the
-    hardware gives, bit for bit.
+    hardware gives, bit for bit; of a scene with force.coverage also force_half_width_n, half the width of the
+    interval around each force.
 
     \b
     Example: fastac predict build/paper build/paper/data.h5 --split test -o outputs.h5
@@ -150,12 +168,16 @@ def predict(bundle, data, use_float, split, output, progress):
         file.attrs["pitch_mm"] = samples.pitch_mm
         file.attrs["force_axes"] = ",".join(sensor.force_axes)
         file["frame_index"] = index
+        names = list(sensor.outputs)
+        if sensor.bundle.pipeline.interval is not None and not use_float:
+            names.append("force_half_width_n")
+            file.attrs["force_coverage"] = sensor.scene.force.coverage
         found = sensor.with_background(samples.background).run(
-            samples.frames[index], arithmetic=arithmetic, outputs=sensor.outputs, progress=progress
+            samples.frames[index], arithmetic=arithmetic, outputs=names, progress=progress
         )
-        for name in sensor.outputs:
+        for name in names:
             file[name] = np.asarray(getattr(found, name), np.float32)
-    click.echo(f"{output}: {', '.join(sorted(sensor.outputs))} of {len(index)} frames")
+    click.echo(f"{output}: {', '.join(sorted(names))} of {len(index)} frames")
 
 
 @click.command()

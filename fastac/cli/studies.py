@@ -43,6 +43,47 @@ def dots(scene, data, store, progress):
 
 
 @study.command()
+@click.option(
+    "--coverage",
+    type=click.FloatRange(0, 1, min_open=True, max_open=True),
+    default=0.9,
+    show_default=True,
+    help="Share of forces that shall be within their intervals.",
+)
+@click.option(
+    "--objects",
+    type=click.IntRange(1),
+    nargs=3,
+    default=(100, 1000, 1000),
+    show_default=True,
+    metavar="TRAIN CALIBRATE TEST",
+    help="Objects that forces are learned from, intervals calibrated on, and forces counted on.",
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the objects.")
+@output_option("Folder of the build and of coverage.json.", OUTPUT_FOLDER, "build/coverage")
+@progress_option
+def coverage(coverage, objects, seed, output, progress):
+    """Count how many forces of new objects are within their intervals.
+
+    Random balls, cylinders, edges, punches and lumps are pressed on a small virtual sensor; it learns forces
+    from some, its intervals are calibrated on others (the scene key force.coverage) and judged by others
+    still, with a confidence interval over the objects: as the frames are, and with drifts of gain and offset
+    that the limits of frame validity leave unseen. All of it is simulated.
+
+    \b
+    Example: fastac study coverage
+    """
+    from fastac.studies.robustness import coverage as experiment
+
+    splits = dict(zip(("train", "validation", "test"), objects, strict=True))
+    output = output or Path("build/coverage")
+    found = experiment.measure(output, coverage=coverage, objects=splits, seed=seed, progress=progress)
+    for line in experiment.report(found):
+        click.echo(line)
+    click.echo(f"written: {output}/coverage.json")
+
+
+@study.command()
 @click.argument("bundle", type=INPUT)
 @output_option("Folder for slip.json and .png.", OUTPUT_FOLDER, "build/SCENE/slip")
 @store_option("finite-element compliances")

@@ -83,10 +83,10 @@ class Build:
         weights = {"weights": add("normals", steps.normals, known, steps.NORMALS)}
         weights |= {"integers": add("integers", steps.integers, known | weights, steps.INTEGERS)}
         force = add("force", steps.force, known | weights, steps.FORCE) if scene.wants_force else None
-        model = {
-            "scene": scene,
-            "bundle": add("bundle", steps.bundle, known | weights | {"force": force}, steps.BUNDLE),
-        }
+        trained = known | weights | {"force": force}
+        if scene.wants_interval:
+            trained |= {"left_out": add("left_out_groups", steps.left_out, known, steps.LEFT_OUT)}
+        model = {"scene": scene, "bundle": add("bundle", steps.bundle, trained, steps.BUNDLE)}
         seen = model | {"data": data}
         accuracy = add("evaluate", steps.evaluate, seen, steps.ACCURACY)
         shown = {"progress": self.progress}

@@ -64,6 +64,13 @@ def quadratic_force_n(data: Dataset, axes: tuple[int, ...]) -> np.ndarray:
     return x[test] @ np.linalg.lstsq(x[seen], data.forces_n(seen, axes), rcond=None)[0]
 
 
+def without_interval(scene: Scene) -> Scene:
+    """The scene without intervals around forces, which need groups that were not trained on."""
+    if not scene.wants_interval:
+        return scene
+    return scene.model_copy(update={"force": scene.force.model_copy(update={"coverage": None})})
+
+
 def train(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> Bundle:
     """The whole training of `fastac train`, in `folder`."""
     weights, integers, force = (folder / name for name in ("normals.npz", "integers.npz", "force.npz"))
@@ -83,7 +90,7 @@ def without_group(folder: Path, data: Path, scene: Scene, group: str, *, store: 
     with threadpool_limits(1):
         known = frames.read(data, scene, store=store, progress=progress)
         known = replace(known, split=split_by_group(known.group, (group,)))
-        model, index = train(known, scene, folder, progress=progress), known.indices("test")
+        model, index = train(known, without_interval(scene), folder, progress=progress), known.indices("test")
         truth = known.forces_n(index, scene.force_axes)
         found = {
             name: value["force_mae_n"]

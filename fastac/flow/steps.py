@@ -9,18 +9,19 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.flow import frames, hardware, training
-from fastac.models import accuracy
+from fastac.flow import frames, hardware, left_out_groups, training
+from fastac.models import accuracy, interval_accuracy
 from fastac.models.integer import bundle as bundles
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.report import page
 from fastac.scenes.schema import Scene
 from fastac.sensor import fingertip, samples
 from fastac.sensor.dataset import Dataset
-from fastac.store.files import write_json
+from fastac.store.files import save_arrays, write_json
 from fastac.synth import synthesis, vivado_reports
 
 DATA = "data.h5"
-NORMALS, INTEGERS, FORCE = "normals.npz", "integers.npz", "force.npz"
+NORMALS, INTEGERS, FORCE, LEFT_OUT = "normals.npz", "integers.npz", "force.npz", "left_out.npz"
 BUNDLE, ACCURACY, VERILOG, SIMULATION = "bundle", "accuracy.json", "verilog", "sim.json"
 REPORT, PAGE = "report.json", "report.html"
 
@@ -67,6 +68,7 @@ def bundle(
     weights: Path,
     integers: Path,
     force: Path | None,
+    left_out: Path | None = None,
     *,
     store: Path,
     progress: bool,
@@ -74,7 +76,18 @@ def bundle(
     """All integers and the float weights as a bundle."""
     known = training_data(data, scene, store, progress=progress)
     arrays = [training.load_arrays(path) if path else {} for path in (weights, integers, force)]
-    training.assemble(known, scene, *arrays, folder / BUNDLE)
+    scores = training.load_arrays(left_out) if left_out else {}
+    found = (scores["scores"], scores["group"]) if scores else None
+    training.assemble(known, scene, *arrays, folder / BUNDLE, found)
+
+
+def left_out(folder: Path, scene: Scene, data: Path, *, store: Path, progress: bool) -> None:
+    """Scores of each training group by models that did not know it, where intervals need them."""
+    known = training_data(data, scene, store, progress=progress)
+    found = left_out_groups.scores(known, scene, data, store, progress=progress)
+    save_arrays(
+        folder / LEFT_OUT, {} if found is None else dict(zip(("scores", "group"), found, strict=True))
+    )
 
 
 def evaluate(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, progress: bool) -> None:
@@ -83,6 +96,8 @@ def evaluate(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Pat
     known = frames.read(data, scene, store=store, progress=progress)
     index = samples.split_indices(known, "test", data)
     errors, _ = accuracy.compare_pipelines(model, known, index, progress=progress)
+    if model.pipeline.interval is not None:
+        errors[INTERVAL] = interval_accuracy.evaluate(model.pipeline, known, index, progress=progress)
     write_json(folder / ACCURACY, {"split": "test", "frames": len(index), **errors})
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow.force_fits import FITS
+from fastac.flow.intervals import calibrated, can_calibrate
 from fastac.models import accuracy
 from fastac.models.emulator import pipeline as emulator_pipeline
 from fastac.models.emulator.pipeline import Emulator
@@ -17,6 +18,7 @@ from fastac.models.integer import assemble as integer_assemble
 from fastac.models.integer import bundle, quantise
 from fastac.models.integer.constant_neurons import without_constant
 from fastac.models.integer.features import scales
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
@@ -66,6 +68,10 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
     for split in ("train", "test"):
         if not len(data.indices(split)):
             raise TrainingError(f"{path}: split: no frame is in {split!r}")
+    if scene.wants_interval and not can_calibrate(data):
+        raise TrainingError(
+            f"{path}: split: no press is in 'validation' alone, and scene {scene.name} has force.coverage"
+        )
 
 
 def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
@@ -342,10 +348,12 @@ def assemble(
     integer: dict[str, np.ndarray],
     kernels: dict[str, np.ndarray],
     output: Path,
+    left_out: tuple[np.ndarray, np.ndarray] | None = None,
 ) -> bundle.Bundle:
     """All integers and the float weights as a bundle, from what `normals`, `integers` and `force` wrote.
 
     kernels : the arrays of `force`; empty where the scene wants none
+    left_out : as in `intervals.calibrated`, where intervals are not calibrated on the validation split
     """
     pipeline = integer_pipeline(integer, data, scene)
     floats = floats | {k: v for k, v in integer.items() if k.startswith("history.")}
@@ -354,7 +362,10 @@ def assemble(
         floats |= kernels
     known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))
     pipeline = emulator_pipeline.with_limits(pipeline, data.frames[known])
-    return bundle.save(output, replace(pipeline, provenance=provenance(data)), floats)
+    about = provenance(data)
+    if scene.wants_interval:
+        pipeline, about[INTERVAL] = calibrated(pipeline, data, left_out)
+    return bundle.save(output, replace(pipeline, provenance=about), floats)
 
 
 def provenance(data: Dataset) -> dict:

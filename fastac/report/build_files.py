@@ -1,7 +1,7 @@
 """The files of a build that its report is made of, checked as they are read."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NotRequired, Required
 
 from pydantic import Field, TypeAdapter, ValidationError
 from typing_extensions import TypedDict
@@ -12,12 +12,38 @@ Count = Annotated[int, Field(ge=0, le=10**12)]
 """No build has more of anything, and a larger number need not fit a float."""
 
 
+class _Covered(TypedDict):
+    coverage: float
+    coverage_from: float
+    coverage_to: float
+    half_width_n: float
+
+
+class _Counted(TypedDict, total=False):
+    groups: Required[Count]
+    frames: Required[Count]
+    x: _Covered
+    y: _Covered
+    z: _Covered
+
+
+class _Intervals(TypedDict):
+    asked: float
+    coverage: float
+    groups: Count
+    frames: Count
+    trainings: Count
+    as_they_are: _Counted
+    drifted: NotRequired[_Counted]
+
+
 class _Accuracy(TypedDict):
     frames: int
     float: dict[str, float]
     integer: dict[str, float]
     growth_percent: dict[str, float]
     saturated_values: dict[str, int]
+    force_interval: NotRequired[_Intervals]
 
 
 class _Latency(TypedDict, total=False):

@@ -4,9 +4,10 @@ from pathlib import Path
 
 from fastac.gateware.target.device import device_of
 from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.report import build_files
 from fastac.report import paper as paper_figures
-from fastac.scenes.schema import Scene
+from fastac.scenes.schema import AXES, Scene
 from fastac.synth import energy, synthesis_figures, vivado_reports
 
 LATENCY_ORIGIN = (
@@ -69,6 +70,7 @@ def content(folder: Path, bundle: Bundle) -> dict:
             "error_flags": simulated["errors"],
         },
         "accuracy": {k: errors[k] for k in ("float", "integer", "growth_percent", "saturated_values")},
+        **({INTERVAL: errors[INTERVAL]} if INTERVAL in errors else {}),
         "bounds": bounds(bundle),
         "resources": resources,
         **energy.estimate(bundle.pipeline),
@@ -117,6 +119,11 @@ def bounds(bundle: Bundle) -> dict:
             "saturates_at_mm": pipeline.quantiser.top * pipeline.displacement_mm_per_unit,
             "width_bits": pipeline.quantiser.bits,
         }
+    if pipeline.interval is not None:
+        found["force.half_width"] = {
+            "bound": max(pipeline.interval.half_bounds),
+            "width_bits": pipeline.interval.half_width,
+        }
     if pipeline.force is not None:
         found["force.accumulator"] = {"bound": pipeline.force_bound, "width_bits": pipeline.force_width}
     return found
@@ -163,6 +170,7 @@ def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
         if of_paper in paper["float"] and not (key == "force_mae_n" and "force_z_mae_n" in errors["float"]):
             stated = f"{paper['float'][of_paper]} → {paper['integer'][of_paper]}"
         rows.append((f"{key}, float → integer", f"{value:.5g} → {whole:.5g}{change}", stated, frames))
+    rows += interval_rows(report.get(INTERVAL, {}), frames)
     resources = report["resources"]
     for key in ("lut", "dsp48e2", "dsp48e1", "ramb36", "uram288"):
         if key in resources:
@@ -179,4 +187,24 @@ def summary_rows(report: dict) -> list[tuple[str, str, str, str]]:
         for key, figure in vivado["figures"].items():
             origin = f"{figure['origin']} {vivado['tool']}, {vivado['part']}: {vivado['scope']}"
             rows.append((f"{key.replace('_', ' ')}, Vivado", f"{figure['value']:g}", "", origin))
+    return rows
+
+
+def interval_rows(found: dict, frames: str) -> list[tuple[str, str, str, str]]:
+    """Rows of the summary on the intervals around forces, as `interval_accuracy.evaluate` found them."""
+    if not found:
+        return []
+    asked, made_for = (f"{100 * found[key]:.3g}%" for key in ("asked", "coverage"))
+    promise = made_for if made_for == asked else f"{asked} asked, {made_for} supported"
+    how = "left out of a training each" if found["trainings"] else "of the validation split"
+    origin = f"calibrated on {found['groups']} groups {how}, {found['frames']} frames"
+    rows = [("forces within their intervals, promised", promise, "", origin)]
+    for key, label in (("as_they_are", ""), ("drifted", " under drift")):
+        counted = found.get(key, {})
+        for axis, entry in counted.items():
+            if axis in AXES:
+                share, low, high = (100 * entry[k] for k in ("coverage", "coverage_from", "coverage_to"))
+                value = f"{share:.1f}% ({low:.1f} to {high:.1f}), ± {entry['half_width_n']:.3g} N"
+                origin = f"{frames}, {counted['groups']} groups; 95% confidence, mean half-width"
+                rows.append((f"force_{axis} within its interval{label}", value, "", origin))
     return rows

@@ -66,7 +66,23 @@ def _errors(report: dict) -> list[Headline]:
     elif "force_mae_n" in integers:
         note = f"{1e3 * floats['force_mae_n']:.3g} mN in floats; {frames}"
         found.append(Headline("force error", f"{1e3 * integers['force_mae_n']:.3g} mN", note))
-    return found
+    return [*found, *_intervals(report)]
+
+
+def _intervals(report: dict) -> list[Headline]:
+    """How wide the intervals around the force are, along the skin's normal if that is wanted."""
+    counted = report.get("force_interval", {}).get("as_they_are", {})
+    axis = next((axis for axis in "zxy" if axis in counted), None)
+    if axis is None:
+        return []
+    entry, promised = counted[axis], 100 * report["force_interval"]["coverage"]
+    note = (
+        f"mean; {100 * entry['coverage']:.1f}% are within, {100 * entry['coverage_from']:.1f} to"
+        f" {100 * entry['coverage_to']:.1f}% with 95% confidence"
+    )
+    return [
+        Headline(f"{promised:.3g}% interval of F_{axis}", f"± {1e3 * entry['half_width_n']:.3g} mN", note)
+    ]
 
 
 def _multipliers(report: dict) -> list[Headline]:

@@ -15,11 +15,15 @@ from PIL import Image
 from fastac.cli.main import main
 from fastac.flow import leave_one_out
 from fastac.flow.build import Build
+from fastac.flow.intervals import scale_of, training_groups
+from fastac.flow.steps import LEFT_OUT
 from fastac.flow.training import TrainingError, require
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle
+from fastac.models.integer.force_interval import INTERVAL
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
+from fastac.store.files import load_arrays
 
 GROUPS = ("ball", "cup", "nut")
 
@@ -89,6 +93,30 @@ def test_the_integers_find_unseen_forces_as_the_floats_do(build_folder, data_fil
     assert errors["float"]["force_mae_n"] < 0.5 * blind
     assert errors["integer"]["force_mae_n"] < 1.1 * errors["float"]["force_mae_n"]
     assert "normal_mae_deg" not in errors["float"]
+
+
+def test_intervals_follow_from_errors_of_groups_left_out(scene, build_folder, data_file):
+    """Both splits of a recording have frames of each object, so the validation split tells of no new one."""
+    wanted = scene.model_copy(update={"force": scene.force.model_copy(update={"coverage": 0.9})})
+    data, folder = dataset.read(data_file), build_folder.with_name("intervals")
+    assert training_groups(data) == ["ball", "cup"]
+    Build(wanted, folder, data_file, progress=False).run(lambda name, current: None, until="bundle")
+    pipeline, plain = (bundle.load(place / "bundle").pipeline for place in (folder, build_folder))
+    assert pipeline.provenance[INTERVAL] == {
+        "asked": 0.9,
+        "coverage": 2 / 3,
+        "groups": 2,
+        "frames": int((data.split != "test").sum()),
+        "trainings": 2,
+    }
+    np.testing.assert_array_equal(pipeline.force.weight, plain.force.weight)
+    assert "left_out_groups" not in Build(scene, folder, data_file).steps
+    # The widest of all scores is needed: every frame of the groups is within its interval.
+    left_out = load_arrays(folder / LEFT_OUT)
+    assert left_out["group"].tolist() == sorted(left_out["group"].tolist())
+    scale = scale_of(pipeline, data)
+    factor = pipeline.interval.base[0] * 2.0 ** pipeline.interval.exponent[0] / scale.base[0]
+    assert factor * pipeline.force_n_per_unit[0] == pytest.approx(left_out["scores"].max(), rel=1e-3)
 
 
 def test_the_hardware_gets_a_sum_over_the_slopes_that_is_zero_at_rest(build_folder, data_file):

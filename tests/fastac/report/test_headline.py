@@ -23,6 +23,14 @@ REPORT = {
 }
 
 
+COVERED = {"coverage": 0.89, "coverage_from": 0.85, "coverage_to": 0.92, "half_width_n": 0.07438}
+INTERVALS = {
+    "asked": 0.9,
+    "coverage": 8 / 9,
+    "as_they_are": {"groups": 8, "frames": 80, "x": {}, "z": COVERED},
+}
+
+
 def of_both(errors: dict) -> dict:
     return {"float": errors, "integer": errors}
 
@@ -78,6 +86,7 @@ def test_a_mismatch_is_not_hidden():
             "multipliers",
             "1 DSP48E2",
         ),
+        ({"force_interval": INTERVALS}, "88.9% interval of F_z", "± 74.4 mN"),
     ],
 )
 def test_what_a_build_has_is_shown(changes, label, value):

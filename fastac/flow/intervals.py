@@ -1,0 +1,142 @@
+"""The interval around each force, from the errors of presses that the models have not learned from."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer.force_interval import LOAD, ForceInterval, shifts_of
+from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.models.result import Result
+from fastac.models.training import conformal
+from fastac.models.training.drift import drifted
+from fastac.sensor.dataset import Dataset
+from fastac.sensor.groups import groups
+from fastac.sensor.samples import evenly_spaced
+
+FITTED_FRAMES = 1000
+"""Most frames of the training split, evenly spaced, that the widths' dependence on the measures follows from,
+as they are and drifted."""
+NORMAL_AXIS = 2
+WANTED = ("force_n", "force_raw", "validity_measures")
+
+
+def apart(data: Dataset) -> np.ndarray:
+    """The frames of the validation split whose groups have no frame in the training split, indices."""
+    group = groups(data)
+    return np.flatnonzero((data.split == "validation") & ~np.isin(group, group[data.split == "train"]))
+
+
+def training_groups(data: Dataset) -> list[str]:
+    """The groups to leave out one after the other; none where the validation split has groups of its own, or
+    where fewer than two are known."""
+    if len(apart(data)) or data.group is None:
+        return []
+    names = list(dict.fromkeys(data.group[data.split != "test"].tolist()))
+    return names if len(names) > 1 else []
+
+
+def can_calibrate(data: Dataset) -> bool:
+    """Whether there are groups whose errors can tell how wide intervals must be."""
+    return bool(len(apart(data)) or training_groups(data))
+
+
+@dataclass(frozen=True, eq=False)
+class Scale:
+    """How large errors are expected to be, in N: base[a] + Σ_k weights[a, k] · |measure k, shifted|."""
+
+    pipeline: IntegerPipeline
+    measures: tuple[str, ...]
+    limits: np.ndarray  # (K,)
+    load_axis: int
+    base: np.ndarray  # (axes,)
+    weights: np.ndarray  # (axes, K)
+
+    def scores(self, found: Result, data: Dataset, index: np.ndarray) -> np.ndarray:
+        """Errors of what was found in the samples `index`, in units of their scale, (frames, axes)."""
+        magnitudes = _magnitudes(self.pipeline, self.measures, self.limits, self.load_axis, found)
+        return _errors(self.pipeline, found, data, index) / (self.base + magnitudes @ self.weights.T)
+
+    def times(self, factors: np.ndarray) -> ForceInterval:
+        """The interval whose half-widths are so many times, (axes,), as large; without useless measures."""
+        raw = factors / self.pipeline.force_n_per_unit
+        used = self.weights.any(axis=0)
+        names = tuple(name for name, kept in zip(self.measures, used, strict=True) if kept)
+        weights = self.weights[:, used] * raw[:, None]
+        return ForceInterval.of_weights(names, self.limits[used], weights, self.base * raw, self.load_axis)
+
+
+def scale_of(pipeline: IntegerPipeline, data: Dataset) -> Scale:
+    """The scale of the errors in the training split, where half of the frames have a drift that the limits of
+    frame validity leave unseen."""
+    validity, axes = pipeline.validity, pipeline.scene.force_axes
+    largest = dict(zip(validity.names, validity.bounds[1], strict=True))
+    names = [n for n in validity.names if n.startswith("brightness") or n in ("change", "gradient")]
+    limits = np.array([int(largest[name]) for name in names] + [pipeline.force_bound], np.int64)
+    measures = (*names, LOAD)
+    load_axis = axes.index(NORMAL_AXIS) if NORMAL_AXIS in axes else 0
+    emulator = Emulator(pipeline)
+    seen = evenly_spaced(data.indices("train"), FITTED_FRAMES)
+    frames = data.frames[seen]
+    moved = drifted(frames, pipeline.background, validity, pipeline.scene.training.seed)
+    runs = [emulator.run(images, wanted=WANTED) for images in (frames, moved)]
+    magnitudes = np.concatenate([_magnitudes(pipeline, measures, limits, load_axis, run) for run in runs])
+    errors = np.concatenate([_errors(pipeline, run, data, seen) for run in runs])
+    fitted = [conformal.linear_scale(magnitudes, of_axis) for of_axis in errors.T]
+    base, weights = (np.array(values) for values in zip(*fitted, strict=True))
+    return Scale(pipeline, measures, limits, load_axis, base, weights)
+
+
+def _magnitudes(
+    pipeline: IntegerPipeline, measures: tuple[str, ...], limits: np.ndarray, load_axis: int, found: Result
+) -> np.ndarray:
+    """|measures| (frames, K) as `ForceInterval` takes them."""
+    columns = [pipeline.validity.names.index(name) for name in measures[:-1]]
+    values = np.column_stack([found.validity_measures[:, columns], found.force_raw[:, load_axis]])
+    return np.abs(values >> shifts_of(limits))
+
+
+def _errors(pipeline: IntegerPipeline, found: Result, data: Dataset, index: np.ndarray) -> np.ndarray:
+    return np.abs(found.force_n - data.forces_n(index, pipeline.scene.force_axes))
+
+
+def held_out_scores(pipeline: IntegerPipeline, data: Dataset, index: np.ndarray) -> np.ndarray:
+    """Scores (frames, axes) of the samples `index`, with the scale of the training split's errors."""
+    return scale_of(pipeline, data).scores(
+        Emulator(pipeline).run(data.frames[index], wanted=WANTED), data, index
+    )
+
+
+def calibrated(
+    pipeline: IntegerPipeline, data: Dataset, left_out: tuple[np.ndarray, np.ndarray] | None = None
+) -> tuple[IntegerPipeline, dict]:
+    """The integers with intervals around their forces, and what these hold and follow from.
+
+    How widths depend on the measures follows from the training split, see `scale_of`; how wide they are from
+    scores of groups that were not trained on, see `training/conformal.py`: those of the validation split or,
+    where it has none, each training group's by models that were trained without it.
+
+    left_out : scores (frames, axes) of training groups that models did not know, and these groups (frames,)
+
+    Returned besides: "asked", the scene's coverage; "coverage", what the intervals are made for, which is
+    less where there are too few groups; "groups" and "frames" of the scores; "trainings", how many trainings
+    without one of the groups they follow from.
+    """
+    scale = scale_of(pipeline, data)
+    if left_out is None:
+        index = apart(data)
+        found = Emulator(pipeline).run(data.frames[index], wanted=WANTED)
+        scores, group = scale.scores(found, data, index), groups(data)[index]
+    else:
+        scores, group = left_out
+    asked, count = pipeline.scene.force.coverage, len(np.unique(group))
+    coverage = min(asked, conformal.supported(count))
+    factors = np.array([conformal.pooled_quantile(of_axis, group, coverage) for of_axis in scores.T])
+    about = {
+        "asked": asked,
+        "coverage": coverage,
+        "groups": count,
+        "frames": len(group),
+        "trainings": 0 if left_out is None else count,
+    }
+    return pipeline.replace(interval=scale.times(factors)), about
