@@ -8,18 +8,11 @@ from amaranth.lib.wiring import In, Out
 from fastac.gateware.arithmetic import product
 from fastac.gateware.force.shared_accumulator import SharedAccumulator
 from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
+from fastac.gateware.stream.frame_validity import by_stage
 from fastac.gateware.stream.tables import RecordTable
 from fastac.models.integer.force_interval import BASE_BITS, LOAD, WEIGHT_BITS, ForceInterval
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.words import signed_width
-
-
-def measured_groups(interval: ForceInterval) -> dict[str, list[str]]:
-    """The interval's measures of pixels, by the stage of FrameValidity with which they are complete."""
-    groups = {"features": [], "slopes": []}
-    for name in interval.pixel_measures:
-        groups["slopes" if name == "gradient" else "features"].append(name)
-    return {stage: names for stage, names in groups.items() if names}
 
 
 class ForceIntervalStream(wiring.Component):
@@ -51,7 +44,7 @@ class ForceIntervalStream(wiring.Component):
     ):
         self.integers, self.force_width, self.loadable = interval, force_width, loadable
         self.axes = len(interval.base)
-        self.groups = measured_groups(interval)
+        self.groups = by_stage(interval.pixel_measures)
         limits = dict(zip(interval.measures, interval.limits.tolist(), strict=True))
         widths = dict(zip(validity.names, validity.widths, strict=True)) | {LOAD: force_width}
         for name, limit in limits.items():
