@@ -38,7 +38,14 @@ if TYPE_CHECKING:
 __all__ = ["BundleError", "Measurement", "TactileSensor", "load"]
 
 Arithmetic = Literal["integer", "float"]
-FLAGS = ("gradient_saturated", "displacement_saturated", "validity", "slip_dots", "slipping")
+FLAGS = (
+    "force_half_width_n",
+    "gradient_saturated",
+    "displacement_saturated",
+    "validity",
+    "slip_dots",
+    "slipping",
+)
 """What the integers say of a frame beside its outputs."""
 
 
@@ -52,6 +59,7 @@ class Measurement(Result):
     normals : (H, W, 3) outward unit vectors
     depth_mm : (H, W) height z of the skin in mm; pressing lowers it
     force_n : (axes,) force in N along `force_axes`; z is positive in compression
+    force_half_width_n : (axes,) with force.coverage: the interval around the force is force_n ± this
     force_map_n : (axes, H - 2, W - 2) each inner pixel's share of the force in N
     slip_px : root mean square spread in px of the dots in contact about the rigid motion that fits them
     slip_dots, slipping : how many these dots are; whether their spread is beyond the scene's limit

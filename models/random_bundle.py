@@ -12,7 +12,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.dot_follower import FRACTION, DotFollower, at_rest, guides_of
 from fastac.models.integer.dot_windows import BLOCK, DotWindows
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.random_tables import force_weights, frames, layers, network_bits
+from fastac.models.random_tables import force_interval, force_weights, frames, layers, network_bits
 from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.parts import DEFAULT_PART
 from fastac.scenes.schema import Scene
@@ -61,6 +61,7 @@ def scene(
     bridge_dots: bool = False,
     streams: str = "video",
     part: str = DEFAULT_PART,
+    coverage: float | None = None,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -86,6 +87,7 @@ def scene(
                 "clamp": clamp,
                 "max_displacement_mm": 0.01,
                 "dots": dots,
+                "coverage": coverage,
             }
             | ({"band_mm": band_mm, "deep_mm": deep_mm, "fit": "weights"} if band_mm else {}),
             "slip": {"contact_mm": 0.001, "limit_px": 0.04},
@@ -138,6 +140,8 @@ def random_bundle(folder: Path, scene: Scene, *, hidden: tuple[int, ...] = (4,),
     )
     if scene.wants_force:
         pipeline = with_force(pipeline, *force_weights(scene, rng, follower))
+    if scene.wants_interval:
+        pipeline = pipeline.replace(interval=force_interval(pipeline, rng))
     return bundle.save(folder, with_limits(pipeline, frames(background, GOOD_FRAME_SPANS)), {})
 
 

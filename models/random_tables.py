@@ -7,7 +7,16 @@ import numpy as np
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.force import terms
+from fastac.models.integer.force_interval import (
+    BASE_BITS,
+    LOAD,
+    OF_PIXELS,
+    WEIGHT_BITS,
+    ForceInterval,
+    shifts_of,
+)
 from fastac.models.integer.network import Layer
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.quantise import quantise_layers
 from fastac.scenes.model_schema import Numbers
 from fastac.scenes.schema import Scene
@@ -70,3 +79,20 @@ def force_weights(
     if not scene.wants_dots:
         return (weights,)
     return weights, rng.normal(scale=10, size=(axes, len(follower.rest), 2))
+
+
+def force_interval(pipeline: IntegerPipeline, rng: np.random.Generator) -> ForceInterval:
+    """A random interval of all measures around the forces of a pipeline."""
+    largest = dict(zip(pipeline.validity.names, pipeline.validity.bounds[1], strict=True))
+    names = [name for name in largest if name in OF_PIXELS]
+    limits = np.array([int(largest[name]) for name in names] + [pipeline.force_bound], np.int64)
+    axes, count = len(pipeline.force_n_per_unit), len(limits)
+    return ForceInterval(
+        (*names, LOAD),
+        limits,
+        shifts_of(limits),
+        rng.integers(1, 1 << WEIGHT_BITS, (axes, count)),
+        rng.integers(0, 1 << BASE_BITS, axes),
+        rng.integers(-12, 3, axes),
+        load_axis=axes - 1,
+    )

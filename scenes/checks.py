@@ -103,6 +103,8 @@ def _check_solver(scene) -> None:
     if scene.force.source == "slopes" and facts.finds_depth and not scene.wants_solver:
         without = listed(name for name in SOLVERS if not SOLVERS[name].finds_depth)
         raise ValueError(f"force.source: 'slopes' without output depth needs poisson.solver {without}")
+    if scene.force.coverage is not None and not scene.wants_force:
+        raise ValueError("force.coverage: needs a force among outputs")
     if scene.wants_force and scene.force.clamp and not (facts.can_clamp and scene.force_from_displacement):
         linear = "a force of slopes" if facts.can_clamp else f"the {solver}"
         raise ValueError(f"force.clamp: {linear} is linear and cannot clamp; set clamp = false")

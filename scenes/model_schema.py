@@ -132,6 +132,10 @@ class Force(Strict):
     them little shows how the skin is dragged."""
     hidden: Annotated[int, Field(ge=1, le=256)] = 32
     max_displacement_mm: Positive = 2.0
+    coverage: Annotated[float, Field(gt=0, lt=1)] | None = Field(None, exclude_if=lambda value: value is None)
+    """Share of presses for which the true force shall be within an interval around what is found, on each
+    axis, as 0.9. How wide the interval is in each frame follows from measures of the frame and from the
+    errors of presses in the validation split. Not given: no intervals."""
 
     @property
     def bends_mm(self) -> tuple[float, ...]:

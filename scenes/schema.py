@@ -187,6 +187,11 @@ class Scene(Strict):
         return bool(self.force_axes)
 
     @property
+    def wants_interval(self) -> bool:
+        """Whether each force comes with an interval around it."""
+        return self.wants_force and self.force.coverage is not None
+
+    @property
     def wants_bridge(self) -> bool:
         """Whether pixels under the marker dots take the slopes of the skin beside them."""
         return self.wants_slopes and self.network.bridge_dots

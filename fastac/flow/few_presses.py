@@ -8,10 +8,8 @@ import numpy as np
 from fastac.flow import frames
 from fastac.models.training.normals import labelled_pixels
 from fastac.scenes.schema import Scene
+from fastac.sensor import groups
 from fastac.sensor.dataset import Dataset
-
-PLACES = (("grid_x_mm", "grid_y_mm"), ("x_mm", "y_mm"), ("center_px",))
-"""Keys of `indenter` that say where a press is; the first that a dataset has count."""
 
 
 class AdaptError(ValueError):
@@ -25,9 +23,9 @@ def presses(data: Dataset) -> np.ndarray:
     is known a recording is one press, and without recordings the whole dataset is.
     """
     group = np.full(len(data), "data", object) if data.group is None else data.group.astype(object)
-    known = data.indenter or {}
-    names = next((names for names in PLACES if all(name in known for name in names)), ())
-    places = np.column_stack([known[name] for name in names]) if names else np.zeros((len(data), 1))
+    places = groups.places(data)
+    if not places.shape[1]:
+        places = np.zeros((len(data), 1))
     text = np.array([f"{g}: {' '.join(f'{x:.6g}' for x in p)}" for g, p in zip(group, places, strict=True)])
     at_rest = np.array([np.array_equal(frame, data.background) for frame in data.frames])
     return np.where(at_rest | np.isnan(places).any(axis=1), "", text)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow.force_fits import FITS
+from fastac.flow.force_interval import INTERVAL, calibrated
 from fastac.models import accuracy
 from fastac.models.emulator import pipeline as emulator_pipeline
 from fastac.models.emulator.pipeline import Emulator
@@ -62,7 +63,7 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
     curved = scene.sensor.geometry == "fingertip"
     if by_geometry and curved and scene.wants_slopes and data.rest_depth_mm is None:
         raise TrainingError(f"{path}: rest_depth_mm: missing, and a curved skin needs its boundary prior")
-    for split in ("train", "test"):
+    for split in ("train", "validation", "test") if scene.wants_interval else ("train", "test"):
         if not len(data.indices(split)):
             raise TrainingError(f"{path}: split: no frame is in {split!r}")
 
@@ -351,7 +352,10 @@ def assemble(
         floats |= kernels
     known = np.sort(np.concatenate([data.indices(split) for split in ("train", "validation")]))
     pipeline = emulator_pipeline.with_limits(pipeline, data.frames[known])
-    return bundle.save(output, replace(pipeline, provenance=provenance(data)), floats)
+    about = provenance(data)
+    if scene.wants_interval:
+        pipeline, about[INTERVAL] = calibrated(pipeline, data)
+    return bundle.save(output, replace(pipeline, provenance=about), floats)
 
 
 def provenance(data: Dataset) -> dict:

@@ -74,6 +74,8 @@ def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
             dots = pipeline.dot_force
             raw = raw + ((dots.weighted.weight[:, :, 0] * shifts).sum(axis=(1, 2)) << dots.exponent)
         found |= {"force_raw": raw, "force_n": raw * pipeline.force_n_per_unit}
+        if pipeline.interval is not None:
+            found |= interval_of(pipeline, measures, raw)
         if pipeline.spread is not None:
             spread, dots = pipeline.spread(shifts, seen, words)
             found |= slip_of(pipeline, spread, dots)
@@ -87,6 +89,15 @@ def slip_of(pipeline: IntegerPipeline, spread: np.ndarray, dots: np.ndarray) -> 
     """Spreads and numbers of dots in contact to the outputs that tell of slip."""
     slipping = spread > pipeline.slip_limit
     return {"slip_words": spread, "slip_px": spread_px(spread), "slip_dots": dots, "slipping": slipping}
+
+
+def interval_of(
+    pipeline: IntegerPipeline, measures: np.ndarray, force_raw: np.ndarray
+) -> dict[str, np.ndarray]:
+    """All of FrameValidity's measures (…, measures) and raw forces (…, axes) to the interval's outputs."""
+    interval = pipeline.interval
+    half = interval.half_widths(measures[..., interval.columns(pipeline.validity.names)], force_raw)
+    return {"force_half_width_raw": half, "force_half_width_n": half * pipeline.force_n_per_unit}
 
 
 def outputs(pipeline: IntegerPipeline) -> Outputs:
@@ -119,6 +130,11 @@ def outputs(pipeline: IntegerPipeline) -> Outputs:
     if pipeline.force is not None:
         axes = len(pipeline.force_n_per_unit)
         found |= {"force_raw": ((axes,), np.int64), "force_n": ((axes,), np.float64)}
+        if pipeline.interval is not None:
+            found |= {
+                "force_half_width_raw": ((axes,), np.int64),
+                "force_half_width_n": ((axes,), np.float64),
+            }
         if pipeline.spread is not None:
             found |= {"slip_words": ((), np.int64), "slip_px": ((), np.float64)}
             found |= {"slip_dots": ((), np.int64), "slipping": ((), np.bool_)}

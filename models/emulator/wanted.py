@@ -8,6 +8,7 @@ SLIP = ("slip_words", "slip_px", "slip_dots", "slipping")
 """Outputs that tell of slip."""
 DOTS = ("dot_shift_words", "dot_shifts_px", "dots_seen")
 MAPS = ("force_map_raw", "force_map_n")
+INTERVAL = ("force_half_width_raw", "force_half_width_n")
 
 
 @dataclass(frozen=True)
@@ -22,6 +23,7 @@ class Wanted:
     dots: bool
     slip: bool
     validity: bool
+    interval: bool
 
     @classmethod
     def of(cls, pipeline: IntegerPipeline, outputs: frozenset[str]) -> "Wanted":
@@ -32,9 +34,9 @@ class Wanted:
 
         measured = pipeline.validity
         force, slip, validity = (
-            any_of("force_raw", "force_n"),
+            any_of("force_raw", "force_n", *INTERVAL),
             any_of(*SLIP),
-            any_of("validity", "validity_measures"),
+            any_of("validity", "validity_measures", *INTERVAL),
         )
         words = (
             (force and pipeline.quantiser is not None)
@@ -45,4 +47,4 @@ class Wanted:
         solver = words or any_of("depth_words", "depth_mm", "displacement_mm")
         slopes = solver or force or any_of("slopes", "gradient_saturated") or (validity and measured.slopes)
         dots = pipeline.follower is not None and (force or validity or slip or any_of(*DOTS))
-        return cls(slopes, solver, words, force, any_of(*MAPS), dots, slip, validity)
+        return cls(slopes, solver, words, force, any_of(*MAPS), dots, slip, validity, any_of(*INTERVAL))

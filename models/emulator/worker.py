@@ -4,7 +4,7 @@ from functools import partial
 
 import numpy as np
 
-from fastac.models.emulator.direct import slip_of
+from fastac.models.emulator.direct import interval_of, slip_of
 from fastac.models.emulator.exact import ExactTables
 from fastac.models.emulator.stages import (
     DISPLACEMENTS,
@@ -139,6 +139,8 @@ class Worker:
         if not (frames.flags.c_contiguous and frames.flags.writeable):
             frames = frames.copy()  # so that nothing is compiled for other kinds of arrays
         count, flat = len(frames), frames.reshape(len(frames), -1)
+        if self.wanted.interval:
+            out = self._measured(count) | out
         rows = {name: array.reshape(count, -1) for name, array in out.items()}
         own, places = (self.counts, self.shares), UNWANTED | rows
         before = (frames, flat, *self.before, own + tuple(places[name] for name in OF_PIXELS))
@@ -153,6 +155,18 @@ class Worker:
             conclude(board, self.last, k, *self.ending, found)
             if self.adds:
                 self._add(k, out)
+        if self.wanted.interval:
+            found = interval_of(self.pipeline, out["validity_measures"], out["force_raw"])
+            for name in found.keys() & out.keys():
+                out[name][:] = found[name]
+
+    def _measured(self, count: int) -> dict[str, np.ndarray]:
+        """Places of what the intervals of so many frames follow from."""
+        measures, axes = len(self.pipeline.validity.names), len(self.pipeline.force_n_per_unit)
+        return {
+            "validity_measures": np.empty((count, measures), np.int64),
+            "force_raw": np.empty((count, axes), np.int64),
+        }
 
     def _tasks(self, board: np.ndarray, k: int, before: tuple, behind: tuple | None, member: int) -> None:
         """One thread's part of frame k."""

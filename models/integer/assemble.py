@@ -208,6 +208,7 @@ def with_force_of(pipeline: IntegerPipeline, known: IntegerPipeline) -> IntegerP
         force_n_per_unit=known.force_n_per_unit,
         follower=follower,
         dot_force=known.dot_force,
+        interval=known.interval,
     )
 
 

@@ -24,6 +24,7 @@ from fastac.models.integer import (
     dot_force,
     dot_windows,
     force,
+    force_interval,
     frame_validity,
     network,
     sine_transform,
@@ -66,6 +67,7 @@ CLASSES = {
         slope_bridge.SlopeBridge,
         dot_follower.DotFollower,
         dot_force.DotForce,
+        force_interval.ForceInterval,
         bounds.Stage,
         words.Fixed,
         frame_validity.FrameValidity,
@@ -73,6 +75,9 @@ CLASSES = {
     )
 }
 """What every bundle may hold, by the names in bundle.json; the solver's classes come from its table."""
+LATER = ("interval",)
+"""Fields of the pipeline that are younger than the format: a bundle without them does not name them, so that
+it has the hash that it always had."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -104,6 +109,7 @@ def _flatten(value, name: str, arrays: dict[str, np.ndarray]):
         fields = {
             f.name: _flatten(getattr(value, f.name), f"{name}.{f.name}".removeprefix("."), arrays)
             for f in dataclasses.fields(value)
+            if f.name not in LATER or getattr(value, f.name) is not None
         }
         return {"class": type(value).__name__, "fields": fields}
     if isinstance(value, tuple):

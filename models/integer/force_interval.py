@@ -23,6 +23,12 @@ MEASURE_BITS = 24
 BASE_BITS = WEIGHT_BITS + MEASURE_BITS
 
 
+def shifts_of(limits: np.ndarray) -> np.ndarray:
+    """How far measures with these largest magnitudes must be shifted to fit MEASURE_BITS, (K,)."""
+    top = (1 << MEASURE_BITS) - 1
+    return np.array([next(s for s in range(64) if -(-int(limit) >> s) <= top) for limit in limits], np.int64)
+
+
 @dataclass(frozen=True, eq=False)
 class ForceInterval:
     """Half the width of the interval around each force of A axes, in units of that axis's raw accumulator:
@@ -69,6 +75,42 @@ class ForceInterval:
         _fits("magnitude", self.magnitude_bounds, MEASURE_BITS, signed=False)
         if max(self.half_bounds) >= 1 << 62:
             raise ValueError(f"exponent {self.exponent}: half widths of up to {max(self.half_bounds)}")
+
+    @classmethod
+    def of_weights(
+        cls,
+        measures: tuple[str, ...],
+        limits: np.ndarray,
+        weights: np.ndarray,
+        base: np.ndarray,
+        load_axis: int = 0,
+    ) -> "ForceInterval":
+        """From real numbers in units of the raw accumulators.
+
+        weights : (A, K) of the measures' magnitudes after `shifts_of(limits)`; base : (A,)
+
+
+        Words are rounded upwards, so that no interval is narrower than the numbers say. The exponent of each
+        axis is the smallest with which its words fit.
+        """
+        top, most = (1 << WEIGHT_BITS) - 1, (1 << BASE_BITS) - (2 << MEASURE_BITS)
+        needed = np.maximum(weights.max(axis=1, initial=0) / top, base / most)
+        # Without weights, bits behind the point of a raw force's unit would say nothing.
+        least = np.where(weights.any(axis=1), 2.0**-MEASURE_BITS, 1.0)
+        exponent = np.ceil(np.log2(np.maximum(needed * (1 + 1e-9), least))).astype(np.int64)
+        unit = 2.0**exponent
+        # What the floor drops is less than one raw unit.
+        dropped = np.int64(1) << np.maximum(-exponent, 0)
+        words = np.ceil(base / unit).astype(np.int64) + np.where(exponent < 0, dropped - 1, 0)
+        return cls(
+            measures,
+            np.asarray(limits, np.int64),
+            shifts_of(limits),
+            np.ceil(weights / unit[:, None]).astype(np.int64),
+            words,
+            exponent,
+            load_axis,
+        )
 
     @property
     def pixel_measures(self) -> tuple[str, ...]:

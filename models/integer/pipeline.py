@@ -11,6 +11,7 @@ from fastac.models.integer.dot_force import DotForce
 from fastac.models.integer.dot_spread import DotSpread, spread_words
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.force_interval import ForceInterval
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import GradientRatio, Layer
 from fastac.models.integer.slope_bridge import SlopeBridge
@@ -42,6 +43,7 @@ class IntegerPipeline:
     bridge: SlopeBridge | None = None
     follower: DotFollower | None = None
     dot_force: DotForce | None = None  # added to `force`
+    interval: ForceInterval | None = None  # around each force
     provenance: dict = field(default_factory=dict)
 
     def replace(self, **changes) -> "IntegerPipeline":

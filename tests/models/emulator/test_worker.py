@@ -12,9 +12,15 @@ from fastac.models.emulator.pipeline import Emulator
 DEPTH, Z, XYZ, SLIP = "depth", "force_z", "force_xyz", "slip"
 CASES = {
     "transforms": ((DEPTH, Z), {"size": 33, "channels": "bgr+nir"}),
-    "recurrences": ((DEPTH, XYZ), {"size": 34, "solver": "tridiagonal", "kernel": "collapsed"}),
-    "slopes": ((XYZ,), {"size": 35, "solver": "adjoint"}),
-    "dots": ((DEPTH, Z, SLIP), {"size": 36, "dots": True, "clamp": False, "bridge_dots": True}),
+    "recurrences": (
+        (DEPTH, XYZ),
+        {"size": 34, "solver": "tridiagonal", "kernel": "collapsed", "coverage": 0.9},
+    ),
+    "slopes": ((XYZ,), {"size": 35, "solver": "adjoint", "coverage": 0.9}),
+    "dots": (
+        (DEPTH, Z, SLIP),
+        {"size": 36, "dots": True, "clamp": False, "bridge_dots": True, "coverage": 0.9},
+    ),
     "two bands": ((DEPTH, Z), {"size": 16}),
     "normals": (("normals",), {"size": 17}),
 }
@@ -49,6 +55,18 @@ def test_any_number_of_threads(emulator, monkeypatch):
         for k in range(len(frames)):
             check(emulator.run(frames[k : k + 1]), expected, slice(k, k + 1))
         check(emulator.run(frames[:3]), expected, slice(3))
+
+
+@pytest.mark.parametrize("name", ["recurrences"])
+def test_intervals_alone(emulator):
+    """Whatever else is found beside them."""
+    frames = random_bundle.frames(emulator.pipeline.background, (3, 40, 255))
+    expected = loop(emulator, frames)
+    assert (expected["force_half_width_n"] > 0).all()
+    for wanted in (["force_half_width_raw"], ["force_half_width_n", "force_n"]):
+        found = emulator.run(frames, wanted=wanted)
+        check(found, {name: expected[name] for name in wanted}, slice(None))
+        assert found.validity_measures is None
 
 
 @pytest.mark.parametrize("name", ["transforms", "slopes", "dots"])

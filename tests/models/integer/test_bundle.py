@@ -71,6 +71,20 @@ class TestRoundTrip:
         assert found.scene == tiny_bundle.scene
         assert found.pipeline.provenance["source"].startswith("simulated")
 
+    def test_an_interval_is_kept(self, tmp_path):
+        scene = random_bundle.scene(("force_xyz",), solver="adjoint", coverage=0.9)
+        written = random_bundle.random_bundle(tmp_path / "b", scene)
+        assert written.pipeline.interval.weights.all()
+        assert same(written.pipeline, bundle.load(tmp_path / "b").pipeline) > 15
+
+    def test_without_an_interval_nothing_tells_of_it(self, tmp_path):
+        """So bundles have the hash that they had before there were intervals."""
+        random_bundle.random_bundle(tmp_path / "b", random_bundle.scene(("force_z",), solver="adjoint"))
+        fields = json.loads((tmp_path / "b" / "bundle.json").read_text())["pipeline"]["fields"]
+        assert "interval" not in fields
+        assert "coverage" not in fields["scene"]["scene"]["force"]
+        assert bundle.load(tmp_path / "b").pipeline.interval is None
+
     def test_bundles_from_before_there_was_a_choice_round_to_the_nearest(self, tiny_bundle, folder):
         content = json.loads((folder / "bundle.json").read_text())
         del content["sha256"], content["pipeline"]["fields"]["scene"]["scene"]["numbers"]["rounding"]

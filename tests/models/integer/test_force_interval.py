@@ -70,6 +70,24 @@ def test_without_a_measure_every_frame_has_the_base():
     assert found.half_widths(np.zeros((3, 0), np.int64), np.array([[5], [-7], [0]])).tolist() == [[10]] * 3
 
 
+def test_words_of_real_numbers_are_never_too_small():
+    rng = np.random.default_rng(2)
+    limits = np.array(LIMITS)
+    for size in 10.0 ** np.arange(-3, 9):
+        weights, base = rng.uniform(0, size, (2, 4)), rng.uniform(0, 1000 * size, 2)
+        weights[1, 2] = 0
+        found = ForceInterval.of_weights(MEASURES, limits, weights, base)
+        assert found.shifts.tolist() == [0, 0, 0, 17]
+        measures, raw = rng.integers(0, limits + 1, (9, 4)), np.zeros((9, 2), np.int64)
+        raw[:, 0] = measures[:, 3]
+        halves = found.half_widths(measures[:, :3], raw)
+        exact = (measures >> found.shifts) @ weights.T + base
+        assert (halves >= exact - 1).all()
+        np.testing.assert_allclose(halves, exact, rtol=3e-4, atol=2)
+    constant = ForceInterval.of_weights((), [], np.zeros((1, 0)), np.array([41.5]))
+    assert constant.half_widths(np.zeros((1, 0), np.int64), np.zeros((1, 1), np.int64)).tolist() == [[42]]
+
+
 def test_columns_of_a_frame_s_measures():
     validity = FrameValidity.unlimited((8, 8, 3), slopes=True, displacements=True)
     found = interval([[0] * 4] * 2, [0, 0])
