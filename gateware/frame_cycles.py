@@ -6,6 +6,7 @@ from fastac.gateware.force.patch_generator import PatchGenerator
 from fastac.gateware.packets.record_beats import RecordBeats
 from fastac.gateware.packets.record_queue import RecordQueue
 from fastac.gateware.raster_outputs import RasterOutput, scene_outputs
+from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.outputs import OUTPUTS
 from fastac.scenes.schema import Scene
@@ -27,9 +28,10 @@ class FrameCycles:
 
     The inheriting class has `scene`, `lanes`, `fold` and, as far as the scene needs them, `guard`,
     `background`, `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`,
-    `displacement`, `force_stream`, `bridge`, `darkness`, `dots` and `slip_stream`, each with `latency`,
-    `interval` and `multipliers`; `dots` is as `DotForceStream`, which also has `followed`, and the force of
-    a map has its `map_latency`.
+    `displacement`, `force_stream`, `bridge`, `darkness`, `dots`, `slip_stream` and `interval_stream`, each
+    with `latency`, `interval` and `multipliers`; `dots` is as `DotForceStream`, which also has `followed`,
+    the force of a map has its `map_latency`, and `interval_stream` has `products`. `wants_interval`: whether
+    there is the last one.
 
     All times are in clocks, without back-pressure and with no other frame in the way; beats enter `fold`
     clocks apart. `stages` has each
@@ -39,6 +41,7 @@ class FrameCycles:
     scene: Scene
     lanes: int
     fold: int
+    wants_interval: bool
 
     @property
     def beats(self) -> int:
@@ -137,6 +140,22 @@ class FrameCycles:
         return self.first_pixel_to_force - self.input_clocks
 
     @property
+    def force_to_half_widths(self) -> int:
+        """Clocks from a frame's force to its half-widths, which wait for the frame's measures if these are
+        later."""
+        stream, channels = self.interval_stream, len(self.scene.sensor.channel_names)
+        normals = self.first_pixel_to_normals - self.input_clocks
+        last = {
+            "features": self.guard.latency + self.background.latency,
+            "slopes": normals + sum(self._slope_stages.values()),
+        }
+        due = 0
+        for stage, count in stream.products.items():
+            measured = FrameValidity.measured_latency(stage, channels, self.lanes)
+            due = max(due, last[stage] + measured + 1) + count
+        return max(stream.latency, due + stream.latency - 1 - self.last_pixel_to_force)
+
+    @property
     def first_pixel_to_force_map(self) -> int:
         """Clocks from a frame's first accepted pixel to its last beat of the force map."""
         return self.first_pixel_to_force - (self.force_stream.latency - self.force_stream.map_latency)
@@ -224,6 +243,8 @@ class FrameCycles:
             intervals.append(self.dots.interval)
         if self.scene.wants_slip:
             intervals.append(self.slip_stream.interval)
+        if self.wants_interval:
+            intervals.append(self.interval_stream.interval)
         return max(intervals)
 
     @property
@@ -238,4 +259,6 @@ class FrameCycles:
             count["dots"] = self.dots.multipliers
         if self.scene.wants_slip:
             count["slip"] = self.slip_stream.multipliers
+        if self.wants_interval:
+            count["interval"] = self.interval_stream.multipliers
         return count

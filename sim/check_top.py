@@ -24,6 +24,8 @@ SUSPECT = 1 << 10
 """Bit of `tuser` in the streams of depth and force maps: the frame is suspect."""
 SLIP = ("SLIP_SPREAD", "SLIP_DOTS")
 """Registers that belong to each frame's force where slip is found."""
+HALF_WIDTH = "HALF_WIDTH_"
+"""Beginning of the names of the registers of the intervals around each frame's force."""
 SLIP_BIT = 5
 """Of STATUS: a frame slips."""
 LINGER = 100
@@ -90,7 +92,8 @@ def expected_words(top: TopZynq, result: Result) -> dict[str, np.ndarray]:
 def bench_settings(top: TopZynq) -> dict:
     """The settings of the top level's testbenches that follow from its bundle."""
     sensor = top.bundle.scene.sensor
-    measured = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
+    shown = ("LATENCY", "INTERVAL", HALF_WIDTH)
+    measured = [r.name for r in top.identity.registers if r.name.startswith(shown)]
     beats = {output.name: output.octets for output in top.outputs}
     packets = {"pixel_octets": top.packets.input.frame.bytes_per_pixel} if top.packets else {}
     return packets | {
@@ -218,6 +221,16 @@ def simulate(
     if path.wants_force:
         comparison.add("force", outputs["force_raw"], result.force_raw)
         per_output["force"] = int(result.force_raw.size)
+    if top.identity.half_width:
+        halves = [
+            [frame[f"{HALF_WIDTH}{axis}_HIGH"] << 32 | frame[f"{HALF_WIDTH}{axis}_LOW"] for axis in axes]
+            for axes in [top.identity.axes.upper()]
+            for frame in seen["frames"]
+        ]
+        comparison.add("half-widths", np.array(halves), result.force_half_width_raw)
+        per_output["half_widths"] = int(result.force_half_width_raw.size)
+        numbers = [frame[f"{HALF_WIDTH}SEQUENCE"] for frame in seen["frames"]]
+        markers.add("HALF_WIDTH_SEQUENCE", np.array(numbers), np.arange(1, len(frames) + 1))
     if top.identity.slip:
         found = {name: np.array([frame[name] for frame in seen["frames"]]) for name in (*SLIP, "STATUS")}
         for name, values in zip(SLIP, (result.slip_words, result.slip_dots), strict=True):

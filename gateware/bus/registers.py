@@ -1,6 +1,6 @@
 """Register block for the host: identity, control, status, errors, force and measured latencies."""
 
-from amaranth import Cat, Const, Module, Mux, Signal, signed
+from amaranth import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -35,6 +35,8 @@ class RegisterBlock(wiring.Component):
     gradient_saturated, displacement_saturated : set their bit of ERRORS in each clock in which they are high
     force : raw accumulators, signed(force_width) per axis, sampled with `result_valid`. Only with axes.
     result_valid : pulse when a frame's force is taken. Only with axes.
+    half_widths, half_widths_valid : half-widths of the last force, unsigned(half_width_bits) per axis, and a
+        pulse with them, before the next force. Only with half-widths.
     spread, touching : of the frame of that force, see SLIP_SPREAD and SLIP_DOTS. Only with slip.
     validity : flags of the result's frame, len(REASONS) bits, sampled with its result; see FRAME_VALIDITY
     depth_done, normals_done : pulse when the last beat of a frame's depth or normals is taken. Only with
@@ -70,6 +72,10 @@ class RegisterBlock(wiring.Component):
             members["force"] = In(data.ArrayLayout(signed(identity.force_width), len(identity.axes)))
         if identity.slip:
             members |= {"spread": In(WORD), "touching": In(WORD)}
+        if identity.half_width:
+            inputs.append("half_widths_valid")
+            halves = data.ArrayLayout(unsigned(identity.half_width_bits), len(identity.axes))
+            members["half_widths"] = In(halves)
         inputs += [f"{name}_done" for name in ("depth", "normals") if getattr(identity, name)]
         if identity.background_capture:
             inputs.append("background_taken")
@@ -153,6 +159,15 @@ class RegisterBlock(wiring.Component):
             m.d.comb += getattr(results, f"read_force_{axis}").eq(read(f"FORCE_{axis.upper()}_LOW"))
         if identity.axes:
             m.d.comb += results.force.eq(self.force)
+        if identity.half_width:
+            m.d.comb += [
+                results.half_widths.eq(self.half_widths),
+                results.half_widths_valid.eq(self.half_widths_valid),
+                results.sequence.eq(timer.force_number),
+            ]
+            for axis in identity.axes:
+                reads = read(f"HALF_WIDTH_{axis.upper()}_LOW")
+                m.d.comb += getattr(results, f"read_half_width_{axis}").eq(reads)
         loading, refused = Const(0, 1), Const(0, 1)
         bundle_hash = Const(identity.bundle_hash, 64)
         if identity.calibration:

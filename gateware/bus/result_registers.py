@@ -63,6 +63,15 @@ class ResultRegisters(wiring.Component):
     force_x_high and so on : the latched halves
     last_spread, last_touching : those of the last result. Only with slip.
 
+    Only with half-widths:
+
+    half_widths, half_widths_valid, sequence : of the last force, unsigned(half_width_bits) per axis; a pulse
+        with them, after their force and before the next one; number of the frame of that force
+    half_width_x and so on : unsigned(64), the last one. Only for the axes there are, as the next two.
+    read_half_width_x and so on : the low half of that half-width is read, which latches the high half
+    half_width_x_high and so on : the latched halves
+    half_width_sequence : number of their frame
+
     Only with packets:
 
     frame, bad, first_to_result, last_to_result, result_time, time : outputs of FrameTimer
@@ -93,6 +102,16 @@ class ResultRegisters(wiring.Component):
                 "last_spread": Out(32),
                 "last_touching": Out(32),
             }
+        if identity.half_width:
+            halves = data.ArrayLayout(unsigned(identity.half_width_bits), len(identity.axes))
+            members |= {"half_widths": In(halves), "half_widths_valid": In(1)}
+            members |= {"sequence": In(32), "half_width_sequence": Out(32)}
+            for axis in identity.axes:
+                members |= {
+                    f"read_half_width_{axis}": In(1),
+                    f"half_width_{axis}_high": Out(32),
+                    f"half_width_{axis}": Out(64),
+                }
         if identity.packets:
             self.fifo = ResultFifo()
             members |= {name: In(1) for name in ("bad", "slipping", "read_time", "clear", "read")}
@@ -113,6 +132,11 @@ class ResultRegisters(wiring.Component):
             found[f"FORCE_{axis.upper()}_HIGH"] = getattr(self, f"force_{axis}_high")
         if self.identity.slip:
             found |= {"SLIP_SPREAD": self.last_spread, "SLIP_DOTS": self.last_touching}
+        if self.identity.half_width:
+            found["HALF_WIDTH_SEQUENCE"] = self.half_width_sequence
+            for axis in self.identity.axes:
+                found[f"HALF_WIDTH_{axis.upper()}_LOW"] = getattr(self, f"half_width_{axis}")[:32]
+                found[f"HALF_WIDTH_{axis.upper()}_HIGH"] = getattr(self, f"half_width_{axis}_high")
         if self.identity.packets:
             found |= {"TIME_LOW": self.time[:32], "TIME_HIGH": self.time_high}
             found |= {"RESULTS_WAITING": self.waiting, "RESULTS_WORD": self.word}
@@ -132,9 +156,21 @@ class ResultRegisters(wiring.Component):
                 m.d.sync += force.eq(self.force[k])
             with m.If(getattr(self, f"read_force_{axis}")):
                 m.d.sync += high.eq(force[32:])
+        if identity.half_width:
+            self._half_widths(m)
         if identity.packets:
             self._records(m)
         return m
+
+    def _half_widths(self, m: Module) -> None:
+        with m.If(self.half_widths_valid):
+            m.d.sync += self.half_width_sequence.eq(self.sequence)
+        for k, axis in enumerate(self.identity.axes):
+            half, high = getattr(self, f"half_width_{axis}"), getattr(self, f"half_width_{axis}_high")
+            with m.If(self.half_widths_valid):
+                m.d.sync += half.eq(self.half_widths[k])
+            with m.If(getattr(self, f"read_half_width_{axis}")):
+                m.d.sync += high.eq(half[32:])
 
     def _records(self, m: Module) -> None:
         m.d.sync += self.record_valid.eq(self.result)

@@ -39,6 +39,8 @@ class ForceIntervalStream(wiring.Component):
     `preparation` clocks; a frame takes `interval` clocks.
     """
 
+    multipliers = 1
+
     def __init__(
         self, interval: ForceInterval, validity: FrameValidity, *, force_width: int, loadable: bool = False
     ):
@@ -98,6 +100,11 @@ class ForceIntervalStream(wiring.Component):
         return max(self._sum_bound.bit_length() + int(self.integers.exponent.max()), 1)
 
     @property
+    def products(self) -> dict[str, int]:
+        """Products of the measures of pixels, by the stage with which they are complete."""
+        return {stage: len(names) * self.axes for stage, names in self.groups.items()}
+
+    @property
     def latency(self) -> int:
         """Magnitude of the load, its products, and the sum of the last of them."""
         return self.latency_of(self.axes)
@@ -109,21 +116,16 @@ class ForceIntervalStream(wiring.Component):
     @property
     def preparation(self) -> int:
         """Clocks that the products of pixel measures take; those in the queue when a frame begins."""
-        return (len(self.order) - 1) * self.axes
+        return sum(self.products.values())
 
     @property
     def interval(self) -> int:
         """All products and the sum, which has to be taken before the next frame's products and force."""
-        return self.interval_of(len(self.order) - 1, self.axes)
+        return self.interval_of(self.preparation, self.axes)
 
-    @staticmethod
-    def interval_of(pixel_measures: int, axes: int) -> int:
-        after = product.LATENCY + 1 + SharedAccumulator.latency
-        return max((pixel_measures + 1) * axes + after, ForceIntervalStream.latency_of(axes) + 1)
-
-    @property
-    def multipliers(self) -> int:
-        return 1
+    @classmethod
+    def interval_of(cls, preparation: int, axes: int) -> int:
+        return cls.latency_of(axes) + max(preparation, 1)
 
     def _magnitude(self, name: str, value) -> Value:
         """|value >> shift|, unsigned, with just the bits that the measure's limit needs."""

@@ -251,6 +251,23 @@ def test_force_of_displacement_beyond_bends_and_dots(tmp_path):
     check_frames(hardware)
 
 
+@pytest.mark.long
+def test_half_widths_of_forces(tmp_path):
+    """Of slopes, whose measures are known last; weights and base are those of the first calibration."""
+    hardware = Hardware(tmp_path, **ADJOINT | {"coverage": 0.9})
+    stream = hardware.top.datapath.interval_stream
+    assert list(stream.groups) == ["features", "slopes"]
+    assert hardware.top.datapath.force_to_half_widths == stream.latency
+    check_frames(hardware)
+
+
+@pytest.mark.full
+def test_half_widths_beside_depth_and_dots(tmp_path):
+    hardware = Hardware(tmp_path, **BESIDE | {"dots": True, "weights": "baked", "coverage": 0.8})
+    check_frames(hardware)
+    check_faults(hardware)
+
+
 SLIPPING = {
     "outputs": ("depth", "force_x", "force_z", "slip"),
     "channels": "bgr+nir",
