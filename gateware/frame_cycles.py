@@ -1,6 +1,6 @@
 """Latency, interval and multipliers of a whole datapath from those of its stages."""
 
-from fastac.gateware.bus.record import RECORD_BYTES
+from fastac.gateware.bus.record import record_form
 from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.patch_generator import PatchGenerator
 from fastac.gateware.packets.record_beats import RecordBeats
@@ -18,7 +18,8 @@ RESULTS = "results"
 RECORD_LATENCY = 1
 """Clocks from a result to its record at the outputs of RegisterBlock."""
 RESULT_TO_RECORD = RECORD_LATENCY + RecordQueue.latency + RecordBeats.latency
-"""Clocks from a result to the first beat of its record, if that need not wait for an image."""
+"""Clocks from a result, with an interval from its half-widths, to the first beat of its record, if that need
+not wait for an image."""
 RESULTS_WORD_BYTES = 4
 """Bytes per beat of the stream of records without images."""
 
@@ -180,8 +181,8 @@ class FrameCycles:
         if self.scene.hardware.streams != "packets":
             return {}
         if not self.packets:
-            beats = RECORD_BYTES // RESULTS_WORD_BYTES
-            return {RESULTS: self.first_pixel_to_result + RESULT_TO_RECORD + beats - 1}
+            beats = record_form(self.wants_interval).bytes // RESULTS_WORD_BYTES
+            return {RESULTS: self._first_pixel_to_record + beats - 1}
         return {
             name: self._trailer_at(output) + output.packet.trailer_beats - 1
             for name, output in self.packets.items()
@@ -190,7 +191,13 @@ class FrameCycles:
     def _trailer_at(self, output: RasterOutput) -> int:
         """Clocks to the first beat of the trailer: behind the image, and not before the record is there."""
         behind = getattr(self, f"first_pixel_to_{output.name}") + 1
-        return max(behind, self.first_pixel_to_result + RESULT_TO_RECORD) if output.complete else behind
+        return max(behind, self._first_pixel_to_record) if output.complete else behind
+
+    @property
+    def _first_pixel_to_record(self) -> int:
+        """Clocks to the first beat of a record that need not wait for an image."""
+        found = self.first_pixel_to_result + RESULT_TO_RECORD
+        return found + self.force_to_half_widths if self.wants_interval else found
 
     @property
     def frame_pause(self) -> int:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.bus.record import record_layout
 from fastac.gateware.bus.register_map import ID
 from fastac.gateware.raster_outputs import RASTERS, RasterOutput
 from fastac.gateware.top_zynq import TopZynq
@@ -95,7 +94,10 @@ def bench_settings(top: TopZynq) -> dict:
     shown = ("LATENCY", "INTERVAL", HALF_WIDTH)
     measured = [r.name for r in top.identity.registers if r.name.startswith(shown)]
     beats = {output.name: output.octets for output in top.outputs}
-    packets = {"pixel_octets": top.packets.input.frame.bytes_per_pixel} if top.packets else {}
+    packets = {}
+    if top.packets:
+        words = len(top.packets.form.words)
+        packets = {"pixel_octets": top.packets.input.frame.bytes_per_pixel, "record_words": words}
     return packets | {
         "period_ps": 2 * round(0.5e6 / top.bundle.scene.hardware.clock_mhz),  # an even number of ps
         "linger_cycles": LINGER,
@@ -211,7 +213,7 @@ def simulate(
     if top.packets:
         check = PacketCheck(top, comparison, markers, outputs, seen["errors"])
         per_output = check.images(expected)
-        in_fifo = outputs["in_fifo"].view(record_layout())
+        in_fifo = outputs["in_fifo"].view(top.packets.form.layout)
         check.records(result, in_fifo, exact=not any(stall))
         check.framing(len(frames))
     for output in () if top.packets else top.outputs:

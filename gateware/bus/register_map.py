@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from fastac.gateware.bus.record import FIFO_RECORDS, RECORD_WORDS
+from fastac.gateware.bus.record import FIFO_RECORDS, PLAIN, WITH_HALF_WIDTHS
 from fastac.models.integer.frame_validity import REASONS
 
 ADDRESS_WIDTH = 8
@@ -293,8 +293,9 @@ REGISTERS = (
         "RESULTS_WORD",
         0x98,
         "ro",
-        f"the next 32-bit word of the oldest result's record, {len(RECORD_WORDS)} words a record; reading"
-        " takes it. 0 if none waits. A soft reset leaves the records; CONTROL.clear_results discards them",
+        f"the next 32-bit word of the oldest result's record, {len(PLAIN.words)} words a record, with"
+        f" half-widths {len(WITH_HALF_WIDTHS.words)}; reading takes it. 0 if none waits."
+        " A soft reset leaves the records; CONTROL.clear_results discards them",
         needs="results",
         read_changes=True,
     ),

@@ -8,8 +8,9 @@ from fastac.gateware.bus.axi_lite import AxiLiteSlave, Response, axi_lite_signat
 from fastac.gateware.bus.calibration_loader import calibration_signature
 from fastac.gateware.bus.frame_timer import STAMP, FrameTimer
 from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.record import record_form
 from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID
-from fastac.gateware.bus.result_registers import RECORD_BITS, ResultRegisters
+from fastac.gateware.bus.result_registers import ResultRegisters
 from fastac.gateware.stream.frame_guard import EVENTS, TIMEOUT_BITS
 from fastac.models.integer.frame_validity import REASONS
 
@@ -46,7 +47,8 @@ class RegisterBlock(wiring.Component):
     capture_background : the next frame shall become the background. Only with background_capture.
     calibration : see `calibration_signature`. Only if a calibration can be loaded.
     record, record_valid : the record of a result (gateware/bus/record.py), valid in the clock of its pulse;
-        one a result, in the order of the frames, a clock after it. Only with packets.
+        one a result, in the order of the frames, a clock after it or after its half-widths. Only with
+        packets.
     time : unsigned(64), clocks since reset. Only with packets.
     stamp : of the last whole frame, see FrameTimer. Only with packets of normals beside another result.
     soft_reset : high for one clock: reset the datapath including FrameGuard
@@ -82,7 +84,7 @@ class RegisterBlock(wiring.Component):
             outputs.append("capture_background")
         if identity.packets:
             outputs.append("record_valid")
-            members |= {"record": Out(RECORD_BITS), "time": Out(64)}
+            members |= {"record": Out(record_form(identity.half_width).bits), "time": Out(64)}
         if identity.early_normals:
             members["stamp"] = Out(STAMP)
         if identity.calibration:
@@ -198,6 +200,8 @@ class RegisterBlock(wiring.Component):
             m.d.comb += [results.spread.eq(self.spread), results.touching.eq(self.touching)]
             m.d.sync += limit.eq(Mux(written("SLIP_LIMIT"), (limit & kept) | ones, limit))
 
+        if identity.packets and identity.half_width:
+            m.d.comb += results.cut.eq(self.soft_reset)
         if identity.packets:
             kind = timer.result
             m.d.sync += self.time.eq(self.time + 1)
