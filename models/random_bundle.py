@@ -11,6 +11,7 @@ from fastac.models.integer.assemble import assemble, with_force, with_force_of
 from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.dot_follower import FRACTION, DotFollower, at_rest, guides_of
 from fastac.models.integer.dot_windows import BLOCK, DotWindows
+from fastac.models.integer.force_interval import BASE_BITS, WEIGHT_BITS, ForceInterval
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.random_tables import force_interval, force_weights, frames, layers, network_bits
 from fastac.models.vision.expected_dots import bridge_reach, expected_follower
@@ -169,6 +170,12 @@ def remounted(follower: DotFollower, rng: np.random.Generator, spacing_px: float
     return replace(follower, rest=rest, guides=guides, low=low, high=high)
 
 
+def other_widths(interval: ForceInterval, rng: np.random.Generator) -> ForceInterval:
+    """An interval of the same measures in the same words with another base and other weights."""
+    base = rng.integers(0, 1 << BASE_BITS, interval.base.shape)
+    return replace(interval, base=base, weights=rng.integers(0, 1 << WEIGHT_BITS, interval.weights.shape))
+
+
 def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
     """Save and return a copy of the bundle `known` with another random network and tighter validity limits.
 
@@ -190,4 +197,6 @@ def recalibrated(folder: Path, known: Bundle, *, seed: int = 2) -> Bundle:
         **stages,
     )
     pipeline = with_limits(with_force_of(pipeline, old), frames(old.background, GOOD_FRAME_SPANS[:2]))
+    if old.interval is not None:
+        pipeline = pipeline.replace(interval=other_widths(old.interval, np.random.default_rng(seed)))
     return bundle.save(folder, pipeline, {})
