@@ -124,6 +124,8 @@ def check_faults(hardware: Hardware) -> None:
     archive = {"frames": images, "validity": result.validity, **expected_words(hardware.top, result)}
     if pipeline.scene.wants_force:
         archive["force"] = result.force_raw
+    if pipeline.interval is not None:
+        archive["half_widths"] = result.force_half_width_raw
     if pipeline.scene.wants_slip:
         words = dict(zip(SLIP, (result.slip_words, result.slip_dots), strict=True))
         archive |= words | {"slipping": result.slipping}
