@@ -86,7 +86,9 @@ class Datapath(FrameCycles, wiring.Component):
         self.mlp = stages.pixel_network(pipeline)
         normal_width = pipeline.layers[-1].accumulator_width
         self.loadable = pipeline.layers[0].loadable
-        self.wants_interval = pipeline.interval is not None
+        self.wants_interval = scene.wants_interval
+        if self.wants_interval and pipeline.interval is None:
+            raise ValueError(f"force.coverage = {scene.force.coverage}: the pipeline has no interval")
         measured = pipeline.interval.pixel_measures if self.wants_interval else ()
         self.validity = FrameValidity(
             pipeline.validity, lanes=lanes, loadable=self.loadable, measured=measured

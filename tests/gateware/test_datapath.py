@@ -167,6 +167,12 @@ def test_only_what_the_scene_requires_is_built(tmp_path, name):
     assert multipliers.get("interval", 0) == (name == "interval")
 
 
+def test_a_bundle_without_the_interval_that_its_scene_wants(tmp_path):
+    pipeline = random_bundle(tmp_path / "bundle", scene(**WANTED["interval"])).pipeline
+    with pytest.raises(ValueError, match=r"force\.coverage = 0\.9: the pipeline has no interval"):
+        Datapath(pipeline.replace(interval=None))
+
+
 SHIPPED = {
     "paper": ({"solver.to_columns", "solver.division", "force_stream.generator"}, {"solver.elimination"}),
     "fast": (
