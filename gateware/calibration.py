@@ -3,8 +3,9 @@
 
 An image holds the network's parameters, what is computed from them (difference mode: the source offset of the
 slopes at rest; absolute mode with a force: the depth at rest; adjoint: the constants), the limits of the
-plausibility flags, where marker dots are at rest, how dark they are and the skin around them, and the
-bundle's hash. Everything else must equal that of the bundle from which the hardware was built.
+plausibility flags, how wide the interval around a force is, where marker dots are at rest, how dark they are
+and the skin around them, and the bundle's hash. Everything else must equal that of the bundle from which the
+hardware was built.
 """
 
 import dataclasses
@@ -27,6 +28,7 @@ from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.dot_windows import DotWindows
 from fastac.models.integer.force import WeightedSum
+from fastac.models.integer.force_interval import ForceInterval
 from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -54,6 +56,7 @@ def _loaded_fields(pipeline: IntegerPipeline) -> dict[type, set[str]]:
     fields[DotWindows] = {"threshold"}
     fields[DotFollower] = {"rest", "guides", "low", "high"}
     fields[DotSpread] = {"place"}
+    fields[ForceInterval] = {"weights", "base"}
     if pipeline.scene.poisson.mode == "difference":
         fields[PoissonSource] = {"offset"}
     else:
@@ -91,7 +94,7 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
             yield name, value
 
     stages = ("layers", "ratio", "source", "solver", "depth", "quantiser", "force", "validity")
-    for name in (*stages, "bends", *OF_DOTS):
+    for name in (*stages, "bends", *OF_DOTS, "interval"):
         stage = getattr(pipeline, name)
         yield from content(name, stage)
         if hasattr(stage, "width"):
@@ -101,8 +104,9 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 def hardware_identifier(pipeline: IntegerPipeline) -> int:
     """32-bit identifier of the hardware: hash of everything that a calibration cannot change.
 
-    Rounding to nearest, dots and bends that are not there, and DSP48E2, for which weights are packed as they
-    always were, are left out, so that hardware older than the choice of them keeps its identifier.
+    Rounding to nearest, dots, bends and an interval that are not there, and DSP48E2, for which weights are
+    packed as they always were, are left out, so that hardware older than the choice of them keeps its
+    identifier.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     dsp = device_of(pipeline.scene).dsp
@@ -111,7 +115,7 @@ def hardware_identifier(pipeline: IntegerPipeline) -> int:
     for name, value in fixed_content(pipeline):
         if name.endswith(".rounding") and value == NEAREST:
             continue
-        if name in ("validity.dots", "bends.length", *OF_DOTS) and not value:
+        if name in ("validity.dots", "bends.length", *OF_DOTS, "interval") and not value:
             continue
         if isinstance(value, np.ndarray):
             digest.update(f"{name} {value.shape}".encode() + value.astype("<i8").tobytes())
@@ -188,7 +192,7 @@ def with_hardware_force(bundle: Bundle, hardware: Bundle, folder: Path) -> Bundl
         raise CalibrationError(f"scene.outputs = {hardware.scene.outputs}: the hardware has no force to keep")
     known = hardware.pipeline
     pipeline = as_wide_as(bundle.pipeline, known)
-    of_force = dict.fromkeys(("force", "validity", "follower", "dot_force"))
+    of_force = dict.fromkeys(("force", "validity", "follower", "dot_force", "interval"))
     _require(pipeline.replace(**of_force), known.replace(**of_force))
     floats = {k: v for k, v in bundle.floats.items() if "force" not in k}
     floats |= {k: v for k, v in hardware.floats.items() if "force" in k}

@@ -17,6 +17,7 @@ from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.force.folded_patch import FoldedPatchForce
 from fastac.gateware.force.folded_sum import FoldedWeightedSum
+from fastac.gateware.force.force_interval import ForceIntervalStream
 from fastac.gateware.force.weighted_pixel import products_of
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
@@ -33,10 +34,13 @@ from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.poisson.stages import frame_interval
 from fastac.gateware.slip.rigid_sums import RigidSums
 from fastac.gateware.stream.frame_guard import FrameGuard
+from fastac.gateware.stream.frame_validity import by_stage
 from fastac.gateware.target.device import device_of
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.features import WIDTH, limits
+from fastac.models.integer.force_interval import OF_PIXELS
+from fastac.models.integer.frame_validity import REASONS
 from fastac.models.integer.laplacian import STENCILS, boundary_term
 from fastac.models.integer.solver_base import IntegerSolver
 from fastac.models.integer.source import PoissonSource
@@ -58,6 +62,7 @@ class Figures:
     multipliers: int = 0
     followed: int = 0
     map_latency: int = 0
+    products: dict[str, int] = field(default_factory=dict)
     stages: dict[str, int] = field(default_factory=dict)
 
 
@@ -135,6 +140,9 @@ class CycleModel(FrameCycles):
             self.slip_stream = Figures(
                 DotSlip.latency_of(spread), DotSlip.interval_of(spread), RigidSums.multipliers
             )
+        self.wants_interval = scene.wants_interval
+        if self.wants_interval:
+            self.interval_stream = self._interval()
 
     def _divider_latency(self, bits: int) -> int:
         """Clocks of the division of slopes of so many bits."""
@@ -244,6 +252,14 @@ class CycleModel(FrameCycles):
         interval = max(interval, len(follower.rest))
         return Figures(latency + kind.latency_of(VALUES, 1), interval, multipliers, latency)
 
+    def _interval(self) -> Figures:
+        """Figures of ForceIntervalStream, of all measures that an interval may depend on."""
+        kind, axes = ForceIntervalStream, len(self.scene.force_axes)
+        names = REASONS[: 1 + len(self.scene.sensor.channel_names)] + OF_PIXELS[-3:]
+        products = {stage: len(measures) * axes for stage, measures in by_stage(names).items()}
+        interval = kind.interval_of(sum(products.values()), axes)
+        return Figures(kind.latency_of(axes), interval, kind.multipliers, products=products)
+
     def _patch_force(self) -> Figures:
         scene, size, kernel = self.scene, self.scene.inner_px, self.scene.force.kernel_size
         axes, beats = len(scene.force_axes), beats_per_frame(size, size, self.lanes)
@@ -270,7 +286,8 @@ def cycles(
     """Clock cycles of the scene's hardware without back-pressure, as the report's `latency_cycles`.
 
     `stage`: shares of normals, depth and force; `part`: those of each stage, and `force_part` those on the
-    way to a force that does not wait for the depth; `first_pixel_to_…` for each output of the scene, and to
+    way to a force that does not wait for the depth; `force_to_half_widths`, at most, for its interval may
+    depend on fewer measures; `first_pixel_to_…` for each output of the scene, and to
     the last beat of its packet; `last_pixel_to_force`; `initiation_interval`.
     Parameters as for `CycleModel`.
     """
@@ -281,6 +298,8 @@ def cycles(
     if scene.wants_force:
         found["first_pixel_to_force"] = model.first_pixel_to_force
         found["last_pixel_to_force"] = model.last_pixel_to_force
+    if model.wants_interval:
+        found["force_to_half_widths"] = model.force_to_half_widths
     for name in ("depth", "normals"):
         if name in scene.outputs:
             found[f"first_pixel_to_{name}"] = getattr(model, f"first_pixel_to_{name}")

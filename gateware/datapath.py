@@ -11,6 +11,7 @@ from fastac.gateware.bridged_slopes import BridgedSlopes
 from fastac.gateware.dot_force import DotForceStream
 from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
+from fastac.gateware.force.force_interval import ForceIntervalStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
@@ -45,6 +46,8 @@ class Datapath(FrameCycles, wiring.Component):
         row first if `rows_reversed`. Only if the scene has this output.
     force : stream of one beat per frame: an accumulator per axis, signed(pipeline.force_width). Only if the
         scene has a force.
+    half_widths : stream of one beat per frame, see ForceIntervalStream, after the frame's force has been
+        taken and before the next one is offered. Only if the pipeline has an interval.
     slip : stream of one beat per frame, see `spread_layout`. Only if the scene has this output.
     force_map : stream of axes × `lanes` responses, signed(pipeline.force.pixel_width), in the depth's order.
         Only if the scene has this output.
@@ -60,6 +63,7 @@ class Datapath(FrameCycles, wiring.Component):
     threshold : write port of the thresholds of darkness. Only with dots or bridged slopes.
     dot_records : write port of what is known of each dot, see DotFollowerStream. Only with dots.
     contact_places, rigid_places : write ports of where dots are, see DotSlip. Only with slip.
+    interval_base, interval_weights : base and write port, see ForceIntervalStream. Only with an interval.
 
     The loadable members must not change while a frame is in flight. FrameCycles has latencies and intervals.
     """
@@ -82,7 +86,13 @@ class Datapath(FrameCycles, wiring.Component):
         self.mlp = stages.pixel_network(pipeline)
         normal_width = pipeline.layers[-1].accumulator_width
         self.loadable = pipeline.layers[0].loadable
-        self.validity = FrameValidity(pipeline.validity, lanes=lanes, loadable=self.loadable)
+        self.wants_interval = scene.wants_interval
+        if self.wants_interval and pipeline.interval is None:
+            raise ValueError(f"force.coverage = {scene.force.coverage}: the pipeline has no interval")
+        measured = pipeline.interval.pixel_measures if self.wants_interval else ()
+        self.validity = FrameValidity(
+            pipeline.validity, lanes=lanes, loadable=self.loadable, measured=measured
+        )
         members = {
             "axis": In(self.guard.axis.signature.flip()),
             "enable": In(1, init=1),
@@ -135,6 +145,14 @@ class Datapath(FrameCycles, wiring.Component):
         if scene.wants_dots:
             self.dots = DotForceStream(pipeline, lanes=lanes, fold=scene.fold, dsp=device_of(scene).dsp)
             members["force"] = Out(self.dots.o.signature)
+        if self.wants_interval:
+            self.interval_stream = ForceIntervalStream(
+                pipeline.interval,
+                pipeline.validity,
+                force_width=pipeline.force_width,
+                loadable=self.loadable,
+            )
+            members["half_widths"] = Out(self.interval_stream.o.signature)
         if scene.wants_slip:
             word = self.displacement.o.payload.shape().elem_shape
             self.slip_stream = DotSlip(pipeline, word, lanes=lanes, rows_reversed=self.rows_reversed)
@@ -168,6 +186,9 @@ class Datapath(FrameCycles, wiring.Component):
             self.validity.limits_bits,
             self.validity.limits_image(self.pipeline.validity),
         )
+        if self.wants_interval:
+            stream = self.interval_stream
+            registers["interval_base"] = len(stream.base.as_value()), stream.base_image
         return registers
 
     @property
@@ -186,6 +207,9 @@ class Datapath(FrameCycles, wiring.Component):
             tables["dot_records"] = self.dots.table.format, self.dots.table.values
         if self.loadable and scene.wants_slip:
             tables |= {name: (t.format, t.values) for name, t in self.slip_stream.tables.items()}
+        if self.loadable and self.wants_interval:
+            table = self.interval_stream.table
+            tables["interval_weights"] = table.format, table.values
         return tables
 
     def elaborate(self, platform):
@@ -271,6 +295,8 @@ class Datapath(FrameCycles, wiring.Component):
                 found = dots.o
                 if self.loadable:
                     connect(m, wiring.flipped(self.dot_records), dots.write)
+            if self.wants_interval:
+                found = self._with_interval(m, found)
             connect(m, found, wiring.flipped(self.force))
         sinks = []
         if scene.force_from_slopes:
@@ -318,3 +344,24 @@ class Datapath(FrameCycles, wiring.Component):
             connect(m, force.map, wiring.flipped(self.force_map))
         fan_out(solution.o, sinks, "solution_fork")
         return m
+
+    def _with_interval(self, m: Module, found):
+        """Find the half-widths of the forces `found`; returns them as they are offered: one at a time."""
+        m.submodules.interval_stream = interval = self.interval_stream
+        offered = found.signature.create(path=("offered_force",))
+        taken = offered.valid & offered.ready
+        m.d.comb += [
+            offered.payload.eq(found.payload),
+            offered.valid.eq(found.valid & interval.room),
+            found.ready.eq(offered.ready & interval.room),
+            interval.force.eq(found.payload),
+            interval.force_taken.eq(taken),
+        ]
+        for stage in interval.groups:
+            for member in (f"{stage}_measures", f"{stage}_measured"):
+                m.d.comb += getattr(interval, member).eq(getattr(self.validity, member))
+        connect(m, interval.o, wiring.flipped(self.half_widths))
+        if self.loadable:
+            m.d.comb += interval.base.as_value().eq(self.interval_base)
+            connect(m, wiring.flipped(self.interval_weights), interval.weights)
+        return offered

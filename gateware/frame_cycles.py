@@ -1,11 +1,12 @@
 """Latency, interval and multipliers of a whole datapath from those of its stages."""
 
-from fastac.gateware.bus.record import RECORD_BYTES
+from fastac.gateware.bus.record import record_form
 from fastac.gateware.force.force_sum import ForceSum
 from fastac.gateware.force.patch_generator import PatchGenerator
 from fastac.gateware.packets.record_beats import RecordBeats
 from fastac.gateware.packets.record_queue import RecordQueue
 from fastac.gateware.raster_outputs import RasterOutput, scene_outputs
+from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.gateware.stream.queues import SkidBuffer
 from fastac.scenes.outputs import OUTPUTS
 from fastac.scenes.schema import Scene
@@ -17,7 +18,8 @@ RESULTS = "results"
 RECORD_LATENCY = 1
 """Clocks from a result to its record at the outputs of RegisterBlock."""
 RESULT_TO_RECORD = RECORD_LATENCY + RecordQueue.latency + RecordBeats.latency
-"""Clocks from a result to the first beat of its record, if that need not wait for an image."""
+"""Clocks from a result, with an interval from its half-widths, to the first beat of its record, if that need
+not wait for an image."""
 RESULTS_WORD_BYTES = 4
 """Bytes per beat of the stream of records without images."""
 
@@ -27,9 +29,10 @@ class FrameCycles:
 
     The inheriting class has `scene`, `lanes`, `fold` and, as far as the scene needs them, `guard`,
     `background`, `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`,
-    `displacement`, `force_stream`, `bridge`, `darkness`, `dots` and `slip_stream`, each with `latency`,
-    `interval` and `multipliers`; `dots` is as `DotForceStream`, which also has `followed`, and the force of
-    a map has its `map_latency`.
+    `displacement`, `force_stream`, `bridge`, `darkness`, `dots`, `slip_stream` and `interval_stream`, each
+    with `latency`, `interval` and `multipliers`; `dots` is as `DotForceStream`, which also has `followed`,
+    the force of a map has its `map_latency`, and `interval_stream` has `products`. `wants_interval`: whether
+    there is the last one.
 
     All times are in clocks, without back-pressure and with no other frame in the way; beats enter `fold`
     clocks apart. `stages` has each
@@ -39,6 +42,7 @@ class FrameCycles:
     scene: Scene
     lanes: int
     fold: int
+    wants_interval: bool
 
     @property
     def beats(self) -> int:
@@ -137,6 +141,22 @@ class FrameCycles:
         return self.first_pixel_to_force - self.input_clocks
 
     @property
+    def force_to_half_widths(self) -> int:
+        """Clocks from a frame's force to its half-widths, which wait for the frame's measures if these are
+        later."""
+        stream, channels = self.interval_stream, len(self.scene.sensor.channel_names)
+        normals = self.first_pixel_to_normals - self.input_clocks
+        last = {
+            "features": self.guard.latency + self.background.latency,
+            "slopes": normals + sum(self._slope_stages.values()),
+        }
+        due = 0
+        for stage, count in stream.products.items():
+            measured = FrameValidity.measured_latency(stage, channels, self.lanes)
+            due = max(due, last[stage] + measured + 1) + count
+        return max(stream.latency, due + stream.latency - 1 - self.last_pixel_to_force)
+
+    @property
     def first_pixel_to_force_map(self) -> int:
         """Clocks from a frame's first accepted pixel to its last beat of the force map."""
         return self.first_pixel_to_force - (self.force_stream.latency - self.force_stream.map_latency)
@@ -161,8 +181,8 @@ class FrameCycles:
         if self.scene.hardware.streams != "packets":
             return {}
         if not self.packets:
-            beats = RECORD_BYTES // RESULTS_WORD_BYTES
-            return {RESULTS: self.first_pixel_to_result + RESULT_TO_RECORD + beats - 1}
+            beats = record_form(self.wants_interval).bytes // RESULTS_WORD_BYTES
+            return {RESULTS: self._first_pixel_to_record + beats - 1}
         return {
             name: self._trailer_at(output) + output.packet.trailer_beats - 1
             for name, output in self.packets.items()
@@ -171,7 +191,13 @@ class FrameCycles:
     def _trailer_at(self, output: RasterOutput) -> int:
         """Clocks to the first beat of the trailer: behind the image, and not before the record is there."""
         behind = getattr(self, f"first_pixel_to_{output.name}") + 1
-        return max(behind, self.first_pixel_to_result + RESULT_TO_RECORD) if output.complete else behind
+        return max(behind, self._first_pixel_to_record) if output.complete else behind
+
+    @property
+    def _first_pixel_to_record(self) -> int:
+        """Clocks to the first beat of a record that need not wait for an image."""
+        found = self.first_pixel_to_result + RESULT_TO_RECORD
+        return found + self.force_to_half_widths if self.wants_interval else found
 
     @property
     def frame_pause(self) -> int:
@@ -224,6 +250,8 @@ class FrameCycles:
             intervals.append(self.dots.interval)
         if self.scene.wants_slip:
             intervals.append(self.slip_stream.interval)
+        if self.wants_interval:
+            intervals.append(self.interval_stream.interval)
         return max(intervals)
 
     @property
@@ -238,4 +266,6 @@ class FrameCycles:
             count["dots"] = self.dots.multipliers
         if self.scene.wants_slip:
             count["slip"] = self.slip_stream.multipliers
+        if self.wants_interval:
+            count["interval"] = self.interval_stream.multipliers
         return count

@@ -1,7 +1,7 @@
 """What a host's driver must know of the hardware, for hardware.json: frames, packets, registers, scales."""
 
 from fastac.gateware.bus.identity import Identity
-from fastac.gateware.bus.record import FIFO_RECORDS, RECORD_BYTES, RECORD_FORMAT, RECORD_WORDS
+from fastac.gateware.bus.record import FIFO_RECORDS, record_form
 from fastac.gateware.bus.register_map import ADDRESS_WIDTH, AXES, ERRORS
 from fastac.gateware.packet_format import FrameFormat
 from fastac.gateware.raster_outputs import RasterOutput
@@ -29,18 +29,20 @@ def host_interface(top: TopZynq) -> dict:
         "address_bits": ADDRESS_WIDTH,
         "interrupt": "level, high",
         "frame": _frame(identity, scene.sensor.channel_names),
-        "outputs": [_output(output, pipeline) for output in top.outputs],
+        "outputs": [_output(output, pipeline) | _trailer(identity) for output in top.outputs],
         "force": _force(pipeline, identity),
+        "interval": _interval(top) if identity.half_width else None,
         "slip": {"unit": "px^2/4096"} if identity.slip else None,
         "registers": registers(identity),
         "errors": list(ERRORS),
         "validity": list(REASONS),
     }
     if identity.packets:
+        form = record_form(identity.half_width)
         found["results"] = {
-            "record_bytes": RECORD_BYTES,
-            "format": RECORD_FORMAT,
-            "words": list(RECORD_WORDS),
+            "record_bytes": form.bytes,
+            "format": form.number,
+            "words": list(form.words),
             "port": None if top.outputs else "m_axis_results",
             "fifo_records": FIFO_RECORDS,
         }
@@ -118,6 +120,21 @@ def _force(pipeline: IntegerPipeline, identity: Identity) -> dict | None:
     if not identity.axes:
         return None
     return {"axes": list(identity.axes), "newtons_per_lsb": _newtons(pipeline)}
+
+
+def _interval(top: TopZynq) -> dict:
+    """Of the interval around each force, force ± half-width: its coverage, and the half-width's bits and
+    clocks."""
+    return {
+        "coverage": top.bundle.scene.force.coverage,
+        "half_width_bits": top.identity.half_width_bits,
+        "clocks_after_force": top.datapath.force_to_half_widths,
+    }
+
+
+def _trailer(identity: Identity) -> dict[str, int]:
+    """The bytes of a packet's record, where they are not those that they always were."""
+    return {"record_bytes": record_form(True).bytes} if identity.half_width else {}
 
 
 def _newtons(pipeline: IntegerPipeline) -> dict[str, float]:

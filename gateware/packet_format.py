@@ -72,6 +72,7 @@ class PacketFormat:
     name : of the output, for messages
     rows, columns, words : the image: pixels of `words` 32-bit values, padded by zeros to a power of two
     lanes : pixels per beat; a row's last beat is filled with zeros
+    record_bytes : of the record
 
     Raises ValueError for lanes that are no power of two and for beats of more than 1024 bits.
     """
@@ -81,6 +82,7 @@ class PacketFormat:
     columns: int
     words: int
     lanes: int
+    record_bytes: int = RECORD_BYTES
 
     def __post_init__(self):
         _check(f"m_axis_{self.name}", self.lanes, self.bytes_per_beat)
@@ -109,8 +111,8 @@ class PacketFormat:
 
     @property
     def trailer_beats(self) -> int:
-        """Beats of the trailer; a beat of more than 64 bytes has zeros behind the record."""
-        return -(-RECORD_BYTES // self.bytes_per_beat)
+        """Beats of the trailer; a beat of more bytes than the record has zeros behind it."""
+        return -(-self.record_bytes // self.bytes_per_beat)
 
     @property
     def beats(self) -> int:

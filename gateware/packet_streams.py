@@ -5,13 +5,14 @@ from amaranth import Cat, Module, ResetInserter, Signal, Value
 from amaranth.lib import wiring
 
 from fastac.gateware.bus.frame_timer import STAMP
+from fastac.gateware.bus.record import record_form
 from fastac.gateware.bus.registers import RegisterBlock
 from fastac.gateware.bus.result_registers import stamp_record
 from fastac.gateware.datapath import Datapath
 from fastac.gateware.frame_cycles import RESULTS, RESULTS_WORD_BYTES
 from fastac.gateware.packet_format import FrameFormat
 from fastac.gateware.packets.packet_input import PacketInput, packet_signature
-from fastac.gateware.packets.packet_port import PacketPort
+from fastac.gateware.packets.packet_port import PacketPort, aborted_record
 from fastac.gateware.packets.record_beats import RecordBeats
 from fastac.gateware.packets.record_queue import RecordQueue
 from fastac.gateware.raster_outputs import RASTERS, WORD, RasterOutput
@@ -29,10 +30,11 @@ class PacketStreams:
     def __init__(self, path: Datapath, outputs: tuple[RasterOutput, ...]):
         sensor = path.scene.sensor
         self.path, self.outputs = path, outputs
+        self.form = record_form(path.wants_interval)
         frame = FrameFormat(sensor.height_px, sensor.width_px, len(sensor.channel_names), path.lanes)
         self.input = PacketInput(frame, pause=path.frame_pause)
         # Only without images, results are held back until there is room for their records.
-        self.results = None if outputs else RecordQueue()
+        self.results = None if outputs else RecordQueue(bits=self.form.bits)
 
     @property
     def signatures(self) -> dict[str, wiring.Signature]:
@@ -53,7 +55,7 @@ class PacketStreams:
     def connect_results(self, m: Module, registers: RegisterBlock, found: Value, port) -> None:
         """Records alone to `port`; `found`: a result is taken. A soft reset leaves them whole."""
         m.submodules.results_queue = queue = self.results
-        m.submodules.results_beats = beats = RecordBeats(RESULTS_WORD_BYTES)
+        m.submodules.results_beats = beats = RecordBeats(RESULTS_WORD_BYTES, record_octets=self.form.bytes)
         wiring.connect(m, queue.o, beats.i)
         m.d.comb += [
             self.path.tag.ready.eq(1),
@@ -88,7 +90,14 @@ class PacketStreams:
         """One image output to its port; returns the queue of its records, whose inputs are to be
         connected."""
         name, source, reset = output.name, getattr(self.path, output.name), registers.soft_reset
-        raster = PacketPort(output.rows, output.beats, output.octets, void_octets=output.void_octets)
+        raster = PacketPort(
+            output.rows,
+            output.beats,
+            output.octets,
+            void_octets=output.void_octets,
+            record_octets=self.form.bytes,
+            aborted=aborted_record(self.form),
+        )
         m.submodules[f"{name}_port"] = raster
         values = RASTERS[name].beat(source.payload, output.lanes)
         words = []
@@ -118,9 +127,9 @@ class PacketStreams:
                 raster.i.valid.eq(source.valid),
                 source.ready.eq(raster.i.ready),
             ]
-        queue = RecordQueue() if output.complete else RecordQueue(bits=STAMP.size)
+        queue = RecordQueue(bits=self.form.bits if output.complete else STAMP.size)
         m.submodules[f"{name}_records"] = ResetInserter(reset)(queue)
-        record = queue.o.payload if output.complete else stamp_record(STAMP(queue.o.payload))
+        record = queue.o.payload if output.complete else stamp_record(STAMP(queue.o.payload), self.form)
         m.d.comb += [
             raster.record.payload.eq(record),
             raster.record.valid.eq(queue.o.valid),

@@ -7,6 +7,7 @@ add one.
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from fastac.gateware.bus.record import record_form
 from fastac.gateware.packet_format import PacketFormat
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.outputs import OUTPUTS
@@ -161,7 +162,7 @@ def scene_outputs(scene: Scene, *, rows_reversed: bool) -> tuple[RasterOutput, .
                 *shape,
                 raster.tagged and not packets,
                 raster.inner and rows_reversed,
-                PacketFormat(name, *shape) if packets else None,
+                PacketFormat(name, *shape, record_form(scene.wants_interval).bytes) if packets else None,
                 # Normals are sent long before any result, unless they are the result.
                 raster.inner or (not scene.wants_solver and not scene.wants_force),
             )

@@ -85,6 +85,8 @@ class TopZynq(wiring.Component):
             rows_reversed=path.rows_reversed,
             calibration_words=layout.words if layout else 0,
             calibration_layout=layout.identifier if layout else 0,
+            half_width=path.wants_interval,
+            half_width_bits=path.interval_stream.half_width if path.wants_interval else 64,
             slip=scene.wants_slip,
             slip_limit=min(pipeline.slip_limit, WORD_LIMIT) if scene.wants_slip else 0,
             frame_timeout=round(FRAME_TIMEOUT_S * scene.hardware.clock_mhz * 1e6),
@@ -160,6 +162,12 @@ class TopZynq(wiring.Component):
                 path.force.ready.eq(found),
                 registers.result_valid.eq(found),
                 registers.force.eq(path.force.payload),
+            ]
+        if path.wants_interval:
+            m.d.comb += [
+                path.half_widths.ready.eq(1),
+                registers.half_widths_valid.eq(path.half_widths.valid),
+                registers.half_widths.eq(path.half_widths.payload),
             ]
         m.d.comb += [
             registers.validity.eq(path.verdict.payload),

@@ -3,28 +3,18 @@
 
 import numpy as np
 
-from fastac.gateware.bus.record import (
-    FIFO_RECORDS,
-    FORMAT_LOW,
-    RECORD_BYTES,
-    RECORD_FORMAT,
-    RECORD_WORDS,
-    RecordFlag,
-    record_layout,
-)
+from fastac.gateware.bus.record import FIFO_RECORDS, FORMAT_LOW, PLAIN, RecordFlag, RecordForm
 from fastac.gateware.bus.register_map import AXES, ERRORS
 from fastac.gateware.frame_cycles import RESULTS, RESULTS_WORD_BYTES
 from fastac.gateware.raster_outputs import RasterOutput
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.result import Result
 
-WORDS = len(RECORD_WORDS)
-"""Of a record."""
-
 
 def packet_bytes(top: TopZynq) -> dict[str, int]:
     """{name of a stream: bytes of one of its packets}."""
-    return {output.name: output.packet.packet_bytes for output in top.outputs} or {RESULTS: RECORD_BYTES}
+    sizes = {output.name: output.packet.packet_bytes for output in top.outputs}
+    return sizes or {RESULTS: top.packets.form.bytes}
 
 
 def beat_bytes(top: TopZynq) -> dict[str, int]:
@@ -46,11 +36,14 @@ def image_of(words: np.ndarray, output: RasterOutput) -> tuple[np.ndarray, np.nd
     return values, padding
 
 
-def records_of(words: np.ndarray, packet_words: int, image_words: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """(The packets' records, of `record_layout()`; the words behind them.)"""
+def records_of(
+    words: np.ndarray, packet_words: int, image_words: int = 0, form: RecordForm = PLAIN
+) -> tuple[np.ndarray, np.ndarray]:
+    """(The packets' records, of `form.layout`; the words behind them.)"""
+    count = len(form.words)
     trailers = np.ascontiguousarray(words.reshape(-1, packet_words)[:, image_words:], "<i4")
-    records = np.ascontiguousarray(trailers[:, :WORDS])
-    return records.view(record_layout())[:, 0], trailers[:, WORDS:]
+    records = np.ascontiguousarray(trailers[:, :count])
+    return records.view(form.layout)[:, 0], trailers[:, count:]
 
 
 def expected_records(
@@ -64,10 +57,10 @@ def expected_records(
         interrupt did not rise because the one before was still pending.
     exact : nothing stalled, so that all results come as the formulas say
     """
-    path, frames = top.datapath, len(result.validity)
-    records = np.zeros(frames, record_layout())
+    path, frames, form = top.datapath, len(result.validity), top.packets.form
+    records = np.zeros(frames, form.layout)
     records["frame"] = np.arange(frames) + 1
-    records["flags"] = RecordFlag.COMPLETE | RECORD_FORMAT << FORMAT_LOW
+    records["flags"] = RecordFlag.COMPLETE | form.number << FORMAT_LOW
     records["flags"] |= np.where(result.validity != 0, RecordFlag.SUSPECT, 0).astype(np.uint32)
     records["validity"] = result.validity
     records["errors"] = found["errors"][:frames] if len(found) >= frames else 0
@@ -82,6 +75,8 @@ def expected_records(
     records["last_to_result"] = records["first_to_result"] - (seen["last_at"] - seen["first_at"])
     for k, axis in enumerate(top.bundle.scene.force_axes):
         records[f"force_{AXES[axis]}"] = result.force_raw[:, k]
+        if top.identity.half_width:
+            records[f"half_width_{AXES[axis]}"] = result.force_half_width_raw[:, k]
     if top.identity.slip:
         records["slip_spread"], records["slip_dots"] = result.slip_words, result.slip_dots
         records["flags"] |= np.where(result.slipping, RecordFlag.SLIP, 0).astype(np.uint32)
@@ -90,10 +85,10 @@ def expected_records(
 
 def incomplete(records: np.ndarray) -> np.ndarray:
     """The same frames' records where the result is not waited for."""
-    found = np.zeros(len(records), record_layout())
+    found = np.zeros(len(records), records.dtype)
     for name in ("frame", "time"):
         found[name] = records[name]
-    found["flags"] = RECORD_FORMAT << FORMAT_LOW
+    found["flags"] = records["flags"] & 0xFF << FORMAT_LOW
     return found
 
 
@@ -139,7 +134,7 @@ class PacketCheck:
         for name, size in packet_bytes(top).items():
             output = outputs.get(name)
             before = output.packet.image_bytes // 4 if output else 0
-            found, behind = records_of(self._whole(name), size // 4, before)
+            found, behind = records_of(self._whole(name), size // 4, before, top.packets.form)
             wanted = expected_records(top, result, self.outputs, found, exact=exact)
             self.markers.add(f"{name}.behind the record", behind, np.zeros_like(behind))
             if output is None or output.complete:
@@ -169,7 +164,7 @@ class PacketCheck:
 
     def _fields(self, name: str, found: np.ndarray, wanted: np.ndarray) -> None:
         for field in found.dtype.names:
-            comparison = self.values if field.startswith("force") else self.markers
+            comparison = self.values if field.startswith(("force", "half_width")) else self.markers
             comparison.add(f"{name}.{field}", found[field], wanted[field])
 
     def _errors(self, name: str, found: np.ndarray, least: np.ndarray) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.bus.record import record_layout
 from fastac.gateware.bus.register_map import ID
 from fastac.gateware.raster_outputs import RASTERS, RasterOutput
 from fastac.gateware.top_zynq import TopZynq
@@ -24,6 +23,8 @@ SUSPECT = 1 << 10
 """Bit of `tuser` in the streams of depth and force maps: the frame is suspect."""
 SLIP = ("SLIP_SPREAD", "SLIP_DOTS")
 """Registers that belong to each frame's force where slip is found."""
+HALF_WIDTH = "HALF_WIDTH_"
+"""Beginning of the names of the registers of the intervals around each frame's force."""
 SLIP_BIT = 5
 """Of STATUS: a frame slips."""
 LINGER = 100
@@ -90,9 +91,13 @@ def expected_words(top: TopZynq, result: Result) -> dict[str, np.ndarray]:
 def bench_settings(top: TopZynq) -> dict:
     """The settings of the top level's testbenches that follow from its bundle."""
     sensor = top.bundle.scene.sensor
-    measured = [r.name for r in top.identity.registers if r.name.startswith(("LATENCY", "INTERVAL"))]
+    shown = ("LATENCY", "INTERVAL", HALF_WIDTH)
+    measured = [r.name for r in top.identity.registers if r.name.startswith(shown)]
     beats = {output.name: output.octets for output in top.outputs}
-    packets = {"pixel_octets": top.packets.input.frame.bytes_per_pixel} if top.packets else {}
+    packets = {}
+    if top.packets:
+        words = len(top.packets.form.words)
+        packets = {"pixel_octets": top.packets.input.frame.bytes_per_pixel, "record_words": words}
     return packets | {
         "period_ps": 2 * round(0.5e6 / top.bundle.scene.hardware.clock_mhz),  # an even number of ps
         "linger_cycles": LINGER,
@@ -208,7 +213,7 @@ def simulate(
     if top.packets:
         check = PacketCheck(top, comparison, markers, outputs, seen["errors"])
         per_output = check.images(expected)
-        in_fifo = outputs["in_fifo"].view(record_layout())
+        in_fifo = outputs["in_fifo"].view(top.packets.form.layout)
         check.records(result, in_fifo, exact=not any(stall))
         check.framing(len(frames))
     for output in () if top.packets else top.outputs:
@@ -218,6 +223,16 @@ def simulate(
     if path.wants_force:
         comparison.add("force", outputs["force_raw"], result.force_raw)
         per_output["force"] = int(result.force_raw.size)
+    if top.identity.half_width:
+        halves = [
+            [frame[f"{HALF_WIDTH}{axis}_HIGH"] << 32 | frame[f"{HALF_WIDTH}{axis}_LOW"] for axis in axes]
+            for axes in [top.identity.axes.upper()]
+            for frame in seen["frames"]
+        ]
+        comparison.add("half-widths", np.array(halves), result.force_half_width_raw)
+        per_output["half_widths"] = int(result.force_half_width_raw.size)
+        numbers = [frame[f"{HALF_WIDTH}SEQUENCE"] for frame in seen["frames"]]
+        markers.add("HALF_WIDTH_SEQUENCE", np.array(numbers), np.arange(1, len(frames) + 1))
     if top.identity.slip:
         found = {name: np.array([frame[name] for frame in seen["frames"]]) for name in (*SLIP, "STATUS")}
         for name, values in zip(SLIP, (result.slip_words, result.slip_dots), strict=True):

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from fastac.gateware.bus.record import RECORD_BYTES, RECORD_FORMAT
+from fastac.gateware.bus.record import RECORD_BYTES, RecordForm, record_form
 from fastac.gateware.packet_format import FrameFormat, PacketFormat
 
 FILE = "hardware.json"
@@ -90,6 +90,7 @@ class OutputFacts(_Table):
     unit: str
     per_lsb: Scale | tuple[Scale, ...] | dict[str, Scale] | None
     complete: bool | None = None
+    record_bytes: Count = RECORD_BYTES
     words_per_pixel_padded: int | None = None
     beats_per_row: int | None = None
     bytes_per_beat: int | None = None
@@ -101,7 +102,8 @@ class OutputFacts(_Table):
     @cached_property
     def format(self) -> PacketFormat:
         """Layout of a packet. Raises ValueError for lanes that no layout has."""
-        return PacketFormat(self.name, self.rows, self.columns, self.words_per_pixel, self.lanes)
+        shape = self.rows, self.columns, self.words_per_pixel, self.lanes
+        return PacketFormat(self.name, *shape, self.record_bytes)
 
     @property
     def layout(self) -> dict[str, int]:
@@ -138,6 +140,12 @@ class ForceFacts(_Table):
         return np.array([self.newtons_per_lsb[axis] for axis in self.axes])
 
 
+class IntervalFacts(_Table):
+    """The interval around each force, force ± half-width, and the share of forces that it is to cover."""
+
+    coverage: Annotated[float, Field(gt=0, lt=1)]
+
+
 class SlipFacts(_Table):
     """The spread of the dots in contact."""
 
@@ -156,6 +164,7 @@ class Description(_Table):
     frame: FrameFacts
     outputs: tuple[OutputFacts, ...]
     force: ForceFacts | None
+    interval: IntervalFacts | None = None
     slip: SlipFacts | None
     registers: Annotated[tuple[RegisterFacts, ...], Field(min_length=1)]
     errors: tuple[str, ...]
@@ -182,6 +191,11 @@ class Description(_Table):
         """Whether stock DMAs can take the streams."""
         return self.streams == "packets"
 
+    @property
+    def record(self) -> RecordForm:
+        """The layout of the records."""
+        return record_form(self.interval is not None)
+
     @cached_property
     def streams_out(self) -> dict[str, int]:
         """Output streams in the order of their DMAs, and the bytes of a packet of each.
@@ -189,7 +203,7 @@ class Description(_Table):
         Scenes without an image have the stream `results`, whose packets are records.
         """
         found = {output.name: output.format.packet_bytes for output in self.outputs}
-        return found or {"results": RECORD_BYTES}
+        return found or {"results": self.record.bytes}
 
     @cached_property
     def record_at(self) -> tuple[str, int] | None:
@@ -280,14 +294,19 @@ def _contradiction(found: Description) -> str | None:
             checks.append("results: missing")
         else:
             checks += [
-                wrong("results.record_bytes", found.results.record_bytes, RECORD_BYTES),
-                wrong("results.format", found.results.format, RECORD_FORMAT),
+                wrong("results.record_bytes", found.results.record_bytes, found.record.bytes),
+                wrong("results.format", found.results.format, found.record.number),
             ]
+    checks += [
+        wrong(f"outputs.{o.name}.record_bytes", o.record_bytes, found.record.bytes) for o in found.outputs
+    ]
     for output in found.outputs if packets else ():
         checks += [
             wrong(f"outputs.{output.name}.{key}", getattr(output, key), value)
             for key, value in output.layout.items()
         ]
+    if found.interval is not None and found.force is None:
+        checks.append("interval: expected a force, around which it is")
     if found.force is not None:
         axes = found.force.axes
         if set(axes) != found.force.newtons_per_lsb.keys() or len(set(axes)) != len(axes):

@@ -113,8 +113,10 @@ def line(found: Found, rate: float) -> str:
         return f"frame {int(found.frame)}  LOST  {rate:.1f} frames/s"
     parts = [f"frame {int(found.frame)}"]
     if found.force_axes:
-        forces = zip(found.force_axes, found.force_n, strict=True)
-        parts.append("  ".join(f"F_{axis} {force:+.3f} N" for axis, force in forces))
+        halves = found.force_half_width_n
+        around = [""] * len(found.force_axes) if halves is None else [f" ± {half:.3f}" for half in halves]
+        forces = zip(found.force_axes, found.force_n, around, strict=True)
+        parts.append("  ".join(f"F_{axis} {force:+.3f}{half} N" for axis, force, half in forces))
     if found.depth_mm is not None:
         depth = found.depth_mm
         parts.append(f"depth {depth.min():.3f} to {depth.max():.3f} mm")

@@ -7,15 +7,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fastac.driver.description import Description
-from fastac.gateware.bus.record import (
-    FORMAT_LOW,
-    RECORD_BYTES,
-    RECORD_FORMAT,
-    RecordFlag,
-    record_layout,
-)
+from fastac.gateware.bus.record import FORMAT_LOW, PLAIN, RecordFlag, RecordForm
 
-RECORD = record_layout()
 BAD, SUSPECT, SLIP = (int(flag) for flag in (RecordFlag.BAD, RecordFlag.SUSPECT, RecordFlag.SLIP))
 SPREAD_UNIT_PX = 1 / 64
 """The spread of the dots is a mean square in px² / 4096: its root is in px / 64."""
@@ -25,14 +18,14 @@ class PacketError(ValueError):
     """A packet that is not the hardware's; the message is one line."""
 
 
-def record_of(octets: np.ndarray, at: int) -> np.ndarray:
-    """The record at byte `at` of a packet (bytes,) uint8, as an array of RECORD of shape ().
+def record_of(octets: np.ndarray, at: int, form: RecordForm = PLAIN) -> np.ndarray:
+    """The record at byte `at` of a packet (bytes,) uint8, as an array of `form.layout` of shape ().
 
-    Raises PacketError where it has another format than the driver reads.
+    Raises PacketError where it has another format.
     """
-    record = octets[at : at + RECORD_BYTES].view(RECORD)[0]
-    if int(record["flags"]) >> FORMAT_LOW & 0xFF != RECORD_FORMAT:
-        raise PacketError(f"record: FLAGS = {int(record['flags']):#010x}: expected format {RECORD_FORMAT}")
+    record = octets[at : at + form.bytes].view(form.layout)[0]
+    if int(record["flags"]) >> FORMAT_LOW & 0xFF != form.number:
+        raise PacketError(f"record: FLAGS = {int(record['flags']):#010x}: expected format {form.number}")
     return record
 
 
@@ -40,7 +33,7 @@ def record_of(octets: np.ndarray, at: int) -> np.ndarray:
 class Found:
     """What the hardware found in a frame, or, where arrays are said to be (n, …), in n frames.
 
-    records : the record of each frame, of type RECORD
+    records : the record of each frame, of type `description.record.layout`
     packets : of each image output the packet, (bytes,) or (n, bytes) uint8
     lost : the frame went in and no result came out: nothing else is known of it
     sent_s, received_s : when the host sent the frame and had its result, s by the transport's time
@@ -114,6 +107,19 @@ class Found:
     def force_n(self) -> np.ndarray | None:
         """(axes,) or (n, axes), N; z is positive in compression."""
         raw = self.force_raw
+        return None if raw is None else raw * self.description.force.scales
+
+    @property
+    def force_half_width_raw(self) -> np.ndarray | None:
+        """(axes,) or (n, axes) int64: half the width of the interval around each accumulator."""
+        if self.description.interval is None:
+            return None
+        return np.array([self.records[f"half_width_{axis}"] for axis in self.force_axes]).T.astype(np.int64)
+
+    @property
+    def force_half_width_n(self) -> np.ndarray | None:
+        """(axes,) or (n, axes), N: the interval around each force is force_n ± this."""
+        raw = self.force_half_width_raw
         return None if raw is None else raw * self.description.force.scales
 
     @property
@@ -220,7 +226,7 @@ def join(found: Sequence[Found]) -> Found:
 
 def nothing(description: Description, frame: int, sent_s: float) -> Found:
     """What is known of a frame that was lost: its number, and when it was sent."""
-    record = np.zeros((), RECORD)
-    record["frame"], record["flags"] = frame, RECORD_FORMAT << FORMAT_LOW
+    record = np.zeros((), description.record.layout)
+    record["frame"], record["flags"] = frame, description.record.number << FORMAT_LOW
     packets = {o.name: np.zeros(o.format.packet_bytes, np.uint8) for o in description.outputs}
     return Found(description, record[()], packets, np.True_, np.float64(sent_s), np.float64(math.nan))

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fastac.driver.description import Description
-from fastac.driver.packets import RECORD, record_of
+from fastac.driver.packets import record_of
 from fastac.driver.registers import WORD_MASK, Registers
 from fastac.driver.transports.transport import PacketSizeError, Transport, TransportTimeout, until
-from fastac.gateware.bus.record import RECORD_WORDS, RecordFlag
+from fastac.gateware.bus.record import RecordFlag
 
 ABORTED = int(RecordFlag.ABORTED)
 FIFO = ""
@@ -97,7 +97,7 @@ class Receiver:
                         raise
                     self.counts.stale += 1
                     continue
-            record = record_of(octets, self._trailer[stream])
+            record = record_of(octets, self._trailer[stream], self._description.record)
             ahead = int(record["frame"]) - number & WORD_MASK
             if int(record["flags"]) & ABORTED or ahead >> 31:
                 self.counts.stale += 1
@@ -120,8 +120,9 @@ class Receiver:
                 )
                 if not there:
                     raise TransportTimeout(f"RESULTS_WAITING: no record within {self.timeout_s:g} s")
-                words = [self._registers.read("RESULTS_WORD") for _ in RECORD_WORDS]
-                record = np.array(words, "<u4").view(RECORD)
+                form = self._description.record
+                words = [self._registers.read("RESULTS_WORD") for _ in form.words]
+                record = np.array(words, "<u4").view(form.layout)
             ahead = int(record["frame"][0]) - number & WORD_MASK
             if not ahead:
                 return record[0]

@@ -29,8 +29,11 @@ class Recorder(Protocol):
 
 
 def numbers(description: Description) -> tuple[str, ...]:
-    """Names of the columns with a number a frame; the force has one for each axis."""
-    force = tuple(f"force_{axis}_n" for axis in description.force.axes) if description.force else ()
+    """Names of the columns with a number a frame; force and half-width have one for each axis."""
+    axes = description.force.axes if description.force else ()
+    force = tuple(f"force_{axis}_n" for axis in axes)
+    if description.interval:
+        force += tuple(f"force_{axis}_half_width_n" for axis in axes)
     slip = ("slip_px", "slip_dots") if description.slip else ()
     latency = ("first_pixel_to_result_s", "last_pixel_to_result_s", "host_latency_s")
     return ("frame", "time_s", *force, *slip, *latency)
@@ -50,8 +53,9 @@ def values(found: Found) -> dict[str, float | int]:
             continue
         value = getattr(found, name)
         row[name] = int(value) if name in ("frame", "slip_dots") else float(value)
-    for axis, force in zip(found.force_axes, found.force_n if found.force_axes else (), strict=True):
-        row[f"force_{axis}_n"] = float(force)
+    for name, words in (("n", found.force_n), ("half_width_n", found.force_half_width_n)):
+        if words is not None:
+            row |= {f"force_{axis}_{name}": float(v) for axis, v in zip(found.force_axes, words, strict=True)}
     return row | {name: int(getattr(found, name)) for name in flags(description)}
 
 

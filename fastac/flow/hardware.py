@@ -95,6 +95,8 @@ def describe(top: TopZynq, rtlil: str) -> dict:
         latency["force_stage"] = path.force_stages
     if path.wants_force:
         latency["first_pixel_to_force"] = path.first_pixel_to_force
+    if path.wants_interval:
+        latency["force_to_half_widths"] = path.force_to_half_widths
     if path.wants_depth:
         latency["first_pixel_to_depth"] = path.first_pixel_to_depth
     if path.wants_normals:

@@ -21,12 +21,14 @@ from fastac.gateware.network.requantise import scale_graph
 from fastac.gateware.network.slope_bridge import SlopeBridgeStream
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
 from fastac.gateware.slip.spread_ratio import SpreadRatio
+from fastac.gateware.stream.frame_guard import FRAMES_IN_FLIGHT
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.dot_force import DotForce
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.dot_windows import CELL, DotWindows
 from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.force_interval import WEIGHT_BITS, ForceInterval
 from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -191,6 +193,15 @@ def slip_works(spread: DotSpread, follower: DotFollower) -> Iterator[Work]:
     yield addition(3 * sum(phases) + bounds["spread"].bit_length(), signed_width(bounds["A"] * bounds["C"]))
 
 
+def interval_works(interval: ForceInterval) -> Iterator[Work]:
+    """Measures kept until the force is there, and a product and a sum for each measure and axis."""
+    axes, widths = len(interval.base), interval.magnitude_widths
+    yield memory(2, sum(widths), FRAMES_IN_FLIGHT)
+    for width in widths:
+        yield multiplication(axes, width, WEIGHT_BITS)
+        yield addition(axes, interval.sum_width)
+
+
 def with_registers(works: list[Work]) -> list[Work]:
     """And a register for each result."""
     results = [w for w in works if w.kind in ("multiplication", "addition")]
@@ -227,6 +238,8 @@ def works(pipeline: IntegerPipeline) -> dict[str, list[Work]]:
         stages["dots"] = dots_works(frame, pipeline.follower, pipeline.dot_force)
     if scene.wants_slip:
         stages["slip"] = slip_works(pipeline.spread, pipeline.follower)
+    if pipeline.interval is not None:
+        stages["interval"] = interval_works(pipeline.interval)
     return {name: with_registers(list(stage)) for name, stage in stages.items()}
 
 

@@ -67,6 +67,12 @@ what they are counted for: the design; axes of the force; images that wait for t
 lanes of each (one lane needs no queue); images that are sent before. Yosys counts 1,083, 1,317 and 1,560 in
 three designs (depth and F_z at 1 and 4 lanes; normals, depth and three axes at 2): the sums are 1,082, 1,314
 and 1,578. Not fitted with the stages, as no sample has packets."""
+INTERVAL_LUTS = {"one": 138, "magnitude_bits": 3, "axes": 46, "loadable": 58}
+"""Look-up tables of the interval around a force and of its registers: of a design, of each bit of the
+measures that wait in queues, of each axis, and of weights that can be loaded. Yosys counts 545 and 601 in the
+component alone of one and two axes with baked weights, 728 of three axes with loadable ones, and in the last
+32 more in the registers of each axis and 11 in the loader: the sums are 577, 665 and 835. Not fitted with the
+stages, as no sample has an interval."""
 BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
 HALF_SHAPES = ((36, 512, 0.5), (18, 1024, 0.5), (9, 2048, 0.5), (4, 4096, 0.5), (2, 8192, 0.5))
 """Bits and words of a RAMB36E2, and of a RAMB18E2, which is half of one (Xilinx UG573); those of the 7 series
@@ -242,6 +248,10 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         bounds, count = pipeline.spread.bounds, len(pipeline.follower.rest)
         ratio = sum(times * bounds[name].bit_length() for name, times in (("A", 1), ("B", 2), ("C", 2)))
         found["slip"] = {"one": 1, "ratio_bits": ratio, "dots": count}
+    if pipeline.interval is not None:
+        interval, queued = pipeline.interval, len(pipeline.interval.pixel_measures)
+        counts = (1, sum(interval.magnitude_widths[:queued]), len(interval.base), loadable)
+        found["interval"] = dict(zip(INTERVAL_LUTS, map(int, counts), strict=True))
     if scene.hardware.streams == "packets":
         found["packets"] = packet_features(scene)
     if frame.fold > 1:
@@ -303,9 +313,13 @@ def model(*, is_folded: bool = False) -> tuple[dict, dict[str, str]]:
         f" {np.abs(products).max():.1f}% at most"
     )
     origins["dsp48e1"] = DSP48E1_ORIGIN
-    origins["lut"] += "; what packets add is counted in three designs (PACKET_LUTS)"
+    origins["lut"] += (
+        "; what packets add is counted in three designs (PACKET_LUTS), what an interval adds in three"
+        " (INTERVAL_LUTS)"
+    )
     packets = {"lut": np.array([*PACKET_LUTS.values()], float), "ramb36": np.ones(1)}
-    factors = content["factors"] | {"packets": packets}
+    interval = {"lut": np.array([*INTERVAL_LUTS.values()], float), "ramb36": np.ones(1)}
+    factors = content["factors"] | {"packets": packets, "interval": interval}
     if is_folded:
         content = json.loads(FOLDED_SAMPLES.read_text())
         factors |= content["factors"]

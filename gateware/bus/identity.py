@@ -25,6 +25,8 @@ class Identity:
     normals: bool = False
     force_map: bool = False
     rows_reversed: bool = False
+    half_width: bool = False  # has half-widths of the intervals around a force
+    half_width_bits: int = 64  # bits of a half-width, without a sign
     slip: bool = False  # has the spread of the touching dots, beside a force
     slip_limit: int = 0  # SLIP_LIMIT after reset
     calibration_words: int = 0  # words of a calibration image; 0: no calibration can be loaded
@@ -42,6 +44,7 @@ class Identity:
             ("channels", 1, 255),
             ("lanes", 1, 255),
             ("force_width", 1, 64),
+            ("half_width_bits", 1, 64),
             ("calibration_words", 0, (1 << 32) - 1),
             ("calibration_layout", 0, (1 << 32) - 1),
             ("frame_timeout", 0, (1 << 32) - 1),
@@ -53,8 +56,9 @@ class Identity:
             raise ValueError(f"axes {self.axes!r}: expected some of {AXES!r}, in this order")
         if self.bus_errors not in BUS_ERRORS:
             raise ValueError(f"bus_errors {self.bus_errors!r}: expected one of {BUS_ERRORS}")
-        if self.slip and not self.axes:
-            raise ValueError("slip True: expected axes of force, with which it is sampled")
+        for name in ("slip", "half_width"):
+            if getattr(self, name) and not self.axes:
+                raise ValueError(f"{name} True: expected axes of force, with which it is sampled")
         if not self.axes and not self.depth and not self.normals:
             raise ValueError("axes '', depth False, normals False: expected at least one output")
 
@@ -120,6 +124,8 @@ class Identity:
         present |= {"depth"} if self.depth else set()
         present |= {"normals"} if self.normals else set()
         present |= {"slip"} if self.slip else set()
+        if self.half_width:
+            present |= {"half_width", *(f"half_width_{axis}" for axis in self.axes)}
         present |= {"calibration"} if self.calibration else set()
         present |= {"results"} if self.packets else set()
         return tuple(register for register in REGISTERS if register.needs in present)

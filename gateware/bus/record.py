@@ -1,9 +1,12 @@
-"""The record of one result, 64 bytes: as the trailer of a packet, in the result FIFO and in the driver.
+"""The record of one result: as the trailer of a packet, in the result FIFO and in the driver.
+
+It has 64 bytes, or with half-widths of the intervals around each force 128: see `record_form`.
 
 Plain Python: the driver reads records by it, and the hardware makes them by it.
 """
 
 import enum
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -63,17 +66,54 @@ class RecordFlag(enum.IntFlag):
     """A soft reset cut the frame."""
 
 
-def record_layout() -> np.dtype:
-    """The record as a NumPy type of `RECORD_BYTES` bytes: `np.frombuffer(octets, record_layout())`.
+@dataclass(frozen=True)
+class RecordForm:
+    """A layout of records: the number that is in each of them, and the names of its words."""
 
-    Fields have the words' names in lower case, with the two halves of TIME and of each force as one integer.
-    """
-    fields, words = [], iter(RECORD_WORDS)
-    for word in words:
-        name = word.lower()
-        if word.endswith("_LOW"):
-            next(words)
-            fields.append((name.removesuffix("_low"), "<u8" if word == "TIME_LOW" else "<i8"))
-        else:
-            fields.append((name, "<u4"))
-    return np.dtype(fields)
+    number: int
+    words: tuple[str, ...]
+
+    @property
+    def bytes(self) -> int:
+        return len(self.words) * WORD_BITS // 8
+
+    @property
+    def bits(self) -> int:
+        return len(self.words) * WORD_BITS
+
+    @property
+    def layout(self) -> np.dtype:
+        """The record as a NumPy type of `bytes` bytes: `np.frombuffer(octets, form.layout)`.
+
+        Fields have the words' names in lower case, with the two halves of TIME, of each force and of each
+        half-width as one integer.
+        """
+        fields, words = [], iter(self.words)
+        for word in words:
+            name = word.lower()
+            if word.endswith("_LOW"):
+                next(words)
+                fields.append((name.removesuffix("_low"), "<i8" if name.startswith("force") else "<u8"))
+            else:
+                fields.append((name, "<u4"))
+        return np.dtype(fields)
+
+
+HALF_WIDTH_WORDS = tuple(f"HALF_WIDTH_{axis}_{half}" for axis in "XYZ" for half in ("LOW", "HIGH"))
+RESERVED = tuple(f"RESERVED_{k}" for k in range(10))
+PLAIN = RecordForm(RECORD_FORMAT, RECORD_WORDS)
+WITH_HALF_WIDTHS = RecordForm(2, (*RECORD_WORDS, *HALF_WIDTH_WORDS, *RESERVED))
+"""The same words, and then of each axis half the width of the interval around its force, unsigned(64) in the
+unit of its accumulator: 0 without that axis, the largest that the hardware has bits for if a soft reset came
+before it was known. Reserved words are 0."""
+FORMS = {form.number: form for form in (PLAIN, WITH_HALF_WIDTHS)}
+
+
+def record_form(half_widths: bool) -> RecordForm:
+    """The layout of the records of hardware with or without half-widths."""
+    return WITH_HALF_WIDTHS if half_widths else PLAIN
+
+
+def record_layout() -> np.dtype:
+    """The type of a record of 64 bytes."""
+    return PLAIN.layout

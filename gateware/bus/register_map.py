@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from fastac.gateware.bus.record import FIFO_RECORDS, RECORD_WORDS
+from fastac.gateware.bus.record import FIFO_RECORDS, PLAIN, WITH_HALF_WIDTHS
 from fastac.models.integer.frame_validity import REASONS
 
 ADDRESS_WIDTH = 8
@@ -40,7 +40,8 @@ class Register(NamedTuple):
 
     access : ro read-only, rw read and write, w1c read and write 1 to clear, wo write-only (reads as 0)
     needs : what the hardware must have for the register to exist: "" (always), "force", "force_x" and so on,
-        "depth", "normals", "slip", "calibration", or "results" (results in records: frames in packets)
+        "half_width", "half_width_x" and so on, "depth", "normals", "slip", "calibration", or "results"
+        (results in records: frames in packets)
     read_changes : reading it changes what it, or its other half, reads as next
     """
 
@@ -66,6 +67,27 @@ _FORCE = [
     for upper, half, meaning in (
         (0, "LOW", f"last force, axis {axis}: bits 31:0 of the raw accumulator; reading it latches HIGH"),
         (1, "HIGH", "bits 63:32, sign-extended, latched when LOW was last read"),
+    )
+]
+
+_HALF_WIDTHS = [
+    Register(
+        f"HALF_WIDTH_{axis.upper()}_{half}",
+        0xA0 + 8 * k + 4 * upper,
+        "ro",
+        meaning,
+        needs=f"half_width_{axis}",
+        read_changes=half == "LOW",
+    )
+    for k, axis in enumerate(AXES)
+    for upper, half, meaning in (
+        (
+            0,
+            "LOW",
+            f"half the width of the interval around the force of axis {axis}, in the unit of its accumulator:"
+            " bits 31:0; reading it latches HIGH",
+        ),
+        (1, "HIGH", "bits 63:32, latched when LOW was last read"),
     )
 ]
 
@@ -98,6 +120,7 @@ REGISTERS = (
             Field("calibration", 24),
             Field("slip", 25),
             Field("packets", 26),
+            Field("half_width", 27),
         ),
     ),
     Register(
@@ -270,8 +293,9 @@ REGISTERS = (
         "RESULTS_WORD",
         0x98,
         "ro",
-        f"the next 32-bit word of the oldest result's record, {len(RECORD_WORDS)} words a record; reading"
-        " takes it. 0 if none waits. A soft reset leaves the records; CONTROL.clear_results discards them",
+        f"the next 32-bit word of the oldest result's record, {len(PLAIN.words)} words a record, with"
+        f" half-widths {len(WITH_HALF_WIDTHS.words)}; reading takes it. 0 if none waits."
+        " A soft reset leaves the records; CONTROL.clear_results discards them",
         needs="results",
         read_changes=True,
     ),
@@ -281,5 +305,15 @@ REGISTERS = (
         "ro",
         f"results since reset that came while {FIFO_RECORDS} records waited, and were not kept",
         needs="results",
+    ),
+    *_HALF_WIDTHS,
+    Register(
+        "HALF_WIDTH_SEQUENCE",
+        0xB8,
+        "ro",
+        "number of the frame of the half-widths, from 1; 0: none yet. They come a few clocks after the force:"
+        " if FORCE_SEQUENCE reads the same before and after the registers of force and half-widths are read,"
+        " and this as well, all belong to one frame",
+        needs="half_width",
     ),
 )

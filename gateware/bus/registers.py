@@ -1,6 +1,6 @@
 """Register block for the host: identity, control, status, errors, force and measured latencies."""
 
-from amaranth import Cat, Const, Module, Mux, Signal, signed
+from amaranth import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
 
@@ -8,8 +8,9 @@ from fastac.gateware.bus.axi_lite import AxiLiteSlave, Response, axi_lite_signat
 from fastac.gateware.bus.calibration_loader import calibration_signature
 from fastac.gateware.bus.frame_timer import STAMP, FrameTimer
 from fastac.gateware.bus.identity import Identity
+from fastac.gateware.bus.record import record_form
 from fastac.gateware.bus.register_map import ADDRESS_WIDTH, ERRORS, ID
-from fastac.gateware.bus.result_registers import RECORD_BITS, ResultRegisters
+from fastac.gateware.bus.result_registers import ResultRegisters
 from fastac.gateware.stream.frame_guard import EVENTS, TIMEOUT_BITS
 from fastac.models.integer.frame_validity import REASONS
 
@@ -35,6 +36,8 @@ class RegisterBlock(wiring.Component):
     gradient_saturated, displacement_saturated : set their bit of ERRORS in each clock in which they are high
     force : raw accumulators, signed(force_width) per axis, sampled with `result_valid`. Only with axes.
     result_valid : pulse when a frame's force is taken. Only with axes.
+    half_widths, half_widths_valid : half-widths of the last force, unsigned(half_width_bits) per axis, and a
+        pulse with them, before the next force. Only with half-widths.
     spread, touching : of the frame of that force, see SLIP_SPREAD and SLIP_DOTS. Only with slip.
     validity : flags of the result's frame, len(REASONS) bits, sampled with its result; see FRAME_VALIDITY
     depth_done, normals_done : pulse when the last beat of a frame's depth or normals is taken. Only with
@@ -44,7 +47,8 @@ class RegisterBlock(wiring.Component):
     capture_background : the next frame shall become the background. Only with background_capture.
     calibration : see `calibration_signature`. Only if a calibration can be loaded.
     record, record_valid : the record of a result (gateware/bus/record.py), valid in the clock of its pulse;
-        one a result, in the order of the frames, a clock after it. Only with packets.
+        one a result, in the order of the frames, a clock after it or after its half-widths. Only with
+        packets.
     time : unsigned(64), clocks since reset. Only with packets.
     stamp : of the last whole frame, see FrameTimer. Only with packets of normals beside another result.
     soft_reset : high for one clock: reset the datapath including FrameGuard
@@ -70,13 +74,17 @@ class RegisterBlock(wiring.Component):
             members["force"] = In(data.ArrayLayout(signed(identity.force_width), len(identity.axes)))
         if identity.slip:
             members |= {"spread": In(WORD), "touching": In(WORD)}
+        if identity.half_width:
+            inputs.append("half_widths_valid")
+            halves = data.ArrayLayout(unsigned(identity.half_width_bits), len(identity.axes))
+            members["half_widths"] = In(halves)
         inputs += [f"{name}_done" for name in ("depth", "normals") if getattr(identity, name)]
         if identity.background_capture:
             inputs.append("background_taken")
             outputs.append("capture_background")
         if identity.packets:
             outputs.append("record_valid")
-            members |= {"record": Out(RECORD_BITS), "time": Out(64)}
+            members |= {"record": Out(record_form(identity.half_width).bits), "time": Out(64)}
         if identity.early_normals:
             members["stamp"] = Out(STAMP)
         if identity.calibration:
@@ -153,6 +161,15 @@ class RegisterBlock(wiring.Component):
             m.d.comb += getattr(results, f"read_force_{axis}").eq(read(f"FORCE_{axis.upper()}_LOW"))
         if identity.axes:
             m.d.comb += results.force.eq(self.force)
+        if identity.half_width:
+            m.d.comb += [
+                results.half_widths.eq(self.half_widths),
+                results.half_widths_valid.eq(self.half_widths_valid),
+                results.sequence.eq(timer.force_number),
+            ]
+            for axis in identity.axes:
+                reads = read(f"HALF_WIDTH_{axis.upper()}_LOW")
+                m.d.comb += getattr(results, f"read_half_width_{axis}").eq(reads)
         loading, refused = Const(0, 1), Const(0, 1)
         bundle_hash = Const(identity.bundle_hash, 64)
         if identity.calibration:
@@ -183,6 +200,8 @@ class RegisterBlock(wiring.Component):
             m.d.comb += [results.spread.eq(self.spread), results.touching.eq(self.touching)]
             m.d.sync += limit.eq(Mux(written("SLIP_LIMIT"), (limit & kept) | ones, limit))
 
+        if identity.packets and identity.half_width:
+            m.d.comb += results.cut.eq(self.soft_reset)
         if identity.packets:
             kind = timer.result
             m.d.sync += self.time.eq(self.time + 1)

@@ -6,20 +6,24 @@ from amaranth.lib.wiring import In, Out
 
 from fastac.gateware.bus.record import (
     FORMAT_LOW,
+    PLAIN,
     RECORD_BYTES,
-    RECORD_FORMAT,
-    RECORD_WORDS,
     WORD_BITS,
     RecordFlag,
+    RecordForm,
 )
 from fastac.gateware.packets.packet_input import packet_signature
 from fastac.gateware.packets.record_beats import RecordBeats
 from fastac.gateware.stream.raster_port import check_image
 
-ABORTED = (int(RecordFlag.BAD | RecordFlag.ABORTED) | RECORD_FORMAT << FORMAT_LOW) << (
-    WORD_BITS * RECORD_WORDS.index("FLAGS")
-)
-"""The record of a packet that a soft reset cut: flags and format alone, all other words are 0."""
+
+def aborted_record(form: RecordForm) -> int:
+    """The record of a packet that a soft reset cut: flags and format alone, all other words are 0."""
+    flags = int(RecordFlag.BAD | RecordFlag.ABORTED) | form.number << FORMAT_LOW
+    return flags << WORD_BITS * form.words.index("FLAGS")
+
+
+ABORTED = aborted_record(PLAIN)
 
 
 class PacketPort(wiring.Component):

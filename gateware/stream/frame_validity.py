@@ -1,6 +1,8 @@
 # amaranth: UnusedElaboratable=no
 """Plausibility flags of every frame, measured beside the datapath without stalling or delaying it."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from amaranth import Cat, Const, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, fifo, stream, wiring
@@ -13,6 +15,14 @@ from fastac.models.integer.features import WIDTH
 
 DOTS_LATENCY = 4
 """Clocks from a frame's last dot to what its verdict waits for: input register, sum, comparison and FIFO."""
+
+
+def by_stage(measures: Sequence[str]) -> dict[str, list[str]]:
+    """Measures of pixels, in their order, by the stage with whose last beat they are complete."""
+    groups = {"features": [], "slopes": []}
+    for name in measures:
+        groups["slopes" if name == "gradient" else "features"].append(name)
+    return {stage: names for stage, names in groups.items() if names}
 
 
 class FrameValidity(wiring.Component):
@@ -34,15 +44,28 @@ class FrameValidity(wiring.Component):
     verdict : stream of one word of flags per frame, in order, bit k for REASONS[k]; a bit set means a measure
         is outside its limits
     limits : the word of `limits_image`, constant while a frame is in flight. Only with `loadable`.
+    features_measures, features_measured : those measures in `measured` that are complete with a frame's
+        features, a field each, and a pulse when they are, once per frame; the other two are of the slopes.
+        They stay for a few clocks only. Only those that `measured` names any of.
+    slopes_measures, slopes_measured : the same for the measure "gradient"
 
     All inputs are only observed. `latency` = 4 + ceil(log2(values per beat)) clocks from a frame's last beat
     at the last observed stage (displacements, else slopes, else features) to its `verdict`: input register,
     adder tree, sum, comparison and FIFO. Without displacements, `suspect_valid` comes a clock earlier. With
-    dots `verdict` also waits until DOTS_LATENCY clocks after the frame's last dot.
+    dots `verdict` also waits until DOTS_LATENCY clocks after the frame's last dot. A stage's measures come
+    `measured_latency` clocks after a frame's last beat there.
     """
 
-    def __init__(self, validity: model.FrameValidity, *, lanes: int, loadable: bool = False):
+    def __init__(
+        self,
+        validity: model.FrameValidity,
+        *,
+        lanes: int,
+        loadable: bool = False,
+        measured: Sequence[str] = (),
+    ):
         self.validity, self.lanes, self.loadable = validity, lanes, loadable
+        self.measured = by_stage(measured)
         self.height, self.width, self.channels = validity.shape
         pixel = data.ArrayLayout(unsigned(8), self.channels)
         features = data.ArrayLayout(signed(WIDTH), self.channels + 2)
@@ -65,6 +88,9 @@ class FrameValidity(wiring.Component):
             members |= {"dot_lost": In(1), "dot_taken": In(1)}
         if loadable:
             members["limits"] = In(self.limits_bits)
+        for stage, names in self.measured.items():
+            layout = data.StructLayout({name: signed(dict(self._measures)[name]) for name in names})
+            members |= {f"{stage}_measures": Out(layout), f"{stage}_measured": Out(1)}
         super().__init__(members)
 
     @property
@@ -97,6 +123,11 @@ class FrameValidity(wiring.Component):
         last = {"features": "change", "slopes": "gradient", "displacements": "displacement"}
         return 4 + tree_levels(self._words(last[self.observed[-1]]))
 
+    @staticmethod
+    def measured_latency(stage: str, channels: int, lanes: int) -> int:
+        """Input register, adder tree, accumulator and the register of the measure."""
+        return 3 + tree_levels(lanes * (channels if stage == "features" else 2))
+
     def elaborate(self, platform):
         m = Module()
         beats = beats_per_frame(self.height, self.width, self.lanes)
@@ -121,6 +152,12 @@ class FrameValidity(wiring.Component):
                 m.d.comb += word.eq(register)
             measure, done, beyond = counter.o.payload[0], Signal(name=f"{name}_done"), Signal(name=name)
             m.d.sync += done.eq(counter.o.valid)
+            for stage, names in self.measured.items():
+                if name in names:
+                    kept = Signal.like(measure, reset_less=True, name=f"{name}_measure")
+                    with m.If(counter.o.valid):
+                        m.d.sync += kept.eq(measure)
+                    m.d.comb += getattr(self, f"{stage}_measures")[name].eq(kept)
             with m.If(counter.o.valid):
                 below = measure < low[name] if name in low else 0
                 m.d.sync += beyond.eq(below | (measure > high[name]))
@@ -135,6 +172,8 @@ class FrameValidity(wiring.Component):
             _, flags[name] = count(name, self.features_taken, [pixel[c] for pixel in difference], 255)
         magnitudes = [Mux(value < 0, -value, value) for pixel in difference for value in pixel]
         done, flags["change"] = count("change", self.features_taken, magnitudes, 255)
+        if "features" in self.measured:
+            m.d.comb += self.features_measured.eq(done)
         # The pixels' flags were set a few stages earlier; the next frame cannot have changed them yet.
         known = Cat(flags.get(name, 0) for name in model.REASONS)
 
@@ -150,6 +189,8 @@ class FrameValidity(wiring.Component):
 
         if self.validity.slopes:
             done, known = join("gradient", self.slopes_taken, self.slopes_over, beats)
+            if "slopes" in self.measured:
+                m.d.comb += self.slopes_measured.eq(done)
         m.d.comb += [self.suspect_valid.eq(done), self.suspect.eq(known.any())]
         if self.validity.displacements:
             inner = beats_per_frame(self.height - 2, self.width - 2, self.lanes)

@@ -12,7 +12,6 @@ from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 from cocotbext.axi.memory import Memory
 
-from fastac.gateware.bus.record import RECORD_WORDS
 from fastac.sim.benches.top import FOLDER, SETTINGS, Host, frame_words
 from fastac.sim.dma.axi_dma import (
     ADDRESS,
@@ -218,11 +217,11 @@ async def through_the_registers(dut):
         if name == "force":
             taken["force"] = await host.force()
         else:
-            taken["record"] = [await host.read("RESULTS_WORD") for _ in RECORD_WORDS]
+            taken["record"] = [await host.read("RESULTS_WORD") for _ in range(SETTINGS["record_words"])]
         taken[f"{name}_at"] = system.cycle
         await host.write("INTERRUPT_STATUS", 1)
         if name == "force":
-            for _ in RECORD_WORDS:
+            for _ in range(SETTINGS["record_words"]):
                 await host.read("RESULTS_WORD")
         for dma in system.dmas.values():
             while not dma.s2mm.interrupt:

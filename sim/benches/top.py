@@ -21,7 +21,6 @@ from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 from cocotb.utils import get_sim_time
 from cocotbext.axi import AxiLiteBus, AxiLiteMaster
 
-from fastac.gateware.bus.record import RECORD_WORDS
 from fastac.gateware.bus.register_map import REGISTERS
 from fastac.sim.benches.host import read, write
 
@@ -203,7 +202,7 @@ class Host:
     async def records(self) -> list[int]:
         """The words of all records that wait behind the registers."""
         waiting = await self.read("RESULTS_WAITING")
-        return [await self.read("RESULTS_WORD") for _ in range(len(RECORD_WORDS) * waiting)]
+        return [await self.read("RESULTS_WORD") for _ in range(SETTINGS["record_words"] * waiting)]
 
 
 async def start(dut, stall: tuple[float, float] = (0, 0)) -> tuple[Streams, Host]:

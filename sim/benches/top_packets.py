@@ -8,7 +8,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, RisingEdge
 
-from fastac.gateware.bus.record import FORMAT_LOW, RECORD_FORMAT, RecordFlag
+from fastac.gateware.bus.record import FORMAT_LOW, PLAIN, RecordFlag, record_form
 from fastac.gateware.bus.register_map import ERRORS
 from fastac.sim.benches.top import FOLDER, LINGER, SETTINGS, frame_words, start
 from fastac.sim.check_packets import records_of
@@ -19,7 +19,8 @@ FRAME_BEATS = FRAMES["frames"].shape[1] * FRAMES["frames"].shape[2] // SETTINGS[
 ENABLE, SOFT_RESET, INTERRUPT, CLEAR_RESULTS = 1, 4, 8, 32
 TEST = {"timeout_time": SETTINGS["timeout_cycles"] * SETTINGS["period_ps"], "timeout_unit": "ps"}
 STALLS = [[0, 0], [0.3, 0.4]]
-ABORTED = int(RecordFlag.BAD | RecordFlag.ABORTED) | RECORD_FORMAT << FORMAT_LOW
+FORM = record_form(SETTINGS["record_words"] != len(PLAIN.words))
+ABORTED = int(RecordFlag.BAD | RecordFlag.ABORTED) | FORM.number << FORMAT_LOW
 
 
 def packet(frame: int, beats: int | None = None) -> list[tuple[int, int, int]]:
@@ -77,13 +78,16 @@ class Bench:
         assert len(words) == len(frames), f"{name}: {len(words)} packets for {len(frames)} frames"
         if image:
             assert np.array_equal(words[:, :image], FRAMES[f"{name}_image"][frames]), name
-        records, _ = records_of(words.ravel(), words.shape[1], image)
+        records, _ = records_of(words.ravel(), words.shape[1], image, FORM)
         assert records["frame"].tolist() == list(numbers), name
         assert (records["flags"] & RecordFlag.BAD).tolist() == list(bad), name
         if SETTINGS["complete"].get(name, True):
             assert np.array_equal(records["validity"], FRAMES["validity"][frames]), name
             for k, axis in enumerate(SETTINGS["axes"]):
                 assert np.array_equal(records[f"force_{axis}"], FRAMES["force"][frames, k]), name
+                if "half_widths" in FRAMES:
+                    halves = FRAMES["half_widths"][frames, k]
+                    assert np.array_equal(records[f"half_width_{axis}"], halves), name
 
     async def expect_registers(self, **values: int) -> None:
         found = {name: await self.host.read(name) for name in values}
@@ -139,7 +143,7 @@ async def soft_reset_inside_a_packet(dut, cut, blocked, stall, ahead):
     await bench.expect_registers(STATUS=0)
     for name in bench.streams.sinks:
         words, image = bench.words(name), SETTINGS["image_bytes"].get(name, 0) // 4
-        records, _ = records_of(words.ravel(), words.shape[1], image)
+        records, _ = records_of(words.ravel(), words.shape[1], image, FORM)
         for k, found in enumerate(words):
             if records["flags"][k] == ABORTED:
                 assert k == len(words) - 1, f"{name}: more than one packet was cut"
@@ -196,7 +200,7 @@ async def outputs_that_are_not_read_lose_nothing(dut):
     await bench.expect_registers(RESULTS_WAITING=16, RESULTS_LOST=4)
     assert await bench.host.read("ERRORS") & error_bits("results_lost")
     words = await bench.host.records()
-    assert words[::16] == list(range(1, 17))
+    assert words[:: SETTINGS["record_words"]] == list(range(1, 17))
     await bench.host.write("CONTROL", ENABLE | INTERRUPT | CLEAR_RESULTS)
     await bench.expect_registers(RESULTS_WAITING=0, RESULTS_WORD=0)
 

@@ -187,6 +187,11 @@ class Testbench:
             for name, values in slip.items():
                 found = [word[name] for word in words]
                 assert found == values, f"{name} {found}, expected {values}"
+            if "half_widths" in FRAMES:
+                names = [f"HALF_WIDTH_{axis.upper()}" for axis in SETTINGS["axes"]]
+                found = [[word[f"{n}_HIGH"] << 32 | word[f"{n}_LOW"] for n in names] for word in words]
+                values = FRAMES["half_widths"][list(frames)].tolist()
+                assert found == values, f"half-widths {found}, expected {values}"
             slips = FRAMES["slipping"][list(frames)].tolist() if slip else [0] * len(frames)
             expected = [
                 RESULT_VALID | LAST_FRAME_BAD * b | LAST_FRAME_SUSPECT * bool(flags) | SLIPS * slip

@@ -4,6 +4,9 @@ Settings are in the file BENCH: the input words of each stage, the expected flag
 of `verdict` in clocks, and the beats of pixels per frame. With `cases`, each (frame, word of limits in
 hexadecimal, flags), the component has loadable limits and frames come one by one.
 
+`measures` has for some stages the word of each frame's measures, `words`, and their `latency` in clocks from
+the frame's last beat there.
+
 With dots `dots_lags` has clocks from a frame's last beat of pixels to its last dot; frames that come one by
 one take them in turn, others the first. `dots_latency` is the verdict's latency from the last dot.
 """
@@ -29,6 +32,7 @@ PORT = {"slopes": "slopes_over", "displacements": "displacements_over", "dots": 
 TAKEN = {"dots": "dot_taken"}
 DOTS_LAGS, DOTS_LATENCY = SETTINGS.get("dots_lags", [0]), SETTINGS.get("dots_latency", 0)
 LAGS["dots"] = DOTS_LAGS[0]
+MEASURES = SETTINGS.get("measures", {})
 OBSERVED = [name for name in STREAMS if name != "dots"]
 
 
@@ -64,6 +68,7 @@ async def flags_of_every_frame(dut, pause, late):
     last = [(LAGS[OBSERVED[-1]] + BEATS - 1, SETTINGS["latency"])]
     last += [(LAGS["dots"] + BEATS - 1, DOTS_LATENCY)] * ("dots" in STREAMS)
     due, offered, found, suspect = [[] for _ in last], [], [], []
+    measured, measured_due = {name: [] for name in MEASURES}, {name: [] for name in MEASURES}
     clock = place = 0
     while len(found) < len(FLAGS):
         # All stages pause together, like one pipeline.
@@ -75,12 +80,18 @@ async def flags_of_every_frame(dut, pause, late):
             for clocks, (end, latency) in zip(due, last, strict=True):
                 if place >= end and (place - end) % BEATS == 0:
                     clocks.append(clock + latency)
+            for name, clocks in measured_due.items():
+                if place >= LAGS[name] and (place - LAGS[name]) % BEATS == BEATS - 1:
+                    clocks.append(clock + MEASURES[name]["latency"])
             place += 1
         ready = rng.random() >= late
         dut.verdict__ready.value = int(ready)
         await ReadOnly()
         if int(dut.suspect_valid.value):
             suspect.append(int(dut.suspect.value))
+        for name, seen in measured.items():
+            if int(getattr(dut, f"{name}_measured").value):
+                seen.append((clock, int(getattr(dut, f"{name}_measures").value)))
         if int(dut.verdict__valid.value):
             if len(offered) == len(found):
                 offered.append(clock)
@@ -90,6 +101,10 @@ async def flags_of_every_frame(dut, pause, late):
         clock += 1
     assert found == FLAGS, f"flags {found}, expected {FLAGS}"
     assert suspect[: len(FLAGS)] == [int(flags & ~OF_FORCE > 0) for flags in FLAGS]
+    for name, seen in measured.items():
+        words = MEASURES[name]["words"]
+        expected = list(zip(measured_due[name], words, strict=False))
+        assert seen[: len(words)] == expected, f"measures of {name}: {seen}, expected {expected}"
     if not late:
         expected = [max(clocks) for clocks in zip(*due, strict=False)][: len(FLAGS)]
         assert offered == expected, f"verdicts in clocks {offered}, expected {expected}"

@@ -11,7 +11,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import Event, First, ReadOnly, RisingEdge, Timer
 
-from fastac.gateware.bus.record import FORMAT_LOW, RECORD_FORMAT, RecordFlag, record_layout
+from fastac.gateware.bus.record import FORMAT_LOW, RecordFlag, record_form
 from fastac.gateware.packet_format import WORD_BYTES, FrameFormat, PacketFormat
 from fastac.sim.dma.packet_dma import PacketDma
 
@@ -62,7 +62,10 @@ class VideoStreams:
         channels = len(facts["channels"])
         self.form = FrameFormat(facts["height_px"], facts["width_px"], channels, facts["lanes"])
         self.outputs = {
-            o["name"]: PacketFormat(o["name"], o["rows"], o["columns"], o["words_per_pixel"], o["lanes"])
+            o["name"]: PacketFormat(
+                *(o[key] for key in ("name", "rows", "columns", "words_per_pixel", "lanes")),
+                record_form("record_bytes" in o).bytes,
+            )
             for o in description["outputs"]
         }
         self.by_name = {name: PacketDma(board.memory, board.changed.set) for name in names}
@@ -211,11 +214,12 @@ class VideoStreams:
     async def _record(self) -> np.ndarray:
         """The last result's record, from the registers; `time` is left out."""
         read, known = self.board.read_core, self.board.offsets
-        record = np.zeros((), record_layout())
+        form = record_form("HALF_WIDTH_SEQUENCE" in known)
+        record = np.zeros((), form.layout)
         status = await read("STATUS")
         record["validity"] = await read("FRAME_VALIDITY")
         record["errors"] = await read("ERRORS")
-        flags = RecordFlag.COMPLETE | RECORD_FORMAT << FORMAT_LOW
+        flags = RecordFlag.COMPLETE | form.number << FORMAT_LOW
         for flag, is_set in (
             (RecordFlag.BAD, status & LAST_FRAME_BAD),
             (RecordFlag.SUSPECT, int(record["validity"])),
@@ -236,6 +240,10 @@ class VideoStreams:
             if f"{name}_LOW" in known:
                 low, high = await read(f"{name}_LOW"), await read(f"{name}_HIGH")
                 record[name.lower()] = np.array(high << 32 | low, np.uint64).astype(np.int64)
+            name = f"HALF_WIDTH_{axis.upper()}"
+            if f"{name}_LOW" in known:
+                low, high = await read(f"{name}_LOW"), await read(f"{name}_HIGH")
+                record[name.lower()] = high << 32 | low
         for name in ("SLIP_SPREAD", "SLIP_DOTS"):
             if name in known:
                 record[name.lower()] = await read(name)

@@ -87,6 +87,26 @@ def test_random_scenes(tmp_path, count):
         check(path, CycleModel(wanted, hidden=hidden))
 
 
+WITH_INTERVAL = (
+    {"outputs": ("force_xyz",), "solver": "adjoint", "lanes": 4, "channels": "bgr+nir"},
+    {"outputs": ("depth", "force_z"), "lanes": 2},
+    {"outputs": ("depth", "force_x", "force_z"), "solver": "tridiagonal", "lanes": "1/4"},
+)
+
+
+def test_scenes_with_intervals(tmp_path):
+    """The measures of their frames never wait for the one multiplier, even of the smallest image."""
+    for k, options in enumerate(WITH_INTERVAL):
+        wanted = scene(**options, coverage=0.9)
+        path = Datapath(random_bundle(tmp_path / f"{k}", wanted).pipeline)
+        model = CycleModel(wanted, hidden=(4,))
+        check(path, model)
+        assert path.multipliers["interval"] == 1
+        assert model.force_to_half_widths == path.force_to_half_widths >= path.interval_stream.latency
+        assert cycles(wanted, hidden=(4,))["force_to_half_widths"] == path.force_to_half_widths
+        assert path.interval_stream.interval < path.beats * path.fold
+
+
 def for_part(wanted, part):
     hardware = wanted.hardware.model_copy(update={"part": part})
     return wanted.model_copy(update={"hardware": hardware})

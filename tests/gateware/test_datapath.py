@@ -32,9 +32,10 @@ WANTED = {
     "dots": {"outputs": ("force_xyz",), "solver": "adjoint", "dots": True, "bridge_dots": True, "size": 24},
     "bridged": {"outputs": ("depth",), "bridge_dots": True, **BEYOND},
     "slip": {"outputs": ("force_z", "slip"), "dots": True, "size": 24, **BEYOND},
+    "interval": {"outputs": ("force_xyz",), "solver": "adjoint", "coverage": 0.9},
 }
 """Scenes that need different parts; below, for each part the scenes that need it."""
-ADJOINT = {"adjoint", "adjoint, loadable", "dots"}
+ADJOINT = {"adjoint", "adjoint, loadable", "dots", "interval"}
 SLOPES = set(WANTED) - {"normals"}
 SOLVER = SLOPES - ADJOINT
 TRIDIAGONAL = {"force map", "fast", "bridged", "slip"}
@@ -85,6 +86,7 @@ NEEDED = {
     "datapath.slip_stream.contact": {"slip"},
     "datapath.slip_stream.sums": {"slip"},
     "datapath.slip_stream.ratio": {"slip"},
+    "datapath.interval_stream": {"interval"},
     "datapath.solution_fork": {"everything", "fast"},
     "registers.timer": set(WANTED),
 }
@@ -106,6 +108,7 @@ ABSENT = {
     "bridge": BRIDGED,
     "dots": DOTS,
     "slip": {"slip"},
+    "interval": {"interval"},
 }
 """Words that module names may contain only in these scenes: no remains of a part under another name."""
 PORTS = {
@@ -118,7 +121,8 @@ PORTS = {
 WORDS = {
     r"\bforce_z\b": FORCE - {"adjoint, loadable"},
     r"\bforce_x\b": ADJOINT | {"fast"},
-    r"\bforce_y\b": {"adjoint", "fast", "dots"},
+    r"\bforce_y\b": {"adjoint", "fast", "dots", "interval"},
+    r"\bhalf_width_z\b": {"interval"},
     r"\bforce_z_high\b": FORCE - {"adjoint, loadable"},
     r"\bfirst_to_force\b": FORCE,
     r"\bfirst_to_depth\b": DEPTH,
@@ -153,13 +157,20 @@ def test_only_what_the_scene_requires_is_built(tmp_path, name):
 
     registers = {register.name for register in top.identity.registers}
     needed_by = {"FORCE": FORCE, "DEPTH": DEPTH, "NORMALS": NORMALS, "CALIBRATION": LOADABLE}
-    needed_by["SLIP"] = {"slip"}
+    needed_by |= {"SLIP": {"slip"}, "HALF_WIDTH": {"interval"}}
     for kind, needed in needed_by.items():
         assert any(kind in register for register in registers) == (name in needed), kind
     multipliers = top.datapath.multipliers
     assert ("depth" in multipliers, "force" in multipliers) == (name in SOLVER, name in FORCE)
     assert bool(multipliers["normals"]) == (name in LOADABLE)
     assert multipliers.get("slip", 0) == 4 * (name == "slip")
+    assert multipliers.get("interval", 0) == (name == "interval")
+
+
+def test_a_bundle_without_the_interval_that_its_scene_wants(tmp_path):
+    pipeline = random_bundle(tmp_path / "bundle", scene(**WANTED["interval"])).pipeline
+    with pytest.raises(ValueError, match=r"force\.coverage = 0\.9: the pipeline has no interval"):
+        Datapath(pipeline.replace(interval=None))
 
 
 SHIPPED = {

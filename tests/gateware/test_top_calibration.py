@@ -25,7 +25,13 @@ SPANS = (10, 5, 60)
     [
         {"outputs": ("depth", "force_z"), "mode": "absolute", "lanes": 2},
         {"outputs": ("normals", "depth", "force_z"), "mode": "difference", "solver": "tridiagonal"},
-        {"outputs": ("force_x", "force_z"), "mode": "difference", "solver": "adjoint", "lanes": 4},
+        {
+            "outputs": ("force_x", "force_z"),
+            "mode": "difference",
+            "solver": "adjoint",
+            "lanes": 4,
+            "coverage": 0.9,
+        },
         {
             "outputs": ("force_x", "force_z"),
             "solver": "adjoint",
@@ -63,7 +69,7 @@ def test_frames_use_the_loaded_calibration(tmp_path, wanted):
 
     images = frames(own.pipeline.background, SPANS)
     results = [Emulator(bundle.pipeline).run(images) for bundle in (own, other)]
-    for name in ("normal_words", "depth_words", "force_raw"):
+    for name in ("normal_words", "depth_words", "force_raw", "force_half_width_raw"):
         found = [getattr(result, name) for result in results]
         assert found[0] is None or (found[0] != found[1]).any(axis=tuple(range(1, found[0].ndim))).all()
     result = concatenate(results)
@@ -72,6 +78,8 @@ def test_frames_use_the_loaded_calibration(tmp_path, wanted):
         archive |= {"SLIP_SPREAD": result.slip_words, "SLIP_DOTS": result.slip_dots}
         archive["slipping"] = result.slipping
         assert (results[0].slip_words != results[1].slip_words).any()
+    if own.pipeline.interval is not None:
+        archive["half_widths"] = result.force_half_width_raw
     np.savez(tmp_path / "frames.npz", **archive, force=result.force_raw, validity=result.validity)
     assert (results[0].validity != results[1].validity).any()
     settings = bench_settings(top) | {

@@ -23,6 +23,13 @@ from fastac.sim.runner import QUICK, build
 CASES = {
     "normals, depth, force": {"outputs": ("normals", "depth", "force_z"), "channels": "bgr+nir"},
     "records alone": {"outputs": ("force_xyz",), "solver": "adjoint", "lanes": 2},
+    "records with half-widths": {
+        "outputs": ("force_x", "force_z"),
+        "solver": "adjoint",
+        "lanes": 4,
+        "coverage": 0.9,
+    },
+    "depth with half-widths": {"outputs": ("depth", "force_z"), "coverage": 0.9},
     "normals alone": {"outputs": ("normals",), "lanes": 4, "channels": "bgr+nir"},
     "depth alone": {"outputs": ("depth",), "lanes": 4},
     "slip": {
@@ -187,6 +194,8 @@ def test_packets_of_the_wrong_length_and_resets(hardware, case):
     archive |= {f"{o.name}_image": padded_images(o, words[o.name]) for o in top.outputs}
     if pipeline.scene.wants_force:
         archive["force"] = result.force_raw
+    if pipeline.interval is not None:
+        archive["half_widths"] = result.force_half_width_raw
     np.savez(folder / "frames.npz", **archive)
     settings = bench_settings(top) | {
         "timeout_cycles": 40 * total + 40_000,

@@ -124,6 +124,8 @@ def check_faults(hardware: Hardware) -> None:
     archive = {"frames": images, "validity": result.validity, **expected_words(hardware.top, result)}
     if pipeline.scene.wants_force:
         archive["force"] = result.force_raw
+    if pipeline.interval is not None:
+        archive["half_widths"] = result.force_half_width_raw
     if pipeline.scene.wants_slip:
         words = dict(zip(SLIP, (result.slip_words, result.slip_dots), strict=True))
         archive |= words | {"slipping": result.slipping}
@@ -249,6 +251,23 @@ def test_force_of_displacement_beyond_bends_and_dots(tmp_path):
     )
     assert hardware.top.datapath.stages["dots"] == ForceSum.latency
     check_frames(hardware)
+
+
+@pytest.mark.long
+def test_half_widths_of_forces(tmp_path):
+    """Of slopes, whose measures are known last; weights and base are those of the first calibration."""
+    hardware = Hardware(tmp_path, **ADJOINT | {"coverage": 0.9})
+    stream = hardware.top.datapath.interval_stream
+    assert list(stream.groups) == ["features", "slopes"]
+    assert hardware.top.datapath.force_to_half_widths == stream.latency
+    check_frames(hardware)
+
+
+@pytest.mark.full
+def test_half_widths_beside_depth_and_dots(tmp_path):
+    hardware = Hardware(tmp_path, **BESIDE | {"dots": True, "weights": "baked", "coverage": 0.8})
+    check_frames(hardware)
+    check_faults(hardware)
 
 
 SLIPPING = {

@@ -50,6 +50,7 @@ def check_frames(hardware: Hardware) -> None:
         "force_map": count * size**2 * axes if path.wants_force_map else None,
         "normals": count * (size + 2) ** 2 * 3 if path.wants_normals else None,
         "force": count * axes,
+        "half_widths": count * axes if path.wants_interval else None,
         "slip": count * len(SLIP) if hardware.bundle.scene.wants_slip else None,
     }
     values = {name: number for name, number in values.items() if number}

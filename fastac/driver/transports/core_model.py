@@ -11,10 +11,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from fastac.driver.description import Description, OutputFacts
-from fastac.driver.packets import RECORD
 from fastac.driver.registers import WORD_MASK
 from fastac.driver.transports.transport import TransportError
-from fastac.gateware.bus.record import FIFO_RECORDS, FORMAT_LOW, RECORD_BYTES, RECORD_FORMAT, RecordFlag
+from fastac.gateware.bus.record import FIFO_RECORDS, FORMAT_LOW, RecordFlag
 from fastac.gateware.bus.register_map import ID
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
@@ -33,6 +32,7 @@ class CoreModel:
 
     def __init__(self, bundle: Bundle, description: Description, calibrations: Sequence[Bundle] = ()):
         self.hardware, self.calibrations, self.description = bundle, calibrations, description
+        self.form = description.record
         self._use(bundle, bundle.pipeline.background)
         # The emulator loads its compiled loops when first run: now, not while the first frame waits.
         self.emulator.run(bundle.pipeline.background[None], wanted=self.wanted)
@@ -49,7 +49,7 @@ class CoreModel:
         self.in_flight = 0
         self.fifo: deque[int] = deque()
         self.image: list[int] = []
-        self.last = np.zeros((), RECORD)[()]
+        self.last = np.zeros((), self.form.layout)[()]
         self._latched: dict[str, int] = {}
         self._given = np.empty((0, 0), np.uint8)
 
@@ -58,7 +58,7 @@ class CoreModel:
         self.emulator = Emulator(bundle.pipeline.replace(background=background))
         scene, known = bundle.scene, self.emulator.outputs
         words = dict.fromkeys(OUTPUTS[name].words for name in scene.outputs)
-        extra = [n for n in (*SATURATED, "slip_dots") if n in known]
+        extra = [n for n in (*SATURATED, "slip_dots", "force_half_width_raw") if n in known]
         self.wanted = tuple(name for name in ("validity", *words, *extra) if name in known)
 
     def time(self) -> int:
@@ -87,13 +87,14 @@ class CoreModel:
             words = getattr(found, OUTPUTS[output.name].words)
             packets[output.name].extend(_packets(output, words, self._trailers(output, records)))
         if "results" in packets:
-            packets["results"].extend(records.view(np.uint8).reshape(-1, RECORD_BYTES))
+            packets["results"].extend(records.view(np.uint8).reshape(-1, self.form.bytes))
         return packets
 
     def _records(self, found, count: int) -> np.ndarray:
         """The records of frames, with everything that they change in the registers."""
-        records, description = np.zeros(count, RECORD), self.description
-        validity, flags = found.validity, np.full(count, RECORD_FORMAT << FORMAT_LOW | RecordFlag.COMPLETE)
+        records, description = np.zeros(count, self.form.layout), self.description
+        flags = np.full(count, self.form.number << FORMAT_LOW | RecordFlag.COMPLETE)
+        validity = found.validity
         records["frame"] = self.frames + 1 + np.arange(count)
         self.frames += count
         records["validity"] = validity
@@ -108,6 +109,8 @@ class CoreModel:
             flags |= np.where(found.slip_words > self.values["SLIP_LIMIT"], RecordFlag.SLIP, 0)
         for k, axis in enumerate(description.force.axes if description.force else ()):
             records[f"force_{axis}"] = found.force_raw[:, k]
+            if description.interval:
+                records[f"half_width_{axis}"] = found.force_half_width_raw[:, k]
         if self.pending:
             errors[0] |= self._error("result_overrun")
         self.pending = self.result_valid = True
@@ -136,7 +139,7 @@ class CoreModel:
         """The records as this output's packets carry them."""
         if self.description.completes(output):
             return records
-        part = np.zeros(len(records), RECORD)
+        part = np.zeros(len(records), self.form.layout)
         for name in ("frame", "time"):
             part[name] = records[name]
         part["flags"] = records["flags"] & (RecordFlag.BAD | 0xFF << FORMAT_LOW)
@@ -151,7 +154,7 @@ class CoreModel:
 
     @property
     def _waiting(self) -> int:
-        return -(-len(self.fifo) * 4 // RECORD_BYTES)
+        return -(-len(self.fifo) // len(self.form.words))
 
     @property
     def _loading(self) -> bool:
@@ -174,7 +177,7 @@ class CoreModel:
             value = self._long(name.removesuffix("_LOW"))
             self._latched[name.replace("_LOW", "_HIGH")] = value >> 32 & WORD_MASK
             return value & WORD_MASK
-        if name.startswith(("FORCE_", "TIME_")) and name.endswith("_HIGH"):
+        if name.startswith(("FORCE_", "TIME_", "HALF_WIDTH_")) and name.endswith("_HIGH"):
             return self._latched.get(name, 0)
         if name == "RESULTS_WORD":
             return self.fifo.popleft() if self.fifo else 0
@@ -201,6 +204,7 @@ class CoreModel:
             "INTERRUPT_STATUS": self.pending,
             "FRAME_COUNT": self.frames,
             "FORCE_SEQUENCE": last["frame"],
+            "HALF_WIDTH_SEQUENCE": last["frame"],
             "LATENCY_FIRST_PIXEL_TO_FORCE": last["first_to_result"],
             "LATENCY_LAST_PIXEL_TO_FORCE": last["last_to_result"],
             "FRAME_VALIDITY": last["validity"],
@@ -277,5 +281,6 @@ def _packets(output: OutputFacts, words: np.ndarray, records: np.ndarray) -> np.
     strides = (form.packet_bytes, form.row_bytes, 4 * form.words_padded, 4)
     place = np.ndarray(shape, "<i4", packets.data, 0, strides)[:, :, : form.columns, : form.words]
     place[...] = words[:, ::-1] if output.rows_reversed else words
-    packets[:, form.image_bytes : form.image_bytes + RECORD_BYTES] = records.view(np.uint8).reshape(count, -1)
+    record_ends = form.image_bytes + form.record_bytes
+    packets[:, form.image_bytes : record_ends] = records.view(np.uint8).reshape(count, -1)
     return packets

@@ -5,7 +5,7 @@ import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from fastac.gateware.bus.record import FORMAT_LOW, RecordFlag, record_layout
+from fastac.gateware.bus.record import FORMAT_LOW, PLAIN, RecordFlag, RecordForm
 
 REGISTER_BITS = 32
 MAP_BYTES = 1 << 8
@@ -99,12 +99,12 @@ def _numbers(prefix: str, table: Mapping) -> dict[str, int]:
     return {f"{prefix}_{key.upper()}": int(value) for key, value in table.items() if isinstance(value, int)}
 
 
-def record_fields() -> list[dict]:
-    """The fields of a record: C type, name, offset in bytes."""
+def record_fields(form: RecordForm = PLAIN) -> list[dict]:
+    """The fields of a record of this form: C type, name, offset in bytes."""
     types = {"u4": "uint32_t", "u8": "uint64_t", "i8": "int64_t"}
     return [
         {"type": types[kind.str[1:]], "name": name, "offset": offset}
-        for name, (kind, offset) in record_layout().fields.items()
+        for name, (kind, offset) in form.layout.fields.items()
     ]
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from fastac.gateware.bus.record import FORMS, PLAIN
 from fastac.gateware.packet_format import power_of_two
 from fastac.gateware.target.block_design import (
     CORE,
@@ -78,14 +79,15 @@ def register_files(hardware: Mapping) -> dict[str, str]:
     )
     environment.filters |= {"c_number": c_number, "cell": _cell}
     family = family_of(hardware["part"])
+    results = hardware.get("results")
     facts = {
         "scene": hardware["scene"],
         "version": hardware["version"],
         "digest": hardware["bundle_sha256"],
         "registers": register_views(hardware),
         "constants": constants(hardware),
-        "results": hardware.get("results"),
-        "record": record_fields(),
+        "results": results,
+        "record": record_fields(FORMS[results["format"]] if results else PLAIN),
         "flags": record_flags(),
         "base": family.core_address,
         "map_bytes": MAP_BYTES,

@@ -73,6 +73,23 @@ def test_packets_cost_what_was_counted(tmp_path, outputs, lanes, counted):
     assert found["packets"] == found["video"]
 
 
+@pytest.mark.parametrize(
+    ("settings", "counted"),
+    [
+        ({"outputs": ("force_z",), "size": 64, "weights": "baked"}, 545 + 32),
+        ({"outputs": ("force_x", "force_z"), "size": 128, "lanes": 2, "weights": "baked"}, 601 + 2 * 32),
+        ({"outputs": ("force_xyz",), "size": 128, "lanes": 4, "channels": "bgr+nir"}, 728 + 3 * 32 + 11),
+    ],
+)
+def test_intervals_cost_what_was_counted(tmp_path, settings, counted):
+    """Look-up tables of the component by Yosys, those of each axis' registers, and what the loader adds."""
+    made = random_bundle(tmp_path / "bundle", scene(**settings, solver="adjoint", coverage=0.9))
+    found = resources.luts(made.pipeline)
+    without = resources.luts(made.pipeline.replace(interval=None))
+    assert found.pop("interval") == counted
+    assert found == without
+
+
 def test_products_are_dsp_slices():
     """Of every sample: the architecture has as many products as Yosys finds DSP48E2."""
     for sample in SAMPLES:

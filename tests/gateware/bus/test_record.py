@@ -3,8 +3,8 @@ import pytest
 from amaranth import Const, Module, Signal
 from amaranth.sim import Simulator
 
-from fastac.gateware.bus.record import RECORD_BYTES, RECORD_WORDS, RecordFlag, record_layout
-from fastac.gateware.bus.result_registers import RECORD_BITS, flags_word, record_value
+from fastac.gateware.bus.record import PLAIN, RECORD_BYTES, RECORD_WORDS, RecordFlag, record_layout
+from fastac.gateware.bus.result_registers import flags_word, record_value
 
 
 def evaluated(value) -> int:
@@ -42,7 +42,7 @@ def test_hardware_packs_what_the_layout_reads():
     words = {name: Const(k + 1, 5) for k, name in enumerate(RECORD_WORDS) if name != "SLIP_DOTS"}
     octets = evaluated(record_value(**words)).to_bytes(RECORD_BYTES, "little")
     assert [int(word) for word in np.frombuffer(octets, "<u4")] == [*range(1, 16), 0]
-    assert len(record_value()) == RECORD_BITS == 8 * RECORD_BYTES
+    assert len(record_value()) == PLAIN.bits == 8 * RECORD_BYTES
 
 
 @pytest.mark.parametrize("flag", RecordFlag)

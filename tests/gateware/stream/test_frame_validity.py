@@ -56,6 +56,15 @@ def words(frames, backgrounds, over, lanes: int) -> dict[str, list[int]]:
     return found
 
 
+def pack_fields(values, widths) -> int:
+    """Signed values as fields of one word, the first in the least significant bits."""
+    word = place = 0
+    for value, width in zip(values, widths, strict=True):
+        word |= (int(value) & ((1 << width) - 1)) << place
+        place += width
+    return word
+
+
 @pytest.mark.parametrize(
     ("lanes", "channels", "slopes", "displacements", "dots", "dots_lag"),
     [
@@ -90,8 +99,19 @@ def test_flags(tmp_path, lanes, channels, slopes, displacements, dots, dots_lag)
     seen = np.bitwise_or.reduce(flags)
     assert seen == sum(1 << model.REASONS.index(name) for name in known.names)
     assert len(set(flags.tolist())) > 2
-    component = FrameValidity(limited, lanes=lanes)
+    measured = [name for name in known.names if name not in ("displacement", "dots", "brightness_g")]
+    component = FrameValidity(limited, lanes=lanes, measured=measured)
     settings = {
+        "measures": {
+            stage: {
+                "words": [pack_fields(row[columns], [known.widths[k] for k in columns]) for row in measures],
+                "latency": FrameValidity.measured_latency(stage, channels, lanes),
+            }
+            for stage, columns in (
+                (stage, [known.names.index(name) for name in names])
+                for stage, names in component.measured.items()
+            )
+        },
         "streams": words(frames, [background] * FRAMES, over, lanes),
         "flags": flags.tolist(),
         "latency": component.latency,
