@@ -102,5 +102,5 @@ def remark(pipeline: IntegerPipeline) -> str | None:
         return None
     return (
         f"force.coverage = {about['asked']:g}: {about['groups']} groups support at most"
-        f" {100 * about['coverage']:.1f}%, which the intervals are made for"
+        f" {100 * about['coverage']:.1f}%, which the intervals are made for: as wide as the worst frame asks"
     )

@@ -42,7 +42,8 @@ def scores(
 
 def step_of(path: Path, scene: Scene, group: str, store: Path, *, progress: bool) -> Step:
     """The step of the store in the folder `store` that leaves a group out."""
-    arguments = {"data": path, "scene": scene, "group": group}
+    # Without its coverage, so that another one needs no other trainings.
+    arguments = {"data": path, "scene": leave_one_out.without_interval(scene), "group": group}
     return Step("interval_scores", leave_out, arguments, (SCORES,), {"store": store, "progress": progress})
 
 
@@ -51,5 +52,5 @@ def leave_out(folder: Path, data: Path, scene: Scene, group: str, *, store: Path
     known = frames.read(data, scene, store=store, progress=progress)
     known = subset(known, np.flatnonzero(known.split != "test"))
     known = replace(known, split=split_by_group(known.group, (group,)))
-    model = leave_one_out.train(known, leave_one_out.without_interval(scene), folder, progress=progress)
+    model = leave_one_out.train(known, scene, folder, progress=progress)
     save_arrays(folder / SCORES, {"scores": held_out_scores(model.pipeline, known, known.indices("test"))})

@@ -71,7 +71,8 @@ def test_too_few_groups_give_what_they_can(made, common):
         "trainings": 0,
     }
     assert remark(pipeline) == (
-        "force.coverage = 0.9: 4 groups support at most 80.0%, which the intervals are made for"
+        "force.coverage = 0.9: 4 groups support at most 80.0%, which the intervals are made for: as wide as"
+        " the worst frame asks"
     )
     assert pipeline.interval.base[0] > common[0].pipeline.interval.base[0]
 
