@@ -25,6 +25,8 @@ FORCE = {
     "training.force_learning_rate": [5e-4, 1e-3, 3e-3],
     "training.force_weight_decay": [0.0, 1e-3, 1e-2],
     "training.force_batch": [8, 16, 32],
+    "training.force_epochs": [12, 24, 48],
+    "training.light_noise": [0.005, 0.01, 0.02],
 }
 """Where it learns from forces alone."""
 DRAWS = 64

@@ -101,7 +101,11 @@ def tested(folder: Path, scene: Scene, **source) -> dict:
 
 
 def step_of(scene: Scene, source: Source, held_out: list[str] | None) -> Step:
-    """The step of a trial, which needs that of its network; without `held_out`: `tested`."""
+    """The step of a trial, which needs that of its network; without `held_out`: `tested`.
+
+    Intervals around forces, which cost trainings of their own, have no part in the comparison.
+    """
+    scene = leave_one_out.without_interval(scene)
     known = {"scene": scene, "data": source.data, "by": source.by, "with_test": source.with_test}
     store = {"store": source.store}
     if held_out is None:
