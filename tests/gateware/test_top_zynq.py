@@ -222,7 +222,7 @@ def test_force_of_slopes_and_dots_before_the_depth(tmp_path):
 DOTS = {"outputs": ("force_xyz",), "solver": "adjoint", "dots": True, "bridge_dots": True}
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_force_of_slopes_and_dots(tmp_path):
     """Dots are known last; with bridged slopes, and with faults of camera and host."""
     hardware = Hardware(tmp_path, **DOTS)
