@@ -34,6 +34,10 @@ def _change(before: float, after: float) -> str:
     return f"{100 * (after / before - 1):+.1f}%"
 
 
+def _seeds(content: dict) -> str:
+    return f"{content['seeds']} seed{'s' if content['seeds'] > 1 else ''}"
+
+
 def nested_table(content: dict) -> Table:
     """The errors on folds that had no say in the choice."""
     scene, chosen = content["nested"]["scene"], content["nested"]["chosen"]
@@ -53,7 +57,7 @@ def nested_table(content: dict) -> Table:
             [f"{row[0]}, {UNITS[name.rsplit('_', 1)[-1]]}", *row[1:]]
             for row, name in zip(rows, content["metrics"], strict=True)
         ],
-        f"Floats; {units} groups or presses in {len(content['folds'])} folds, {content['seeds']} seeds: mean"
+        f"Floats; {units} groups or presses in {len(content['folds'])} folds, {_seeds(content)}: mean"
         " and spread (standard deviation) over the seeds. For each fold a"
         " choice of its own was made without it.",
     )
@@ -76,7 +80,7 @@ def test_table(content: dict) -> Table:
         "Test: presses that were looked at once, now",
         ["error", "", "the scene", "winner", "change"],
         rows,
-        f"Mean over {content['seeds']} seeds, and their range.",
+        f"Mean over {_seeds(content)}, and their range.",
     )
 
 
@@ -138,7 +142,7 @@ def folds_chart(content: dict) -> str:
         return inline_svg(figure)
 
 
-def axis_charts(content: dict) -> list[tuple[str, str]]:
+def axis_charts(content: dict) -> list[str]:
     """For each key that was varied an SVG: the first rung's errors over its values, and their means."""
     first = {int(c): error for c, error in content["rungs"][0].items()}
     keys = list(dict.fromkeys(key for axes in content["candidates"] for key in axes))[:SHOWN_AXES]
@@ -148,7 +152,7 @@ def axis_charts(content: dict) -> list[tuple[str, str]]:
             (content["candidates"][c][key], e) for c, e in first.items() if key in content["candidates"][c]
         ]
         values = sorted({value for value, _ in points}, key=lambda value: (str(type(value)), value))
-        with drawing(2.9, 2.3) as (figure, axis):
+        with drawing(3.4, 2.4) as (figure, axis):
             for place, value in enumerate(values):
                 errors = [error for other, error in points if other == value]
                 axis.plot([place] * len(errors), errors, "o", markersize=4, color=SCENE_COLOUR, alpha=0.6)
@@ -156,7 +160,8 @@ def axis_charts(content: dict) -> list[tuple[str, str]]:
             axis.set_xticks(range(len(values)), [str(value) for value in values])
             axis.set_xlim(-0.5, len(values) - 0.5)
             axis.set_ylabel("error, first rung")
-            charts.append((key, inline_svg(figure)))
+            axis.set_title(key, loc="left")
+            charts.append(inline_svg(figure))
     return charts
 
 
