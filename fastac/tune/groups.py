@@ -8,7 +8,6 @@ from fastac.sensor.dataset import Dataset
 
 FEWEST = 3
 """Folds, and units to make them of: with two folds left out together there must be one to learn from."""
-HOLD_OUT = ("group", "press")
 TOUCHED = 0.05
 """Where only forces tell presses apart: the share of the largest force above which something touches."""
 

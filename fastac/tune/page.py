@@ -26,8 +26,17 @@ def axes_text(axes: dict) -> str:
     return ", ".join(f"{key.split('.')[-1]} {value}" for key, value in axes.items()) or "the scene itself"
 
 
+def _unit(metric: str) -> str:
+    return UNITS[metric.rsplit("_", 1)[-1]]
+
+
+def _labelled(metric: str) -> str:
+    """The error's name and unit, as in the head of a row or beside an axis."""
+    return f"{LABELS[metric]}, {_unit(metric)}"
+
+
 def _value(metric: str, value: float) -> str:
-    return f"{number(value)} {UNITS[metric.rsplit('_', 1)[-1]]}"
+    return f"{number(value)} {_unit(metric)}"
 
 
 def _change(before: float, after: float) -> str:
@@ -43,7 +52,7 @@ def nested_table(content: dict) -> Table:
     scene, chosen = content["nested"]["scene"], content["nested"]["chosen"]
     rows = [
         [
-            LABELS[name],
+            _labelled(name),
             *(f"{number(kind[name]['mean'])} ± {number(kind[name]['spread'])}" for kind in (scene, chosen)),
             _change(scene[name]["mean"], chosen[name]["mean"]),
         ]
@@ -53,10 +62,7 @@ def nested_table(content: dict) -> Table:
     return Table(
         "Nested errors: on folds that had no say in the choice",
         ["error", "the scene", "chosen", "change"],
-        [
-            [f"{row[0]}, {UNITS[name.rsplit('_', 1)[-1]]}", *row[1:]]
-            for row, name in zip(rows, content["metrics"], strict=True)
-        ],
+        rows,
         f"Floats; {units} groups or presses in {len(content['folds'])} folds, {_seeds(content)}: mean"
         " and spread (standard deviation) over the seeds. For each fold a"
         " choice of its own was made without it.",
@@ -74,8 +80,7 @@ def test_table(content: dict) -> Table:
                 f"{number(m)} ({number(min(v))} to {number(max(v))})"
                 for m, v in zip(means, found, strict=True)
             ]
-            unit = UNITS[name.rsplit("_", 1)[-1]]
-            rows.append([f"{LABELS[name]}, {unit}", arithmetic, *ranges, _change(*means)])
+            rows.append([_labelled(name), arithmetic, *ranges, _change(*means)])
     return Table(
         "Test: presses that were looked at once, now",
         ["error", "", "the scene", "winner", "change"],
@@ -86,7 +91,9 @@ def test_table(content: dict) -> Table:
 
 def candidates_table(content: dict) -> Table:
     """All candidates, the best first."""
-    last = len(content["rungs"]) - 1
+    compared = ", ".join(LABELS[name] for name in content["metrics"])
+    if len(content["metrics"]) > 1:
+        compared = f"the geometric mean of {compared}"
     rows = []
     for candidate, axes in enumerate(content["candidates"]):
         key = str(candidate)
@@ -95,25 +102,16 @@ def candidates_table(content: dict) -> Table:
         marks = ["winner"] * (candidate == content["winner"])
         marks += ["as good"] * (candidate in content["indistinguishable"] and not marks)
         marks += [content["refused"][key]] if key in content["refused"] else []
-        rows.append(
-            (-reached, errors[reached] if reached >= 0 else 0.0, [axes_text(axes), *errors, *(marks or [""])])
-        )
-    rows.sort(key=lambda row: row[:2])
-    cells = [
-        [row[0], *("" if error is None else number(error) for error in row[1 : last + 2]), row[-1]]
-        for _, _, row in rows
-    ]
+        shown = ["" if error is None else number(error) for error in errors]
+        order = -reached, errors[reached] if reached >= 0 else 0.0
+        rows.append((order, [axes_text(axes), *shown, "".join(marks)]))
+    rows.sort(key=lambda row: row[0])
     return Table(
         "Candidates",
-        ["candidate", *(f"rung {k + 1}" for k in range(last + 1)), ""],
-        cells,
-        "Error by which they are compared: "
-        + (
-            LABELS[content["metrics"][0]]
-            if len(content["metrics"]) == 1
-            else "the geometric mean of " + ", ".join(LABELS[name] for name in content["metrics"])
-        )
-        + ". Each rung leaves out more pairs of folds; “as good”: within one standard error of the best.",
+        ["candidate", *(f"rung {k + 1}" for k in range(len(content["rungs"]))), ""],
+        [cells for _, cells in rows],
+        f"Error by which they are compared: {compared}. Each rung leaves out more pairs of folds;"
+        " “as good”: within one standard error of the best.",
     )
 
 
@@ -137,7 +135,7 @@ def folds_chart(content: dict) -> str:
             axis.bar([place + shift for place in places], values, 0.4, color=colour, label=label)
         axis.set_xticks(list(places))
         axis.set_xlabel("outer fold")
-        axis.set_ylabel(f"{LABELS[name]}, {UNITS[name.rsplit('_', 1)[-1]]}")
+        axis.set_ylabel(_labelled(name))
         axis.legend(loc="upper left", bbox_to_anchor=(0, 1.2), ncols=2)
         return inline_svg(figure)
 

@@ -4,6 +4,7 @@ from pathlib import Path
 
 from fastac.scenes.schema import Scene
 from fastac.sweep import pools, scene_file
+from fastac.sweep.spec import point_of
 from fastac.tune import space
 from fastac.tune.groups import FEWEST, TuneError, folds_of, names_of
 from fastac.tune.page import LABELS, axes_text, nested_table
@@ -66,17 +67,11 @@ def tune(
 def write_scene(content: dict, path: Path) -> Path:
     """Write the winner's scene as TOML, with what was found of it as comments; returns the file."""
     axes = content["candidates"][content["winner"]]
-    scene = content["scene"] | {"training": dict(content["scene"]["training"])}
-    for key, value in axes.items():
-        inner, (*outer, last) = scene, key.split(".")
-        for name in outer:
-            inner[name] = dict(inner[name])
-            inner = inner[name]
-        inner[last] = value
+    scene = point_of(Scene.model_validate(content["scene"]), axes, Path()).scene
     table = nested_table(content)
     lines = [
         f"fastac tune, from scene {content['scene']['name']}: {axes_text(axes)}",
         *(f"nested {row[0]}: {row[2]} (the scene: {row[1]})" for row in table.rows),
     ]
-    scene_file.write(scene, path, lines)
+    scene_file.write(scene.model_dump(mode="json"), path, lines)
     return path

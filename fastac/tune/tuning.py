@@ -92,6 +92,16 @@ class Tuning:
             bar.close()
         return found
 
+    def perform_all(
+        self, tasks: Sequence[tuple[int, int, tuple[int, ...] | None]], label: str
+    ) -> list[object]:
+        """As `perform`; raises TuneError where any trial was refused."""
+        found = self.perform(tasks, label)
+        for (candidate, *_), value in zip(tasks, found, strict=True):
+            if value is None:
+                raise TuneError(f"{self.candidates[candidate].axes}: {self.refused[candidate]}")
+        return found
+
     def _refuse(self, candidate: int, reason: str) -> None:
         if candidate == OWN:
             raise TuneError(reason)
@@ -150,11 +160,8 @@ class Tuning:
             for candidate in sorted({winner, OWN})
             for seed in range(self.seeds)
         ]
-        for (candidate, seed, (fold,)), value in zip(
-            tasks, self.perform(tasks, "nested errors"), strict=True
-        ):
-            if value is None:
-                raise TuneError(f"{self.candidates[candidate].axes}: {self.refused[candidate]}")
+        found = self.perform_all(tasks, "nested errors")
+        for (candidate, seed, (fold,)), value in zip(tasks, found, strict=True):
             self.outer[candidate, seed, fold] = value
 
     def nested(self, by_fold: Sequence[int]) -> dict:
@@ -181,9 +188,8 @@ class Tuning:
         if self.source.with_test or not len(data.indices("test")):
             return
         tasks = [(candidate, seed, None) for candidate in sorted({winner, OWN}) for seed in range(self.seeds)]
-        for (candidate, seed, _), value in zip(tasks, self.perform(tasks, "test presses"), strict=True):
-            if value is None:
-                raise TuneError(f"{self.candidates[candidate].axes}: {self.refused[candidate]}")
+        found = self.perform_all(tasks, "test presses")
+        for (candidate, seed, _), value in zip(tasks, found, strict=True):
             self.tests[candidate, seed] = value
 
     def content(self, chosen: Sequence[int], winner: int, best: int, alike: Sequence[int]) -> dict:
