@@ -112,8 +112,3 @@ FORMS = {form.number: form for form in (PLAIN, WITH_HALF_WIDTHS)}
 def record_form(half_widths: bool) -> RecordForm:
     """The layout of the records of hardware with or without half-widths."""
     return WITH_HALF_WIDTHS if half_widths else PLAIN
-
-
-def record_layout() -> np.dtype:
-    """The type of a record of 64 bytes."""
-    return PLAIN.layout

@@ -10,7 +10,7 @@ import cocotb
 import numpy as np
 from cocotb.triggers import ClockCycles, ReadOnly, RisingEdge
 
-from fastac.gateware.bus.record import FIFO_RECORDS, RECORD_BYTES, RECORD_WORDS, RecordFlag, record_layout
+from fastac.gateware.bus.record import FIFO_RECORDS, PLAIN, RECORD_BYTES, RECORD_WORDS, RecordFlag
 from fastac.models.integer.frame_validity import REASONS
 from fastac.sim.benches.host import OKAY, read, start, write
 from fastac.sim.benches.registers import (
@@ -88,7 +88,7 @@ async def result(dut, rng, flag: int | None = None) -> dict:
 
 def check(octets: bytes, expected: dict) -> None:
     """Compare a record with the fields that are expected; the others must be 0."""
-    (record,) = np.frombuffer(octets, record_layout())
+    (record,) = np.frombuffer(octets, PLAIN.layout)
     found = {name: int(record[name]) for name in record.dtype.names}
     assert found == dict.fromkeys(found, 0) | expected
 
@@ -184,7 +184,7 @@ async def results_in_adjacent_clocks(dut):
     for k in range(8):
         octets = await next_record(master)
         assert octets == given[k]
-        (record,) = np.frombuffer(octets, record_layout())
+        (record,) = np.frombuffer(octets, PLAIN.layout)
         assert record["validity"] == k + 1
         assert all(record[f"force_{axis}"] == k + 1 for axis in IDENTITY.axes)
 

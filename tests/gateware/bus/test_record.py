@@ -3,7 +3,7 @@ import pytest
 from amaranth import Const, Module, Signal
 from amaranth.sim import Simulator
 
-from fastac.gateware.bus.record import PLAIN, RECORD_BYTES, RECORD_WORDS, RecordFlag, record_layout
+from fastac.gateware.bus.record import PLAIN, RECORD_BYTES, RECORD_WORDS, RecordFlag
 from fastac.gateware.bus.result_registers import flags_word, record_value
 
 
@@ -24,10 +24,10 @@ def evaluated(value) -> int:
 
 def test_layout_is_that_of_the_words():
     """Written word by word, read by the NumPy type: names, places, signs and byte order."""
-    assert (len(RECORD_WORDS), RECORD_BYTES, record_layout().itemsize) == (16, 64, 64)
+    assert (len(RECORD_WORDS), RECORD_BYTES, PLAIN.layout.itemsize) == (16, 64, 64)
     words = {name: 0xF0E0D0C0 + k for k, name in enumerate(RECORD_WORDS)}
     octets = b"".join(word.to_bytes(4, "little") for word in words.values())
-    (record,) = np.frombuffer(octets, record_layout())
+    (record,) = np.frombuffer(octets, PLAIN.layout)
     for name in record.dtype.names:
         if name.upper() in words:
             assert record[name] == words[name.upper()]

@@ -7,7 +7,7 @@ from amaranth.sim import Simulator
 
 from fastac.gateware.bus.frame_timer import STAMP
 from fastac.gateware.bus.identity import Identity
-from fastac.gateware.bus.record import RECORD_BYTES, WITH_HALF_WIDTHS, record_layout
+from fastac.gateware.bus.record import PLAIN, RECORD_BYTES, WITH_HALF_WIDTHS
 from fastac.gateware.bus.result_registers import ResultRegisters, stamp_record
 
 
@@ -23,7 +23,7 @@ def test_the_record_of_a_frame_of_which_only_the_stamp_is_known():
             ctx.set(stamp.as_value(), number | bad << 32 | time << 33)
             await ctx.delay(1e-9)
             octets = ctx.get(record).to_bytes(RECORD_BYTES, "little")
-            found = np.frombuffer(octets, record_layout())[0]
+            found = np.frombuffer(octets, PLAIN.layout)[0]
             assert (found["frame"], found["time"], found["flags"]) == (number, time, 1 << 8 | bad)
             assert sum(int(found[name]) != 0 for name in found.dtype.names) == 2 + (time != 0)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from amaranth.sim import Simulator
 
-from fastac.gateware.bus.record import RECORD_BYTES, record_layout
+from fastac.gateware.bus.record import PLAIN, RECORD_BYTES
 from fastac.gateware.packets.packet_port import ABORTED, PacketPort
 
 CLOCKS = 2500
@@ -174,7 +174,7 @@ def test_the_trailer_follows_at_once_where_the_record_is_known():
 
 
 def test_the_record_of_a_cut_packet():
-    record = record_layout()
+    record = PLAIN.layout
     found = np.frombuffer(ABORTED.to_bytes(RECORD_BYTES, "little"), record)[0]
     assert found["flags"] == 0b10001 | 1 << 8
     assert sum(int(found[name]) != 0 for name in record.names) == 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from cocotbext.axi.memory import Memory
 
-from fastac.gateware.bus.record import record_layout
+from fastac.gateware.bus.record import PLAIN
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
 from fastac.models.emulator.pipeline import Emulator
@@ -124,7 +124,7 @@ def test_a_result_is_in_the_registers_soon_after_the_core_has_it(runs):
     top, result, _ = runs
     seen = found(runs, "registers")
     assert seen["force"].tolist() == result.force_raw[0].tolist()
-    record = np.frombuffer(seen["record"].astype("<u4").tobytes(), record_layout())
+    record = np.frombuffer(seen["record"].astype("<u4").tobytes(), PLAIN.layout)
     assert (record["frame"], record["force_z"]) == (2, result.force_raw[0, 0])
     assert set(seen["result_at"] - seen["last_at"]) == {top.datapath.last_pixel_to_force + 1}
     beyond = seen["force_at"] - seen["last_at"][0] - top.datapath.last_pixel_to_force

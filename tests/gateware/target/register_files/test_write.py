@@ -11,7 +11,7 @@ from lxml import etree
 from systemrdl import RDLCompiler
 from systemrdl.node import RegNode
 
-from fastac.gateware.bus.record import RecordFlag, record_layout
+from fastac.gateware.bus.record import PLAIN, RecordFlag
 from fastac.gateware.bus.register_map import REGISTERS
 from fastac.gateware.host_interface import host_interface
 from fastac.gateware.target.block_design import BlockDesignError
@@ -119,7 +119,7 @@ def test_c_header(hardware, folder, compiler, standard):
 def test_record_in_c(packets, tmp_path):
     """A program reads a record's bytes, and prints what NumPy reads."""
     write_register_files(packets, tmp_path)
-    names = record_layout().names
+    names = PLAIN.layout.names
     prints = "\n".join(f'printf("%lld\\n", (long long)record.{name});' for name in names)
     program = compiled(
         tmp_path,
@@ -128,8 +128,8 @@ def test_record_in_c(packets, tmp_path):
         "gcc",
         "-std=c11",
     )
-    octets = np.random.default_rng(1).bytes(record_layout().itemsize)
-    (record,) = np.frombuffer(octets, record_layout())
+    octets = np.random.default_rng(1).bytes(PLAIN.layout.itemsize)
+    (record,) = np.frombuffer(octets, PLAIN.layout)
     printed = subprocess.run([program], input=octets, check=True, capture_output=True).stdout.split()
     assert [int(x) for x in printed] == [int(np.int64(record[name].astype(np.int64))) for name in names]
 
