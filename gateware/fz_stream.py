@@ -21,7 +21,8 @@ from fastac.gateware.arithmetic.product import product
 from fastac.gateware.force.patch_generator import PatchGenerator, check_patch_size
 from fastac.gateware.stream.fork import Fork
 from fastac.gateware.stream.handshake import credit_handshake
-from fastac.gateware.stream.tables import RasterRom, raster_beats
+from fastac.gateware.stream.read_ahead_rom import ReadAheadRom
+from fastac.gateware.stream.tables import raster_beats
 from fastac.models.integer.force import PatchForce
 from fastac.models.integer.words import signed_width
 
@@ -33,18 +34,21 @@ def kernel_words(force: PatchForce, lanes: int) -> np.ndarray:
     return raster_beats(by_pixel, lanes).swapaxes(1, 2)
 
 
-class KernelRom(RasterRom):
+class KernelRom(ReadAheadRom):
     """ROM of the kernels, one word per beat: axes × lanes × K² values of signed(force.kernel_bits).
 
-    Members, order and latency are those of `RasterRom`.
+    Members, order and latency are those of `ReadAheadRom`.
     """
 
     def __init__(self, force: PatchForce, *, lanes: int):
-        super().__init__(kernel_words(force, lanes), force.kernel_bits, stalls=False)
+        super().__init__(kernel_words(force, lanes), force.kernel_bits)
 
 
 class PixelResponse(wiring.Component):
     """Multiply each pixel's patch with its kernels: f(p) = Σ_m k(p, m) · v(p, m), the force map.
+
+    The first patch must not come in the first clock after a reset (`ReadAheadRom`); the patch generator's
+    latency sees to that.
 
     Members
     -------
