@@ -159,7 +159,7 @@ class TactileSensor:
         """
         one = np.ndim(frames) == (2 if self._is_raw(frames) else 3)
         pipeline = self._pipeline(arithmetic)
-        images = self._channels(frames, one=one)
+        images = processed_frames.in_scene(self._channels(frames, one=one), self.background, self.scene)
         known = pipeline.outputs
         if outputs is None:
             outputs = self._usual.get(arithmetic)

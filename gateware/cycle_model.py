@@ -114,7 +114,9 @@ class CycleModel(FrameCycles):
         if hidden is None:
             hidden = scene.network.hidden
         sizes = (len(scene.sensor.channel_names) + 2, *hidden, NORMAL)
-        self.guard, self.background = FrameGuard, BackgroundSubtraction
+        self.guard = FrameGuard
+        levels = scene.sensor.level_light
+        self.background = Figures(BackgroundSubtraction.latency_of(level_light=levels))
         self.mlp = self._network(sizes)
         if scene.wants_slopes:
             self.divider = Figures(self._divider_latency(scene.numbers.slope_bits))

@@ -82,6 +82,7 @@ class Datapath(FrameCycles, wiring.Component):
             coordinate_codes(height),
             pipeline.background,
             lanes=lanes,
+            level_light=sensor.level_light,
         )
         self.mlp = stages.pixel_network(pipeline)
         normal_width = pipeline.layers[-1].accumulator_width
@@ -234,9 +235,12 @@ class Datapath(FrameCycles, wiring.Component):
 
         m.submodules.validity = validity = self.validity
         connect(m, validity.verdict, wiring.flipped(self.verdict))
+        seen, pixels = guard.o, guard.o.payload
+        if self.background.level_light:
+            seen, pixels = background.o, background.shifted
         m.d.comb += [
-            validity.pixels.eq(guard.o.payload),
-            validity.pixels_taken.eq(guard.o.valid & guard.o.ready),
+            validity.pixels.eq(pixels),
+            validity.pixels_taken.eq(seen.valid & seen.ready),
             validity.features.eq(background.o.payload),
             validity.features_taken.eq(background.o.valid & background.o.ready),
             self.suspect_valid.eq(validity.suspect_valid),

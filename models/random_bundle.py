@@ -63,6 +63,7 @@ def scene(
     streams: str = "video",
     part: str = DEFAULT_PART,
     coverage: float | None = None,
+    level_light: bool = False,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -76,6 +77,7 @@ def scene(
                 "height_px": size,
                 "width_px": size,
                 "channels": channels,
+                "level_light": level_light,
             }
             | ({"markers": DOTS} if dots or bridge_dots else {}),
             "network": {"bridge_dots": bridge_dots},

@@ -107,6 +107,9 @@ class Sensor(Strict):
     frames: Literal["channels", "raw10"] = "channels"
     """What a dataset holds: channels, and nothing processes them, or the camera's RAW10 images."""
     source: Literal["simulated", "recorded"] = "simulated"
+    level_light: bool = False
+    """Whether each channel of a frame is shifted until half of the pixels lie above their background and half
+    below: takes the drift of lamps, exposure and white balance out, as long as most of the skin is free."""
     frames_per_second: Positive | None = None
     """Of the camera; with hardware.pixels_per_clock = "camera" it decides how many clocks a pixel may take.
     Not given: the hardware's pace alone is known."""
@@ -132,6 +135,14 @@ class Sensor(Strict):
     def _raw10_is_used(self):
         if self.frames == "channels" and self.raw10 != Raw10():
             raise ValueError("raw10: settings of RAW10 frames need frames = 'raw10'")
+        return self
+
+    @model_validator(mode="after")
+    def _dots_see_no_levelled_light(self):
+        if self.level_light and self.markers is not None:
+            raise ValueError(
+                "level_light: needs a sensor without markers: dots are found in frames as they come"
+            )
         return self
 
     @model_validator(mode="after")

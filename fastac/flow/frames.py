@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac.models.integer.light_level import levelled
 from fastac.models.vision.image_processing import as_channels, channels
 from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import Sensor
@@ -26,23 +27,29 @@ from fastac.store.store import open_store
 PROCESSED = "frames.npz"
 
 
+def in_scene(frames: np.ndarray, background: np.ndarray, scene: Scene) -> np.ndarray:
+    """Frames of channels (frames, H, W, C) uint8 as the scene's models take them, against a background
+    (H, W, C): with `sensor.level_light` levelled, else as they are."""
+    return levelled(frames, background) if scene.sensor.level_light else frames
+
+
 def of_press(pressed: PressedSkin, sensor: Sensor, rng: np.random.Generator) -> np.ndarray:
     """What the virtual camera sees of a press, as the models take it: (H, W, C) uint8."""
     return as_channels(sample(pressed, sensor, rng)["frame"], sensor)
 
 
 def read(path: Path | str, scene: Scene, *, store: Path | str = STORE, progress: bool = False) -> Dataset:
-    """The dataset in a file, as `sensor.dataset.read`, its frames channels in any case.
+    """The dataset in a file, as `sensor.dataset.read`, its frames channels in any case, and as `in_scene`.
 
     Those of RAW10 images are processed in a step of their own, kept in the step store in the folder `store`.
     """
     data = dataset.read(path, scene)
-    if data.raw10 is None:
-        return data
-    arguments = {"data": Path(path), "scene": scene}
-    step = Step("frames", process, arguments, (PROCESSED,), {"progress": progress})
-    kept = load_arrays(open_store(Path(store)).perform(step).path(PROCESSED))
-    return dataclasses.replace(data, raw10=None, frames=kept["frames"], background=kept["background"])
+    if data.raw10 is not None:
+        arguments = {"data": Path(path), "scene": scene}
+        step = Step("frames", process, arguments, (PROCESSED,), {"progress": progress})
+        kept = load_arrays(open_store(Path(store)).perform(step).path(PROCESSED))
+        data = dataclasses.replace(data, raw10=None, frames=kept["frames"], background=kept["background"])
+    return dataclasses.replace(data, frames=in_scene(data.frames, data.background, scene))
 
 
 def process(folder: Path, data: Path, scene: Scene, *, progress: bool) -> None:

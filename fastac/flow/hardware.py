@@ -139,7 +139,7 @@ def simulate(
     """
     check_verilog(bundle, verilog_folder)
     frames = data.frames[index]
-    result = Emulator(bundle.pipeline).run(frames, progress=progress)
+    result = Emulator(bundle.pipeline).run(bundle.pipeline.seen(frames), progress=progress)
     source = verilog_folder / f"{NAME}.v"
     pixels = len(index) * bundle.scene.sensor.height_px * bundle.scene.sensor.width_px
     found = simulation.simulate(

@@ -117,7 +117,7 @@ def simulated(
     workplace : where simulator and logs are and stay
     """
     derived, frames = bundles.load(bundle), np.load(images, allow_pickle=False)
-    expected = Emulator(derived.pipeline).run(frames, progress=progress)
+    expected = Emulator(derived.pipeline).run(derived.pipeline.seen(frames), progress=progress)
     found = simulate(
         derived,
         verilog,

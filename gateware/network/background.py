@@ -1,11 +1,12 @@
 """Background subtraction: from pixels to the network's features, ΔI of every channel and the coordinates."""
 
 import numpy as np
-from amaranth import Module, Mux, Signal, signed, unsigned
+from amaranth import Cat, Module, Mux, Signal, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.network.light_follower import LightFollower, is_lit, shifted
 from fastac.gateware.stream.handshake import check_lanes, pipeline_handshake
 from fastac.models.integer.features import WIDTH
 
@@ -30,14 +31,17 @@ class BackgroundSubtraction(wiring.Component):
         own ΔI are zero, and those of later frames are differences from it
     captured : high in the clock in which the last beat of such a frame is accepted. If a reset cuts the frame
         short, the background holds part of it, and `captured` stays low, until a whole frame is captured.
+    shifted : the pixels that the features on `o` are of, shaped as `i`. Only with `level_light`.
+
+    With `level_light` each frame's pixels are shifted first as `models.integer.light_level.followed_shift`
+    says (LightFollower); a captured frame is not, and leaves the shifts as they are. A row must then have 4
+    beats at least.
 
     The background is a block RAM with one word per beat: height·width/lanes words of 8·channels·lanes bits.
     Its initial content is `background`; a reset does not restore that.
-    `latency` = 3 clocks (memory read, its output register, difference) without back-pressure; initiation
-    interval 1.
+    `latency` = 3 clocks (memory read, its output register, difference), and 1 for the shift with
+    `level_light`, without back-pressure; initiation interval 1.
     """
-
-    latency = 3
 
     def __init__(
         self,
@@ -49,10 +53,13 @@ class BackgroundSubtraction(wiring.Component):
         background: np.ndarray,
         *,
         lanes: int,
+        level_light: bool = False,
     ):
         check_lanes(lanes)
         if width % lanes:
             raise ValueError(f"width {width}: expected a multiple of {lanes} lanes")
+        if level_light and width // lanes < 4:
+            raise ValueError(f"width {width}: expected at least {4 * lanes} with level_light")
         _check_coordinates("coordinate_u", coordinate_u, width)
         _check_coordinates("coordinate_v", coordinate_v, height)
         background = np.asarray(background)
@@ -60,7 +67,7 @@ class BackgroundSubtraction(wiring.Component):
         if background.shape != shape or background.dtype != np.uint8:
             raise ValueError(f"background {background.shape} {background.dtype}: expected {shape} uint8")
         self.coordinate_u, self.coordinate_v = np.array(coordinate_u), np.array(coordinate_v)
-        self.background, self.lanes = background, lanes
+        self.background, self.lanes, self.level_light = background, lanes, level_light
         pixel = data.ArrayLayout(unsigned(8), channels)
         features = data.ArrayLayout(signed(WIDTH), channels + 2)
         super().__init__(
@@ -70,7 +77,16 @@ class BackgroundSubtraction(wiring.Component):
                 "capture": In(1),
                 "captured": Out(1),
             }
+            | ({"shifted": Out(data.ArrayLayout(pixel, lanes))} if level_light else {})
         )
+
+    @staticmethod
+    def latency_of(*, level_light: bool) -> int:
+        return 3 + level_light
+
+    @property
+    def latency(self) -> int:
+        return self.latency_of(level_light=self.level_light)
 
     def elaborate(self, platform):
         m = Module()
@@ -141,6 +157,34 @@ class BackgroundSubtraction(wiring.Component):
 
         pixels, zero = stages[-1]
         word, coordinate_u, coordinate_v = outputs
+        if self.level_light:
+            begins, counts = self._places(m, advance, accept & first, accept & (row != height - 1))
+            m.submodules.follower = follower = LightFollower(height, width, channels, lanes=self.lanes)
+            m.d.comb += [follower.advance.eq(advance), follower.begins.eq(begins)]
+            lit = Signal(follower.lit.shape(), reset_less=True)
+            moved = Signal(self.i.payload.shape(), reset_less=True)
+            later = {"zero": zero, "word": word, "coordinate_u": coordinate_u, "coordinate_v": coordinate_v}
+            delayed = {name: Signal.like(value, name=f"{name}_later") for name, value in later.items()}
+            lit_features, shifted_pixels = Signal.like(lit), Signal.like(moved)
+            with m.If(advance):
+                for lane in range(self.lanes):
+                    for c in range(channels):
+                        known = word.word_select(lane * channels + c, 8)
+                        value = shifted(pixels[lane][c], follower.shift[c], is_lit(known) & ~zero)
+                        m.d.sync += [lit[lane][c].eq(is_lit(known)), moved[lane][c].eq(value)]
+                m.d.sync += [delayed[name].eq(value) for name, value in later.items()]
+                m.d.sync += [lit_features.eq(lit), shifted_pixels.eq(moved)]
+            pixels, (zero, word, coordinate_u, coordinate_v) = moved, delayed.values()
+            m.d.comb += [
+                follower.counts.eq(counts),
+                follower.lit.eq(lit_features),
+                self.shifted.eq(shifted_pixels),
+                *(
+                    follower.features[lane][c].eq(self.o.payload[lane][c])
+                    for lane in range(self.lanes)
+                    for c in range(channels)
+                ),
+            ]
         features = Signal(self.o.payload.shape(), reset_less=True)
         m.d.comb += self.o.payload.eq(features)
         with m.If(advance):
@@ -153,3 +197,11 @@ class BackgroundSubtraction(wiring.Component):
                     features[lane][channels + 1].eq(coordinate_v),
                 ]
         return m
+
+    def _places(self, m: Module, advance, first, inner) -> tuple[Signal, Signal]:
+        """Where the first beat of a frame is about to be shifted, and where there are features of a beat
+        that counts; `first` and `inner` are of the beat that is accepted."""
+        begins, counts = Signal(), Signal(self.latency)
+        with m.If(advance):
+            m.d.sync += [begins.eq(first), counts.eq(Cat(inner, counts))]
+        return begins, counts[-1]

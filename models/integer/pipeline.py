@@ -13,6 +13,7 @@ from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.force_interval import ForceInterval
 from fastac.models.integer.frame_validity import FrameValidity
+from fastac.models.integer.light_level import followed
 from fastac.models.integer.network import GradientRatio, Layer
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.integer.solver_base import IntegerSolver
@@ -94,6 +95,11 @@ class IntegerPipeline:
     def force_width(self) -> int:
         """Bits of a raw force accumulator."""
         return signed_width(self.force_bound)
+
+    def seen(self, frames: np.ndarray) -> np.ndarray:
+        """Consecutive frames (frames, H, W, C) uint8 as the hardware's stages see them after a reset: with
+        `sensor.level_light` shifted as the frames before them say, else as they come."""
+        return followed(frames, self.background)[0] if self.scene.sensor.level_light else frames
 
     def normals(self, frames: np.ndarray) -> np.ndarray:
         """Frames (..., H, W, C) uint8 to the network's three outputs, (..., H, W, 3) int64."""

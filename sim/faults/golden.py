@@ -104,7 +104,7 @@ class Hardware:
         """The golden model's results for images, with both calibrations, as the bench reads them."""
         arrays, scene = {}, self.own.scene
         for name, bundle in self.calibrations.items():
-            result = Emulator(bundle.pipeline).run(images)
+            result = Emulator(bundle.pipeline).run(bundle.pipeline.seen(images))
             words = expected_words(self.top, result)
             for output in self.top.outputs:
                 found = words[output.name].reshape(len(images), output.rows, output.columns, -1)

@@ -33,7 +33,7 @@ class Hardware:
         return frames(self.pipeline.background, spans)
 
     def run(self, images: np.ndarray, stall=(0, 0)) -> Report:
-        result = Emulator(self.pipeline).run(images)
+        result = Emulator(self.pipeline).run(self.pipeline.seen(images))
         folder = self.folder / "sim"
         return simulate(
             self.bundle, self.source, images, result, folder, name=NAME, stall=stall, build_args=QUICK
@@ -54,7 +54,7 @@ def check_frames(hardware: Hardware) -> None:
         "slip": count * len(SLIP) if hardware.bundle.scene.wants_slip else None,
     }
     values = {name: number for name, number in values.items() if number}
-    result = Emulator(hardware.pipeline).run(images)
+    result = Emulator(hardware.pipeline).run(hardware.pipeline.seen(images))
     saturated = {
         "gradient_saturated": path.pipeline.scene.wants_slopes and result.gradient_saturated.any(),
         "displacement_saturated": path.wants_displacement and result.displacement_saturated.any(),

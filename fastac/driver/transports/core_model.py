@@ -17,6 +17,7 @@ from fastac.gateware.bus.record import FIFO_RECORDS, FORMAT_LOW, RecordFlag
 from fastac.gateware.bus.register_map import ID
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.light_level import followed
 from fastac.scenes.outputs import OUTPUTS
 
 CHANGES_FRAMES = 0b10111
@@ -50,6 +51,7 @@ class CoreModel:
         self.fifo: deque[int] = deque()
         self.image: list[int] = []
         self.last = np.zeros((), self.form.layout)[()]
+        self.shift: np.ndarray | None = None
         self._latched: dict[str, int] = {}
         self._given = np.empty((0, 0), np.uint8)
 
@@ -78,9 +80,13 @@ class CoreModel:
         pixels = np.stack(frames, out=self._given[:count])
         pixels = pixels.reshape(count, form.height_px, form.width_px, -1)
         pixels = pixels[..., : len(form.channels)]
-        if self.capture:  # a captured frame has no difference from itself
+        captured = self.capture
+        if captured:  # a captured frame has no difference from itself
             self.capture = False
             self._use(self.bundle, pixels[0].copy())
+        if self.bundle.scene.sensor.level_light:  # it is not shifted either, and no shift follows from it
+            background = self.emulator.pipeline.background
+            pixels[captured:], self.shift = followed(pixels[captured:], background, self.shift)
         found = self.emulator.run(np.ascontiguousarray(pixels), wanted=self.wanted)
         records = self._records(found, len(frames))
         for output in self.description.outputs:
@@ -232,7 +238,7 @@ class CoreModel:
             self.enable, self.interrupt_enable = bool(value & 1), bool(value >> 3 & 1)
             self.capture |= bool(value >> 1 & 1)
             if value >> 2 & 1:
-                self.result_valid = False
+                self.result_valid, self.shift = False, None
             if value >> 4 & 1:
                 self.image.clear()
             if value >> 5 & 1:

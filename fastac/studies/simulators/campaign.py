@@ -116,7 +116,7 @@ def simulated(
         workplace,
         model,
         images,
-        Emulator(model.pipeline).run(images),
+        Emulator(model.pipeline).run(model.pipeline.seen(images)),
         {register["name"]: register["offset"] for register in stated["registers"]},
         latency=latency,
         unknown_idle=unknown_idle,

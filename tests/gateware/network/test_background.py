@@ -6,6 +6,7 @@ import pytest
 
 from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.models.integer.features import coordinate_codes, integer_features
+from fastac.models.integer.light_level import followed
 from fastac.sim.check_stream import check, pack
 from fastac.sim.runner import simulate
 
@@ -80,3 +81,31 @@ def test_invalid_arguments():
     refused("coordinate_v -257 to 0: expected -256 to 255", coordinate_v=np.array([0, 0, -257, 0]))
     refused(r"background \(4, 6, 4\) uint8: expected \(4, 6, 3\)", background=np.zeros((4, 6, 4), np.uint8))
     refused(r"background \(4, 6, 3\) int64: .* uint8", background=np.zeros((4, 6, 3), np.int64))
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+@pytest.mark.quick("4")
+def test_light_is_levelled_bit_exact_to_the_model(tmp_path, lanes):
+    """Frames that follow one another at once, of which the last row has few beats; also with stalls."""
+    rng = np.random.default_rng(4)
+    background = rng.integers(0, 256, (5, 16, 3)).astype(np.uint8)
+    drift = np.cumsum(rng.integers(-2, 3, (40, 3)), axis=0)
+    frames = background + drift[:, None, None] + rng.integers(-3, 4, (40, *background.shape))
+    frames = np.where(rng.random(frames.shape) < 0.2, rng.integers(0, 256, frames.shape), frames)
+    frames = np.clip(frames, 0, 255).astype(np.uint8)
+    seen, last = followed(frames, background)
+    assert (seen != frames).mean() > 0.3
+    assert last.any()
+    u, v = coordinate_codes(16), coordinate_codes(5)
+    beats = len(frames) * 5 * 16 // lanes
+    dut = BackgroundSubtraction(5, 16, 3, u, v, background, lanes=lanes, level_light=True)
+    check(
+        dut,
+        "background",
+        tmp_path,
+        elastic=True,
+        inputs=pack(frames.reshape(beats, -1), 8),
+        expected=pack(integer_features(seen, background).astype(int).reshape(beats, -1), 9),
+        latencies=[(k, k, dut.latency) for k in range(beats)],
+        flags={"captured": 0},
+    )
