@@ -1,4 +1,4 @@
-"""The scenes that are compared: the scene itself, and others that cost the hardware nothing more."""
+"""The scenes that are compared: the scene itself, and others that cost the hardware next to nothing more."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -11,6 +11,7 @@ from fastac.sweep.spec import Point, SpecError, expand, point_of
 from fastac.tune.groups import TuneError
 
 GEOMETRY = {
+    "sensor.level_light": [False, True],
     "training.input_noise": [0.0, 0.02, 0.04, 0.08],
     "training.position_noise": [0.0, 0.04, 0.08, 0.16],
     "training.teachers": [0, 4, 8],
@@ -20,6 +21,7 @@ GEOMETRY = {
 }
 """Where the network learns from normals. Axes as in the specification of a sweep."""
 FORCE = {
+    "sensor.level_light": [False, True],
     "training.input_noise": [0.0, 0.01, 0.02, 0.05],
     "training.normals_learning_rate": [1e-3, 2e-3, 4e-3],
     "training.force_learning_rate": [5e-4, 1e-3, 3e-3],
