@@ -18,7 +18,7 @@ from fastac.cli.common import (
 
 @click.group(cls=Group)
 def study():
-    """Studies: dots, slip, identities, extremes, long runs, force ablation, second units."""
+    """Studies: dots, slip, identities, extremes, long runs, force ablation, second units, presses."""
 
 
 @study.command()
@@ -258,3 +258,47 @@ def transfer(scene, units, presses, output, progress):
         click.echo(f"left out: {line}", err=True)
     shown.write(content, output / "transfer.png")
     click.echo(f"written: {output}/transfer.json, .png")
+
+
+@study.command()
+@click.argument("scene", type=INPUT)
+@click.option("--data", type=INPUT, required=True, help="Dataset of a recorded sensor.")
+@click.option(
+    "--presses",
+    type=Counts(),
+    default="3,10,30",
+    show_default=True,
+    help="Numbers of presses, or of groups, that are learned from.",
+)
+@click.option(
+    "--draws", type=click.IntRange(1, 50), default=3, show_default=True, help="Choices of each number."
+)
+@click.option(
+    "--hold-out",
+    type=click.Choice(["group", "press"]),
+    help="What counts as one. [default: the dataset's groups where there are three, else presses]",
+)
+@click.option("--jobs", type=click.IntRange(1), help="Local processes. [default: one for each core]")
+@output_option("Folder for presses.json and .png.", OUTPUT_FOLDER, "build/SCENE-presses")
+@store_option("trainings")
+@progress_option
+def presses(scene, data, presses, draws, hold_out, jobs, output, store, progress):
+    """Say how many presses SCENE needs: its errors over the number that it was trained on.
+
+    So many presses are chosen by chance, several times, SCENE is trained on them, and judged on all others.
+    Trainings are kept in the step store, so an interrupted study goes on.
+
+    \b
+    Example: fastac study presses scenes/gelsight.toml --data build/presses.h5 --presses 5,10,20
+    """
+    from fastac.scenes import schema
+    from fastac.studies.presses import curve, shown
+
+    known = schema.load(scene)
+    output = output or Path("build") / f"{known.name}-presses"
+    settings = {"counts": presses, "draws": draws, "hold_out": hold_out, "jobs": jobs, "store": store}
+    content = curve.measure(known, data, output, **settings, progress=progress)
+    table = shown.table(content)
+    click.echo(f"{table.text}\n{table.note}")
+    shown.write(content, output / "presses.png")
+    click.echo(f"written: {output}/presses.json, .png")

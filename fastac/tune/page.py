@@ -30,7 +30,7 @@ def _unit(metric: str) -> str:
     return UNITS[metric.rsplit("_", 1)[-1]]
 
 
-def _labelled(metric: str) -> str:
+def labelled(metric: str) -> str:
     """The error's name and unit, as in the head of a row or beside an axis."""
     return f"{LABELS[metric]}, {_unit(metric)}"
 
@@ -52,7 +52,7 @@ def nested_table(content: dict) -> Table:
     scene, chosen = content["nested"]["scene"], content["nested"]["chosen"]
     rows = [
         [
-            _labelled(name),
+            labelled(name),
             *(f"{number(kind[name]['mean'])} ± {number(kind[name]['spread'])}" for kind in (scene, chosen)),
             _change(scene[name]["mean"], chosen[name]["mean"]),
         ]
@@ -80,7 +80,7 @@ def test_table(content: dict) -> Table:
                 f"{number(m)} ({number(min(v))} to {number(max(v))})"
                 for m, v in zip(means, found, strict=True)
             ]
-            rows.append([_labelled(name), arithmetic, *ranges, _change(*means)])
+            rows.append([labelled(name), arithmetic, *ranges, _change(*means)])
     return Table(
         "Test: presses that were looked at once, now",
         ["error", "", "the scene", "winner", "change"],
@@ -135,7 +135,7 @@ def folds_chart(content: dict) -> str:
             axis.bar([place + shift for place in places], values, 0.4, color=colour, label=label)
         axis.set_xticks(list(places))
         axis.set_xlabel("outer fold")
-        axis.set_ylabel(_labelled(name))
+        axis.set_ylabel(labelled(name))
         axis.legend(loc="upper left", bbox_to_anchor=(0, 1.2), ncols=2)
         return inline_svg(figure)
 
