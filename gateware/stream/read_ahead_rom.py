@@ -1,18 +1,22 @@
 """Constants in block RAM beside a stream, read a beat ahead, so that a word has a clock more to travel in."""
 
 import numpy as np
-from amaranth import Module, Mux, Signal, unsigned
+from amaranth import Array, Module, Mux, Signal, unsigned
 from amaranth.lib.memory import Memory
 
 from fastac.gateware.stream.tables import RasterRom
+
+BANK_WORDS = 2048
+"""Words of a bank: a block RAM of 18 Kbit has so many of 9 bits, on AMD parts and on the ECP5."""
 
 
 class ReadAheadRom(RasterRom):
     """Table in block RAM that holds the next beat's word ready, read word by word, and again after the last.
 
-    For wide tables, whose block RAMs lie far from each other: after the memory's own register a word passes
-    two more on its way to the multipliers, at the latency of `RasterRom`, which has one. It cannot be
-    written, as the first word of a frame is read before the frame comes.
+    For wide and deep tables, whose block RAMs lie far from each other: after the memory's own register a
+    word passes two more on its way to the multipliers, at the latency of `RasterRom`, which has one. Between
+    these two it is chosen from banks of BANK_WORDS words. It cannot be written, as the first word of a frame
+    is read before the frame comes.
 
     Parameters, `word` and `latency` are those of `RasterRom`; no register has a clock enable.
 
@@ -28,23 +32,34 @@ class ReadAheadRom(RasterRom):
     def elaborate(self, platform):
         m = Module()
         depth = len(self.table)
-        m.submodules.memory = memory = Memory(
-            shape=unsigned(self.word.as_value().shape().width),
-            depth=depth,
-            init=self.words,
-            attrs={"rom_style": "block"},
-        )
-        read = memory.read_port()
-        holds_word, address = Signal(), Signal(range(depth))
-        m.d.comb += [read.addr.eq(address), read.en.eq(self.take | ~holds_word)]
+        holds_word, address, reads = Signal(), Signal(range(depth)), Signal()
+        m.d.comb += reads.eq(self.take | ~holds_word)
         m.d.sync += holds_word.eq(1)
-        with m.If(read.en):
+        with m.If(reads):
             m.d.sync += address.eq(Mux(address == depth - 1, 0, address + 1))
 
-        word = read.data
-        for register in range(self.latency):
-            passed = Signal(word.shape(), reset_less=True, name=f"word_{register}")
-            m.d.sync += passed.eq(word)
-            word = passed
-        m.d.comb += self.word.as_value().eq(word)
+        # The bank of the word that the memory holds ready, and of the word in the banks' second registers.
+        place = BANK_WORDS.bit_length() - 1
+        ready, passed = (
+            Signal.like(address[place:], name="ready"),
+            Signal.like(address[place:], name="passed"),
+        )
+        m.d.sync += passed.eq(ready)
+        with m.If(reads):
+            m.d.sync += ready.eq(bank)
+        width = self.word.as_value().shape().width
+        banks = []
+        for number, first in enumerate(range(0, depth, BANK_WORDS)):
+            words = self.words[first : first + BANK_WORDS]
+            m.submodules[f"bank_{number}"] = memory = Memory(
+                shape=unsigned(width), depth=len(words), init=words, attrs={"rom_style": "block"}
+            )
+            read = memory.read_port()
+            word = Signal(width, reset_less=True, name=f"word_{number}")
+            m.d.comb += [read.addr.eq(address[:place]), read.en.eq(reads & (bank == number))]
+            m.d.sync += word.eq(read.data)
+            banks.append(word)
+        output = Signal(width, reset_less=True)
+        m.d.sync += output.eq(Array(banks)[passed])
+        m.d.comb += self.word.as_value().eq(output)
         return m
