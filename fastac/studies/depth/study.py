@@ -35,6 +35,8 @@ from fastac.studies.depth.presses import (
 )
 
 NETWORK = "network.npz"
+PLAIN = {"circle_margin": 0.0, "flat_beyond": None}
+"""Keys of a training on whole circles and the untouched gel, nothing else; a cause may set them."""
 SHORT = {"teachers": 0, "normals_epochs": 60, "normals_batch_px": 1024, "normals_learning_rate": 6e-3}
 """Keys of a training that takes seconds, in place of the scene's."""
 
@@ -108,14 +110,14 @@ def run(
     """Train and measure each cause with each seed; writes depth.json into `folder`.
 
     counts : presses by kind; not given: COUNTS
-    scene : a flat, recorded one; its size, pitch, channels and keys of training are taken, these with `short`
-        changed to SHORT
+    scene : a flat, recorded one; its size, pitch, channels and keys of training are taken, these changed
+        to PLAIN and, with `short`, to SHORT
     Returns {"scene", "seeds", "errors": {cause: [of each seed: [errors of each press]]}}.
     """
     folder.mkdir(parents=True, exist_ok=True)
     own, store = virtual(scene), open_store(folder / "store")
-    if short:
-        own = own.model_copy(update={"training": own.training.model_copy(update=SHORT)})
+    keys = PLAIN | (SHORT if short else {})
+    own = own.model_copy(update={"training": own.training.model_copy(update=keys)})
     found: dict[str, list] = {cause.name: [] for cause in causes}
     bar = progress_bar(
         total=len(causes) * len(seeds), desc="depth", unit="training", enabled=progress, leave=True
