@@ -193,6 +193,14 @@ class Training(Strict):
     given: 0.01."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
+    circle_margin: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, exclude_if=lambda value: not value)
+    """Share of the radius of a labelled contact circle, inside its rim, whose pixels are not learned from.
+    Circles are drawn by hand and some are too large: where the skin has left the ball already, its slopes are
+    smaller than the ball's, which are steepest there."""
+    flat_beyond: Annotated[float, Field(gt=1)] | None = Field(None, exclude_if=lambda value: value is None)
+    """Distance from the centre of a labelled contact circle, in its radii, beyond which the skin is learned
+    as the skin at rest, though light and colour differ there from the background: half of the pixels of
+    flat_fraction are then such. Not given: nothing outside the circles is learned from but frames at rest."""
     finetune_epochs: Annotated[int, Field(ge=0)] = 3
     finetune_weights: bool = False
     """Fine-tune the hidden layers' weights too; worth it below 8 bits, with many epochs."""

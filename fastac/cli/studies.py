@@ -18,7 +18,7 @@ from fastac.cli.common import (
 
 @click.group(cls=Group)
 def study():
-    """Studies: dots, slip, identities, extremes, long runs, force ablation, second units, presses."""
+    """Studies: dots, slip, identities, extremes, long runs, force ablation, second units, presses, depth."""
 
 
 @study.command()
@@ -302,3 +302,48 @@ def presses(scene, data, presses, draws, hold_out, jobs, output, store, progress
     click.echo(f"{table.text}\n{table.note}")
     shown.write(content, output / "presses.png")
     click.echo(f"written: {output}/presses.json, .png")
+
+
+@study.command()
+@click.argument("scene", type=INPUT)
+@click.option("--seeds", type=Counts(), default="1,2,3", show_default=True, help="Seeds of the trainings.")
+@click.option(
+    "--cause",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="Only this cause, as it stands in the table, beside the training as recorded. Repeatable.",
+)
+@click.option(
+    "--short/--as-the-scene",
+    default=True,
+    show_default=True,
+    help="Trainings of seconds, without teachers, or with the scene's own epochs, batches and teachers.",
+)
+@output_option("Folder for everything trained, depth.json and .png.", OUTPUT_FOLDER, "build/SCENE-depth")
+@progress_option
+def depth(scene, seeds, names, short, output, progress):
+    """Measure how far depth is off where no ball was pressed, and what makes it so.
+
+    SCENE is a flat, recorded one. A virtual gel of its size is recorded as a laboratory would record it: 33
+    heavy presses of one ball, each with a contact circle, and the untouched gel. The scene's training learns
+    from these. Then presses of the same ball and of other bodies, light to heavy, are measured, whose skin is
+    known everywhere: the signed errors of largest depth and volume, with one suspected cause changed at a
+    time, and which part of the skin makes the error. All is simulated and kept in the output folder, so an
+    interrupted study goes on.
+
+    \b
+    Example: fastac study depth scenes/gelsight.toml
+    """
+    from fastac.scenes import schema
+    from fastac.studies.depth import causes, shown
+    from fastac.studies.depth import study as experiment
+
+    known = schema.load(scene)
+    output = output or Path("build") / f"{known.name}-depth"
+    chosen = causes.named(names) if names else causes.CAUSES
+    content = experiment.run(known, output, seeds=seeds, causes=chosen, short=short, progress=progress)
+    for table in shown.tables(content):
+        click.echo(f"{table.text}\n{table.note}\n")
+    shown.write(content, output / "depth.png")
+    click.echo(f"written: {output}/depth.json, .png")

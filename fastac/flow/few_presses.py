@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import frames
-from fastac.models.training.normals import labelled_pixels
+from fastac.models.training.normals import training_pixels
 from fastac.scenes.schema import Scene
 from fastac.sensor import groups
 from fastac.sensor.dataset import Dataset
@@ -54,7 +54,4 @@ def read(path: Path, scene: Scene, *, store: Path, progress: bool = False) -> Da
 def pixels_of(data: Dataset, scene: Scene, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Features (pixels, inputs) and normals (pixels, 3) of the labelled pixels of `chosen` frames, a mask."""
     split = np.where(chosen, "train", "test")
-    settings = scene.training
-    return labelled_pixels(
-        replace(data, split=split), "train", flat_fraction=settings.flat_fraction, seed=settings.seed
-    )
+    return training_pixels(replace(data, split=split), scene.training)

@@ -40,10 +40,8 @@ class ReadAheadRom(RasterRom):
 
         # The bank of the word that the memory holds ready, and of the word in the banks' second registers.
         place = BANK_WORDS.bit_length() - 1
-        ready, passed = (
-            Signal.like(address[place:], name="ready"),
-            Signal.like(address[place:], name="passed"),
-        )
+        bank = address[place:]
+        ready, passed = Signal.like(bank, name="ready"), Signal.like(bank, name="passed")
         m.d.sync += passed.eq(ready)
         with m.If(reads):
             m.d.sync += ready.eq(bank)

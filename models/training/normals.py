@@ -13,6 +13,7 @@ import torch
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, integer_features, scales
+from fastac.models.training.around_contacts import at_rest, circle_radii
 from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.teachers import Ensemble
 from fastac.scenes.model_schema import Training
@@ -34,36 +35,69 @@ VALIDATION_PX = 1 << 18
 TEACHER_WEIGHT_DECAY = 0.05
 
 
+Pixels = tuple[np.ndarray, np.ndarray]
+"""Features (pixels, inputs) and unit normals (pixels, 3)."""
+
+
+def _joined(parts: list[Pixels]) -> Pixels:
+    x, y = zip(*parts, strict=True)
+    return np.concatenate(x), np.concatenate(y)
+
+
 def labelled_pixels(
-    data: Dataset, split: str, *, flat_fraction: float = 0.0, seed: int = 0
-) -> tuple[np.ndarray, np.ndarray]:
-    """All pixels of a split whose normal is known: features (pixels, inputs) and unit normals (pixels, 3).
+    data: Dataset,
+    split: str,
+    *,
+    flat_fraction: float = 0.0,
+    circle_margin: float = 0.0,
+    flat_beyond: float | None = None,
+    seed: int = 0,
+) -> Pixels:
+    """All pixels of a split whose normal is known.
 
     flat_fraction : share of the result taken from frames that equal the background, if there are any; chosen
         at random with `seed`. 0 keeps all of their pixels.
-    Raises ValueError where the split has no labelled pixel in contact.
+    circle_margin : share of a contact circle's radius, inside its rim, that is left out
+    flat_beyond : distance from a circle's centre, in radii, beyond which the skin counts as at rest; half of
+        `flat_fraction` is then taken there
+    Raises ValueError where the split has no labelled pixel in contact, and where `flat_beyond` is given and
+    no circle or no frame at rest is known.
     """
     if data.normals is None:
         raise ValueError("normals: missing, so there is nothing to train the pixel network on")
-    contact, flat = [], []
+    contact, flat, around = [], [], []
+    resting = None if flat_beyond is None else at_rest(data)
     for index in data.indices(split):
         known = np.ones(data.frames.shape[1:3], bool) if data.valid is None else data.valid[index]
-        features = integer_features(data.frames[index], data.background)[known]
-        at_rest = np.array_equal(data.frames[index], data.background)
-        (flat if at_rest else contact).append((features, data.normals[index][known].astype(np.float32)))
+        features = integer_features(data.frames[index], data.background)
+        radii = circle_radii(data, index)
+        if radii is not None:
+            known = known & (radii <= 1 - circle_margin) if circle_margin else known
+            if resting is not None:
+                beyond = resting[0] & (radii > flat_beyond)
+                around.append((features[beyond], resting[1][beyond]))
+        rests = np.array_equal(data.frames[index], data.background)
+        (flat if rests else contact).append((features[known], data.normals[index][known].astype(np.float32)))
     if not contact:
         raise ValueError(f"split: no frame in contact is in {split!r}")
-    x, y = (np.concatenate(parts) for parts in zip(*contact, strict=True))
-    if not len(x):
+    found = _joined(contact)
+    if not len(found[0]):
         raise ValueError(f"valid: no pixel of a frame in contact is labelled in {split!r}")
-    if flat:
-        flat_x, flat_y = (np.concatenate(parts) for parts in zip(*flat, strict=True))
-        if flat_fraction:
-            count = min(len(flat_x), int(len(x) * flat_fraction / (1 - flat_fraction)))
-            chosen = np.random.default_rng(seed).choice(len(flat_x), count, replace=False)
-            flat_x, flat_y = flat_x[chosen], flat_y[chosen]
-        x, y = np.concatenate([x, flat_x]), np.concatenate([y, flat_y])
-    return x, y
+    if resting is not None and not around:
+        raise ValueError(f"indenter/radius_px: no circle is in {split!r}, and training.flat_beyond needs one")
+    pools = [_joined(pool) for pool in (flat, around) if pool]
+    if flat_fraction:
+        count = int(len(found[0]) * flat_fraction / (1 - flat_fraction))
+        rng = np.random.default_rng(seed)
+        pools = [_drawn(pool, count // len(pools), rng) for pool in pools]
+    return _joined([found, *pools])
+
+
+def _drawn(pixels: Pixels, count: int, rng: np.random.Generator) -> Pixels:
+    """So many of the pixels at random, or all of them where there are fewer."""
+    x, y = pixels
+    chosen = rng.choice(len(x), min(len(x), count), replace=False)
+    return x[chosen], y[chosen]
 
 
 @dataclass(frozen=True)
@@ -175,21 +209,33 @@ class ScaledNetwork(torch.nn.Module):
         return self.network(x * self.scales)
 
 
-def labelled_splits(data: Dataset, settings: Training) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+def training_pixels(data: Dataset, settings: Training) -> Pixels:
+    """The pixels of the split train that the scene's settings choose."""
+    return labelled_pixels(
+        data,
+        "train",
+        flat_fraction=settings.flat_fraction,
+        circle_margin=settings.circle_margin,
+        flat_beyond=settings.flat_beyond,
+        seed=settings.seed,
+    )
+
+
+def labelled_splits(data: Dataset, settings: Training) -> dict[str, Pixels]:
     """Features and normals of the labelled pixels for training, as {"train": (x, y), "validation": (x, y)}.
 
     The validation pixels are a fixed random sample; the key is absent where the dataset has no such split.
     """
-    seed = settings.seed
-    found = {"train": labelled_pixels(data, "train", flat_fraction=settings.flat_fraction, seed=seed)}
+    seed, margin = settings.seed, settings.circle_margin
+    found = {"train": training_pixels(data, settings)}
     if len(data.indices("validation")):
-        x, y = labelled_pixels(data, "validation")
+        x, y = labelled_pixels(data, "validation", circle_margin=margin)
         chosen = np.random.default_rng(seed).permutation(len(x))[:VALIDATION_PX]
         found["validation"] = x[chosen], y[chosen]
     return found
 
 
-def _tensors(pixels: dict[str, tuple[np.ndarray, np.ndarray]]) -> tuple[torch.Tensor, torch.Tensor] | None:
+def _tensors(pixels: dict[str, Pixels]) -> tuple[torch.Tensor, torch.Tensor] | None:
     """The validation split's features and normals as tensors, or None where there is no such split."""
     if "validation" not in pixels:
         return None

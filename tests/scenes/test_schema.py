@@ -277,6 +277,11 @@ def test_the_search_for_a_size_of_weights_is_cut_short_where_forces_alone_train(
         ),
         (
             '"force" }',
+            '"force", flat_beyond = 3.0 }',
+            "training.flat_beyond: 3.0 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
             '"force", position_noise = 0.1 }',
             "training.position_noise: 0.1 needs training.labels 'geometry'",
         ),

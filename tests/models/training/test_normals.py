@@ -74,6 +74,33 @@ class TestLabelledPixels:
         x, _ = labelled_pixels(with_background(tiny_data), "train")
         assert len(x) == 19 * 256
 
+    def test_margins_and_the_skin_beyond_circles(self, tiny_data):
+        data = with_background(tiny_data)
+        count, circled = len(data), data.indices("train")[:-1]
+        circles = {"center_px": np.full((count, 2), 7.5), "radius_px": np.full(count, 4.0)}
+        circles["radius_px"][-1] = np.nan
+        v, u = np.indices((16, 16))
+        distance = np.hypot(u - 7.5, v - 7.5)
+        data = replace(data, indenter=circles, valid=np.ones((count, 16, 16), bool))
+        data.valid[:-1] &= distance <= 4
+        x, y = labelled_pixels(data, "train", circle_margin=0.25, flat_beyond=2.0)
+        inside, beyond = int((distance <= 3).sum()), int((distance > 8).sum())
+        assert len(x) == len(circled) * (inside + beyond) + 256
+        corners = x[-len(circled) * beyond :]
+        assert (np.abs(corners[:, -2:]) > 20).any(axis=1).all()
+        assert (y[-len(corners) :] == (0, 0, 1)).all()
+        expected = integer_features(data.frames[circled[0]], data.background)[distance > 8]
+        np.testing.assert_array_equal(corners[:beyond], expected)
+
+        x, y = labelled_pixels(data, "train", flat_fraction=0.2, flat_beyond=2.0, seed=3)
+        flat = (y == (0, 0, 1)).all(axis=1)
+        assert flat.sum() / len(x) == pytest.approx(0.2, abs=0.003)
+        resting = flat & (x[:, :4] == 0).all(axis=1)
+        assert resting.sum() / flat.sum() == pytest.approx(0.5, abs=0.1)
+
+        with pytest.raises(ValueError, match="no circle is in 'train'"):
+            labelled_pixels(replace(data, indenter=None), "train", flat_beyond=2.0)
+
     def test_errors(self, tiny_data):
         with pytest.raises(ValueError, match="normals: missing"):
             labelled_pixels(replace(tiny_data, normals=None), "train")
