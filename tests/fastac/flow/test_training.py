@@ -140,13 +140,13 @@ def test_a_network_pruned_to_a_width_has_it_whatever_its_neurons_say(
         hardware={"weights": weights},
         training={"normals_epochs": 3, "normals_batch_px": 1024},
     )
-    quantised = quantise.quantise_layers
+    quantised = quantise.compensated_layers
 
     def with_an_idle_neuron(weight, bias, *others, **named):
         weight[1][0], bias[1][0] = 0, -1
         return quantised(weight, bias, *others, **named)
 
-    monkeypatch.setattr(quantise, "quantise_layers", with_an_idle_neuron)
+    monkeypatch.setattr(quantise, "compensated_layers", with_an_idle_neuron)
     floats, integers = tmp_path / "normals.npz", tmp_path / "integers.npz"
     training.normals(tiny_data, scene, floats, progress=False)
     training.integers(tiny_data, scene, floats, integers, progress=False)
