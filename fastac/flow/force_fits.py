@@ -63,6 +63,14 @@ def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
     return slope_weights(collapse(kernels), scene.poisson.divergence, scene.sensor.pitch_mm)
 
 
+def fits_validation(scene: Scene) -> bool:
+    """Whether the last fit is to the validation split's presses too, after they have chosen its strength.
+
+    Not where intervals are calibrated on them, nor where the network has learned from the same forces.
+    """
+    return not scene.wants_interval and scene.training.labels == "geometry"
+
+
 class DisplacementFit:
     """HyperForce on the displacement (N, N) in mm; the adjoint's weights of the slopes follow from it."""
 
@@ -84,7 +92,9 @@ class DisplacementFit:
         *,
         progress: bool,
     ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
-        model, of_dots, history = hyperforce.refit_last_layer(scene, start, found, truth, shifts_px)
+        model, of_dots, history = hyperforce.refit_last_layer(
+            scene, start, found, truth, shifts_px, with_validation=fits_validation(scene)
+        )
         return force_weights(model, scene), of_dots, history
 
 
@@ -110,7 +120,12 @@ class WeightFit:
         progress: bool,
     ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
         return smooth_weights.fit(
-            found, truth, shifts_px, patience=scene.training.patience_sizes, progress=progress
+            found,
+            truth,
+            shifts_px,
+            with_validation=fits_validation(scene),
+            patience=scene.training.patience_sizes,
+            progress=progress,
         )
 
 

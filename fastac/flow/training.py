@@ -190,7 +190,7 @@ def dots_at_rest(data: Dataset, scene: Scene) -> dict[str, np.ndarray]:
 def quantised(network: PixelNetwork, x: np.ndarray, scene: Scene) -> tuple[Layer, ...]:
     """The network's layers in the scene's words; features x (pixels, inputs) fix the activations' ranges."""
     chosen = np.random.default_rng(scene.training.seed).permutation(len(x))[:CALIBRATION_PX]
-    return quantise.quantise_layers(
+    return quantise.compensated_layers(
         [layer.weight.detach().numpy() for layer in network.linear_layers],
         [layer.bias.detach().numpy() for layer in network.linear_layers],
         scales(x.shape[1] - 2),

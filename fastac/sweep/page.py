@@ -12,7 +12,7 @@ from fastac.sweep import front
 from fastac.sweep.front import COSTS, ERRORS, TUNING, Source
 from fastac.sweep.plots import figure, picture
 from fastac.sweep.results import Row
-from fastac.sweep.seeds import seeds_table
+from fastac.sweep.seeds import headlines_table, seeds_table
 from fastac.sweep.shown import PAPER_CYCLES, PAPER_LABEL, SHOWN, Trade, named, value_text
 
 PAGE, PICTURE = "trade.html", "trade_{}.png"
@@ -105,7 +105,8 @@ def failures_table(sources: Sequence[Source]) -> Table:
 def tables(shown: Trade) -> list[Table]:
     """All tables that have rows."""
     found = [faster_table(shown, error) for error in shown.errors if error != "normal_mae_deg"]
-    found += [table(source) for source in shown.sources for table in (seeds_table, tuning_table, keys_table)]
+    of_each = (seeds_table, headlines_table, tuning_table, keys_table)
+    found += [table(source) for source in shown.sources for table in of_each]
     found += [confirmed_table(shown), failures_table(shown.sources)]
     return [table for table in found if table.rows]
 

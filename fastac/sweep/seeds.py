@@ -14,6 +14,8 @@ from fastac.sweep.shown import SHOWN, named
 SEED = "training.seed"
 COMPARED = ("normal_mae_deg", "depth_mae_mm", "force_mae_n")
 """Errors whose means are shown; of the force that of all its axes together, which chance moves least."""
+HEADLINES = (*COMPARED[:2], "force_x_mae_n", "force_y_mae_n", "force_z_mae_n")
+"""Errors that are shown of floats and integers, the force's axis by axis."""
 FEWEST = 2
 """Seeds of a design that has a spread."""
 
@@ -35,6 +37,11 @@ class Trainings:
 
     def mean(self, name: str) -> float:
         return float(np.mean([row.metrics[name] for row in self.rows]))
+
+    def furthest(self, name: str) -> float:
+        """How far the training furthest from the mean is from it, in percent of the mean."""
+        values = np.array([row.metrics[name] for row in self.rows])
+        return float(100 * np.abs(values / values.mean() - 1).max())
 
     def spread(self, name: str) -> float:
         """Standard deviation, as of a sample."""
@@ -75,6 +82,32 @@ def seeds_table(source: Source) -> Table:
         "Mean ± standard deviation over trainings; in brackets the mean's change from the first line of a"
         " scene with another network.",
     )
+
+
+def headlines_table(source: Source) -> Table:
+    """Each error of floats and integers as mean and spread over training.seed, and how far one training may
+    be from the mean."""
+    rows = []
+    for design in trainings(source.done):
+        label = named(design.design) or design.design.scene["name"]
+        for name in HEADLINES:
+            floats = f"float_{name}"
+            if not (design.has(name) and design.has(floats)):
+                continue
+            loss = 100 * (design.mean(name) / design.mean(floats) - 1)
+            found = [part for key in (floats, name) for part in (_mean(design, key), _furthest(design, key))]
+            rows.append([label, str(len(design.rows)), name, *found, f"{loss:+.1f}%"])
+    return Table(
+        f"Errors over {SEED}: {source.results.path.name}",
+        ["design", "trainings", "error", "float", "furthest", "integer", "furthest", "loss"],
+        rows,
+        "Mean ± standard deviation over trainings; furthest: of the training furthest from the mean; loss: of"
+        " the integers' mean against the floats'.",
+    )
+
+
+def _furthest(design: Trainings, name: str) -> str:
+    return f"{design.furthest(name):.1f}%"
 
 
 def _mean(design: Trainings, name: str) -> str:

@@ -6,8 +6,11 @@ import numpy as np
 
 from fastac.models.integer.features import limits
 from fastac.models.integer.network import Layer, Requantisation
+from fastac.models.integer.rounding import neuron, refitted
 
 MULTIPLIER_BITS = 17
+FEWEST_ACTIVE = 1000
+"""Calibration pixels on which a neuron must be active for these alone to fix its weights."""
 
 
 def requantisation(scale: np.ndarray, bits: int) -> Requantisation:
@@ -61,6 +64,50 @@ def quantise_layers(
     integer_weight, scale = _scaled(weights[-1] * unit, biases[-1], limit, last_weight_bits, axis=None)
     integer_bias = np.rint(biases[-1] / scale).astype(np.int64)
     return (*layers, Layer(integer_weight, integer_bias, limit, last_weight_bits))
+
+
+def compensated_layers(
+    weights: Sequence[np.ndarray],
+    biases: Sequence[np.ndarray],
+    feature_scales: np.ndarray,
+    features: np.ndarray,
+    *,
+    weight_bits: int,
+    activation_bits: int,
+    last_weight_bits: int,
+) -> tuple[Layer, ...]:
+    """`quantise_layers` whose roundings make up for each other on the calibration pixels.
+
+    Layer by layer, weights and biases are fitted anew to the integers that the layers before really give, and
+    rounded together (models/integer/rounding.py): of a hidden neuron over the pixels where it is active.
+    """
+    top_activation, top = (1 << activation_bits) - 1, (1 << (weight_bits - 1)) - 1
+    layers = []
+    into = features.astype(np.float64) * feature_scales  # float activations
+    seen = features.astype(np.int64)  # what the integer layers give
+    limit = limits(len(feature_scales) - 2)
+    for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
+        sums = into @ weight.T + bias
+        into = np.maximum(sums, 0)
+        largest = into.max(axis=0)
+        activation_unit = np.maximum(largest, largest.max() * 1e-3 + 1e-9) / top_activation
+        bound = top * int(limit.sum())
+        least = np.abs(sums).max() * 1e-4 / bound  # that a dead neuron's multiplier can express
+        neurons = []
+        for one in sums.T:
+            active = one > 0
+            if active.sum() < FEWEST_ACTIVE:
+                active[:] = True
+            inputs = seen[active].astype(np.float64)
+            neurons.append(neuron(inputs, one[active], top=top, limit=int(limit.sum()), least=least))
+        integer_weight, scale, bias = (np.array(part) for part in zip(*neurons, strict=True))
+        integer_bias = np.clip(np.rint((bias + activation_unit / 2) / scale), -bound, bound).astype(np.int64)
+        multiplier = requantisation(scale / activation_unit, activation_bits)
+        layers.append(Layer(integer_weight, integer_bias, limit, weight_bits, multiplier))
+        seen, limit = layers[-1](seen), np.full(len(weight), top_activation)
+    weight, bias = refitted(seen.astype(np.float64), into @ weights[-1].T + biases[-1])
+    integer_weight, scale = _scaled(weight, bias, limit, last_weight_bits, axis=None)
+    return (*layers, Layer(integer_weight, np.rint(bias / scale).astype(np.int64), limit, last_weight_bits))
 
 
 def _scaled(

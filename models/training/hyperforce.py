@@ -87,10 +87,14 @@ def refit_last_layer(
     displacement_mm: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
     shifts_px: dict[str, np.ndarray] | None = None,
+    *,
+    with_validation: bool = False,
 ) -> tuple[HyperForce, np.ndarray | None, list[dict]]:
     """Refit the hypernetwork's last layer by ridge regression, together with weights of the dots' shifts.
 
     shifts_px : (frames, M, 2) by split name
+    with_validation : whether the weights are fitted to the frames of both splits once the regularisation is
+        chosen, instead of to those of the train split
     Returns a new model, the dots' weights (axes, M, 2) in N per px (None without shifts), and the validation
     errors.
 
@@ -113,9 +117,8 @@ def refit_last_layer(
         for split, frames in pressed.items()
     }
     history = ridge.validation_errors(x, force_n)
-    found, of_dots = ridge.parted(
-        ridge.fit(x["train"], force_n["train"], ridge.best(history)), hidden.shape[1] * k * k
-    )
+    seen, truth = (ridge.known(samples, with_validation=with_validation) for samples in (x, force_n))
+    found, of_dots = ridge.parted(ridge.fit(seen, truth, ridge.best(history)), hidden.shape[1] * k * k)
     found = found / model.unit.item()
     weights = (
         found.reshape(hidden.shape[1], k * k, model.axes).transpose(2, 1, 0).reshape(-1, hidden.shape[1])

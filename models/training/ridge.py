@@ -103,6 +103,15 @@ def fit(x: np.ndarray, force_n: np.ndarray, attempt: dict) -> np.ndarray:
     return solve(x, force_n, np.array([attempt["regularisation"]]))[0]
 
 
+def known(samples: dict[str, np.ndarray], *, with_validation: bool) -> np.ndarray:
+    """The training split's features or forces (frames, …) or, with_validation, all splits' one after another.
+
+    Once the regularisation is chosen, the frames that chose it can be fitted too: weights of more frames are
+    better, and depend less on which frames were held out.
+    """
+    return np.concatenate([*samples.values()]) if with_validation else samples["train"]
+
+
 def joined(x: np.ndarray, shifts_px: np.ndarray | None) -> np.ndarray:
     """Features x (frames, features) and the dots' shifts (frames, M, 2), if any, side by side."""
     return x if shifts_px is None else np.concatenate([x, shifts_px.reshape(len(x), -1)], axis=1)

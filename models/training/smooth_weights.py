@@ -33,6 +33,7 @@ def fit(
     force_n: dict[str, np.ndarray],
     shifts_px: dict[str, np.ndarray] | None = None,
     *,
+    with_validation: bool = False,
     patience: int | None = None,
     progress: bool = False,
 ) -> tuple[np.ndarray, np.ndarray | None, list[dict]]:
@@ -41,6 +42,8 @@ def fit(
 
     images : (frames, H, W, terms) by split name, such as slopes less those of the background, with two terms
     force_n : (frames, axes), shifts_px : (frames, M, 2), by split name
+    with_validation : whether the weights are fitted to the frames of both splits once m and the
+        regularisation are chosen, instead of to those of the train split
     patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
         tried; None: all are tried. The largest take nearly all of the time.
     """
@@ -64,7 +67,8 @@ def fit(
             break
     chosen = ridge.best(history)
     size = chosen["cosines"]
-    found = ridge.fit(features("train", size), force_n["train"], chosen)
+    seen = ridge.known({split: features(split, size) for split in x}, with_validation=with_validation)
+    found = ridge.fit(seen, ridge.known(force_n, with_validation=with_validation), chosen)
     of_images, of_dots = ridge.parted(found, size * size * terms)
     padded = np.zeros((found.shape[1], height, width, terms))
     padded[:, :size, :size] = of_images.T.reshape(-1, size, size, terms)

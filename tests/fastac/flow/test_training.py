@@ -140,13 +140,13 @@ def test_a_network_pruned_to_a_width_has_it_whatever_its_neurons_say(
         hardware={"weights": weights},
         training={"normals_epochs": 3, "normals_batch_px": 1024},
     )
-    quantised = quantise.quantise_layers
+    quantised = quantise.compensated_layers
 
     def with_an_idle_neuron(weight, bias, *others, **named):
         weight[1][0], bias[1][0] = 0, -1
         return quantised(weight, bias, *others, **named)
 
-    monkeypatch.setattr(quantise, "quantise_layers", with_an_idle_neuron)
+    monkeypatch.setattr(quantise, "compensated_layers", with_an_idle_neuron)
     floats, integers = tmp_path / "normals.npz", tmp_path / "integers.npz"
     training.normals(tiny_data, scene, floats, progress=False)
     training.integers(tiny_data, scene, floats, integers, progress=False)
@@ -186,7 +186,7 @@ def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_dat
 
 @pytest.mark.parametrize("arithmetic", ["float", "integer"])
 def test_kernels_are_trained_on_what_their_own_pipeline_finds(tiny_bundle, tiny_data, arithmetic):
-    """Their validation error, computed again from frames, is the best of the learning curve.
+    """Their validation error, computed again from frames, is at most the best of the learning curve.
 
     The integers' own kernels are rounded to 8 bits in the bundle; here they are not.
     """
@@ -197,9 +197,7 @@ def test_kernels_are_trained_on_what_their_own_pipeline_finds(tiny_bundle, tiny_
     force = (np.maximum(found, 0) * weight).sum(axis=(1, 2))
     error = np.abs(force - tiny_data.force_n[index, 2]).mean()
     curve = tiny_bundle.floats[f"history.force_{arithmetic}.validation_mae_n"]
-    assert error <= curve.min() * 1.001
-    if arithmetic == "float":
-        assert error == pytest.approx(curve.min(), rel=1e-3)
+    assert error <= 1.001 * curve.min()  # less: in the end these frames are fitted too
 
 
 class TestDots:
@@ -227,7 +225,7 @@ class TestDots:
     def test_weights_are_fitted_to_what_their_own_pipeline_finds(
         self, dotted_bundle, dotted_data, arithmetic
     ):
-        """Their validation error, computed again from frames, is the best of the learning curve."""
+        """Their validation error, computed again from frames, is at most the best of the learning curve."""
         index, floats = dotted_data.indices("validation"), dotted_bundle.floats
         pipelines = {
             "float": FloatPipeline.from_bundle(dotted_bundle),
@@ -239,7 +237,7 @@ class TestDots:
         force += np.einsum("fmk,amk->fa", found.dot_shifts_px, floats[f"force.{arithmetic}_dot_weights"])
         error = np.abs(force - dotted_data.forces_n(index, (2,))).sum(axis=1).mean()
         curve = floats[f"history.force_{arithmetic}.validation_mae_n"]
-        assert error == pytest.approx(curve.min(), rel=1e-3)
+        assert error <= 1.001 * curve.min()  # less: in the end these frames are fitted too
         if arithmetic == "float":
             np.testing.assert_allclose(found.force_n, force, atol=1e-5 * np.abs(force).max())
 

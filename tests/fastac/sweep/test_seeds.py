@@ -2,7 +2,7 @@ import pytest
 
 from fastac.sweep import front
 from fastac.sweep.results import Results, Row
-from fastac.sweep.seeds import seeds_table, trainings
+from fastac.sweep.seeds import headlines_table, seeds_table, trainings
 
 
 @pytest.fixture
@@ -38,3 +38,15 @@ def test_the_table_has_means_spreads_and_what_another_network_changes(source):
         ["width 8", "3", "0.6 ± 0.1", "80", "20,200 ± 100"],
         ["width 6", "3", "0.66 ± 0.11 (+10.0%)", "60", "20,200 ± 100"],
     ]
+
+
+def test_errors_of_floats_and_integers_have_their_spread_and_furthest_training(make_scene, tmp_path):
+    results = Results(tmp_path / "r.sqlite")
+    results.set_facts({"scene": make_scene().model_dump(mode="json"), "generation": "now"})
+    for seed, (of_float, of_integer) in enumerate([(1.0, 1.2), (2.0, 1.8), (3.0, 3.6)], 1):
+        scene = make_scene(training={"seed": seed}).model_dump(mode="json")
+        metrics = {"float_normal_mae_deg": of_float, "normal_mae_deg": of_integer, "depth_mae_mm": 0.1}
+        results.add(Row(f"{seed}", "done", {"training.seed": seed}, scene, metrics, generation="now"))
+    table = headlines_table(front.read(results.path))
+    (row,) = table.rows  # the depth's float error is not known
+    assert row[1:] == ["3", "normal_mae_deg", "2 ± 1", "50.0%", "2.2 ± 1.2", "63.6%", "+10.0%"]

@@ -140,6 +140,46 @@ def test_dead_neurons_do_no_harm():
     assert not layers[0].weight[3].any()
 
 
+WORDS = {"weight_bits": 8, "activation_bits": 10, "last_weight_bits": 12}
+
+
+class TestCompensatedLayers:
+    """Roundings that make up for each other on the calibration pixels."""
+
+    @staticmethod
+    def correlated(seed: int) -> np.ndarray:
+        """Features whose channels change nearly alike, as a camera's do."""
+        rng = np.random.default_rng(seed)
+        together = rng.normal(size=(4000, 1)) * 40 + rng.normal(size=(4000, 4)) * 4
+        return np.column_stack([np.rint(together).astype(int), rng.integers(-127, 128, (4000, 2))])
+
+    @pytest.mark.parametrize("weight_bits", [5, 8])
+    def test_they_err_less_than_the_nearest_integers(self, weight_bits):
+        words = WORDS | {"weight_bits": weight_bits}
+        nearest, compensated = [], []
+        for seed in (1, 2, 3):
+            weights, biases = network(seed)
+            x = self.correlated(100 + seed)
+            truth = by_float(weights, biases, x)
+            for errors, way in (
+                (nearest, quantise.quantise_layers),
+                (compensated, quantise.compensated_layers),
+            ):
+                layers = way(weights, biases, scales(4), self.correlated(seed), **words)
+                errors.append(degrees(by_integers(layers, x), truth))
+        assert np.mean(compensated) < 0.7 * np.mean(nearest)
+
+    def test_dead_neurons_do_no_harm_and_all_can_be_loaded(self):
+        weights, biases = network(6)
+        weights[0][3] = 0  # always its bias
+        weights[1][5], biases[1][5] = 0, -1  # never fires
+        layers = quantise.compensated_layers(weights, biases, scales(4), features(1), **WORDS)
+        x = features(106)
+        assert degrees(by_integers(layers, x), by_float(weights, biases, x)) < 0.6
+        for layer in layers:
+            dataclasses.replace(layer, loadable=True)  # refuses what hardware for any weights could not hold
+
+
 def test_layers_survive_a_file():
     layers = layers_of(*network(7))
     arrays = quantise.layers_to_arrays(layers)

@@ -149,6 +149,16 @@ class TestRefit:
         before = error(first, noisy["validation"], force["validation"])
         assert error(second, noisy["validation"], force["validation"]) < before
 
+    def test_fitted_to_both_splits_it_errs_less_on_the_second(self, make_scene):
+        scene = make_scene(training={"force_epochs": 2})
+        plain, noisy, force = self.parts()
+        first, _ = train(scene, np.ones((N + 2, N + 2)), plain, force)
+        one, _, history = refit_last_layer(scene, first, noisy, force)
+        other, _, same = refit_last_layer(scene, first, noisy, force, with_validation=True)
+        assert same == history
+        of_one, of_other = (error(m, noisy["validation"], force["validation"]) for m in (one, other))
+        assert of_other < 0.99 * of_one
+
     def test_axes_do_not_mix(self, make_scene):
         scene = make_scene(outputs=["force_x", "force_z"], training={"force_epochs": 2})
         plain, _, force = self.parts()

@@ -91,6 +91,19 @@ def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
     np.testing.assert_allclose(force(change["train"], found), x @ spectrum, atol=1e-9)
 
 
+def test_the_frames_that_chose_can_be_fitted_in_the_end():
+    change, truth = problem(fields(4), noise=0.5)
+    alone, _, history = smooth_weights.fit(change, truth)
+    found, _, same = smooth_weights.fit(change, truth, with_validation=True)
+    assert same == history
+    size = ridge.best(history)["cosines"]
+    both = np.concatenate([change["train"], change["validation"]])
+    x = smooth_weights.lowest_cosines(both, size).reshape(len(both), -1)
+    spectrum = ridge.fit(x, np.concatenate([truth["train"], truth["validation"]]), ridge.best(history))
+    np.testing.assert_allclose(force(both, found), x @ spectrum, rtol=1e-9)
+    assert np.abs(found - alone).max() > 1e-3 * np.abs(alone).max()
+
+
 @pytest.mark.parametrize("validation", [True, False])
 def test_the_dots_weights_come_back_beside_the_fields(validation):
     """Dots that carry as much force as the images do."""
