@@ -193,6 +193,10 @@ class Training(Strict):
     given: 0.01."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
+    still_share: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """Share of the pixels whose slope the press leaves as it is that are trained on, chosen by chance. Most
+    pixels are such, and a network that sees them all takes the gentle slopes under large or flat objects for
+    none: forces on them come out too small."""
     finetune_epochs: Annotated[int, Field(ge=0)] = 3
     finetune_weights: bool = False
     """Fine-tune the hidden layers' weights too; worth it below 8 bits, with many epochs."""
