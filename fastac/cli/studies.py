@@ -148,6 +148,29 @@ def shapes(bundles, count, seed, output, store, progress):
     click.echo(f"written: {output}/shapes.json")
 
 
+@study.command()
+@click.option("--seeds", type=click.IntRange(1), default=2, show_default=True, help="Trainings of each way.")
+@output_option("Folder of the builds and of mixtures.json.", OUTPUT_FOLDER, "build/mixtures")
+@progress_option
+def mixtures(seeds, output, progress):
+    """Train a small fingertip on balls and on several shapes, and print its forces on objects it never met.
+
+    All ways have equally many presses: balls of three sizes with all pixels, the same with a tenth of the
+    pixels at rest (training.still_share), and balls and other shapes with a tenth. Printed are the friction
+    that the grasp's slip test finds on a bottle and, as by `fastac study shapes`, errors by kind of object.
+    Minutes of processor time; an interrupted run goes on. All of it is simulated.
+
+    \b
+    Example: fastac study mixtures
+    """
+    from fastac.studies.shapes import mixtures as experiment
+
+    output = output or Path("build/mixtures")
+    for table in experiment.tables(experiment.measure(output, seeds=seeds, progress=progress)):
+        click.echo(f"{table.text}\n{table.note}")
+    click.echo(f"written: {output}/mixtures.json")
+
+
 @study.command("force-ablation")
 @click.argument("origin", metavar="SCENE|BUILD", type=INPUT)
 @click.option("--data", type=INPUT, required=True, help="Dataset with forces along x, y and z.")
