@@ -173,3 +173,7 @@ def _check_force_alone(scene) -> None:
         value = getattr(scene.training, key)
         if value:
             raise ValueError(f"training.{key}: {value} needs training.labels 'geometry'")
+    if scene.training.still_share < 1:
+        raise ValueError(
+            f"training.still_share: {scene.training.still_share} needs training.labels 'geometry'"
+        )

@@ -201,6 +201,10 @@ class Training(Strict):
     """Distance from the centre of a labelled contact circle, in its radii, beyond which the skin is learned
     as the skin at rest, though light and colour differ there from the background: half of the pixels of
     flat_fraction are then such. Not given: nothing outside the circles is learned from but frames at rest."""
+    still_share: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """Share of the pixels whose slope the press leaves as it is that are trained on, chosen by chance. Most
+    pixels are such, and a network that sees them all takes the gentle slopes under large or flat objects for
+    none: forces on them come out too small."""
     finetune_epochs: Annotated[int, Field(ge=0)] = 3
     finetune_weights: bool = False
     """Fine-tune the hidden layers' weights too; worth it below 8 bits, with many epochs."""

@@ -41,6 +41,9 @@ class Protocol(Strict):
     more_balls_mm: tuple[Positive, ...] = ()
     """Diameters of further balls: each position of train and validation is pressed with one of them too, in
     turn. A force model that knows one shape only takes the others for more or less than they are."""
+    more_shapes: tuple[Literal["cylinder", "edge", "punch", "lump"], ...] = ()
+    """Kinds of further objects, each time of another random size (sensor/mechanics/random_indenter.py), in
+    turn with more_balls_mm: as many presses, of more shapes."""
     tangential_shares: tuple[Positive, ...] | None = None
     """Tangential loads, in shares of F_z, each in four directions, after each vertical one. Not given: the
     paper's 0.3 and 0.6 where tangential forces are wanted and the gel has friction, and else none."""

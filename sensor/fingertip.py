@@ -3,8 +3,8 @@
 Contact mechanics (sensor/mechanics) gives the deformed skin and the force for each load of the protocol
 (sensor/protocol.py); optics (sensor/optics) renders the frame. Normals, forces and poses are always stored,
 depth only if the scene has a depth solver. The paper has normals and depth of vertical presses only; here
-those under tangential load are known too and are stored. Tangential loads that friction cannot carry are left
-out, and their number is stored as `left_out`.
+those under tangential load are known too and are stored. Loads that friction, or an object of random shape,
+cannot carry are left out, and their number is stored as `left_out`.
 """
 
 import multiprocessing
@@ -63,11 +63,17 @@ def _start_worker(sensor: Sensor, store: Path) -> None:
 
 
 def _press(task) -> list[dict | None]:
-    """The samples of a station, see `sample`; None for a load that friction cannot carry."""
+    """The samples of a station, see `sample`; None for a load that is left out."""
     station, sensor, seeds = task
+    try:
+        presses = _rig.presses(station)
+    except ContactError:
+        if station.shape == "ball":
+            raise
+        return [None] * len(seeds)
     return [
         None if isinstance(pressed, ContactError) else sample(pressed, sensor, np.random.default_rng(seed))
-        for pressed, seed in zip(_rig.presses(station), seeds, strict=True)
+        for pressed, seed in zip(presses, seeds, strict=True)
     ]
 
 
@@ -131,8 +137,8 @@ def generate(
 
     The result depends on the scene alone, not on the number of processes (default: one per core). `store`
     is the folder of the step store, which keeps finite-element compliances. Raises FingertipError if the
-    scene's sensor is a recorded one or too small for the ball, and ContactError if a vertical load exceeds
-    what the contact model can represent.
+    scene's sensor is a recorded one or too small for the ball, and ContactError if a ball's vertical load
+    exceeds what the contact model can represent.
     """
     sensor, protocol = scene.sensor, scene.protocol
     if sensor.source != "simulated":
@@ -142,7 +148,7 @@ def generate(
     background_seed, *seeds = np.random.SeedSequence(protocol.seed).spawn(count + 1)
     rest, left_out = iter(seeds), 0
     tasks = [(s, sensor, [next(rest) for _ in s.targets_n]) for s in visited]
-    room, poses, split = _empty(scene, count), [], []
+    room, poses, split, group = _empty(scene, count), [], [], []
     processes = min(processes or os.cpu_count() or 1, len(tasks))
     with progress_bar(total=count, desc="presses", unit="", enabled=progress, leave=True) as bar:
         performed = _perform(scene, tasks, Path(store), processes, progress)
@@ -156,6 +162,7 @@ def generate(
                     array[len(poses)] = found[key]
                 poses.append(found["pose"])
                 split.append(station.split)
+                group.append(station.group)
 
     arrays = {key: array[: len(poses)] for key, array in room.items()}
     frames, take = ("frames", background) if sensor.frames == "channels" else ("raw10", background_raw10)
@@ -166,6 +173,7 @@ def generate(
         source=f"simulated: virtual {sensor.geometry}, seed {protocol.seed}",
         background=take(sensor, np.random.default_rng(background_seed)),
         split=np.array(split),
+        group=np.array(group) if protocol.more_shapes else None,
         indenter={key: np.array([pose[key] for pose in poses]) for key in poses[0]},
         rest_depth_mm=rest_depth_mm(sensor) if scene.wants_slopes else None,
         left_out=left_out,

@@ -3,8 +3,8 @@
 It follows the paper's protocol (supplement, section I). A position is that of the ball's axis, in mm from the
 image's centre. The grids of the train, validation and test splits share no point. At each position the
 vertical loads follow one another; if the scene has tangential loads, each vertical load is followed by
-tangential ones in four in-plane directions. Beyond the paper's, further balls may follow, one at each
-position of train and validation.
+tangential ones in four in-plane directions. Beyond the paper's, further balls and other objects may follow,
+one at each position of train and validation.
 """
 
 import math
@@ -34,7 +34,14 @@ class Station:
     y_mm: float
     load_n: float
     ball_mm: float
+    """Diameter of the ball; NaN for another shape."""
     tangential_n: tuple[tuple[float, float], ...] = ()
+    shape: str = "ball"
+    """The object's kind: a ball, or an entry of `protocol.more_shapes`."""
+    draw: tuple[int, ...] = ()
+    """Seed of the object's random size; empty for a ball."""
+    group: str = ""
+    """The object at its place: stations of one group differ in their loads only."""
 
     @property
     def targets_n(self) -> tuple[tuple[float, float], ...]:
@@ -95,13 +102,13 @@ def positions_mm(sensor: Sensor, protocol: Protocol) -> dict[str, np.ndarray]:
 
 
 def stations(scene: Scene) -> list[Station]:
-    """All stations of a scene's protocol, in the order in which they are pressed: those of further balls come
-    last. A position's ball is that of its row and column, so that each ball comes to all parts of the skin.
+    """All stations of a scene's protocol, in the order in which they are pressed: those of further objects
+    come last. A position's object is that of its row and column, so that each comes to all parts of the skin.
     """
     protocol = scene.protocol
     grids = positions_mm(scene.sensor, protocol)
     visited = [(split, place, protocol.ball_mm) for split, grid in grids.items() for place in grid]
-    more = protocol.more_balls_mm
+    more: tuple[float | str, ...] = (*protocol.more_balls_mm, *protocol.more_shapes)
     for split in ("train", "validation") if more else ():
         size = math.isqrt(len(grids[split]))
         visited += [
@@ -112,13 +119,15 @@ def stations(scene: Scene) -> list[Station]:
             split,
             *map(float, place),
             load_n,
-            ball_mm,
+            math.nan if isinstance(what, str) else what,
             tuple(
                 (share * load_n * x, share * load_n * y)
                 for share in scene.tangential_shares
                 for x, y in DIRECTIONS
             ),
+            *((what, (protocol.seed, k)) if isinstance(what, str) else ("ball", ())),
+            f"{what if isinstance(what, str) else 'ball'} {k}",
         )
-        for split, place, ball_mm in visited
+        for k, (split, place, what) in enumerate(visited)
         for load_n in protocol.loads_n
     ]

@@ -18,7 +18,7 @@ from fastac.cli.common import (
 
 @click.group(cls=Group)
 def study():
-    """Studies: dots, slip, identities, extremes, long runs, force ablation, second units, presses, depth."""
+    """Studies: dots, slip, shapes, identities, extremes, long runs, ablation, second units, presses, depth."""
 
 
 @study.command()
@@ -110,6 +110,65 @@ def slip(bundle, output, store, progress):
     for table in experiment.tables(experiment.run(bundle, output, store=store, progress=progress)):
         click.echo(f"{table.text}\n{table.note}".rstrip())
     click.echo(f"written: {output}/slip.json, .png")
+
+
+@study.command()
+@click.argument("bundles", type=INPUT, metavar="BUNDLE...", nargs=-1, required=True)
+@click.option(
+    "--objects",
+    "count",
+    type=click.IntRange(1),
+    default=40,
+    show_default=True,
+    help="Objects of each kind.",
+)
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Seed of the objects.")
+@output_option("Folder of shapes.json.", OUTPUT_FOLDER, "build/shapes")
+@store_option("finite-element compliances")
+@progress_option
+def shapes(bundles, count, seed, output, store, progress):
+    """Print what BUNDLEs find of the forces of new objects, kind by kind.
+
+    Random balls, cylinders, edges, punches, lumps and bottles, none of which a protocol presses, are pressed
+    and dragged on the virtual fingertip; all BUNDLEs, which are of one sensor, see the same frames. By kind
+    and bundle: whether the scene's protocol has the kind, mean absolute errors, and how much too large or
+    small shear, F_z and F_s/F_n come out. Scenes need the output force_xyz, finite elements and friction.
+    All of it is simulated.
+
+    \b
+    Example: fastac study shapes build/fingertip build/shear
+    """
+    from fastac.studies.shapes import study as experiment
+
+    output = output or Path("build/shapes")
+    named = {str(path): load_bundle(path) for path in bundles}
+    found = experiment.run(named, output, count=count, seed=seed, store=store, progress=progress)
+    for table in experiment.tables(found):
+        click.echo(f"{table.text}\n{table.note}")
+    click.echo(f"written: {output}/shapes.json")
+
+
+@study.command()
+@click.option("--seeds", type=click.IntRange(1), default=2, show_default=True, help="Trainings of each way.")
+@output_option("Folder of the builds and of mixtures.json.", OUTPUT_FOLDER, "build/mixtures")
+@progress_option
+def mixtures(seeds, output, progress):
+    """Train a small fingertip on balls and on several shapes, and print its forces on objects it never met.
+
+    All ways have equally many presses: balls of three sizes with all pixels, the same with a tenth of the
+    pixels at rest (training.still_share), and balls and other shapes with a tenth. Printed are the friction
+    that the grasp's slip test finds on a bottle and, as by `fastac study shapes`, errors by kind of object.
+    Minutes of processor time; an interrupted run goes on. All of it is simulated.
+
+    \b
+    Example: fastac study mixtures
+    """
+    from fastac.studies.shapes import mixtures as experiment
+
+    output = output or Path("build/mixtures")
+    for table in experiment.tables(experiment.measure(output, seeds=seeds, progress=progress)):
+        click.echo(f"{table.text}\n{table.note}")
+    click.echo(f"written: {output}/mixtures.json")
 
 
 @study.command("force-ablation")

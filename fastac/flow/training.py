@@ -26,6 +26,7 @@ from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
 from fastac.models.training.light import under_other_light
+from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import prune_neurons, prune_to_width
 from fastac.models.vision.dots import bridge_of, detected_as, follower_of
@@ -173,12 +174,19 @@ def slope_bridge(data: Dataset, scene: Scene) -> SlopeBridge | None:
 
 
 def skin_alone(data: Dataset, scene: Scene) -> Dataset:
-    """The dataset without the normals of pixels whose slopes are bridged."""
-    bridge = slope_bridge(data, scene)
-    if bridge is None or data.normals is None:
+    """The dataset without the normals of pixels whose slopes are bridged, and of those that
+    `training.still_share` leaves out."""
+    bridge, share = slope_bridge(data, scene), scene.training.still_share
+    if data.normals is None:
         return data
-    skin = np.stack([~bridge.dark(frame) for frame in data.frames])
-    return replace(data, valid=skin if data.valid is None else skin & data.valid)
+    kept = []
+    if bridge is not None:
+        kept.append(np.stack([~bridge.dark(frame) for frame in data.frames]))
+    if share < 1:
+        kept.append(moved_or_chosen(data, scene.sensor, share, scene.training.seed))
+    if data.valid is not None:
+        kept.append(data.valid)
+    return replace(data, valid=np.logical_and.reduce(kept)) if kept else data
 
 
 def dots_at_rest(data: Dataset, scene: Scene) -> dict[str, np.ndarray]:

@@ -36,7 +36,7 @@ class PressedSkin:
 
 
 class Rig(Protocol):
-    """One sensor's gel, on which a ball performs the press protocol."""
+    """One sensor's gel, on which balls and other objects perform the press protocol."""
 
     def presses(self, station: Station) -> list[PressedSkin | ContactError]:
         """The samples of a station in its order, with an error in place of one that friction cannot carry.

@@ -286,6 +286,11 @@ def test_the_search_for_a_size_of_weights_is_cut_short_where_forces_alone_train(
             "training.position_noise: 0.1 needs training.labels 'geometry'",
         ),
         (
+            '"force" }',
+            '"force", still_share = 0.1 }',
+            "training.still_share: 0.1 needs training.labels 'geometry'",
+        ),
+        (
             "sensor =",
             "network.train_width = 20\nsensor =",
             "network.train_width: needs training.labels 'geometry'",

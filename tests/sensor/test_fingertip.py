@@ -9,6 +9,7 @@ from fastac.sensor.fingertip import generate
 from fastac.sensor.mechanics.layer import Layer
 from fastac.sensor.mechanics.layer_rig import surface
 from fastac.sensor.mechanics.press import ContactError
+from fastac.sensor.mechanics.random_indenter import indenter_of
 from fastac.sensor.protocol import FingertipError, positions_mm
 
 
@@ -210,6 +211,31 @@ def test_the_shipped_rig_records_raw10_with_dots_and_tangential_loads(tmp_path):
     change = np.abs(data.raw10.astype(int) - data.background).reshape(len(data), 128, 4, 128, 4)
     touched = np.abs(data.rest_depth_mm - data.depth_mm) > 0.2
     assert change.mean(axis=(2, 4))[touched].mean() > 2 * change[:, 0].mean()
+
+
+@pytest.mark.parametrize("mechanics", ["layer", "fem"])
+def test_a_random_shape_that_the_contact_cannot_carry_is_left_out(mechanics, tmp_path, monkeypatch):
+    def drawn(station):
+        if station.shape == "punch" and station.split == "train":
+            raise ContactError("too much")
+        return indenter_of(station)
+
+    for module in ("layer_rig", "fem.rig"):
+        monkeypatch.setattr(f"fastac.sensor.mechanics.{module}.indenter_of", drawn)
+    gel = f'[sensor.elastomer]\nmechanics = "{mechanics}"\nelements = 12\nlayers = 1'
+    with_shapes = scene(extra=gel, protocol='more_shapes = ["punch"]')
+    generate(with_shapes, tmp_path / "d.h5", store=tmp_path, progress=False, processes=1)
+    data = read(tmp_path / "d.h5", with_shapes)
+    assert data.left_out == 4 * 2
+    assert data.group.tolist() == [f"ball {k}" for k in range(9) for _ in range(2)] + ["punch 13"] * 2
+    assert np.isnan(data.indenter["ball_mm"]).tolist() == [False] * 18 + [True] * 2
+    assert (data.indenter["contact_radius_mm"] > 0).all()
+    np.testing.assert_allclose(data.force_n[-2:, 2], [0.5, 1.0], rtol=1e-3)
+    without = scene(extra=gel)
+    generate(without, tmp_path / "balls.h5", store=tmp_path, progress=False, processes=1)
+    balls = read(tmp_path / "balls.h5", without)
+    assert balls.group is None
+    np.testing.assert_array_equal(data.force_n[:18], balls.force_n)
 
 
 def test_a_vertical_load_beyond_the_gel_is_an_error(rig, tmp_path):

@@ -49,6 +49,19 @@ def test_further_balls_come_last_each_to_all_parts_of_train_and_validation():
     ]
 
 
+def test_further_shapes_take_turns_with_further_balls():
+    found = stations(scene('more_balls_mm = [10.0]\nmore_shapes = ["cylinder", "edge"]'))
+    known = stations(scene("more_balls_mm = [10.0]"))
+    assert len(found) == len(known)
+    more = found[len(stations(scene())) :]
+    assert [station.shape for station in more[::2]] == ["ball", "cylinder", "cylinder", "edge", "ball"]
+    assert [np.isnan(station.ball_mm) for station in more] == [station.shape != "ball" for station in more]
+    # One object and place is one group, whatever the loads, and each random object has a draw of its own.
+    objects = {station.group: station.draw for station in found}
+    assert len(objects) == len(found) / 2
+    assert len({draw for draw in objects.values() if draw}) == 3
+
+
 def test_default_grids_are_the_papers():
     """192, 75 and 192 vertical presses on 8×8, 5×5 and 8×8 places (supplement I)."""
     found = stations(parse(TEXT.split("[protocol]")[0], origin="p"))

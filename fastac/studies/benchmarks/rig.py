@@ -15,7 +15,7 @@ from fastac.scenes.schema import Scene, SceneError
 from fastac.sensor.mechanics.fem.pressed_gel import GelContact
 from fastac.sensor.mechanics.fem.rig import FemRig
 from fastac.sensor.mechanics.fem.skin import skin_of
-from fastac.sensor.mechanics.indenter import Ball
+from fastac.sensor.mechanics.random_indenter import indenter_of
 from fastac.sensor.optics.camera import render
 from fastac.sensor.optics.raw_window import render_raw10
 from fastac.sensor.protocol import stations
@@ -43,16 +43,16 @@ def measure(scene: Scene, store: Path, progress: bool) -> str:
     chosen = [visited[i] for i in np.linspace(0, len(visited) - 1, STATIONS).astype(int)]
     times: dict[str, list] = {}
     for station in chosen:
-        drags, ball = station.tangential_n, Ball(station.ball_mm)
+        drags, indenter = station.tangential_n, indenter_of(station)
         press = partial(
-            rig.gel.presses, ball, station.x_mm, station.y_mm, load_n=station.load_n, friction=friction
+            rig.gel.presses, indenter, station.x_mm, station.y_mm, load_n=station.load_n, friction=friction
         )
         times.setdefault("vertical contact", []).append(fastest(press, REPEATS))
         if drags:
             spent = np.array(fastest(partial(press, tangential_loads_n=drags), REPEATS)) / (1 + len(drags))
             times.setdefault("contact, mean of all loads", []).append(tuple(spent))
         contact: GelContact = press()[0]
-        pixels = partial(skin_of, contact, sensor, ball, station.x_mm, station.y_mm)
+        pixels = partial(skin_of, contact, sensor, indenter, station.x_mm, station.y_mm)
         times.setdefault("skin at the pixels", []).append(fastest(pixels, REPEATS))
         skin, rng = pixels(), np.random.default_rng(1)
         state = (skin.normals, skin.depth_mm, sensor, rng, skin.tangential_mm)

@@ -4,7 +4,6 @@ Balls, cylinders, edges, round punches and lumps of random size, each pressed at
 random loads. An object whose contact the layer's model cannot represent is drawn anew.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -12,53 +11,18 @@ import numpy as np
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import sample
-from fastac.sensor.geometry import deformed_slopes, normals_from_slopes, rest_depth_mm
-from fastac.sensor.mechanics.indenter import Ball, Cylinder, Edge, FlatPunch, HeightMap, Indenter
+from fastac.sensor.geometry import rest_depth_mm
+from fastac.sensor.mechanics.indenter import Indenter
 from fastac.sensor.mechanics.layer import Layer
-from fastac.sensor.mechanics.press import ContactError, PressedSkin
+from fastac.sensor.mechanics.layer_rig import press_indenter
+from fastac.sensor.mechanics.press import ContactError
+from fastac.sensor.mechanics.random_indenter import KINDS
 from fastac.sensor.optics.camera import background
 from fastac.store.progress import progress_bar
 
 LOADS_N = (0.1, 1.0)
 REACH = 0.2
 """Of the image's width: how far along x and y presses are from the middle, at most."""
-LUMP_PITCH_MM = 0.1
-
-
-def lump(rng: np.random.Generator) -> HeightMap:
-    """A bowl with waves on it, 8 mm wide."""
-    x, y = np.meshgrid(*(np.arange(-4, 4 + LUMP_PITCH_MM / 2, LUMP_PITCH_MM),) * 2)
-    height = x**2 / (2 * rng.uniform(2, 8)) + y**2 / (2 * rng.uniform(2, 8))
-    angle, phase = rng.uniform(0, 2 * np.pi, 2)
-    along = np.cos(angle) * x + np.sin(angle) * y
-    waves = rng.uniform(0.02, 0.1) * np.cos(2 * np.pi * along / rng.uniform(1.5, 4) + phase)
-    return HeightMap(height + waves, LUMP_PITCH_MM)
-
-
-KINDS: dict[str, Callable[[np.random.Generator], Indenter]] = {
-    "ball": lambda rng: Ball(rng.uniform(3, 8)),
-    "cylinder": lambda rng: Cylinder(rng.uniform(3, 8), rng.uniform(3, 8), rng.uniform(0, 180)),
-    "edge": lambda rng: Edge(
-        rng.uniform(3, 7), rng.uniform(90, 150), rng.uniform(0.2, 0.6), rng.uniform(0, 180)
-    ),
-    "punch": lambda rng: FlatPunch(rng.uniform(2, 5)),
-    "lump": lump,
-}
-"""Makers of a random indenter, by kind."""
-
-
-def press(layer: Layer, indenter: Indenter, x_mm: float, y_mm: float, load_n: float) -> PressedSkin:
-    """The skin under an indenter whose axis is at (x_mm, y_mm). Raises ContactError as `Layer`."""
-    z, p_object, q_object = indenter.surface(layer.x_mm - x_mm, layer.y_mm - y_mm)
-    contact = layer.press_surface(z, load_n=load_n)
-    p, q = deformed_slopes(contact.displacement_mm, layer.sensor)
-    touching = contact.pressure_mpa > 0
-    p[touching], q[touching] = p_object[touching], q_object[touching]
-    force = contact.pressure_mpa * layer.sensor.pitch_mm**2
-    depth_mm = layer.rest_depth_mm - contact.displacement_mm
-    force_n = np.array([-(p * force).sum(), -(q * force).sum(), force.sum()])
-    pose = {"x_mm": x_mm, "y_mm": y_mm, "approach_mm": contact.approach_mm}
-    return PressedSkin(normals_from_slopes(p, q), depth_mm, touching, force_n, pose)
 
 
 def write(
@@ -106,7 +70,7 @@ def _samples(
     for _ in range(presses):
         x_mm, y_mm = rng.uniform(-span, span, 2)
         try:
-            pressed = press(layer, indenter, x_mm, y_mm, rng.uniform(*LOADS_N))
+            pressed = press_indenter(layer, indenter, x_mm, y_mm, rng.uniform(*LOADS_N))
         except ContactError:
             return None
         found.append(sample(pressed, scene.sensor, rng))

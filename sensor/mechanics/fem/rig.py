@@ -1,4 +1,4 @@
-"""Ball presses on the finite-element gel: vertical loads, then tangential ones."""
+"""Presses on the finite-element gel: vertical loads, then tangential ones."""
 
 from pathlib import Path
 
@@ -9,8 +9,9 @@ from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.mechanics.fem.gel import Gel
 from fastac.sensor.mechanics.fem.pressed_gel import GelContact
 from fastac.sensor.mechanics.fem.skin import skin_of
-from fastac.sensor.mechanics.indenter import Ball
+from fastac.sensor.mechanics.indenter import Indenter
 from fastac.sensor.mechanics.press import ContactError, PressedSkin
+from fastac.sensor.mechanics.random_indenter import indenter_of
 from fastac.sensor.protocol import Station
 
 
@@ -25,9 +26,10 @@ class FemRig:
 
     def presses(self, station: Station) -> list[PressedSkin | ContactError]:
         """The vertical sample of a station and its tangential ones; see `press.Rig`."""
+        indenter = indenter_of(station)
         with threadpool_limits(1):  # or the sums' order, and so the last bits, would depend on the machine
             contacts = self.gel.presses(
-                Ball(station.ball_mm),
+                indenter,
                 station.x_mm,
                 station.y_mm,
                 load_n=station.load_n,
@@ -35,13 +37,14 @@ class FemRig:
                 tangential_loads_n=station.tangential_n,
             )
             return [
-                contact if isinstance(contact, ContactError) else self._pressed(contact, station, target)
+                contact
+                if isinstance(contact, ContactError)
+                else self._pressed(contact, indenter, station, target)
                 for contact, target in zip(contacts, station.targets_n, strict=True)
             ]
 
-    def _pressed(self, contact: GelContact, station: Station, target_n) -> PressedSkin:
-        ball = Ball(station.ball_mm)
-        skin = skin_of(contact, self.sensor, ball, station.x_mm, station.y_mm)
+    def _pressed(self, contact: GelContact, indenter: Indenter, station: Station, target_n) -> PressedSkin:
+        skin = skin_of(contact, self.sensor, indenter, station.x_mm, station.y_mm)
         moved_x_mm, moved_y_mm, moved_z_mm = contact.indenter_displacement_mm
         pose = {
             "x_mm": station.x_mm + moved_x_mm,
