@@ -17,8 +17,8 @@ from fastac.cli.prove import prove
 from fastac.cli.recordings import import_
 from fastac.cli.run import run
 from fastac.cli.stream import listen, serve
-from fastac.cli.studies import study
 from fastac.cli.trade import chips, scope, sweep, trade
+from fastac.cli.training_studies import study
 from fastac.cli.tune import tune
 from fastac.cli.verify import verify
 from fastac.cli.vivado import vivado, vivado_reports

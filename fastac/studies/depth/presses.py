@@ -16,11 +16,12 @@ from fastac.sensor.dataset import Dataset
 from fastac.sensor.geometry import ball_slopes, normals_from_slopes, pixel_centres_mm
 from fastac.sensor.mechanics.indenter import Ball
 from fastac.sensor.mechanics.layer import Layer
+from fastac.sensor.mechanics.layer_rig import press_indenter
 from fastac.sensor.mechanics.press import ContactError
+from fastac.sensor.mechanics.random_indenter import KINDS
 from fastac.sensor.optics.camera import background, render
 from fastac.sensor.protocol import FingertipError
 from fastac.store.files import load_arrays, save_arrays
-from fastac.studies.robustness.random_objects import KINDS, press
 
 BALL_MM = 4.7
 BEYOND_PX = 32
@@ -123,7 +124,7 @@ def write_skins(folder: Path, scene: Scene, counts: dict[str, int], seed: int) -
                 at_mm = rng.uniform(-REACH[kind], REACH[kind], 2) * span
                 indenter = makers[k % len(makers)](rng) if kind == "other" else Ball(BALL_MM)
                 try:
-                    skin = press(layer, indenter, *at_mm, load_n)
+                    skin = press_indenter(layer, indenter, *at_mm, load_n)
                 except ContactError:
                     continue
                 break
