@@ -18,6 +18,7 @@ class Cause:
 
     conditions : other values of `presses.Conditions`; training : of the scene's keys of training
     everywhere : whether the whole skin is labelled; slope_limit : another limit behind the same network
+    level_light : whether frames are levelled, as with the scene key sensor.level_light
     """
 
     name: str
@@ -25,6 +26,7 @@ class Cause:
     training: dict[str, object] = field(default_factory=dict)
     everywhere: bool = False
     slope_limit: int | None = None
+    level_light: bool = False
 
 
 CAUSES = (
@@ -32,6 +34,8 @@ CAUSES = (
     Cause("no saturation", {"brightest_dn": 180.0}),
     Cause("no cast shadows", {"cast_shadows": False}),
     Cause("the same light in every press", {"light_noise": 0.0}),
+    Cause("light levelled", level_light=True),
+    Cause("light levelled, circle_margin 0.1", training={"circle_margin": 0.1}, level_light=True),
     Cause("exact circles", {"circle_noise_mm": 0.0}),
     Cause("circles a pixel too large", {"circle_bias_mm": PIXEL_MM}),
     Cause("circles a pixel too small", {"circle_bias_mm": -PIXEL_MM}),

@@ -13,9 +13,11 @@ import numpy as np
 
 from fastac.flow.training import network_arrays
 from fastac.models.floating.network import PixelNetwork
+from fastac.models.integer.light_level import levelled
 from fastac.models.training import normals as train_normals
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset
+from fastac.sensor.dataset import Dataset
 from fastac.sensor.geometry import pixel_centres_mm
 from fastac.store.files import load_arrays, save_arrays, write_json
 from fastac.store.progress import progress_bar
@@ -41,9 +43,17 @@ SHORT = {"teachers": 0, "normals_epochs": 60, "normals_batch_px": 1024, "normals
 """Keys of a training that takes seconds, in place of the scene's."""
 
 
-def train(folder: Path, scene: Scene, skins: Path, recording: Path, everywhere: bool) -> None:
-    """A step: the float network of a recording; everywhere: as if its presses' whole skin were known."""
+def _read(recording: Path, level_light: bool) -> Dataset:
+    """The dataset of a recording, its light levelled or as it came."""
     data = dataset.read(recording)
+    return replace(data, frames=levelled(data.frames, data.background)) if level_light else data
+
+
+def train(
+    folder: Path, scene: Scene, skins: Path, recording: Path, level_light: bool, everywhere: bool
+) -> None:
+    """A step: the float network of a recording; everywhere: as if its presses' whole skin were known."""
+    data = _read(recording, level_light)
     if everywhere:
         normals = data.normals.copy()
         labelled = data.indices("train")[:-1]  # the last is the untouched gel
@@ -54,10 +64,17 @@ def train(folder: Path, scene: Scene, skins: Path, recording: Path, everywhere: 
 
 
 def measure(
-    folder: Path, scene: Scene, skins: Path, recording: Path, network: Path, presses: str, limit: int
+    folder: Path,
+    scene: Scene,
+    skins: Path,
+    recording: Path,
+    level_light: bool,
+    network: Path,
+    presses: str,
+    limit: int,
 ) -> list[dict]:
     """A step: `errors_of` each press to test with, its kind, and how near the border it is."""
-    known, data = read_skins(skins, presses), dataset.read(recording)
+    known, data = read_skins(skins, presses), _read(recording, level_light)
     model = PixelNetwork.from_arrays(load_arrays(network))
     x, y = pixel_centres_mm(scene.sensor)
     found = []
@@ -86,7 +103,7 @@ def errors(scene: Scene, cause: Cause, seed: int, counts: dict[str, int], store:
     skins = {"scene": own, "skins": pressed.output(SKINS)}
     lit = {**skins, "conditions": asdict(conditions), "seed": seed}
     recording = Step("depth-recording", write_recording, lit, (RECORDING,)).output(RECORDING)
-    shared = {**skins, "recording": recording}
+    shared = {**skins, "recording": recording, "level_light": cause.level_light}
     network = Step("depth-network", train, {**shared, "everywhere": cause.everywhere}, (NETWORK,))
     last = {
         **shared,
