@@ -163,6 +163,10 @@ COMPONENTS = (
     Component("fz_stream", ("test_fz_stream.py::test_force_of_every_frame",)),
     Component("mlp_mvm", ("test_mlp_mvm.py",), designs=2),
     Component(
+        "network/light_follower",
+        ("network/test_background.py::test_light_is_levelled_bit_exact_to_the_model",),
+    ),
+    Component(
         "network/background",
         ("network/test_background.py::test_capture",),
         allowed=(
@@ -342,6 +346,7 @@ COMPONENTS = (
             Allowed("under_way", "shows only with more credits than the queue has places", ("A[2]", "Y[2]")),
         ),
     ),
+    Component("stream/read_ahead_rom", ("stream/test_read_ahead_rom.py",), designs=2),
     Component("stream/raster_port", ("stream/test_raster_port.py",), designs=2),
     Component(
         "stream/tables",

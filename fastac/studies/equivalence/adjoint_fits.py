@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from fastac.flow import training
-from fastac.flow.force_fits import force_weights, slope_changes
+from fastac.flow.force_fits import fits_validation, force_weights, slope_changes
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.adjoint import displacement_mm, slope_weights
@@ -57,17 +57,18 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
     if true["train"] is not None:
         found["true"] = true
     weights, models, start = {}, {}, None
+    last = {"with_validation": fits_validation(scene)}
     for name, change in found.items():
-        weights["slopes", name], *_ = smooth_weights.fit(change, truth, progress=progress)
+        weights["slopes", name], *_ = smooth_weights.fit(change, truth, **last, progress=progress)
         pressed = {s: displacement_mm(x.astype(np.float64), divergence, pitch_mm) for s, x in change.items()}
         smooth, *_ = smooth_weights.fit(
-            {s: x[..., None] for s, x in pressed.items()}, truth, progress=progress
+            {s: x[..., None] for s, x in pressed.items()}, truth, **last, progress=progress
         )
         weights["smooth", name] = slope_weights(smooth[..., 0], divergence, pitch_mm)
         if start is None:
             rest = training.rest_depth_mm(data)
             start, _ = hyperforce.train(scene, rest, pressed, truth, progress=progress)
-        models[name], *_ = hyperforce.refit_last_layer(scene, start, pressed, truth)
+        models[name], *_ = hyperforce.refit_last_layer(scene, start, pressed, truth, **last)
         weights["displacement", name] = force_weights(models[name], scene)
     with torch.inference_mode():
         kernels = models["integer"].kernels().double().numpy()

@@ -19,10 +19,14 @@ from fastac.report.content import interval_rows
 
 @pytest.fixture(scope="module")
 def made(make_scene, tiny_folder, tiny_data, tmp_path_factory):
-    """Makes the tiny bundle with intervals of a coverage."""
-    arrays = [training.load_arrays(tiny_folder / n) for n in (steps.NORMALS, steps.INTEGERS, steps.FORCE)]
+    """Makes a bundle of the same force with intervals of a coverage, or without."""
+    normals, integers = tiny_folder / steps.NORMALS, tiny_folder / steps.INTEGERS
+    force = tmp_path_factory.mktemp("force") / steps.FORCE  # not fitted to what intervals are calibrated on
+    known = make_scene(force={"coverage": 0.6})
+    training.force(tiny_data, known, normals, integers, force, progress=False)
+    arrays = [training.load_arrays(path) for path in (normals, integers, force)]
 
-    def make(coverage: float):
+    def make(coverage: float | None):
         scene = make_scene(force={"coverage": coverage})
         folder = tmp_path_factory.mktemp("intervals") / "bundle"
         return training.assemble(tiny_data, scene, *arrays, folder), folder
@@ -35,7 +39,7 @@ def common(made):
     return made(0.6)
 
 
-def test_intervals_hold_what_they_were_calibrated_on(common, tiny_data, tiny_bundle):
+def test_intervals_hold_what_they_were_calibrated_on(made, common, tiny_data):
     bundle, _ = common
     pipeline = bundle.pipeline
     assert pipeline.provenance[INTERVAL] == {
@@ -55,7 +59,7 @@ def test_intervals_hold_what_they_were_calibrated_on(common, tiny_data, tiny_bun
     one = fastac.load(common[1]).run(tiny_data.frames[index[0]])
     assert one.force_half_width_n.tolist() == found.force_half_width_n[0].tolist()
     # Nothing else has changed.
-    plain = with_background_of(tiny_bundle.pipeline, tiny_data).run(tiny_data.frames[index])
+    plain = with_background_of(made(None)[0].pipeline, tiny_data).run(tiny_data.frames[index])
     assert plain.force_half_width_n is None
     np.testing.assert_array_equal(plain.force_raw, found.force_raw)
 

@@ -48,8 +48,7 @@ def test_every_beat_and_register_is_as_the_integers_say(name, icarus_verilog, tm
     assert found.frames == len(found.starts) == len(found.results) == 4
     assert found.registers == 4 * (3 + 2 * len(design.bundle.scene.force_axes)) + 2 + 9
     assert min(found.values, found.markers) > 0
-    # The word of a table is unknown until it is first read, and the force map shows it before its first beat.
-    assert bool(found.idle_unknown) == (name == "depth_design")
+    assert found.idle_unknown == 0
 
 
 def test_what_the_camera_does_not_offer_reaches_no_offered_output(slopes_design, icarus_verilog, tmp_path):
