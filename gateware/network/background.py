@@ -33,7 +33,7 @@ class BackgroundSubtraction(wiring.Component):
         short, the background holds part of it, and `captured` stays low, until a whole frame is captured.
     shifted : the pixels that the features on `o` are of, shaped as `i`. Only with `level_light`.
 
-    With `level_light` each frame's pixels are shifted first as `models.integer.light_level.followed_shift`
+    With `level_light` each frame's pixels are shifted first as `models.integer.light_level.followed`
     says (LightFollower); a captured frame is not, and leaves the shifts as they are. A row must then have 4
     beats at least.
 

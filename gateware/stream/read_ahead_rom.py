@@ -45,12 +45,12 @@ class ReadAheadRom(RasterRom):
         m.d.sync += passed.eq(ready)
         with m.If(reads):
             m.d.sync += ready.eq(bank)
-        width = self.word.as_value().shape().width
+        width, words = self.word.as_value().shape().width, self.words
         banks = []
         for number, first in enumerate(range(0, depth, BANK_WORDS)):
-            words = self.words[first : first + BANK_WORDS]
+            own = words[first : first + BANK_WORDS]
             m.submodules[f"bank_{number}"] = memory = Memory(
-                shape=unsigned(width), depth=len(words), init=words, attrs={"rom_style": "block"}
+                shape=unsigned(width), depth=len(own), init=own, attrs={"rom_style": "block"}
             )
             read = memory.read_port()
             word = Signal(width, reset_less=True, name=f"word_{number}")

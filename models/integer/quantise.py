@@ -53,17 +53,14 @@ def quantise_layers(
     limit = limits(len(feature_scales) - 2)
     for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
         out = np.maximum(into @ weight.T + bias, 0)
-        largest = np.percentile(out, percentile, axis=0)
-        activation_unit = np.maximum(largest, largest.max() * 1e-3 + 1e-9) / top_activation
+        activation_unit = _activation_unit(np.percentile(out, percentile, axis=0), top_activation)
         bias = bias + activation_unit / 2
         integer_weight, scale = _scaled(weight * unit, bias, limit, weight_bits, axis=1)
         integer_bias = np.rint(bias / scale).astype(np.int64)
         multiplier = requantisation(scale / activation_unit, activation_bits)
         layers.append(Layer(integer_weight, integer_bias, limit, weight_bits, multiplier))
         into, unit, limit = out, activation_unit, np.full(len(weight), top_activation)
-    integer_weight, scale = _scaled(weights[-1] * unit, biases[-1], limit, last_weight_bits, axis=None)
-    integer_bias = np.rint(biases[-1] / scale).astype(np.int64)
-    return (*layers, Layer(integer_weight, integer_bias, limit, last_weight_bits))
+    return (*layers, _last_layer(weights[-1] * unit, biases[-1], limit, last_weight_bits))
 
 
 def compensated_layers(
@@ -89,8 +86,7 @@ def compensated_layers(
     for weight, bias in zip(weights[:-1], biases[:-1], strict=True):
         sums = into @ weight.T + bias
         into = np.maximum(sums, 0)
-        largest = into.max(axis=0)
-        activation_unit = np.maximum(largest, largest.max() * 1e-3 + 1e-9) / top_activation
+        activation_unit = _activation_unit(into.max(axis=0), top_activation)
         bound = top * int(limit.sum())
         least = np.abs(sums).max() * 1e-4 / bound  # that a dead neuron's multiplier can express
         neurons = []
@@ -106,8 +102,20 @@ def compensated_layers(
         layers.append(Layer(integer_weight, integer_bias, limit, weight_bits, multiplier))
         seen, limit = layers[-1](seen), np.full(len(weight), top_activation)
     weight, bias = refitted(seen.astype(np.float64), into @ weights[-1].T + biases[-1])
-    integer_weight, scale = _scaled(weight, bias, limit, last_weight_bits, axis=None)
-    return (*layers, Layer(integer_weight, np.rint(bias / scale).astype(np.int64), limit, last_weight_bits))
+    return (*layers, _last_layer(weight, bias, limit, last_weight_bits))
+
+
+def _activation_unit(largest: np.ndarray, top: int) -> np.ndarray:
+    """Float value of one unit of each neuron's activation, (neurons,), whose largest value is `top` units; of
+    a neuron that is all but dead a thousandth of the most active one's."""
+    return np.maximum(largest, largest.max() * 1e-3 + 1e-9) / top
+
+
+def _last_layer(weight: np.ndarray, bias: np.ndarray, limit: np.ndarray, bits: int) -> Layer:
+    """The layer of float weights (neurons, inputs), in units of its integer inputs, with one scale for all
+    neurons, because only the ratios of its outputs count."""
+    integer_weight, scale = _scaled(weight, bias, limit, bits, axis=None)
+    return Layer(integer_weight, np.rint(bias / scale).astype(np.int64), limit, bits)
 
 
 def _scaled(
