@@ -3,6 +3,7 @@ import json
 
 import numpy as np
 import pytest
+from amaranth.sim import Simulator
 
 from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.models.integer.features import coordinate_codes, integer_features
@@ -109,3 +110,42 @@ def test_light_is_levelled_bit_exact_to_the_model(tmp_path, lanes):
         latencies=[(k, k, dut.latency) for k in range(beats)],
         flags={"captured": 0},
     )
+
+
+def test_a_captured_frame_is_not_shifted_and_leaves_the_shift():
+    rng, captured = np.random.default_rng(5), 12
+    background = rng.integers(0, 256, (5, 16, 3)).astype(np.uint8)
+    drift = np.arange(24)[:, None] * np.array([1, -1, 0]) // 2
+    noise = rng.integers(-2, 3, (24, *background.shape))
+    frames = np.clip(background + drift[:, None, None] + noise, 0, 255).astype(np.uint8)
+    before, shift = followed(frames[:captured], background)
+    assert shift.any()
+    after, _ = followed(frames[captured + 1 :], frames[captured], shift)
+    expected = np.concatenate(
+        [
+            integer_features(before, background),
+            integer_features(frames[captured : captured + 1], frames[captured]),
+            integer_features(after, frames[captured]),
+        ]
+    )
+    u, v = coordinate_codes(16), coordinate_codes(5)
+    dut = BackgroundSubtraction(5, 16, 3, u, v, background, lanes=4, level_light=True)
+    beats, received = frames.reshape(-1, 4, 3), []
+
+    async def bench(ctx):
+        ctx.set(dut.o.ready, 1)
+        for clock in range(len(beats) + dut.latency):
+            given = clock < len(beats)
+            ctx.set(dut.i.valid, int(given))
+            ctx.set(dut.capture, int(clock == captured * len(beats) // len(frames)))
+            if given:
+                ctx.set(dut.i.payload, beats[clock].tolist())
+            if ctx.get(dut.o.valid):
+                received.append([[ctx.get(value) for value in pixel] for pixel in dut.o.payload])
+            await ctx.tick()
+
+    simulator = Simulator(dut)
+    simulator.add_clock(1e-8)
+    simulator.add_testbench(bench)
+    simulator.run()
+    np.testing.assert_array_equal(np.array(received).reshape(expected.shape), expected)
