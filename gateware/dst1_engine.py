@@ -128,7 +128,8 @@ class Dst1Engine(wiring.Component):
         # One step per output beat; the pipeline after it has no clock enable.
         active = Signal()
         step = Signal(range(self.interval))
-        following = Signal(range(self.interval), init=1)
+        following = Signal(range(self.interval))
+        has_word = Signal()
         last_step = Signal()
         launch = Signal()
         valid = Signal(self.latency - 1)
@@ -141,7 +142,9 @@ class Dst1Engine(wiring.Component):
             queue.i_valid.eq(valid[-1]),
         ]
         m.d.sync += valid.eq(Cat(launch, valid))
-        with m.If(launch):
+        read = launch | ~has_word
+        m.d.sync += has_word.eq(1)
+        with m.If(read):
             m.d.sync += [
                 step.eq(following),
                 following.eq(Mux(following == last, 0, following + 1)),
@@ -151,8 +154,9 @@ class Dst1Engine(wiring.Component):
             m.d.sync += active.eq(load)
         wiring.connect(m, queue.o, wiring.flipped(self.o))
 
-        # The table's read register always has the coefficients of the next step to launch, so that they reach
-        # the multipliers together with the folded operands, which have no register before the multipliers'.
+        # The table's read register has the coefficients of the next step to launch from the first clock after
+        # a reset on, so that they reach the multipliers together with the folded operands, which have no
+        # register before the multipliers'. Its address comes from a register.
         constant = signed(self.transform.coefficient_width)
         m.submodules.table = table = memory.Memory(
             shape=data.ArrayLayout(data.ArrayLayout(constant, self.half), self.lanes),
@@ -161,7 +165,7 @@ class Dst1Engine(wiring.Component):
             attrs={"rom_style": "block"},
         )
         words = table.read_port()
-        m.d.comb += [words.addr.eq(Mux(launch, following, step)), words.en.eq(1)]
+        m.d.comb += [words.addr.eq(following), words.en.eq(read)]
 
         # One lane alternates between odd and even k; with several, each lane always has the same parity.
         kinds = [step[0]] if self.lanes == 1 else [Const(0, 1), Const(1, 1)]

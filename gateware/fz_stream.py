@@ -47,9 +47,6 @@ class KernelRom(ReadAheadRom):
 class PixelResponse(wiring.Component):
     """Multiply each pixel's patch with its kernels: f(p) = Σ_m k(p, m) · v(p, m), the force map.
 
-    The first patch must not come in the first clock after a reset (`ReadAheadRom`); the patch generator's
-    latency sees to that.
-
     Members
     -------
     i : stream of `lanes` patches of K·K displacements, Shape(force.displacement_bits, force.signed)
@@ -59,7 +56,8 @@ class PixelResponse(wiring.Component):
     `latency` = 5 + ceil(log2(K²)) clocks from a patch to its response, without back-pressure: 2 for the ROM,
     3 for the product, and the adder tree. Initiation interval: 1 clock per beat. There is one multiplier per
     axis, lane and kernel word, with the registers of a DSP slice around it. No register has a clock enable:
-    beats that `o` does not take collect in a queue (`credit_handshake`).
+    beats that `o` does not take collect in a queue (`credit_handshake`). `i.ready` is low in the first
+    `KernelRom.start` clocks after a reset, in which the first kernels are read.
     """
 
     def __init__(self, force: PatchForce, *, lanes: int):
@@ -80,9 +78,8 @@ class PixelResponse(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        last, ago = credit_handshake(m, self.i, self.o, self.latency)
-
         m.submodules.kernels = kernels = KernelRom(self.force, lanes=self.lanes)
+        last, ago = credit_handshake(m, self.i, self.o, self.latency, start=kernels.ready)
         m.d.comb += kernels.take.eq(ago[0])
         patches = self.i.payload
         for stage in range(KernelRom.latency):

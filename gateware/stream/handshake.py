@@ -89,7 +89,7 @@ def pipeline_handshake(m: Module, i, o, latency: int) -> Signal:
 
 
 def credit_handshake(
-    m: Module, i, o, latency: int, *, fold: int = 1, flags: Value | None = None
+    m: Module, i, o, latency: int, *, fold: int = 1, flags: Value | None = None, start: Value | None = None
 ) -> tuple[data.View, list[Value]]:
     """Add valid bits, an output queue and back-pressure for a pipeline without clock enables between streams.
 
@@ -100,6 +100,7 @@ def credit_handshake(
     rate, so that back-pressure stops it hardly later than it would stop a pipeline without a queue.
 
     flags : output beside `o` that belongs to the beat that `o` offers, if any
+    start : low as long as no beat may enter after a reset, if any may not
 
     Returns what the pipeline's last registers drive, a view with `payload`, shaped as that of `o`, and
     `flags`; and for 0 to `latency` clocks whether a beat has entered so many of them ago.
@@ -110,7 +111,7 @@ def credit_handshake(
     depth = latency // fold + 1
     m.submodules.queue = queue = CreditQueue(data.StructLayout(layout), depth=depth)
     m.d.comb += [
-        i.ready.eq(queue.room & ~valid[: fold - 1].any()),
+        i.ready.eq(queue.room & ~valid[: fold - 1].any() & (Const(1) if start is None else start)),
         enters.eq(i.valid & i.ready),
         queue.launch.eq(enters),
         queue.i_valid.eq(valid[-1]),

@@ -1,51 +1,74 @@
-"""Constants in block RAM beside a stream, read a beat ahead, so that a word has a clock more to travel in."""
+"""Constants in block RAM beside a stream, read ahead into a short queue: words have time to travel."""
 
 import numpy as np
-from amaranth import Array, Module, Mux, Signal, unsigned
+from amaranth import Array, Cat, Module, Mux, Signal, unsigned
+from amaranth.lib import wiring
+from amaranth.lib.fifo import SyncFIFO
 from amaranth.lib.memory import Memory
+from amaranth.lib.wiring import In, Out
 
-from fastac.gateware.stream.tables import RasterRom
+from fastac.gateware.stream.tables import packed_words, word_layout
 
 BANK_WORDS = 2048
 """Words of a bank: a block RAM of 18 Kbit has so many of 9 bits, on AMD parts and on the ECP5."""
 
+FETCH_REGISTERS = 3
+"""On the way of a word to the queue: the banks' addresses, their outputs, and a register more."""
 
-class ReadAheadRom(RasterRom):
-    """Table in block RAM that holds the next beat's word ready, read word by word, and again after the last.
+QUEUE_WORDS = 8
+"""Words in the queue and on their way to it: FETCH_REGISTERS + 2 or more, for a word in each clock."""
 
-    For wide and deep tables, whose block RAMs lie far from each other: after the memory's own register a
-    word passes two more on its way to the multipliers, at the latency of `RasterRom`, which has one. Between
-    these two it is chosen from banks of BANK_WORDS words. It cannot be written, as the first word of a frame
-    is read before the frame comes.
 
-    Parameters, `word` and `latency` are those of `RasterRom`; no register has a clock enable.
+class ReadAheadRom(wiring.Component):
+    """Table in block RAM whose next words wait in a short queue, read word by word, and again after the last.
+
+    For wide and deep tables, whose block RAMs lie far from each other: registers alone drive the addresses
+    and enables of the block RAMs, and a word passes one register more before it is chosen from banks of
+    BANK_WORDS words, and two after the queue. It cannot be written, as the first words of a frame are read
+    before the frame comes.
+
+    Parameters: `table`, integers (words, …), as `packed_words` takes them; `bits`, the signed width of a
+    field.
 
     Members
     -------
-    take : a beat enters the pipeline and uses the next word; low in the first clock after a reset, in which
-        the memory is read for the first time
+    ready : a word is there to be taken; from a register, low in the first `start` clocks after a reset and
+        high from then on
+    take : a beat uses the next word; must be low while `ready` is low
+    word : `word_layout` of the table
+
+    `latency` = 2 clocks from `take` to the word at `word`. No register of a word has a clock enable.
     """
 
+    latency = 2
+    start = FETCH_REGISTERS
+
     def __init__(self, table: np.ndarray, bits: int):
-        super().__init__(table, bits, stalls=False)
+        self.table, self.bits = table, bits
+        super().__init__({"ready": Out(1), "take": In(1), "word": Out(word_layout(table, bits))})
 
     def elaborate(self, platform):
         m = Module()
-        depth = len(self.table)
-        holds_word, address, reads = Signal(), Signal(range(depth)), Signal()
-        m.d.comb += reads.eq(self.take | ~holds_word)
-        m.d.sync += holds_word.eq(1)
-        with m.If(reads):
-            m.d.sync += address.eq(Mux(address == depth - 1, 0, address + 1))
+        depth, words = len(self.table), packed_words(self.table, self.bits)
+        width = self.word.as_value().shape().width
+        m.submodules.queue = queue = SyncFIFO(width=width, depth=QUEUE_WORDS)
 
-        # The bank of the word that the memory holds ready, and of the word in the banks' second registers.
+        # A fetch starts only while the queue has a place for its word and for all words under way. A reset
+        # leaves the banks' addresses and enables as if the first fetch had just started.
         place = BANK_WORDS.bit_length() - 1
-        bank = address[place:]
-        ready, passed = Signal.like(bank, name="ready"), Signal.like(bank, name="passed")
-        m.d.sync += passed.eq(ready)
-        with m.If(reads):
-            m.d.sync += ready.eq(bank)
-        width, words = self.word.as_value().shape().width, self.words
+        under_way, full = Signal(range(QUEUE_WORDS + 1), init=1), Signal()
+        after = (under_way + ~full - self.take)[: len(under_way)]
+        fetched = Signal(FETCH_REGISTERS, init=1)
+        following, address = Signal(range(depth), init=1 % depth), Signal(range(depth))
+        m.d.sync += [
+            under_way.eq(after),
+            full.eq(after == QUEUE_WORDS),
+            fetched.eq(Cat(~full, fetched)),
+            address.eq(following),
+        ]
+        with m.If(~full):
+            m.d.sync += following.eq(Mux(following == depth - 1, 0, following + 1))
+
         banks = []
         for number, first in enumerate(range(0, depth, BANK_WORDS)):
             own = words[first : first + BANK_WORDS]
@@ -53,11 +76,24 @@ class ReadAheadRom(RasterRom):
                 shape=unsigned(width), depth=len(own), init=own, attrs={"rom_style": "block"}
             )
             read = memory.read_port()
+            enable = Signal(init=number == 0, name=f"enable_{number}")
             word = Signal(width, reset_less=True, name=f"word_{number}")
-            m.d.comb += [read.addr.eq(address[:place]), read.en.eq(reads & (bank == number))]
-            m.d.sync += word.eq(read.data)
+            m.d.comb += [read.addr.eq(address[:place]), read.en.eq(enable)]
+            m.d.sync += [enable.eq(~full & (following[place:] == number)), word.eq(read.data)]
             banks.append(word)
-        output = Signal(width, reset_less=True)
-        m.d.sync += output.eq(Array(banks)[passed])
-        m.d.comb += self.word.as_value().eq(output)
+        # The bank of the word that the banks' outputs hold, and of the one in their second registers.
+        bank = address[place:]
+        read_bank, passed_bank = Signal.like(bank, name="read_bank"), Signal.like(bank, name="passed_bank")
+        m.d.sync += [read_bank.eq(bank), passed_bank.eq(read_bank)]
+
+        taken, output = Signal(width, reset_less=True), Signal(width, reset_less=True)
+        m.d.comb += [
+            queue.w_data.eq(Array(banks)[passed_bank]),
+            queue.w_en.eq(fetched[-1]),
+            queue.r_en.eq(self.take),
+            self.word.as_value().eq(output),
+        ]
+        with m.If(fetched[-1]):
+            m.d.sync += self.ready.eq(1)
+        m.d.sync += [taken.eq(queue.r_data), output.eq(taken)]
         return m

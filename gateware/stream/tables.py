@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
-from amaranth import Const, Module, Mux, Signal, signed, unsigned
+from amaranth import Const, Module, Mux, Shape, Signal, signed, unsigned
 from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
@@ -67,52 +67,58 @@ class RecordTable:
         return memory
 
 
+def word_layout(table: np.ndarray, bits: int) -> data.Layout | Shape:
+    """Nested ArrayLayouts of signed(bits), of the shape of `table[0]`."""
+    layout = signed(bits)
+    for fields in reversed(table.shape[1:]):
+        layout = data.ArrayLayout(layout, fields)
+    return layout
+
+
+def packed_words(table: np.ndarray, bits: int) -> list[int]:
+    """The words of a table (words, …) of signed fields of `bits`, one unsigned integer each.
+
+    The trailing axes are the fields of a word in C order, field 0 in the least significant bits.
+    """
+    fields = table.reshape(len(table), -1, 1).astype(np.int64)
+    ones = (fields >> np.arange(bits)) & 1
+    octets = np.packbits(ones.astype(np.uint8).reshape(len(fields), -1), axis=1, bitorder="little")
+    return [int.from_bytes(word.tobytes(), "little") for word in octets]
+
+
 class RasterRom(wiring.Component):
     """Table in block RAM that is read word by word, one word per beat, and starts again after the last word.
 
-    Parameters: `table`, integers (words, …) whose trailing axes are the fields of a word in C order, field 0
-    in the least significant bits; `bits`, the signed width of a field.
+    Parameters: `table`, integers (words, …), as `packed_words` takes them; `bits`, the signed width of a
+    field.
 
     Members
     -------
-    advance : clock enable of the pipeline beside the table. Only if `stalls`.
-    take : a beat enters the pipeline and uses the next word; counts only while the pipeline is not stalled
-    word : nested ArrayLayouts of signed(bits), of the shape of `table[0]`
+    advance : clock enable of the pipeline beside the table
+    take : a beat enters the pipeline and uses the next word; counts only while `advance` is high
+    word : `word_layout` of the table
     write : write port, see `TableFormat`; must not be used while a frame is being read. Only if `loadable`.
 
-    `stalls`: whether that pipeline has a clock enable.
     `latency` = 2 clocks, of those with `advance` high, from `take` to the word at `word`: the memory's read
     register and its output register.
     """
 
     latency = 2
 
-    def __init__(self, table: np.ndarray, bits: int, *, loadable: bool = False, stalls: bool = True):
-        self.table, self.bits, self.loadable, self.stalls = table, bits, loadable, stalls
-        layout = signed(bits)
-        for fields in reversed(table.shape[1:]):
-            layout = data.ArrayLayout(layout, fields)
-        members = {"take": In(1), "word": Out(layout)} | ({"advance": In(1)} if stalls else {})
+    def __init__(self, table: np.ndarray, bits: int, *, loadable: bool = False):
+        self.table, self.bits, self.loadable = table, bits, loadable
+        members = {"advance": In(1), "take": In(1), "word": Out(word_layout(table, bits))}
         if loadable:
             members["write"] = In(TableFormat(len(table), table[0].size, bits).signature)
         super().__init__(members)
 
-    @property
-    def words(self) -> list[int]:
-        """The memory's initial contents, one unsigned integer per word."""
-        fields = self.table.reshape(len(self.table), -1, 1).astype(np.int64)
-        ones = (fields >> np.arange(self.bits)) & 1
-        octets = np.packbits(ones.astype(np.uint8).reshape(len(fields), -1), axis=1, bitorder="little")
-        return [int.from_bytes(word.tobytes(), "little") for word in octets]
-
     def elaborate(self, platform):
         m = Module()
         depth = len(self.table)
-        advance = self.advance if self.stalls else Const(1)
         m.submodules.memory = memory = Memory(
             shape=unsigned(self.word.as_value().shape().width),
             depth=depth,
-            init=self.words,
+            init=packed_words(self.table, self.bits),
             attrs={"ram_style" if self.loadable else "rom_style": "block"},
         )
         read = memory.read_port()
@@ -127,10 +133,10 @@ class RasterRom(wiring.Component):
         output = Signal(read.data.shape(), reset_less=True)
         m.d.comb += [
             read.addr.eq(address),
-            read.en.eq(advance & self.take),
+            read.en.eq(self.advance & self.take),
             self.word.as_value().eq(output),
         ]
-        with m.If(advance):
+        with m.If(self.advance):
             m.d.sync += output.eq(read.data)
             with m.If(self.take):
                 m.d.sync += address.eq(Mux(address == depth - 1, 0, address + 1))

@@ -4,7 +4,7 @@ import pytest
 from amaranth.hdl import Fragment, ResetInserter, Signal
 from amaranth.sim import Simulator
 
-from fastac.gateware.fz_stream import PatchForceStream, PixelResponse
+from fastac.gateware.fz_stream import PatchForceStream, PixelResponse, kernel_words
 from fastac.models.integer.force import PatchForce
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
@@ -272,6 +272,23 @@ def test_width_and_latency_of_the_responses():
     Fragment.get(dut, None)
     assert dut.o.payload.shape().size == 3 * 2 * force.pixel_width
     assert dut.latency == 5 + 5
+
+
+def test_responses_from_the_first_clock_after_a_reset(tmp_path):
+    """The first patch waits for the first kernels; the others do not wait."""
+    rng = np.random.default_rng(8)
+    force = extreme_force(5, 3, 4, 5, 2, rng)
+    dut = PixelResponse(force, lanes=1)
+    patches = rng.integers(0, 32, (60, 1, 9))
+    kernels = kernel_words(force, 1)[np.arange(60) % 25]
+    check(
+        dut,
+        "pixel_response",
+        tmp_path,
+        inputs=pack(patches, 5),
+        expected=pack((patches[:, None] * kernels).sum(axis=-1), force.pixel_width),
+        latencies=[(k, k, dut.latency) for k in range(60)] + [(0, 59, 59 + dut.latency)],
+    )
 
 
 def test_invalid_arguments():

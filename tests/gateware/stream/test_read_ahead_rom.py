@@ -9,43 +9,45 @@ from fastac.gateware.stream.read_ahead_rom import ReadAheadRom
 
 @pytest.mark.parametrize(("depth", "bank_words"), [(1, 4), (2, 4), (5, 4), (8, 4), (11, 4), (11, 16)])
 def test_words_in_order_whenever_they_are_taken(monkeypatch, depth, bank_words):
-    """The word is there `latency` clocks after `take`, over several frames, with and without gaps."""
+    """The word is there `latency` clocks after `take`, over several frames, with gaps and without."""
     monkeypatch.setattr(read_ahead_rom, "BANK_WORDS", bank_words)
     rng = np.random.default_rng(depth)
     table = rng.integers(-8, 8, (depth, 2, 3))
     dut = ReadAheadRom(table, 4)
-    takes = np.concatenate([[0], rng.random(60) < 0.6, np.ones(20), np.zeros(dut.latency)]).astype(int)
-    words = []
+    start, end = np.zeros(dut.start), np.zeros(dut.latency)
+    takes = np.concatenate([start, np.ones(40), rng.random(60) < 0.6, np.ones(20), end]).astype(int)
+    words, ready = [], []
 
     async def bench(ctx):
         for take in takes:
             ctx.set(dut.take, int(take))
-            word = [[ctx.get(field) for field in part] for part in dut.word]
-            words.append(word)
+            words.append([[ctx.get(field) for field in part] for part in dut.word])
+            ready.append(ctx.get(dut.ready))
             await ctx.tick()
 
-    simulator = Simulator(dut)
-    simulator.add_clock(1e-8)
-    simulator.add_testbench(bench)
-    simulator.run()
+    simulate(dut, bench)
+    assert ready == [int(clock >= dut.start) for clock in range(len(takes))]
     found = [words[clock + dut.latency] for clock in np.flatnonzero(takes)]
     assert found == [table[beat % depth].tolist() for beat in range(len(found))]
 
 
-def test_a_reset_begins_with_the_first_word():
+@pytest.mark.parametrize("taken", [1, 3, 20])
+def test_a_reset_begins_with_the_first_word(taken):
+    """Also if it comes while words wait, and while others are under way."""
     table = np.arange(1, 6)[:, None]
     dut = ReadAheadRom(table, 4)
     words = []
 
     async def bench(ctx):
-        await ctx.tick()
+        await ctx.tick().repeat(dut.start)
         ctx.set(dut.take, 1)
-        await ctx.tick().repeat(3)
+        await ctx.tick().repeat(taken)
         ctx.set(dut.take, 0)
         ctx.set(reset, 1)
         await ctx.tick()
         ctx.set(reset, 0)
-        await ctx.tick()
+        await ctx.tick().repeat(dut.start)
+        assert ctx.get(dut.ready)
         ctx.set(dut.take, 1)
         await ctx.tick().repeat(dut.latency)
         for _ in range(3):
@@ -56,8 +58,12 @@ def test_a_reset_begins_with_the_first_word():
     m.domains.sync = domain = ClockDomain()
     m.submodules.dut = dut
     reset = domain.rst
-    simulator = Simulator(m)
+    simulate(m, bench)
+    assert words == [1, 2, 3]
+
+
+def simulate(dut, bench) -> None:
+    simulator = Simulator(dut)
     simulator.add_clock(1e-8)
     simulator.add_testbench(bench)
     simulator.run()
-    assert words == [1, 2, 3]

@@ -4,7 +4,7 @@ import pytest
 from amaranth import signed
 from amaranth.lib import data
 
-from fastac.gateware.stream.tables import FIELD_BITS, RasterRom, RecordTable, raster_beats
+from fastac.gateware.stream.tables import FIELD_BITS, RecordTable, packed_words, raster_beats
 from fastac.sim.check_stream import pack
 
 
@@ -13,7 +13,7 @@ def test_words_of_a_table():
     words = raster_beats(table, 2)
     assert words.shape == (15, 2)
     assert raster_beats(np.ones((2, 5, 3)), 4).shape == (4, 4, 3)
-    assert RasterRom(words, 4).words == pack(words, 4)
+    assert packed_words(words, 4) == pack(words, 4)
 
 
 @pytest.mark.parametrize(("widths", "fields"), [((3, 29), 1), ((20, 13), 2), ((30, 30, 30), 4)])
