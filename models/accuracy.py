@@ -10,6 +10,7 @@ from fastac.models.integer.bundle import Bundle
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.result import Result
 from fastac.scenes.schema import Scene
+from fastac.sensor.contact_circle import contact_circle
 from fastac.sensor.dataset import Dataset
 
 LABEL_MARGIN_PX = 4
@@ -83,15 +84,14 @@ def _contacts(data: Dataset, index: np.ndarray):
     The evaluated pixels, (H, W) bool, are the known ones inside the circle less a ring of LABEL_MARGIN_PX
     original pixels; distances are (H, W) in px.
     """
-    if data.indenter is None or "radius_px" not in data.indenter or "scale" not in data.indenter:
+    if data.indenter is None or "scale" not in data.indenter:
         return
-    v, u = np.indices(data.frames.shape[1:3])
     known = _known(data, index)
     for k, sample in enumerate(index):
-        (centre_u, centre_v), radius = data.indenter["center_px"][sample], data.indenter["radius_px"][sample]
-        if not np.isfinite(radius):
+        circle = contact_circle(data, sample)
+        if circle is None:
             continue
-        distance = np.hypot(u - centre_u, v - centre_v)
+        distance, radius = circle
         inside = known[k] & (distance <= radius - LABEL_MARGIN_PX / data.indenter["scale"][sample])
         if inside.any():
             yield k, sample, inside, distance

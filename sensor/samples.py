@@ -4,6 +4,7 @@ sensor/dataset.py describes the arrays and reads and writes them.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -55,6 +56,11 @@ class Dataset:
 
     def __len__(self) -> int:
         return len(self.split)
+
+    @cached_property
+    def at_rest(self) -> np.ndarray:
+        """Which frames equal the background, (N,) bool."""
+        return np.array([np.array_equal(frame, self.background) for frame in self.frames])
 
     def has_force(self, axes: tuple[int, ...]) -> bool:
         """Whether the forces along all of `axes`, 0 to 2 for x to z, were measured."""

@@ -27,8 +27,7 @@ def presses(data: Dataset) -> np.ndarray:
     if not places.shape[1]:
         places = np.zeros((len(data), 1))
     text = np.array([f"{g}: {' '.join(f'{x:.6g}' for x in p)}" for g, p in zip(group, places, strict=True)])
-    at_rest = np.array([np.array_equal(frame, data.background) for frame in data.frames])
-    return np.where(at_rest | np.isnan(places).any(axis=1), "", text)
+    return np.where(data.at_rest | np.isnan(places).any(axis=1), "", text)
 
 
 def known_presses(data: Dataset) -> list[str]:

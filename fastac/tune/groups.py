@@ -26,7 +26,7 @@ def units_of(data: Dataset, by: str | None = None) -> np.ndarray:
     if by == "group" and data.group is None:
         raise TuneError("group: missing, so groups cannot be held out")
     if data.group is not None and by != "press":
-        found = np.where(_at_rest(data), "", data.group)
+        found = np.where(data.at_rest, "", data.group)
         if by == "group" or len(names_of(found)) >= FEWEST:
             return found
     return _presses(data)
@@ -35,10 +35,6 @@ def units_of(data: Dataset, by: str | None = None) -> np.ndarray:
 def names_of(units: np.ndarray) -> list[str]:
     """The units' names in the order in which they appear."""
     return [name for name in dict.fromkeys(units.tolist()) if name]
-
-
-def _at_rest(data: Dataset) -> np.ndarray:
-    return np.array([np.array_equal(frame, data.background) for frame in data.frames])
 
 
 def _presses(data: Dataset) -> np.ndarray:
@@ -52,7 +48,7 @@ def _presses(data: Dataset) -> np.ndarray:
         load = np.abs(data.force_n).max(axis=1)
         touched = load > TOUCHED * load.max()
         number = np.maximum(np.cumsum(touched & ~np.roll(touched, 1)), 1)
-    return np.where(_at_rest(data), "", [f"press {k}" for k in number])
+    return np.where(data.at_rest, "", [f"press {k}" for k in number])
 
 
 def folds_of(units: np.ndarray, count: int, seed: int) -> list[list[str]]:

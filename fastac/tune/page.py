@@ -142,7 +142,7 @@ def folds_chart(content: dict) -> str:
 
 def axis_charts(content: dict) -> list[str]:
     """For each key that was varied an SVG: the first rung's errors over its values, and their means."""
-    first = {int(c): error for c, error in content["rungs"][0].items()}
+    first = {int(c): error for rung in content["rungs"][:1] for c, error in rung.items()}
     keys = list(dict.fromkeys(key for axes in content["candidates"] for key in axes))[:SHOWN_AXES]
     charts = []
     for key in keys:

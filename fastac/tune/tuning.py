@@ -134,6 +134,18 @@ class Tuning:
     def run(self) -> dict:
         """Compare all candidates, judge the choice, look at the test split once; returns the content of
         tune.json."""
+        chosen, best, alike = (
+            self.choose() if len(self.candidates) > 1 else ([OWN] * len(self.folds), OWN, [OWN])
+        )
+        self.judge(chosen)
+        gained = self.nested(chosen)["score"] < self.nested([OWN] * len(self.folds))["score"]
+        winner = best if gained else OWN
+        self.test(winner)
+        return self.content(chosen, winner, best, alike)
+
+    def choose(self) -> tuple[list[int], int, list[int]]:
+        """Compare the candidates; returns the best for each outer fold, the best of all, and those that are
+        as good as far as can be told."""
         those, used = list(range(len(self.candidates))), []
         for number, rung in enumerate(choice.pairs(len(self.folds)), 1):
             used += rung
@@ -144,12 +156,7 @@ class Tuning:
             those = sorted(choice.survivors(self.errors, those, len(self.folds), used) | {OWN})
         chosen = [choice.ranked(self.errors, finalists, k, used)[0] for k in range(len(self.folds))]
         best = choice.ranked(self.errors, finalists, None, used)[0]
-        self.judge(chosen)
-        gained = self.nested(chosen)["score"] < self.nested([OWN] * len(self.folds))["score"]
-        winner = best if gained else OWN
-        self.test(winner)
-        alike = choice.indistinguishable(self.errors, finalists, used)
-        return self.content(chosen, winner, best, alike)
+        return chosen, best, choice.indistinguishable(self.errors, finalists, used)
 
     def judge(self, chosen: Sequence[int]) -> None:
         """The nested errors: on each outer fold of the candidate chosen without it, and of the scene itself,
@@ -162,6 +169,7 @@ class Tuning:
         ]
         found = self.perform_all(tasks, "nested errors")
         for (candidate, seed, (fold,)), value in zip(tasks, found, strict=True):
+            self.check_metrics(value)
             self.outer[candidate, seed, fold] = value
 
     def nested(self, by_fold: Sequence[int]) -> dict:

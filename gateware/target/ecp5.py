@@ -90,19 +90,22 @@ class Ecp5:
         return register
 
     def multiplier(self, m: Module, advance: Signal, a, b, *, name: str) -> Signal:
-        """One MULT18X18D with registered operands and output: the product 2 clocks later."""
+        """One MULT18X18D with registered operands and output: the product 2 clocks later.
+
+        The operands' registers are those of the logic before it, not the multiplier's own, which may be far
+        away: so the way to the multiplier has a clock nearly for itself.
+        """
+        left, right = (
+            self.registered(m, advance, operand, signed(OPERAND_BITS), f"{name}_{k}")
+            for k, operand in zip("ab", (a, b), strict=True)
+        )
         bits = range(OPERAND_BITS)
-        left, right = (Signal(signed(OPERAND_BITS), name=f"{name}_{k}") for k in "ab")
         output = Signal(signed(2 * OPERAND_BITS), name=f"{name}_m")
-        m.d.comb += [left.eq(a), right.eq(b)]
-        clocked = {
-            f"p_REG_{where}_{what}": value
-            for where in ("INPUTA", "INPUTB", "OUTPUT")
-            for what, value in (("CLK", "CLK0"), ("CE", "CE0"), ("RST", "RST0"))
-        }
         m.submodules[f"{name}_multiplier"] = Instance(
             "MULT18X18D",
-            **clocked,
+            p_REG_OUTPUT_CLK="CLK0",
+            p_REG_OUTPUT_CE="CE0",
+            p_REG_OUTPUT_RST="RST0",
             i_CLK0=ClockSignal(),
             i_CE0=advance,
             i_RST0=0,

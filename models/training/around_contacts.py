@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fastac.sensor.contact_circle import contact_circle
 from fastac.sensor.dataset import Dataset
 
 
@@ -10,14 +11,8 @@ def circle_radii(data: Dataset, index: int) -> np.ndarray | None:
 
     None where the sample has no labelled circle.
     """
-    circle = data.indenter or {}
-    if "center_px" not in circle or "radius_px" not in circle:
-        return None
-    (centre_u, centre_v), radius = circle["center_px"][index], circle["radius_px"][index]
-    if not np.isfinite(radius):
-        return None
-    v, u = np.indices(data.frames.shape[1:3])
-    return np.hypot(u - centre_u, v - centre_v) / radius
+    circle = contact_circle(data, index)
+    return None if circle is None else circle[0] / circle[1]
 
 
 def at_rest(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
@@ -25,8 +20,10 @@ def at_rest(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
 
     They are those of the first sample whose frame equals the background. Raises ValueError without one.
     """
-    for index, frame in enumerate(data.frames):
-        if np.array_equal(frame, data.background):
-            known = np.ones(frame.shape[:2], bool) if data.valid is None else data.valid[index]
-            return known, data.normals[index].astype(np.float32)
-    raise ValueError("frames: none equals the background, and training.flat_beyond needs the skin at rest")
+    if not data.at_rest.any():
+        raise ValueError(
+            "frames: none equals the background, and training.flat_beyond needs the skin at rest"
+        )
+    index = int(np.argmax(data.at_rest))
+    known = np.ones(data.frames.shape[1:3], bool) if data.valid is None else data.valid[index]
+    return known, data.normals[index].astype(np.float32)

@@ -76,8 +76,9 @@ def labelled_pixels(
             if resting is not None:
                 beyond = resting[0] & (radii > flat_beyond)
                 around.append((features[beyond], resting[1][beyond]))
-        rests = np.array_equal(data.frames[index], data.background)
-        (flat if rests else contact).append((features[known], data.normals[index][known].astype(np.float32)))
+        (flat if data.at_rest[index] else contact).append(
+            (features[known], data.normals[index][known].astype(np.float32))
+        )
     if not contact:
         raise ValueError(f"split: no frame in contact is in {split!r}")
     found = _joined(contact)

@@ -77,6 +77,19 @@ def test_the_best_wins(tuned, tmp_path):
     assert "training.input_noise" in (tmp_path / "tune.html").read_text()
 
 
+def test_a_scene_alone_is_judged_and_compared_with_nothing(tuned, tmp_path, monkeypatch):
+    def no_pairs(scene, source, held_out):
+        assert held_out is None or len(held_out) == 1
+        return found_of(scene, source, held_out)
+
+    monkeypatch.setattr(tuning, "perform", no_pairs)
+    content = json.loads(json.dumps(tuned({})))
+    assert (content["winner"], content["rungs"]) == (OWN, [])
+    assert content["nested"]["scene"] == content["nested"]["chosen"]
+    assert "the scene itself" in "\n".join(table.text for table in page.tables(content))
+    page.write(content, tmp_path / "tune.html")
+
+
 def test_a_scene_that_nothing_beats_is_kept(tuned):
     content = tuned({"training.input_noise": [0.3, 0.4]})
     assert content["winner"] == OWN
