@@ -4,7 +4,6 @@ sensor/dataset.py describes the arrays and reads and writes them.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +56,7 @@ class Dataset:
     def __len__(self) -> int:
         return len(self.split)
 
-    @cached_property
+    @property
     def at_rest(self) -> np.ndarray:
         """Which frames equal the background, (N,) bool."""
         return np.array([np.array_equal(frame, self.background) for frame in self.frames])

@@ -20,10 +20,11 @@ def at_rest(data: Dataset) -> tuple[np.ndarray, np.ndarray]:
 
     They are those of the first sample whose frame equals the background. Raises ValueError without one.
     """
-    if not data.at_rest.any():
+    rests = data.at_rest
+    if not rests.any():
         raise ValueError(
             "frames: none equals the background, and training.flat_beyond needs the skin at rest"
         )
-    index = int(np.argmax(data.at_rest))
+    index = int(np.argmax(rests))
     known = np.ones(data.frames.shape[1:3], bool) if data.valid is None else data.valid[index]
     return known, data.normals[index].astype(np.float32)

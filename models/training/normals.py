@@ -65,7 +65,7 @@ def labelled_pixels(
     """
     if data.normals is None:
         raise ValueError("normals: missing, so there is nothing to train the pixel network on")
-    contact, flat, around = [], [], []
+    contact, flat, around, rests = [], [], [], data.at_rest
     resting = None if flat_beyond is None else at_rest(data)
     for index in data.indices(split):
         known = np.ones(data.frames.shape[1:3], bool) if data.valid is None else data.valid[index]
@@ -76,7 +76,7 @@ def labelled_pixels(
             if resting is not None:
                 beyond = resting[0] & (radii > flat_beyond)
                 around.append((features[beyond], resting[1][beyond]))
-        (flat if data.at_rest[index] else contact).append(
+        (flat if rests[index] else contact).append(
             (features[known], data.normals[index][known].astype(np.float32))
         )
     if not contact:
