@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from fastac.scenes.schema import Scene
+from fastac.sensor.contact_circle import contact_circle
 from fastac.sweep import pools, scene_file
 from fastac.sweep.spec import point_of
 from fastac.tune import space
@@ -44,13 +45,15 @@ def tune(
         if name not in LABELS:
             raise TuneError(f"--metric {name}: expected one of {', '.join(LABELS)}")
     source = Source(data.resolve(), store.resolve(), hold_out, with_test)
-    _, units = source.read(scene)
+    known, units = source.read(scene)
     if len(names_of(units)) < FEWEST:
         raise TuneError(
             f"{data}: {len(names_of(units))} groups or presses outside of the split test: expected {FEWEST}"
             " or more, for models to be compared on what they have not seen"
         )
-    points = space.candidates(scene, space.axes_of(scene, vary, keep), candidates, seed)
+    circles = any(contact_circle(known, index) is not None for index in range(len(known)))
+    axes = space.axes_of(scene, vary, keep, circles=circles)
+    points = space.candidates(scene, axes, candidates, seed)
     parts = folds_of(units, min(folds, len(names_of(units))), seed)
     if scheduler:
         where = pools.dask_pool(scheduler)

@@ -20,6 +20,8 @@ GEOMETRY = {
     "training.normals_epochs": [60, 120, 250],
 }
 """Where the network learns from normals. Axes as in the specification of a sweep."""
+CIRCLES = {"training.circle_margin": [0.0, 0.05, 0.1, 0.15]}
+"""Where these are the normals of balls inside labelled contact circles, besides."""
 FORCE = {
     "sensor.level_light": [False, True],
     "training.input_noise": [0.0, 0.01, 0.02, 0.05],
@@ -35,13 +37,16 @@ DRAWS = 64
 """Points drawn for each candidate that is wanted, at most: equal and impossible ones do not count."""
 
 
-def axes_of(scene: Scene, vary: Sequence[str] = (), keep: Sequence[str] = ()) -> dict[str, list]:
+def axes_of(
+    scene: Scene, vary: Sequence[str] = (), keep: Sequence[str] = (), *, circles: bool = False
+) -> dict[str, list]:
     """The axes that are searched: those of the scene's kind of labels without the keys `keep`, and those of
     `vary`, texts such as "network.width=12,16", which replace axes of the same name.
 
+    circles : whether the data have contact circles
     Raises TuneError for texts that say no axis.
     """
-    axes = dict(FORCE if scene.training.labels == "force" else GEOMETRY)
+    axes = dict(FORCE if scene.training.labels == "force" else GEOMETRY | (CIRCLES if circles else {}))
     for text in vary:
         key, equals, values = text.partition("=")
         try:
