@@ -48,8 +48,8 @@ class Dataset:
     markers_px: np.ndarray | None = None
     tangential_mm: np.ndarray | None = None
     left_out: int = 0
-    """How many of the protocol's samples were dropped: friction could not carry their tangential load, or, in
-    a recording, markers were not found."""
+    """How many of the protocol's samples were dropped: the contact could not carry their load, for lack of
+    friction or for its shape, or, in a recording, markers were not found."""
     photograph_px: tuple[int, int] | None = None
     """Height and width of the photographs that an importer resampled (sensor/importers/resample.py)."""
 

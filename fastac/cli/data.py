@@ -44,7 +44,7 @@ def data(scene, output, store, progress):
     if scene.tangential_shares:
         with h5py.File(output, "r") as file:
             count, left_out = len(file["split"]), file.attrs.get("left_out", 0)
-        click.echo(f"{count} samples; friction could not carry {left_out}, left out")
+        click.echo(f"{count} samples; {left_out} left out, whose load the contact could not carry")
 
 
 @click.command()
@@ -87,5 +87,6 @@ def protocol(scene, output, cad, cad_pitch_mm, origin_mm, simulate, store, progr
             samples = dataset.read(Path(folder) / "data.h5", scene)
         cnc.write_recording(scene, samples, simulate, origin_mm, progress)
         click.echo(
-            f"{simulate}: {len(samples)} frames, simulated; friction could not carry {samples.left_out}"
+            f"{simulate}: {len(samples)} frames, simulated; {samples.left_out} left out, whose load"
+            " the contact could not carry"
         )

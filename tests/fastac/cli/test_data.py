@@ -22,7 +22,10 @@ class TestData:
         store = tmp_path / "store"
         result = succeed("data", toml, "-o", tmp_path / "d.h5", "--store", store, "--no-progress")
         data = dataset.read(tmp_path / "d.h5")
-        assert f"{len(data)} samples; friction could not carry {data.left_out}, left out" in result.stdout
+        assert (
+            f"{len(data)} samples; {data.left_out} left out, whose load the contact could not carry"
+            in result.stdout
+        )
         assert len(data) + data.left_out == 2 * (1 + 4 + 4) * 9
         assert len([*store.rglob("compliance.npy")]) == 1
 
