@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import frames
-from fastac.models.training.normals import training_pixels
+from fastac.models.training.labelled_pixels import training_pixels
 from fastac.scenes.schema import Scene
 from fastac.sensor import groups
 from fastac.sensor.dataset import Dataset

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from fastac.flow import frames, training
+from fastac.flow import force_training, frames, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
 from fastac.models.training import smooth_weights
@@ -77,7 +77,7 @@ def train(data: Dataset, scene: Scene, folder: Path, *, progress: bool) -> Bundl
     training.normals(data, scene, weights, progress=progress)
     training.integers(data, scene, weights, integers, progress=progress)
     if scene.wants_force:
-        training.force(data, scene, weights, integers, force, progress=progress)
+        force_training.force(data, scene, weights, integers, force, progress=progress)
     arrays = [load_arrays(path) if path.exists() else {} for path in (weights, integers, force)]
     return training.assemble(data, scene, *arrays, folder / "bundle")
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.flow import frames, hardware, left_out_groups, training
+from fastac.flow import force_training, frames, hardware, left_out_groups, training
 from fastac.models import accuracy, interval_accuracy
 from fastac.models.integer import bundle as bundles
 from fastac.models.integer.force_interval import INTERVAL
@@ -58,7 +58,7 @@ def force(
 ) -> None:
     """Train the force model, then fit its last layer to each pipeline."""
     known = training_data(data, scene, store, progress=progress)
-    training.force(known, scene, weights, integers, folder / FORCE, progress=progress)
+    force_training.force(known, scene, weights, integers, folder / FORCE, progress=progress)
 
 
 def bundle(

@@ -6,12 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.flow.force_fits import FITS
 from fastac.flow.intervals import calibrated, can_calibrate
 from fastac.models import accuracy
 from fastac.models.emulator import pipeline as emulator_pipeline
 from fastac.models.emulator.pipeline import Emulator
-from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble as integer_assemble
@@ -25,7 +23,7 @@ from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training import bit_true, from_forces
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
-from fastac.models.training.light import under_other_light
+from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import prune_neurons, prune_to_width
@@ -108,7 +106,7 @@ def pruned(
     allow; `skin` is what `skin_alone` leaves of the dataset."""
     if scene.network.train_width is None and scene.network.prune is None:
         return network
-    pixels = train_normals.labelled_splits(skin, scene.training)
+    pixels = labelled_splits(skin, scene.training)
     if scene.network.train_width is not None:
         return prune_to_width(
             network,
@@ -215,7 +213,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     if scene.training.labels == "force":
         split = from_forces.distillation_pixels(network, data, seed=scene.training.seed)
     else:
-        split = train_normals.labelled_splits(skin_alone(data, scene), scene.training)
+        split = labelled_splits(skin_alone(data, scene), scene.training)
     x, _ = split["train"]
     layers = quantised(network, x, scene)
     layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
@@ -234,89 +232,6 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
         if scene.network.train_width is None:  # else the width stays the scene's
             layers = without_constant(layers, x)
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
-
-
-def force(
-    data: Dataset, scene: Scene, weights: Path, integers: Path, output: Path, *, progress: bool
-) -> None:
-    """Train the force model on what the float pipeline finds, then fit it to what each pipeline finds."""
-    start, arrays = start_force(data, scene, load_arrays(weights), progress=progress)
-    pipeline = Emulator(integer_pipeline(load_arrays(integers), data, scene))
-    save_arrays(output, arrays | fit_force("integer", pipeline, data, start, progress=progress))
-
-
-def start_force(
-    data: Dataset, scene: Scene, weights: dict[str, np.ndarray], *, progress: bool
-) -> tuple[HyperForce | None, dict[str, np.ndarray]]:
-    """The force model that every pipeline's fit starts from, and the float pipeline's own fit as arrays.
-
-    No model where the weights of the slopes are fitted directly.
-    """
-    samples = force_samples(float_pipeline(weights, data, scene), data, progress=progress)
-    found, truth, _ = samples
-    way = FITS[scene.force.fit]
-    start, history = way.start(scene, rest_depth_mm(data), found, truth, progress=progress)
-    arrays = curve(history, "force") | _fit_force("float", scene, start, *samples, progress=progress)
-    return start, arrays | (dots_at_rest(data, scene) if scene.wants_dots else {})
-
-
-def fit_force(
-    name: str,
-    pipeline: FloatPipeline | Emulator,
-    data: Dataset,
-    start: HyperForce | None,
-    *,
-    progress: bool,
-) -> dict[str, np.ndarray]:
-    """The force's weights for what a pipeline finds: `force.{name}_weights`, with dots
-    `force.{name}_dot_weights`, and how they were chosen."""
-    samples = force_samples(pipeline, data, progress=progress)
-    return _fit_force(name, pipeline.scene, start, *samples, progress=progress)
-
-
-def force_samples(
-    pipeline: FloatPipeline | Emulator, data: Dataset, *, progress: bool
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray] | None]:
-    """What the pipeline finds for the force model, the true forces, and the dots' shifts in px, by split."""
-    settings = pipeline.scene.training
-    data = under_other_light(data, settings.force_light_noise, settings.seed)
-    splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
-    way = FITS[pipeline.scene.force.fit]
-    found = {
-        split: way.force_input(pipeline, data.frames[index], data.background, progress=progress)
-        for split, index in splits.items()
-    }
-    truth = {s: data.forces_n(index, pipeline.scene.force_axes) for s, index in splits.items()}
-    if not pipeline.scene.wants_dots:
-        return found, truth, None
-    wanted = ["dot_shifts_px"]
-    return (
-        found,
-        truth,
-        {
-            split: pipeline.run(data.frames[index], wanted=wanted, progress=progress).dot_shifts_px
-            for split, index in splits.items()
-        },
-    )
-
-
-def _fit_force(
-    name: str,
-    scene: Scene,
-    start: HyperForce | None,
-    found: dict,
-    truth: dict,
-    shifts_px: dict | None,
-    *,
-    progress: bool,
-) -> dict[str, np.ndarray]:
-    fitted, of_dots, history = FITS[scene.force.fit].fit(
-        scene, start, found, truth, shifts_px, progress=progress
-    )
-    weights = {f"force.{name}_weights": fitted.astype(np.float32)}
-    if of_dots is not None:
-        weights[f"force.{name}_dot_weights"] = of_dots.astype(np.float32)
-    return weights | curve(history, f"force_{name}")
 
 
 def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> IntegerPipeline:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fastac.flow import training
+from fastac.flow import force_training, training
 from fastac.flow.steps import training_data
 from fastac.gateware.cycle_model import cycles
 from fastac.gateware.target.device import device_of
@@ -28,7 +28,7 @@ START = "start."
 def force_start(folder: Path, scene: Scene, data: Path, weights: Path, *, store: Path) -> None:
     """The force model that every pipeline's fit starts from, and its fit to the float pipeline."""
     known = training_data(data, scene, store)
-    start, arrays = training.start_force(known, scene, load_arrays(weights), progress=False)
+    start, arrays = force_training.start_force(known, scene, load_arrays(weights), progress=False)
     if start is not None:
         arrays |= {START + name: value.numpy() for name, value in start.state_dict().items()}
     save_arrays(folder / START_FILE, arrays)
@@ -101,7 +101,7 @@ def integer_model(data: Dataset, scene: Scene, integers: Path, force: Path | Non
     if force is None:
         return pipeline
     start = _start(load_arrays(force), data, scene)
-    fitted = training.fit_force("integer", Emulator(pipeline), data, start, progress=False)
+    fitted = force_training.fit_force("integer", Emulator(pipeline), data, start, progress=False)
     return training.with_fitted_force(pipeline, fitted)
 
 

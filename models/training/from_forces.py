@@ -31,8 +31,9 @@ from fastac.models.integer.features import (
 )
 from fastac.models.training import smooth_weights
 from fastac.models.training.best_epoch import BestEpoch
+from fastac.models.training.labelled_pixels import VALIDATION_PX
 from fastac.models.training.light import under_other_light
-from fastac.models.training.normals import VALIDATION_PX, ScaledNetwork
+from fastac.models.training.normals import ScaledNetwork
 from fastac.scenes.model_schema import Training
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset

@@ -38,7 +38,7 @@ class Fits:
 
 
 def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
-    """Fit the adjoint's weights in each way of FITS; the scene's `force.fit` as `training.force` does."""
+    """Fit the adjoint's weights in each way of FITS; the scene's `force.fit` as a training does."""
     scene = variant(bundle.scene, solver="adjoint", fit="slopes")
     divergence, pitch_mm = scene.poisson.divergence, scene.sensor.pitch_mm
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 import fastac
 from fastac.cli.main import main
-from fastac.flow import steps, training
+from fastac.flow import force_training, steps, training
 from fastac.models.accuracy import with_background_of
 from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.interval_accuracy import remark
@@ -23,7 +23,7 @@ def made(make_scene, tiny_folder, tiny_data, tmp_path_factory):
     normals, integers = tiny_folder / steps.NORMALS, tiny_folder / steps.INTEGERS
     force = tmp_path_factory.mktemp("force") / steps.FORCE  # not fitted to what intervals are calibrated on
     known = make_scene(force={"coverage": 0.6})
-    training.force(tiny_data, known, normals, integers, force, progress=False)
+    force_training.force(tiny_data, known, normals, integers, force, progress=False)
     arrays = [training.load_arrays(path) for path in (normals, integers, force)]
 
     def make(coverage: float | None):

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fastac.flow import training
+from fastac.flow import force_training, training
 from fastac.gateware.cycle_model import CycleModel
 from fastac.gateware.datapath import Datapath
 from fastac.models.emulator.pipeline import Emulator
@@ -64,7 +64,7 @@ def test_weights_are_fitted_to_frames_under_other_lights_where_forces_alone_trai
 
     def samples(**settings):
         scene = make_scene(**keys, training=settings)
-        return training.force_samples(Colours(scene), tiny_data, progress=False)
+        return force_training.force_samples(Colours(scene), tiny_data, progress=False)
 
     found, truth, _ = samples(labels="force")
     plain, same_truth, _ = samples(labels="geometry")

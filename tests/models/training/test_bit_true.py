@@ -9,7 +9,8 @@ from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.integer.quantise import quantise_layers
 from fastac.models.training.bit_true import BitTrueNetwork, finetune
-from fastac.models.training.normals import labelled_pixels, labelled_splits, train
+from fastac.models.training.labelled_pixels import labelled_pixels, labelled_splits
+from fastac.models.training.normals import train
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:

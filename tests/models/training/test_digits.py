@@ -7,7 +7,8 @@ from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.integer.quantise import quantise_layers
 from fastac.models.training import digits
 from fastac.models.training.digits import digit_counts
-from fastac.models.training.normals import labelled_splits, train
+from fastac.models.training.labelled_pixels import labelled_splits
+from fastac.models.training.normals import train
 
 
 def test_digits_are_those_of_the_hardware_s_additions():

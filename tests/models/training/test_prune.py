@@ -4,7 +4,8 @@ import torch
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.training import prune
 from fastac.models.training.hidden_neurons import widths
-from fastac.models.training.normals import labelled_splits, train
+from fastac.models.training.labelled_pixels import labelled_splits
+from fastac.models.training.normals import train
 
 
 @pytest.fixture(scope="module")

@@ -6,7 +6,7 @@ import pytest
 from click.testing import CliRunner
 
 from fastac.cli.main import main
-from fastac.flow import training
+from fastac.flow import force_training
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import force as integer_force
@@ -130,7 +130,7 @@ def test_the_adjoint_is_the_depth_path(tiny_bundle, fits, words, monkeypatch):
 @pytest.mark.parametrize("name", ["displacement", "slopes"])
 def test_fits_are_those_of_a_training(tiny_scene, tiny_folder, tiny_data, tmp_path, fits, name):
     scene = variant(tiny_scene, solver="adjoint", fit=name)
-    training.force(
+    force_training.force(
         tiny_data,
         scene,
         tiny_folder / "normals.npz",

@@ -1,0 +1,107 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from fastac.models.integer.features import integer_features
+from fastac.models.training.labelled_pixels import labelled_pixels
+
+
+def with_background(data, split: str = "train"):
+    """The dataset with the background added as a flat sample, as the importer of ball presses does."""
+    flat = np.zeros((1, *data.normals.shape[1:]), np.float32)
+    flat[..., 2] = 1
+    return replace(
+        data,
+        frames=np.concatenate([data.frames, data.background[None]]),
+        normals=np.concatenate([data.normals, flat]),
+        split=np.append(data.split, split),
+        depth_mm=None,
+        force_n=None,
+        indenter=None,
+    )
+
+
+def test_all_pixels_of_the_split(tiny_data):
+    x, y = labelled_pixels(tiny_data, "validation")
+    index = tiny_data.indices("validation")
+    expected_x = integer_features(tiny_data.frames[index], tiny_data.background).reshape(len(x), -1)
+    expected_y = tiny_data.normals[index].reshape(-1, 3)
+    np.testing.assert_array_equal(x, expected_x)
+    np.testing.assert_allclose(y, expected_y, atol=1e-7)
+    assert len(x) == 8 * 16 * 16
+
+
+def test_what_is_not_valid_is_left_out(tiny_data):
+    valid = np.random.default_rng(1).random(tiny_data.frames.shape[:3]) < 0.1
+    normals = np.where(valid[..., None], tiny_data.normals, np.nan)
+    x, y = labelled_pixels(replace(tiny_data, valid=valid, normals=normals), "train")
+    index = tiny_data.indices("train")
+    assert len(x) == valid[index].sum()
+    assert np.isfinite(y).all()
+    expected = integer_features(tiny_data.frames[index], tiny_data.background)[valid[index]]
+    np.testing.assert_array_equal(x, expected)
+
+
+@pytest.mark.parametrize("fraction", [0.05, 0.2, 0.5])
+def test_flat_fraction_is_a_share_of_the_result(tiny_data, fraction):
+    valid = np.ones((len(tiny_data) + 1, 16, 16), bool)
+    valid[:-1, 2:] = False  # two rows of each contact: 18·32 pixels against 256 flat ones
+    data = replace(with_background(tiny_data), valid=valid)
+    x, y = labelled_pixels(data, "train", flat_fraction=fraction, seed=3)
+    flat = (x[:, :4] == 0).all(axis=1) & (y == (0, 0, 1)).all(axis=1)
+    if fraction < 0.3:
+        assert flat.sum() / len(x) == pytest.approx(fraction, abs=0.003)
+    else:
+        assert flat.sum() == 256  # there are no more
+    again, _ = labelled_pixels(data, "train", flat_fraction=fraction, seed=3)
+    other, _ = labelled_pixels(data, "train", flat_fraction=fraction, seed=4)
+    np.testing.assert_array_equal(x, again)
+    assert fraction > 0.3 or (x != other).any()
+
+
+def test_a_flat_fraction_of_zero_keeps_all_of_the_background(tiny_data):
+    x, _ = labelled_pixels(with_background(tiny_data), "train")
+    assert len(x) == 19 * 256
+
+
+def test_margins_and_the_skin_beyond_circles(tiny_data):
+    data = with_background(tiny_data)
+    count, circled = len(data), data.indices("train")[:-1]
+    circles = {"center_px": np.full((count, 2), 7.5), "radius_px": np.full(count, 4.0)}
+    circles["radius_px"][-1] = np.nan
+    v, u = np.indices((16, 16))
+    distance = np.hypot(u - 7.5, v - 7.5)
+    data = replace(data, indenter=circles, valid=np.ones((count, 16, 16), bool))
+    data.valid[:-1] &= distance <= 4
+    x, y = labelled_pixels(data, "train", circle_margin=0.25, flat_beyond=2.0)
+    inside, beyond = int((distance <= 3).sum()), int((distance > 8).sum())
+    assert len(x) == len(circled) * (inside + beyond) + 256
+    corners = x[-len(circled) * beyond :]
+    assert (np.abs(corners[:, -2:]) > 20).any(axis=1).all()
+    assert (y[-len(corners) :] == (0, 0, 1)).all()
+    expected = integer_features(data.frames[circled[0]], data.background)[distance > 8]
+    np.testing.assert_array_equal(corners[:beyond], expected)
+
+    x, y = labelled_pixels(data, "train", flat_fraction=0.2, flat_beyond=2.0, seed=3)
+    flat = (y == (0, 0, 1)).all(axis=1)
+    assert flat.sum() / len(x) == pytest.approx(0.2, abs=0.003)
+    resting = flat & (x[:, :4] == 0).all(axis=1)
+    assert resting.sum() / flat.sum() == pytest.approx(0.5, abs=0.1)
+
+    with pytest.raises(ValueError, match="no circle is in 'train'"):
+        labelled_pixels(replace(data, indenter=None), "train", flat_beyond=2.0)
+
+
+def test_what_cannot_be_learned_from(tiny_data):
+    with pytest.raises(ValueError, match="normals: missing"):
+        labelled_pixels(replace(tiny_data, normals=None), "train")
+    train_only = replace(tiny_data, split=np.full(len(tiny_data), "train"))
+    with pytest.raises(ValueError, match="no frame in contact is in 'test'"):
+        labelled_pixels(train_only, "test")
+    flat_only = with_background(replace(tiny_data, split=np.full(len(tiny_data), "test")))
+    with pytest.raises(ValueError, match="no frame in contact is in 'train'"):
+        labelled_pixels(flat_only, "train")
+    unknown = replace(tiny_data, valid=np.zeros(tiny_data.frames.shape[:3], bool))
+    with pytest.raises(ValueError, match="no pixel of a frame in contact is labelled in 'train'"):
+        labelled_pixels(unknown, "train")
