@@ -24,11 +24,11 @@ class ReadAheadRom(wiring.Component):
 
     For wide and deep tables, whose block RAMs lie far from each other: registers alone drive the addresses
     and enables of the block RAMs, and a word passes one register more before it is chosen from banks of
-    BANK_WORDS words, and two after the queue. It cannot be written, as the first words of a frame are read
+    `bank_words`, and two after the queue. It cannot be written, as the first words of a frame are read
     before the frame comes.
 
     Parameters: `table`, integers (words, …), as `packed_words` takes them; `bits`, the signed width of a
-    field.
+    field; `bank_words`, words of a bank, a power of two.
 
     Members
     -------
@@ -43,8 +43,8 @@ class ReadAheadRom(wiring.Component):
     latency = 2
     start = FETCH_REGISTERS
 
-    def __init__(self, table: np.ndarray, bits: int):
-        self.table, self.bits = table, bits
+    def __init__(self, table: np.ndarray, bits: int, *, bank_words: int = BANK_WORDS):
+        self.table, self.bits, self.bank_words = table, bits, bank_words
         super().__init__({"ready": Out(1), "take": In(1), "word": Out(word_layout(table, bits))})
 
     def elaborate(self, platform):
@@ -55,11 +55,13 @@ class ReadAheadRom(wiring.Component):
 
         # A fetch starts only while the queue has a place for its word and for all words under way. A reset
         # leaves the banks' addresses and enables as if the first fetch had just started.
-        place = BANK_WORDS.bit_length() - 1
-        under_way, full = Signal(range(QUEUE_WORDS + 1), init=1), Signal()
+        place = self.bank_words.bit_length() - 1
+        under_way = Signal(range(QUEUE_WORDS + 1), init=1)
+        full = Signal()
         after = (under_way + ~full - self.take)[: len(under_way)]
         fetched = Signal(FETCH_REGISTERS, init=1)
-        following, address = Signal(range(depth), init=1 % depth), Signal(range(depth))
+        following = Signal(range(depth), init=1 % depth)
+        address = Signal(range(depth))
         m.d.sync += [
             under_way.eq(after),
             full.eq(after == QUEUE_WORDS),
@@ -70,8 +72,8 @@ class ReadAheadRom(wiring.Component):
             m.d.sync += following.eq(Mux(following == depth - 1, 0, following + 1))
 
         banks = []
-        for number, first in enumerate(range(0, depth, BANK_WORDS)):
-            own = words[first : first + BANK_WORDS]
+        for number, first in enumerate(range(0, depth, self.bank_words)):
+            own = words[first : first + self.bank_words]
             m.submodules[f"bank_{number}"] = memory = Memory(
                 shape=unsigned(width), depth=len(own), init=own, attrs={"rom_style": "block"}
             )
@@ -86,7 +88,8 @@ class ReadAheadRom(wiring.Component):
         read_bank, passed_bank = Signal.like(bank, name="read_bank"), Signal.like(bank, name="passed_bank")
         m.d.sync += [read_bank.eq(bank), passed_bank.eq(read_bank)]
 
-        taken, output = Signal(width, reset_less=True), Signal(width, reset_less=True)
+        taken = Signal(width, reset_less=True)
+        output = Signal(width, reset_less=True)
         m.d.comb += [
             queue.w_data.eq(Array(banks)[passed_bank]),
             queue.w_en.eq(fetched[-1]),

@@ -24,6 +24,7 @@ from fastac.sim.formal.proofs import (
     pipelines,
     products,
     raster_port,
+    read_ahead,
     registers,
     registers_packets,
     reordering,
@@ -38,7 +39,7 @@ from fastac.store.files import content_hash, read_json, write_json
 MODULES = (
     *(streams, frame_guard, raster_port, packets, frame_validity),
     *(axi_lite, registers, registers_packets, result_fifo, calibration_loader),
-    *(pipelines, engines, reordering, patches, dots, slip),
+    *(pipelines, engines, reordering, patches, read_ahead, dots, slip),
     *(products, divider, accumulators),
 )
 CACHE = Path("build/cache/formal")

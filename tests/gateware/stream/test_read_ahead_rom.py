@@ -3,17 +3,15 @@ import pytest
 from amaranth import ClockDomain, Module
 from amaranth.sim import Simulator
 
-from fastac.gateware.stream import read_ahead_rom
 from fastac.gateware.stream.read_ahead_rom import ReadAheadRom
 
 
 @pytest.mark.parametrize(("depth", "bank_words"), [(1, 4), (2, 4), (5, 4), (8, 4), (11, 4), (11, 16)])
-def test_words_in_order_whenever_they_are_taken(monkeypatch, depth, bank_words):
+def test_words_in_order_whenever_they_are_taken(depth, bank_words):
     """The word is there `latency` clocks after `take`, over several frames, with gaps and without."""
-    monkeypatch.setattr(read_ahead_rom, "BANK_WORDS", bank_words)
     rng = np.random.default_rng(depth)
     table = rng.integers(-8, 8, (depth, 2, 3))
-    dut = ReadAheadRom(table, 4)
+    dut = ReadAheadRom(table, 4, bank_words=bank_words)
     start, end = np.zeros(dut.start), np.zeros(dut.latency)
     takes = np.concatenate([start, np.ones(40), rng.random(60) < 0.6, np.ones(20), end]).astype(int)
     words, ready = [], []
