@@ -237,3 +237,36 @@ def depth(scene, seeds, names, short, output, progress):
         click.echo(f"{table.text}\n{table.note}\n")
     shown.write(content, output / "depth.png")
     click.echo(f"written: {output}/depth.json, .png")
+
+
+@study.command()
+@click.argument("scene", type=INPUT)
+@click.option("--seeds", type=Counts(), default="1", show_default=True, help="Seeds of the trainings.")
+@click.option(
+    "--presses", type=click.IntRange(1), default=40, show_default=True, help="Presses of each object."
+)
+@click.option("--jobs", type=click.IntRange(1), help="Local processes. [default: one for each core]")
+@output_option("Folder for grasps.json.", OUTPUT_FOLDER, "build/SCENE-grasps")
+@store_option("recordings and trainings")
+@progress_option
+def grasps(scene, seeds, presses, jobs, output, store, progress):
+    """Measure forces that were learned from forces alone, on objects that nothing was learned from.
+
+    SCENE trains from forces, as scenes/grasp.toml does. Eight objects are pressed on a small virtual gel, and
+    the light differs from recording to recording. Each object is left out once, beside a ridge regression on
+    the pixels and a quadratic in their sum; and all of it with levelled light (sensor.level_light), too.
+    Trainings are kept in the step store, so an interrupted study goes on.
+
+    \b
+    Example: fastac study grasps scenes/grasp.toml --seeds 1,2
+    """
+    from fastac.scenes import schema
+    from fastac.studies.grasps import study as experiment
+
+    known = schema.load(scene)
+    output = output or Path("build") / f"{known.name}-grasps"
+    settings = {"seeds": seeds, "presses": presses, "jobs": jobs, "store": store}
+    content = experiment.measure(known, output, **settings, progress=progress)
+    for table in experiment.tables(content):
+        click.echo(f"{table.text}\n{table.note}\n")
+    click.echo(f"written: {output}/{experiment.FILE}")

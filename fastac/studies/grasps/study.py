@@ -1,0 +1,87 @@
+"""What forces are worth that were learned from forces alone: each of eight simulated objects left out once.
+
+Beside the scene's training stand a ridge regression on the pixels and a quadratic in their sum, as in
+`fastac evaluate --leave-one-group-out`, and the same with levelled light.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fastac.flow import frames, leave_one_out
+from fastac.report.tables import Table
+from fastac.scenes.schema import Scene
+from fastac.store.files import write_json
+from fastac.store.steps import Step
+from fastac.store.store import open_store
+from fastac.studies.grasps import recordings
+from fastac.sweep import pools
+
+FILE = "grasps.json"
+WAYS = {"as recorded": False, "levelled": True}
+"""Ways to take the frames, and whether their light is levelled (`sensor.level_light`)."""
+
+
+def measure(
+    scene: Scene,
+    output: Path,
+    *,
+    seeds: Sequence[int] = (1,),
+    objects: Sequence[str] = tuple(recordings.OBJECTS),
+    presses: int = 40,
+    jobs: int | None = None,
+    store: Path = frames.STORE,
+    progress: bool = True,
+) -> dict:
+    """Leave each object out in both ways, with each seed; writes grasps.json, returns its content.
+
+    seeds : of the trainings; jobs : processes side by side; None: one for each core
+    Trainings are kept in the step store `store`. Raises FingertipError for a scene that does not learn from
+    forces.
+    """
+    known, content = recordings.virtual(scene), {}
+    arguments = {"scene": known, "objects": list(objects), "presses": presses, "seed": 1}
+    step = Step("grasps", recordings.write, arguments, (recordings.RECORDINGS,), {"progress": progress})
+    path = open_store(store).perform(step).path(recordings.RECORDINGS)
+    for way, levelled in WAYS.items():
+        sensor = known.sensor.model_copy(update={"level_light": levelled})
+        for seed in seeds:
+            training = known.training.model_copy(update={"seed": seed})
+            own = known.model_copy(update={"sensor": sensor, "training": training})
+            data = frames.read(path, own, store=store, progress=progress)
+            with pools.this_process() if jobs == 1 else pools.local_pool(jobs) as pool:
+                found = leave_one_out.evaluate(data, own, path, store, start=pool.start, progress=progress)
+            content.setdefault(way, []).append(found["groups"])
+    result = {"source": "simulated", "presses": presses, "seeds": list(seeds), "ways": content}
+    output.mkdir(parents=True, exist_ok=True)
+    write_json(output / FILE, result)
+    return result
+
+
+def means(content: dict, way: str, model: str) -> np.ndarray:
+    """Mean error over the objects, N, of each seed."""
+    return np.array(
+        [np.mean([entry["mae_n"][model] for entry in groups.values()]) for groups in content["ways"][way]]
+    )
+
+
+def tables(content: dict) -> list[Table]:
+    """For each way a row for each object, and their mean: its errors as means over the seeds."""
+    found, many = [], len(content["seeds"]) > 1
+    for way, runs in content["ways"].items():
+        rows = [
+            [name, *(f"{np.mean([run[name]['mae_n'][m] for run in runs]):.3f}" for m in leave_one_out.MODELS)]
+            for name in runs[0]
+        ]
+        of_seeds = {model: means(content, way, model) for model in leave_one_out.MODELS}
+        spread = {m: f" ± {e.std(ddof=1):.3f}" if many else "" for m, e in of_seeds.items()}
+        rows.append(["mean", *(f"{e.mean():.3f}{spread[m]}" for m, e in of_seeds.items())])
+        ratio = of_seeds["integer"].mean() / of_seeds["linear"].mean()
+        note = (
+            f"Simulated; {len(content['seeds'])} training{'s' if many else ''} of each. Integers over the"
+            f" linear ridge: {ratio:.2f}."
+        )
+        head = ["left out", *(f"{model}, N" for model in leave_one_out.MODELS)]
+        found.append(Table(f"Mean absolute errors of F_z, light {way}", head, rows, note))
+    return found
