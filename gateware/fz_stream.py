@@ -57,8 +57,10 @@ class PixelResponse(wiring.Component):
     3 for the product, and the adder tree. Initiation interval: 1 clock per beat. There is one multiplier per
     axis, lane and kernel word, with the registers of a DSP slice around it. No register has a clock enable:
     beats that `o` does not take collect in a queue (`credit_handshake`). `i.ready` is low in the first
-    `KernelRom.start` clocks after a reset, in which the first kernels are read.
+    `start` clocks after a reset, in which the first kernels are read.
     """
+
+    start = KernelRom.start
 
     def __init__(self, force: PatchForce, *, lanes: int):
         self.force, self.lanes = force, lanes

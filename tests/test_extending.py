@@ -207,7 +207,7 @@ def test_an_object_is_an_entry(monkeypatch):
     [
         "fastac.models.integer.bundle:load",
         "fastac.models.random_bundle:random_bundle",
-        "fastac.flow.training:force",
+        "fastac.flow.force_training:force",
         "fastac.flow.hardware:write_verilog",
         "fastac.flow.hardware:simulate",
     ],

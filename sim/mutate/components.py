@@ -352,6 +352,6 @@ COMPONENTS = (
         "stream/tables",
         ("poisson/test_depth.py::test_loaded_rest", "poisson/test_source.py"),
         designs=2,
-        allowed=(Allowed("read.en.eq(advance & self.take)", READ_AGAIN, ("B[0] = 1",)),),
+        allowed=(Allowed("read.en.eq(self.advance & self.take)", READ_AGAIN, ("B[0] = 1",)),),
     ),
 )

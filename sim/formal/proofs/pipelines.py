@@ -87,7 +87,8 @@ def pipeline(component: type, make: Callable[[type], object]) -> FormalBench:
 def queued_pipeline(component: type, make: Callable[[type], object]) -> FormalBench:
     """A beat leaves for each that enters; the stages move in every clock, and none without a place behind.
 
-    A folded pipeline takes a beat only when none is in the first fold − 1 of its stages.
+    A folded pipeline takes a beat only when none is in the first fold − 1 of its stages. One whose kernels
+    are read first takes none in the first `start` clocks after a reset.
     """
     bench, valid, inside = _opened(component, make)
     dut = bench.dut
@@ -103,7 +104,13 @@ def queued_pipeline(component: type, make: Callable[[type], object]) -> FormalBe
     bench.always("a credit for each beat inside", credits == inside)
     bench.always("no beat without a place in the queue", (inside <= depth) & (full == (inside == depth)))
     bench.always("no deadlock: what is there is offered", dut.o.valid == (valid[-1] | (level != 0)))
-    free = ~valid[: fold - 1].any()
+    start = getattr(dut, "start", 0)
+    clock = Signal(range(start + 1))
+    with bench.m.If(clock != start):
+        bench.m.d.sync += clock.eq(clock + 1)
+    if start:
+        bench.always("a kernel is there from then on", bench.probe("kernels.ready") == (clock == start))
+    free = ~valid[: fold - 1].any() & (clock == start)
     bench.always(
         "no deadlock: takes a beat while there is a place", dut.i.ready == (free & (inside != depth))
     )
@@ -254,7 +261,7 @@ PROOFS = (
             component,
             f"{size}, in words of few bits; words and tables have no part in the handshake",
             partial(queued_pipeline if EARLY in breaks else pipeline, make=make),
-            depth=1,
+            depth=2 + component.start if hasattr(component, "start") else 1,
             breaks=breaks,
             broken_depth=20 if "network" in name else 16,
             quick=name in ("displacement", "tile"),
