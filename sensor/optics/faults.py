@@ -11,8 +11,11 @@ def _pixels(values: np.ndarray) -> np.ndarray:
     return np.clip(np.rint(values), 0, 255).astype(np.uint8)
 
 
-def gain(frames: np.ndarray, factor: float) -> np.ndarray:
-    """Frames of a camera with `factor` times the gain, or of lights `factor` times as bright."""
+def gain(frames: np.ndarray, factor: float | np.ndarray) -> np.ndarray:
+    """Frames of a camera with `factor` times the gain, or of lights `factor` times as bright.
+
+    factor : one for all channels, or one each, (channels,)
+    """
     return _pixels(frames.astype(np.float32) * factor)
 
 

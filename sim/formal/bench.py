@@ -88,6 +88,13 @@ class FormalBench:
         self.m.d.sync += register.eq(value)
         return register
 
+    def clocks(self, most: int) -> Signal:
+        """Clocks since the last reset, `most` from then on."""
+        clock = Signal(range(most + 1), name="clock")
+        with self.m.If(clock != most):
+            self.m.d.sync += clock.eq(clock + 1)
+        return clock
+
     def drive(self, port: Value, value: Value) -> None:
         """Connect an input of the component to `value`."""
         self._driven.add(id(port))

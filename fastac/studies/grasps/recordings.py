@@ -15,6 +15,7 @@ from fastac.sensor.mechanics.layer import Layer
 from fastac.sensor.mechanics.layer_rig import press_indenter
 from fastac.sensor.mechanics.press import ContactError
 from fastac.sensor.optics.camera import background, render
+from fastac.sensor.optics.faults import gain
 from fastac.sensor.protocol import FingertipError
 from fastac.store.progress import progress_bar
 from fastac.studies.depth.presses import GEL
@@ -68,7 +69,6 @@ def virtual(scene: Scene) -> Scene:
         raise FingertipError(f"{scene.name}: expected a flat gel and training.labels 'force'")
     size = {"height_px": SIDE_PX, "width_px": SIDE_PX, "pitch_mm": WIDTH_MM / SIDE_PX}
     sensor = {"geometry": "flat", "channels": scene.sensor.channels, **size, **GEL}
-    sensor["level_light"] = scene.sensor.level_light
     kept = scene.model_dump(mode="json", exclude={"sensor", "protocol"})
     return Scene.model_validate({**kept, "name": f"{scene.name}-grasps", "sensor": sensor})
 
@@ -83,12 +83,12 @@ def write(
     with progress_bar(total=len(objects) * presses, desc="presses", unit="", enabled=progress) as bar:
         for name in objects:
             rng = np.random.default_rng((seed, list(OBJECTS).index(name)))
-            gain = 1 + RECORDING_GAIN * rng.standard_normal(len(sensor.channel_names))
+            own = 1 + RECORDING_GAIN * rng.standard_normal(len(sensor.channel_names))
             at_rest = [background(sensor, rng) for _ in range(REST_FRAMES)]
-            found = [(_under(frame, gain), np.zeros(3)) for frame in at_rest]
+            found = [(gain(frame, own), np.zeros(3)) for frame in at_rest]
             for _ in range(presses):
-                lit = gain + PRESS_GAIN * rng.standard_normal(len(gain))
-                found += [(_under(frame, lit), force) for frame, force in _press(layer, OBJECTS[name], rng)]
+                lit = own + PRESS_GAIN * rng.standard_normal(len(own))
+                found += [(gain(frame, lit), force) for frame, force in _press(layer, OBJECTS[name], rng)]
                 bar.update()
             frames += [frame for frame, _ in found]
             forces += [force for _, force in found]
@@ -104,11 +104,6 @@ def write(
         force_n=np.array(forces),
         group=np.array(groups),
     )
-
-
-def _under(frame: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """A frame (H, W, C) uint8 with a gain for each channel."""
-    return np.clip(np.rint(frame * gain), 0, 255).astype(np.uint8)
 
 
 def _press(layer: Layer, indenter: Indenter, rng: np.random.Generator) -> list[tuple[np.ndarray, np.ndarray]]:

@@ -46,13 +46,14 @@ def measure(
     path = open_store(store).perform(step).path(recordings.RECORDINGS)
     for way, levelled in WAYS.items():
         sensor = known.sensor.model_copy(update={"level_light": levelled})
+        lit = known.model_copy(update={"sensor": sensor})
+        data = frames.read(path, lit, store=store, progress=progress)
+        content[way] = []
         for seed in seeds:
-            training = known.training.model_copy(update={"seed": seed})
-            own = known.model_copy(update={"sensor": sensor, "training": training})
-            data = frames.read(path, own, store=store, progress=progress)
+            own = lit.model_copy(update={"training": lit.training.model_copy(update={"seed": seed})})
             with pools.this_process() if jobs == 1 else pools.local_pool(jobs) as pool:
                 found = leave_one_out.evaluate(data, own, path, store, start=pool.start, progress=progress)
-            content.setdefault(way, []).append(found["groups"])
+            content[way].append({key: found[key] for key in ("groups", "mean_mae_n")})
     result = {"source": "simulated", "presses": presses, "seeds": list(seeds), "ways": content}
     output.mkdir(parents=True, exist_ok=True)
     write_json(output / FILE, result)
@@ -61,18 +62,17 @@ def measure(
 
 def means(content: dict, way: str, model: str) -> np.ndarray:
     """Mean error over the objects, N, of each seed."""
-    return np.array(
-        [np.mean([entry["mae_n"][model] for entry in groups.values()]) for groups in content["ways"][way]]
-    )
+    return np.array([run["mean_mae_n"][model] for run in content["ways"][way]])
 
 
 def tables(content: dict) -> list[Table]:
     """For each way a row for each object, and their mean: its errors as means over the seeds."""
     found, many = [], len(content["seeds"]) > 1
     for way, runs in content["ways"].items():
+        groups = [run["groups"] for run in runs]
         rows = [
-            [name, *(f"{np.mean([run[name]['mae_n'][m] for run in runs]):.3f}" for m in leave_one_out.MODELS)]
-            for name in runs[0]
+            [name, *(f"{np.mean([g[name]['mae_n'][m] for g in groups]):.3f}" for m in leave_one_out.MODELS)]
+            for name in groups[0]
         ]
         of_seeds = {model: means(content, way, model) for model in leave_one_out.MODELS}
         spread = {m: f" ± {e.std(ddof=1):.3f}" if many else "" for m, e in of_seeds.items()}

@@ -105,9 +105,7 @@ def queued_pipeline(component: type, make: Callable[[type], object]) -> FormalBe
     bench.always("no beat without a place in the queue", (inside <= depth) & (full == (inside == depth)))
     bench.always("no deadlock: what is there is offered", dut.o.valid == (valid[-1] | (level != 0)))
     start = getattr(dut, "start", 0)
-    clock = Signal(range(start + 1))
-    with bench.m.If(clock != start):
-        bench.m.d.sync += clock.eq(clock + 1)
+    clock = bench.clocks(start)
     if start:
         bench.always("a kernel is there from then on", bench.probe("kernels.ready") == (clock == start))
     free = ~valid[: fold - 1].any() & (clock == start)

@@ -26,12 +26,10 @@ def in_turn(component: type, bank_words: int) -> FormalBench:
     take = bench.free("take")
     bench.assume(~take | dut.ready)
     bench.drive(dut.take, take)
-    turn, clock = Signal(range(depth)), Signal(range(dut.start + 1))
+    turn, clock = Signal(range(depth)), bench.clocks(dut.start)
     with m.If(take):
         m.d.sync += turn.eq(Mux(turn == depth - 1, 0, turn + 1))
     bench.always("a turn is a word's", turn < depth)
-    with m.If(clock != dut.start):
-        m.d.sync += clock.eq(clock + 1)
     taken, expected = take, words[turn]
     for stage in range(dut.latency):
         taken, expected = bench.past(taken, f"taken_{stage}"), bench.past(expected, f"expected_{stage}")
