@@ -30,8 +30,10 @@ def check_scene(scene) -> None:
     _check_solver(scene)
     if scene.training.labels == "force":
         _check_force_alone(scene)
-    elif scene.training.light_noise is not None:
-        raise ValueError(f"training.light_noise: {scene.training.light_noise} needs training.labels 'force'")
+    else:
+        for key in ("light_noise", "curl_weight"):
+            if (value := getattr(scene.training, key)) is not None:
+                raise ValueError(f"training.{key}: {value} needs training.labels 'force'")
     if scene.protocol.tangential_shares and not scene.sensor.elastomer.friction:
         raise ValueError(
             "protocol.tangential_shares: only friction carries them; set sensor.elastomer.friction and"

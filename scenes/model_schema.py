@@ -8,10 +8,10 @@ from fastac.scenes.strict import Count, Positive, Strict
 
 FEWEST_NEURONS, MOST_NEURONS = 4, 64
 """Of a hidden layer, also after pruning."""
-LIGHT_NOISE = 0.01
+LIGHT_NOISE, CURL_WEIGHT = 0.01, 1.0
 """Of a training from forces alone whose scene does not say."""
 PATIENCE_SIZES = 3
-"""Of a training from forces alone, which fits smooth weights four times: the largest sizes take most of the
+"""Of a training from forces alone, which fits smooth weights five times: the largest sizes take most of the
 time."""
 Neurons = Annotated[int, Field(ge=FEWEST_NEURONS, le=MOST_NEURONS)]
 
@@ -167,7 +167,7 @@ class Slip(Strict):
 class Training(Strict):
     labels: Literal["geometry", "force"] = "geometry"
     """What the pixel network learns from. geometry: normals. force: the force alone; network and weights of
-    the slopes are then learned together, and the slopes mean nothing by themselves."""
+    the slopes are then learned together, and the slopes are at best true up to a factor."""
     seed: Annotated[int, Field(ge=0)] = 1
     patience_epochs: Count | None = None
     """Epochs in a row that do not lower the validation error, after which the training of a pixel network
@@ -191,6 +191,9 @@ class Training(Strict):
     """Standard deviation of the gain by which each channel of a frame is made brighter or darker in training,
     as a fraction, with labels 'force': what lamps and exposure differ by from one recording to the next. Not
     given: 0.01."""
+    curl_weight: Annotated[float, Field(ge=0)] | None = Field(None, exclude_if=lambda value: value is None)
+    """Weight of the slopes' curl in training, beside the force's relative error, with labels 'force'. Slopes
+    of a surface have none; 0 lets the two outputs be any that explain the force. Not given: 1."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
     circle_margin: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, exclude_if=lambda value: not value)
@@ -221,6 +224,13 @@ class Training(Strict):
         if self.labels == "geometry":
             return 0.0
         return LIGHT_NOISE if self.light_noise is None else self.light_noise
+
+    @property
+    def force_curl_weight(self) -> float:
+        """`curl_weight`, or what it is where it is not given: 0 with labels 'geometry'."""
+        if self.labels == "geometry":
+            return 0.0
+        return CURL_WEIGHT if self.curl_weight is None else self.curl_weight
 
     @property
     def patience_sizes(self) -> int | None:

@@ -12,7 +12,7 @@ from fastac.flow import force_training, frames, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
 from fastac.models.training import smooth_weights
-from fastac.models.training.from_forces import background_differences
+from fastac.models.training.force_start import background_differences
 from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError

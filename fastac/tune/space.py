@@ -31,6 +31,7 @@ FORCE = {
     "training.force_batch": [8, 16, 32],
     "training.force_epochs": [12, 24, 48],
     "training.light_noise": [0.005, 0.01, 0.02],
+    "training.curl_weight": [0.0, 0.3, 1.0, 3.0],
 }
 """Where it learns from forces alone."""
 DRAWS = 64

@@ -1,7 +1,8 @@
 """What forces are worth that were learned from forces alone: each of eight simulated objects left out once.
 
 Beside the scene's training stand a ridge regression on the pixels and a quadratic in their sum, as in
-`fastac evaluate --leave-one-group-out`, and the same with levelled light.
+`fastac evaluate --leave-one-group-out`; and the same with levelled light, and without the slopes' curl in
+training.
 """
 
 from collections.abc import Sequence
@@ -19,8 +20,12 @@ from fastac.studies.grasps import recordings
 from fastac.sweep import pools
 
 FILE = "grasps.json"
-WAYS = {"as recorded": False, "levelled": True}
-"""Ways to take the frames, and whether their light is levelled (`sensor.level_light`)."""
+WAYS = {
+    "as recorded": ({}, {}),
+    "levelled": ({"level_light": True}, {}),
+    "as recorded, without the curl": ({}, {"curl_weight": 0.0}),
+}
+"""Ways to train: what differs in the scene's sensor and training."""
 
 
 def measure(
@@ -34,7 +39,7 @@ def measure(
     store: Path = frames.STORE,
     progress: bool = True,
 ) -> dict:
-    """Leave each object out in both ways, with each seed; writes grasps.json, returns its content.
+    """Leave each object out in each way, with each seed; writes grasps.json, returns its content.
 
     seeds : of the trainings; jobs : processes side by side; None: one for each core
     Trainings are kept in the step store `store`. Raises FingertipError for a scene that does not learn from
@@ -44,13 +49,13 @@ def measure(
     arguments = {"scene": known, "objects": list(objects), "presses": presses, "seed": 1}
     step = Step("grasps", recordings.write, arguments, (recordings.RECORDINGS,), {"progress": progress})
     path = open_store(store).perform(step).path(recordings.RECORDINGS)
-    for way, levelled in WAYS.items():
-        sensor = known.sensor.model_copy(update={"level_light": levelled})
-        lit = known.model_copy(update={"sensor": sensor})
+    for way, (of_sensor, of_training) in WAYS.items():
+        lit = known.model_copy(update={"sensor": known.sensor.model_copy(update=of_sensor)})
         data = frames.read(path, lit, store=store, progress=progress)
         content[way] = []
         for seed in seeds:
-            own = lit.model_copy(update={"training": lit.training.model_copy(update={"seed": seed})})
+            training = lit.training.model_copy(update={**of_training, "seed": seed})
+            own = lit.model_copy(update={"training": training})
             with pools.this_process() if jobs == 1 else pools.local_pool(jobs) as pool:
                 found = leave_one_out.evaluate(data, own, path, store, start=pool.start, progress=progress)
             content[way].append({key: found[key] for key in ("groups", "mean_mae_n")})
@@ -83,5 +88,5 @@ def tables(content: dict) -> list[Table]:
             f" linear ridge: {ratio:.2f}."
         )
         head = ["left out", *(f"{model}, N" for model in leave_one_out.MODELS)]
-        found.append(Table(f"Mean absolute errors of F_z, light {way}", head, rows, note))
+        found.append(Table(f"Mean absolute errors of F_z, {way}", head, rows, note))
     return found

@@ -1,0 +1,139 @@
+"""The linear models that training from forces alone begins with.
+
+A ridge regression on the pixels' differences from the background has a weight field for each channel. A
+network has two slopes a pixel, so its channels are mixed into two: into those that are nearest to slopes of
+a surface, or into those that explain most of the ridge's force.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from fastac.models.floating.network import PixelNetwork
+from fastac.models.integer.features import DIFFERENCE_SCALE, HIDDEN
+from fastac.models.training import ridge, smooth_weights
+from fastac.models.training.force_from_pixels import ForceFromPixels
+from fastac.models.training.integrability import integrable_mixtures
+from fastac.scenes.schema import Scene
+from fastac.sensor.dataset import Dataset
+
+INITIAL_SLOPE = 1.0
+"""Scale of the linear model's slopes: their 99.99th percentile, a quarter of the default slope limit."""
+WORSE = 1.1
+"""A start from slopes of a surface has at most this multiple of the other start's validation error. More
+means that the image is not that of a smooth surface: markers that move have edges which no slope has."""
+
+
+def background_differences(data: Dataset, index: np.ndarray) -> np.ndarray:
+    """Frames `index` less the background, (frames, H, W, C) float32."""
+    return data.frames[index].astype(np.float32) - data.background
+
+
+def linear_fields(
+    pixels: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    *,
+    patience: int | None = None,
+    progress: bool = False,
+) -> tuple[np.ndarray, dict]:
+    """Fit the linear model F = Σ fields · pixels; returns its fields (axes, H, W, C) and the entry of the
+    chosen size in `smooth_weights.fit`'s history, its cosines and validation error.
+
+    pixels : (frames, H, W, C), differences from the background; force_n : (frames, axes); both by split name
+    patience : as in `smooth_weights.fit`
+    """
+    fields, _, history = smooth_weights.fit(pixels, force_n, patience=patience, progress=progress)
+    return fields, ridge.best(history)
+
+
+def force_mixtures(fields: np.ndarray, change: np.ndarray) -> np.ndarray:
+    """The two linear combinations of channels (2, C) that explain most of Σ fields · change.
+
+    fields : (axes, H, W, C); change : (frames, H, W, C)
+    By reduced-rank regression (Izenman, "Modern Multivariate Statistical Techniques", section 6.3). Each is
+    scaled so that the 99.99th percentile of its magnitude is INITIAL_SLOPE.
+    """
+    channels = fields.shape[-1]
+    flat = change.reshape(-1, channels).astype(np.float64)
+    covariance = flat.T @ flat / len(flat)
+    covariance[np.diag_indices(channels)] += 1e-6 * np.trace(covariance) + 1e-12
+    root = np.linalg.cholesky(covariance)
+    right = np.linalg.svd(fields.reshape(-1, channels) @ root, full_matrices=False).Vh[:2]
+    mixtures = right @ np.linalg.inv(root)
+    return mixtures * INITIAL_SLOPE / np.quantile(np.abs(flat @ mixtures.T), 1 - 1e-4, axis=0)[:, None]
+
+
+def linear_network(mixtures: np.ndarray, hidden: tuple[int, ...] = HIDDEN) -> PixelNetwork:
+    """A network whose slopes are the combinations `mixtures` (2, C) of the scaled differences: a linear
+    model.
+
+    The first four neurons of each layer carry the positive and the negative part of both combinations. The
+    other neurons are initialised at random, with output weights of zero.
+    """
+    network = PixelNetwork(mixtures.shape[1] + 2, hidden)
+    halves = torch.tensor(np.stack([mixtures[0], -mixtures[0], mixtures[1], -mixtures[1]]))
+    first, *middle, last = network.linear_layers
+    with torch.no_grad():
+        for layer in (first, *middle):
+            layer.weight[:4] = 0
+            layer.bias[:4] = 0
+        first.weight[:4, :-2] = halves
+        for layer in middle:
+            layer.weight[:4, :4] = torch.eye(4)
+        last.weight[:] = 0
+        last.weight[0, :2] = last.weight[1, 2:4] = torch.tensor([-1.0, 1.0])
+    return network
+
+
+def surface_mixtures(change: np.ndarray) -> np.ndarray:
+    """The two combinations of channels (2, C) of `change` (frames, H, W, C) that are nearest to slopes.
+
+    With one scale for both, so that the 99.99th percentile of all magnitudes is INITIAL_SLOPE.
+    """
+    mixtures = integrable_mixtures(change)
+    return mixtures * INITIAL_SLOPE / np.quantile(np.abs(change @ mixtures.T), 1 - 1e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class LinearStart:
+    """A linear model of the force on two mixtures of channels."""
+
+    mixtures: np.ndarray
+    fields: np.ndarray
+    """(axes, H, W, 2), the weights of both, N."""
+    cosines: int
+    """Along each axis, of which the fields are sums."""
+    validation_mae_n: float
+    of_surfaces: bool
+    """Whether the mixtures were chosen as slopes of surfaces, and not by the force that they explain."""
+
+
+def linear_start(
+    change: dict[str, np.ndarray], force_n: dict[str, np.ndarray], scene: Scene, *, progress: bool = False
+) -> LinearStart:
+    """The linear model to begin with. That of slopes of surfaces, if the scene weighs their curl, unless the
+    other's error is far smaller (WORSE).
+
+    change : (frames, H, W, C), differences from the background; force_n : (frames, axes); both by split name
+    """
+    keys = {"patience": scene.training.patience_sizes, "progress": progress}
+
+    def with_mixtures(mixtures: np.ndarray, *, of_surfaces: bool) -> LinearStart:
+        mixed = {split: (pixels @ mixtures.T).astype(np.float32) for split, pixels in change.items()}
+        fields, entry = linear_fields(mixed, force_n, **keys)
+        return LinearStart(mixtures, fields, entry["cosines"], entry["validation_mae_n"], of_surfaces)
+
+    fields, _ = linear_fields(change, force_n, **keys)
+    best = with_mixtures(force_mixtures(fields, change["train"]), of_surfaces=False)
+    if not scene.training.force_curl_weight:
+        return best
+    found = with_mixtures(surface_mixtures(change["train"]), of_surfaces=True)
+    return found if found.validation_mae_n <= WORSE * best.validation_mae_n else best
+
+
+def initial_model(start: LinearStart, data: Dataset, scene: Scene) -> ForceFromPixels:
+    """A linear model as a network and weight fields; its other neurons are initialised at random."""
+    lowest = smooth_weights.lowest_cosines(start.fields, start.cosines)
+    network = linear_network((start.mixtures / DIFFERENCE_SCALE).astype(np.float32), scene.network.hidden)
+    return ForceFromPixels(network, lowest, data.background.shape, scene.numbers.slope_limit)

@@ -1,0 +1,53 @@
+"""Slopes of a surface have no curl: what frames alone say about the slopes that they show.
+
+Of a surface z over the image, slopes p = ∂z/∂x and q = ∂z/∂y obey ∂q/∂x = ∂p/∂y. Where a pixel's difference
+from the background is nearly linear in its slopes, few combinations of its channels obey this too: up to one
+common factor only the slopes themselves do. They are found without any label, and a network that is trained
+on something else, such as the force, can be held to them.
+Sources: Frankot, Chellappa, "A Method for Enforcing Integrability in Shape from Shading Algorithms", 1988;
+Yuille, Snow, "Shape and Albedo from Multiple Images using Integrability", 1997.
+"""
+
+import numpy as np
+import scipy.linalg
+import torch
+
+REGULARISATION = 1e-6
+"""Added to the channels' covariance, relative to its trace: channels may be copies of each other."""
+
+
+def derivatives(images: np.ndarray | torch.Tensor) -> tuple:
+    """∂/∂x, along the columns, and ∂/∂y, along the rows, of images (N, H, W, terms), a pixel's side as unit.
+
+    Each (N, H − 1, W − 1, terms), between four pixels, so that both belong to the same place.
+    """
+    along_x = images[:, :, 1:] - images[:, :, :-1]
+    along_y = images[:, 1:] - images[:, :-1]
+    return (along_x[:, 1:] + along_x[:, :-1]) / 2, (along_y[:, :, 1:] + along_y[:, :, :-1]) / 2
+
+
+def curl_share(slopes: torch.Tensor) -> torch.Tensor:
+    """Mean square of the curl ∂q/∂x − ∂p/∂y over that of all derivatives of slopes (N, H, W, 2), p and q.
+
+    0 for slopes of surfaces, 0.5 for noise, 2 at most; it does not change with the slopes' scale.
+    """
+    along_x, along_y = derivatives(slopes)
+    curl = along_x[..., 1] - along_y[..., 0]
+    every = along_x.square().sum(dim=-1) + along_y.square().sum(dim=-1)
+    return curl.square().mean() / (every.mean() + torch.finfo(slopes.dtype).tiny)
+
+
+def integrable_mixtures(change: np.ndarray) -> np.ndarray:
+    """The two combinations of channels (2, C) that come closest to the slopes p and q of surfaces.
+
+    change : (frames, H, W, C), differences from the background; C ≥ 2
+    They have the smallest curl for a given power of their derivatives: the first vector of a generalised
+    eigenproblem. Their common scale, sign included, is arbitrary.
+    """
+    channels = change.shape[-1]
+    along_x, along_y = (part.reshape(-1, channels).astype(np.float64) for part in derivatives(change))
+    curl = np.concatenate([-along_y, along_x], axis=1)
+    power = along_x.T @ along_x + along_y.T @ along_y
+    power[np.diag_indices(channels)] += REGULARISATION * np.trace(power) + np.finfo(float).tiny
+    vectors = scipy.linalg.eigh(curl.T @ curl, np.kron(np.eye(2), power), subset_by_index=[0, 0])[1]
+    return vectors[:, 0].reshape(2, channels)
