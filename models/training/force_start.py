@@ -20,7 +20,7 @@ from fastac.sensor.dataset import Dataset
 
 INITIAL_SLOPE = 1.0
 """Scale of the linear model's slopes: their 99.99th percentile, a quarter of the default slope limit."""
-WORSE = 1.1
+WORSE = 1.25
 """A start from slopes of a surface has at most this multiple of the other start's validation error. More
 means that the image is not that of a smooth surface: markers that move have edges which no slope has."""
 

@@ -12,8 +12,11 @@ import numpy as np
 import scipy.linalg
 import torch
 
-REGULARISATION = 1e-6
-"""Added to the channels' covariance, relative to its trace: channels may be copies of each other."""
+NOISE = 1e-6
+"""Power of noise that the channels are taken to have besides, relative to that of all their derivatives.
+Combinations of channels that cancel, such as of two that are equal, would have no curl, and are no slopes."""
+CURL_OF_NOISE = 0.5
+"""Its `curl_share`."""
 
 
 def derivatives(images: np.ndarray | torch.Tensor) -> tuple:
@@ -48,6 +51,7 @@ def integrable_mixtures(change: np.ndarray) -> np.ndarray:
     along_x, along_y = (part.reshape(-1, channels).astype(np.float64) for part in derivatives(change))
     curl = np.concatenate([-along_y, along_x], axis=1)
     power = along_x.T @ along_x + along_y.T @ along_y
-    power[np.diag_indices(channels)] += REGULARISATION * np.trace(power) + np.finfo(float).tiny
-    vectors = scipy.linalg.eigh(curl.T @ curl, np.kron(np.eye(2), power), subset_by_index=[0, 0])[1]
+    noise = (NOISE * np.trace(power) + np.finfo(float).tiny) * np.eye(2 * channels)
+    of_curl, of_all = curl.T @ curl + CURL_OF_NOISE * noise, np.kron(np.eye(2), power) + noise
+    vectors = scipy.linalg.eigh(of_curl, of_all, subset_by_index=[0, 0])[1]
     return vectors[:, 0].reshape(2, channels)

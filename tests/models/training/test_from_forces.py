@@ -8,13 +8,14 @@ import torch
 
 from fastac.models.floating.network import predict, slopes_of
 from fastac.models.integer.features import integer_features
-from fastac.models.training import from_forces, smooth_weights
-from fastac.models.training.from_forces import (
-    ForceFromPixels,
-    channel_mixtures,
-    distillation_pixels,
+from fastac.models.training import force_start, from_forces, smooth_weights
+from fastac.models.training.force_start import (
+    background_differences,
+    initial_model,
     linear_network,
+    linear_start,
 )
+from fastac.models.training.from_forces import distillation_pixels
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
 
@@ -37,67 +38,6 @@ def forces_only(scene, tmp_path_factory):
     path = tmp_path_factory.mktemp("forces") / "d.h5"
     generate(scene, path, progress=False, processes=1)
     return replace(dataset.read(path, scene), normals=None, indenter=None)
-
-
-def test_a_linear_network_has_the_mixtures_for_slopes():
-    torch.manual_seed(1)
-    mixtures = np.random.default_rng(1).normal(size=(2, 4)).astype(np.float32)
-    network = linear_network(mixtures)
-    background = np.full((16, 16, 4), 100, np.uint8)
-    frames = np.random.default_rng(2).integers(60, 140, (2, 16, 16, 4), dtype=np.uint8)
-    slopes = slopes_of(predict(network, integer_features(frames, background)), 1e6)
-    expected = (frames.astype(float) - background) / 64 @ mixtures.T
-    np.testing.assert_allclose(slopes, expected, atol=1e-5)
-    assert all(layer.weight[4:].any() for layer in network.linear_layers[:-1])
-
-
-def test_mixtures_span_what_fields_of_rank_two_use():
-    rng = np.random.default_rng(1)
-    truth = rng.normal(size=(2, 3))
-    fields = rng.normal(size=(1, 8, 8, 2)) @ truth
-    change = rng.normal(size=(50, 8, 8, 3)) * (10, 3, 1)
-    mixtures = channel_mixtures(fields, change)
-    np.testing.assert_allclose(truth @ np.linalg.pinv(mixtures) @ mixtures, truth, atol=1e-4)
-    steepest = np.quantile(np.abs(change.reshape(-1, 3) @ mixtures.T), 1 - 1e-4, axis=0)
-    np.testing.assert_allclose(steepest, from_forces.INITIAL_SLOPE)
-
-
-def test_blocks_leave_enough_of_a_frame():
-    sizes = [(16, 16), (40, 44), (64, 64), (128, 128), (256, 256), (96, 128), (100, 128), (66, 66)]
-    assert [from_forces.block_size(*size) for size in sizes] == [1, 2, 2, 4, 8, 4, 4, 2]
-
-
-class TestForceFromPixels:
-    SHAPE = (64, 64, 3)
-
-    @pytest.fixture
-    def model(self):
-        rng = np.random.default_rng(1)
-        torch.manual_seed(1)
-        network = linear_network(rng.normal(size=(2, 3)).astype(np.float32))
-        return ForceFromPixels(network, rng.normal(size=(2, 4, 4, 2)), self.SHAPE, 1e3)
-
-    def test_rest_is_no_force(self, model):
-        with torch.no_grad():
-            for layer in model.network.linear_layers:
-                layer.weight += 0.1
-            assert not model(torch.zeros(1, 32, 32, 3)).any()
-            assert model(torch.ones(1, 32, 32, 3)).any()
-
-    def test_averaged_frames_have_the_force_of_whole_ones_where_all_is_linear(self, model):
-        """Exact for frames that are constant within each block."""
-        background = np.full(self.SHAPE, 100, np.uint8)
-        coarse = np.random.default_rng(2).integers(80, 120, (3, 32, 32, 3), dtype=np.uint8)
-        frames = coarse.repeat(2, axis=1).repeat(2, axis=2)
-        slopes = slopes_of(predict(model.network, integer_features(frames, background)), 1e3)
-        waves = smooth_weights.cosine_basis(64, 4)
-        fields = model.fields.detach().numpy() * model.unit / 4
-        weights = np.einsum("ik,jl,aklt->aijt", waves, waves, fields)
-        change = from_forces.block_averages(frames.astype(np.float32) - background, 2)
-        np.testing.assert_array_equal(change, coarse.astype(np.float32) - 100)
-        with torch.inference_mode():
-            found = model(torch.from_numpy(change)).numpy()
-        np.testing.assert_allclose(found, np.einsum("nijt,aijt->na", slopes, weights), rtol=1e-3, atol=1e-3)
 
 
 class TestDisturbance:
@@ -164,7 +104,10 @@ def test_the_best_on_validation_is_kept(forces_only, scene):
         }
     )
     torch.manual_seed(wild.training.seed)
-    begin = from_forces.initial_model(forces_only, wild)
+    splits = {split: forces_only.indices(split) for split in ("train", "validation")}
+    change = {split: background_differences(forces_only, index) for split, index in splits.items()}
+    force = {split: forces_only.forces_n(index, (2,)) for split, index in splits.items()}
+    begin = initial_model(linear_start(change, force, wild), forces_only, wild)
     network, history = from_forces.train(forces_only, wild)
     assert min(history, key=lambda entry: entry["validation_mae_n"])["epoch"] == 0
     for a, b in zip(network.linear_layers, begin.network.linear_layers, strict=True):
@@ -181,6 +124,16 @@ def test_training_is_repeatable_and_noise_and_light_change_it(forces_only, scene
     assert errors() == first
     assert errors(input_noise=0.1) != first
     assert errors(light_noise=0.0) != first
+
+
+def test_the_weight_of_the_curl_counts_where_it_begins_with_surfaces(forces_only, scene, monkeypatch):
+    def curve(**changes):
+        training = scene.training.model_copy(update=changes)
+        return from_forces.train(forces_only, scene.model_copy(update={"training": training}))[1][1:]
+
+    assert curve(curl_weight=10.0) != curve(curl_weight=1.0)
+    monkeypatch.setattr(force_start, "WORSE", 0)
+    assert curve(curl_weight=10.0) == curve(curl_weight=1.0)
 
 
 def test_it_stops_when_patience_ends_and_the_mean_of_the_weights_is_kept(forces_only, scene):

@@ -50,14 +50,16 @@ def test_each_object_is_left_out(scene, tmp_path):
     content = study.measure(brief, tmp_path / "out", **settings)
     assert (tmp_path / "out" / study.FILE).is_file()
     assert list(content["ways"]) == list(study.WAYS)
-    groups, levelled = (run["groups"] for [run] in content["ways"].values())
-    assert list(groups) == list(levelled) == objects
+    groups, levelled, free = (run["groups"] for [run] in content["ways"].values())
+    assert list(groups) == list(levelled) == list(free) == objects
     assert groups["edge"]["mae_n"] != levelled["edge"]["mae_n"]
-    first, second = study.tables(content)
+    assert groups["edge"]["mae_n"]["linear"] == free["edge"]["mae_n"]["linear"]
+    first, second, third = study.tables(content)
     assert [row[0] for row in first.rows] == [*objects, "mean"]
     found = [groups[name]["mae_n"]["linear"] for name in objects]
     assert float(first.rows[-1][1 + MODELS.index("linear")]) == pytest.approx(np.mean(found), abs=6e-4)
     assert "levelled" in second.title
+    assert "without the curl" in third.title
 
 
 def test_a_scene_that_does_not_learn_from_forces():
