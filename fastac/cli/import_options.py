@@ -51,13 +51,23 @@ def split_counts(data) -> str:
 
 
 def say_presses(output) -> None:
-    """Print what a dataset of presses with known circles holds."""
+    """Print what a dataset of presses with known circles holds, and whether its labels fit its frames."""
+    from fastac.models.training import shown_slopes
     from fastac.sensor.dataset import read
 
     written = read(output)
     left_out = f", {written.left_out} left out" if written.left_out else ""
     size = f"pitch {written.pitch_mm:.5f} mm"
     click.echo(f"{output}: {len(written)} frames ({split_counts(written)}){left_out}, {size}")
+    found = shown_slopes.agreement(written)
+    if found is None:
+        return
+    click.echo(
+        "labelled slopes and those that the frames show without labels: correlation"
+        f" {found[0, 0]:.2f} along x, {found[1, 1]:.2f} along y"
+    )
+    if (doubt := shown_slopes.doubt(found)) is not None:
+        click.echo(f"warning: {output}: {doubt}", err=True)
 
 
 def say_forces(output) -> None:
