@@ -8,7 +8,7 @@ from fastac.scenes.strict import Count, Positive, Strict
 
 FEWEST_NEURONS, MOST_NEURONS = 4, 64
 """Of a hidden layer, also after pruning."""
-LIGHT_NOISE, CURL_WEIGHT = 0.01, 1.0
+LIGHT_NOISE, CURL_WEIGHT, PRESS_REACH = 0.01, 1.0, 0.05
 """Of a training from forces alone whose scene does not say."""
 PATIENCE_SIZES = 3
 """Of a training from forces alone, which fits smooth weights five times: the largest sizes take most of the
@@ -194,6 +194,12 @@ class Training(Strict):
     curl_weight: Annotated[float, Field(ge=0)] | None = Field(None, exclude_if=lambda value: value is None)
     """Weight of the slopes' curl in training, beside the force's relative error, with labels 'force'. Slopes
     of a surface have none; 0 lets the two outputs be any that explain the force. Not given: 1."""
+    press_reach: Annotated[float, Field(ge=0, le=0.25)] | None = Field(
+        None, exclude_if=lambda value: value is None
+    )
+    """How far presses are moved, at most, in copies that the force's weights are fitted to as well, with
+    labels 'force': a share of the image's smaller side. On a gel that is alike everywhere a press has the
+    same force a little farther on, and few presses do not tell. Not given: 0.05."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
     circle_margin: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, exclude_if=lambda value: not value)
@@ -231,6 +237,13 @@ class Training(Strict):
         if self.labels == "geometry":
             return 0.0
         return CURL_WEIGHT if self.curl_weight is None else self.curl_weight
+
+    @property
+    def force_reach(self) -> float:
+        """`press_reach`, or what it is where it is not given: 0 with labels 'geometry'."""
+        if self.labels == "geometry":
+            return 0.0
+        return PRESS_REACH if self.press_reach is None else self.press_reach
 
     @property
     def patience_sizes(self) -> int | None:

@@ -124,6 +124,7 @@ class WeightFit:
             truth,
             shifts_px,
             with_validation=fits_validation(scene),
+            reach=scene.training.force_reach,
             patience=scene.training.patience_sizes,
             progress=progress,
         )

@@ -1,8 +1,8 @@
 """What forces are worth that were learned from forces alone: each of eight simulated objects left out once.
 
 Beside the scene's training stand a ridge regression on the pixels and a quadratic in their sum, as in
-`fastac evaluate --leave-one-group-out`; and the same with levelled light, and without the slopes' curl in
-training.
+`fastac evaluate --leave-one-group-out`; and the same with levelled light, without the slopes' curl in
+training, and without moved presses either.
 """
 
 from collections.abc import Sequence
@@ -23,7 +23,8 @@ FILE = "grasps.json"
 WAYS = {
     "as recorded": ({}, {}),
     "levelled": ({"level_light": True}, {}),
-    "as recorded, without the curl": ({}, {"curl_weight": 0.0}),
+    "as recorded, without curl_weight": ({}, {"curl_weight": 0.0}),
+    "as recorded, without curl_weight and press_reach": ({}, {"curl_weight": 0.0, "press_reach": 0.0}),
 }
 """Ways to train: what differs in the scene's sensor and training."""
 

@@ -132,3 +132,54 @@ def test_images_of_which_only_the_dots_tell_something():
     found, found_dots, _ = smooth_weights.fit(change, truth, shifts)
     np.testing.assert_allclose(found_dots, of_dots, atol=1e-6)
     np.testing.assert_allclose(found, 0, atol=1e-6)
+
+
+class TestMovedCopies:
+    def test_images_move_by_whole_pixels_and_borders_go_on(self):
+        image = np.arange(20 * 24, dtype=float).reshape(1, 20, 24, 1)
+        rng = np.random.default_rng(1)
+        seen = set()
+        for _ in range(50):
+            [found] = smooth_weights.moved(image, 0.1, rng)
+            [(down, right)] = [
+                (a, b)
+                for a in range(-2, 3)
+                for b in range(-2, 3)
+                if found[10, 12, 0] == image[0, 10 - a, 12 - b, 0]
+            ]
+            rows, columns = (np.clip(np.arange(n) - by, 0, n - 1) for n, by in ((20, down), (24, right)))
+            np.testing.assert_array_equal(found, image[0][np.ix_(rows, columns)])
+            seen |= {down, right}
+        assert seen == {-2, -1, 0, 1, 2}
+
+    def test_weights_of_presses_at_few_places_hold_between_them(self):
+        """The force is the volume of a dent, wherever it is; slopes are noisy."""
+        rows, columns = np.mgrid[:24, :24] - 11.5
+
+        def presses(places, seed):
+            rng, slopes, volumes = np.random.default_rng(seed), [], []
+            for x, y in places:
+                dent = rng.uniform(1, 4) * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 9)
+                noise = 0.2 * rng.standard_normal((24, 24, 2))
+                slopes.append(np.stack([-(columns - x) * dent, -(rows - y) * dent], axis=-1) + noise)
+                volumes.append([dent.sum()])
+            return np.array(slopes), np.array(volumes)
+
+        few = [(-4, -4), (-4, 4), (4, -4), (4, 4)] * 10
+        found = {"train": presses(few, 1), "validation": presses(few, 2)}
+        images, force_n = ({split: pair[k] for split, pair in found.items()} for k in (0, 1))
+        others, truth = presses([(0, 0), (2, -2), (-3, 1), (1, 5)] * 5, 3)
+
+        def error(reach):
+            weights, *_ = smooth_weights.fit(images, force_n, reach=reach)
+            return np.abs(np.einsum("nijt,aijt->na", others, weights) - truth).mean()
+
+        assert error(0.1) < 0.3 * error(0.0)
+
+    def test_without_validation_or_with_dots_nothing_is_moved(self):
+        change, truth = problem(fields(4), validation=False)
+        np.testing.assert_array_equal(*(smooth_weights.fit(change, truth, reach=r)[0] for r in (0.2, 0.0)))
+        change, truth = problem(fields(4))
+        dots = {split: np.ones((len(values), 2, 2)) for split, values in change.items()}
+        found = [smooth_weights.fit(change, truth, dots, reach=reach)[0] for reach in (0.2, 0.0)]
+        np.testing.assert_array_equal(*found)

@@ -50,16 +50,17 @@ def test_each_object_is_left_out(scene, tmp_path):
     content = study.measure(brief, tmp_path / "out", **settings)
     assert (tmp_path / "out" / study.FILE).is_file()
     assert list(content["ways"]) == list(study.WAYS)
-    groups, levelled, free = (run["groups"] for [run] in content["ways"].values())
-    assert list(groups) == list(levelled) == list(free) == objects
+    groups, levelled, free, plain = (run["groups"] for [run] in content["ways"].values())
+    assert list(groups) == list(levelled) == list(free) == list(plain) == objects
     assert groups["edge"]["mae_n"] != levelled["edge"]["mae_n"]
     assert groups["edge"]["mae_n"]["linear"] == free["edge"]["mae_n"]["linear"]
-    first, second, third = study.tables(content)
+    assert groups["edge"]["mae_n"]["float"] != plain["edge"]["mae_n"]["float"]
+    first, second, *others = study.tables(content)
     assert [row[0] for row in first.rows] == [*objects, "mean"]
     found = [groups[name]["mae_n"]["linear"] for name in objects]
     assert float(first.rows[-1][1 + MODELS.index("linear")]) == pytest.approx(np.mean(found), abs=6e-4)
     assert "levelled" in second.title
-    assert "without the curl" in third.title
+    assert ["without curl_weight" in table.title for table in others] == [True, True]
 
 
 def test_a_scene_that_does_not_learn_from_forces():
