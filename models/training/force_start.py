@@ -92,7 +92,8 @@ def surface_mixtures(change: np.ndarray) -> np.ndarray:
     With one scale for both, so that the 99.99th percentile of all magnitudes is INITIAL_SLOPE.
     """
     mixtures = integrable_mixtures(change)
-    return mixtures * INITIAL_SLOPE / np.quantile(np.abs(change @ mixtures.T), 1 - 1e-4)
+    magnitudes = np.abs(change @ mixtures.T.astype(change.dtype))
+    return mixtures * INITIAL_SLOPE / np.quantile(magnitudes, 1 - 1e-4)
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,8 @@ NOISE = 1e-6
 Combinations of channels that cancel, such as of two that are equal, would have no curl, and are no slopes."""
 CURL_OF_NOISE = 0.5
 """Its `curl_share`."""
+FRAMES_AT_ONCE = 64
+"""Whose derivatives are in memory at a time."""
 
 
 def derivatives(images: np.ndarray | torch.Tensor) -> tuple:
@@ -48,10 +50,14 @@ def integrable_mixtures(change: np.ndarray) -> np.ndarray:
     eigenproblem. Their common scale, sign included, is arbitrary.
     """
     channels = change.shape[-1]
-    along_x, along_y = (part.reshape(-1, channels).astype(np.float64) for part in derivatives(change))
-    curl = np.concatenate([-along_y, along_x], axis=1)
-    power = along_x.T @ along_x + along_y.T @ along_y
+    curl, power = np.zeros((2 * channels, 2 * channels)), np.zeros((channels, channels))
+    for start in range(0, len(change), FRAMES_AT_ONCE):
+        part = change[start : start + FRAMES_AT_ONCE].astype(np.float64)
+        along_x, along_y = (images.reshape(-1, channels) for images in derivatives(part))
+        of_mixture = np.concatenate([-along_y, along_x], axis=1)
+        curl += of_mixture.T @ of_mixture
+        power += along_x.T @ along_x + along_y.T @ along_y
     noise = (NOISE * np.trace(power) + np.finfo(float).tiny) * np.eye(2 * channels)
-    of_curl, of_all = curl.T @ curl + CURL_OF_NOISE * noise, np.kron(np.eye(2), power) + noise
+    of_curl, of_all = curl + CURL_OF_NOISE * noise, np.kron(np.eye(2), power) + noise
     vectors = scipy.linalg.eigh(of_curl, of_all, subset_by_index=[0, 0])[1]
     return vectors[:, 0].reshape(2, channels)
