@@ -40,7 +40,7 @@ DESIGNS = {
         "kernel_size": 5,
     },
 }
-LONG = ("collapsed", "patches")
+LONG = ("collapsed",)
 """What `make test` runs; the others only `make test-all`."""
 
 

@@ -80,7 +80,7 @@ def hardware(tmp_path_factory):
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.quick("records alone", "force map")
+@pytest.mark.quick("records alone")
 @pytest.mark.long
 def test_every_word_of_images_and_records(hardware, case):
     """All images, paddings, records and marks; every frame's latency and the interval are the formulas'."""
@@ -146,7 +146,7 @@ def padded_images(output, words: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("case", CASES)
-@pytest.mark.quick("force map")
+@pytest.mark.quick("records alone")
 @pytest.mark.long
 def test_packets_of_the_wrong_length_and_resets(hardware, case):
     made = hardware(case)

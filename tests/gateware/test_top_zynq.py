@@ -160,7 +160,7 @@ def test_normals_depth_and_force(tmp_path):
     check_faults(hardware)
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_tridiagonal_force_map_and_two_axes(tmp_path):
     """Last row first, and with void lanes: 18 columns are 4.5 beats of four lanes."""
     hardware = Hardware(
@@ -199,7 +199,7 @@ BESIDE = {
 }
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_force_of_slopes_before_the_depth(tmp_path):
     """The force as early as the adjoint's, with rows of the weights in the order of the slopes, though the
     last row of depth comes first."""
@@ -282,7 +282,7 @@ SLIPPING = {
 }
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_slip(tmp_path):
     """Dots wait for the displacement, whose last row comes first, and the force for the spread."""
     hardware = Hardware(tmp_path, **SLIPPING)

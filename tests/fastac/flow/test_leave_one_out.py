@@ -183,6 +183,7 @@ class TestLeaveOneGroupOut:
         assert self.evaluate(build_folder, data_file).stdout == result.stdout
         assert len(seen) == 4
 
+    @pytest.mark.full
     def test_side_by_side_as_one_after_the_other(self, build_folder, data_file, scene, tmp_path):
         """Every group in a process of its own; one that fails ends them all."""
         data = dataset.read(data_file)

@@ -110,6 +110,7 @@ def test_frames_from_memory_lie_in_memory(runs, kind):
         assert between.max() <= least + 4
 
 
+@pytest.mark.full
 def test_a_result_is_in_memory_soon_after_the_core_has_it(runs):
     """With the DMA's and the memory's clocks as `Timing` assumes them, the interrupt included."""
     top, seen = runs[0], found(runs, "camera_0")
@@ -152,7 +153,7 @@ def video(tmp_path_factory):
         return top, dict(archive), expected_words(top, result)
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_video_ends_a_dma_s_transfer_after_a_row(video):
     top, seen, words = video
     depth = top.outputs[1]

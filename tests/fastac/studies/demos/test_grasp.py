@@ -123,6 +123,7 @@ def written_with_slip(slip_bundle, tiny_rig_cache, tmp_path_factory):
     return folder, content
 
 
+@pytest.mark.full
 def test_slip_closes_the_fingers_frame_by_frame(written_with_slip):
     folder, content = written_with_slip
     assert json.loads((folder / "grasp.json").read_text()) == content
@@ -140,6 +141,7 @@ def test_slip_closes_the_fingers_frame_by_frame(written_with_slip):
     assert content["without_feedback"]["tightened_deg"] == 0
 
 
+@pytest.mark.full
 def test_the_first_flag_is_that_of_the_series(written_with_slip):
     for name in experiment.RUNS:
         one = written_with_slip[1][name]
@@ -153,6 +155,7 @@ def test_the_first_flag_is_that_of_the_series(written_with_slip):
         assert 0 <= first["sticking"] <= 1
 
 
+@pytest.mark.full
 def test_a_table_with_slip(written_with_slip):
     _, content = written_with_slip
     [table] = experiment.tables(content)

@@ -27,6 +27,7 @@ def test_all_ways_press_equally_often():
     assert [scene.training.still_share for scene in scenes] == [1, 0.1, 0.1, 0.1]
 
 
+@pytest.mark.full
 def test_a_way_is_trained_and_its_friction_found(small, tmp_path):
     content = mixtures.measure(tmp_path, ways=("balls",), seeds=1, count=2, progress=False)
     assert content["ways"] == {"balls": ["balls-1"]}

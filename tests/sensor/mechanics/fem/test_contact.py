@@ -38,6 +38,7 @@ def thick(tmp_path_factory):
     return Gel(mesh, layer, tmp_path_factory.mktemp("cache"), progress=False)
 
 
+@pytest.mark.full
 def test_hertz(thick):
     contact = thick.press(Ball(BALL_MM), 0.0, 0.0, load_n=LOAD_N, steps=1)
     areas, skin = thick.mesh.areas_mm2(), thick.mesh.skin_mm
