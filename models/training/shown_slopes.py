@@ -6,7 +6,7 @@ come from frames alone. Labels of a mirrored image, or with x and y exchanged, d
 
 import numpy as np
 
-from fastac.models.integer.light_level import settled_shift, shifted
+from fastac.models.integer.light_level import levelled
 from fastac.models.training.integrability import integrable_mixtures
 from fastac.sensor.dataset import Dataset
 
@@ -31,7 +31,7 @@ def agreement(data: Dataset) -> np.ndarray | None:
         return None
     index = labelled[:: -(-len(labelled) // MOST_FRAMES)]
     frames, where = data.frames[index], known[index]
-    level = shifted(frames, data.background, settled_shift(frames, data.background))
+    level = levelled(frames, data.background)
     change = level.astype(np.float32) - data.background
     normals = data.normals[index][where].astype(np.float64)
     shown = (change @ integrable_mixtures(change).T)[where]
