@@ -31,7 +31,7 @@ def check_scene(scene) -> None:
     if scene.training.labels == "force":
         _check_force_alone(scene)
     else:
-        for key in ("light_noise", "curl_weight", "press_reach"):
+        for key in ("light_noise", "curl_weight", "press_reach", "press_symmetry"):
             if (value := getattr(scene.training, key)) is not None:
                 raise ValueError(f"training.{key}: {value} needs training.labels 'force'")
     if scene.protocol.tangential_shares and not scene.sensor.elastomer.friction:

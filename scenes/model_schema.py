@@ -200,6 +200,10 @@ class Training(Strict):
     """How far presses are moved, at most, in copies that the force's weights are fitted to as well, with
     labels 'force': a share of the image's smaller side. On a gel that is alike everywhere a press has the
     same force a little farther on, and few presses do not tell. Not given: 0.05."""
+    press_symmetry: bool | None = Field(None, exclude_if=lambda value: value is None)
+    """Whether the force's weights may be such that a press mirrored or turned by a quarter has the force
+    mirrored or turned alike, as on a gel that is alike in all directions, with labels 'force'. They are where
+    that lowers the error on recordings left out of training. Not given: true."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
     circle_margin: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, exclude_if=lambda value: not value)
@@ -244,6 +248,11 @@ class Training(Strict):
         if self.labels == "geometry":
             return 0.0
         return PRESS_REACH if self.press_reach is None else self.press_reach
+
+    @property
+    def force_symmetry(self) -> bool:
+        """`press_symmetry`, or what it is where it is not given: false with labels 'geometry'."""
+        return self.labels == "force" and self.press_symmetry is not False
 
     @property
     def patience_sizes(self) -> int | None:

@@ -3,13 +3,12 @@
 Each entry has
 
     force_input(pipeline, frames, background)   what the model takes, by frames
-    start(scene, rest_depth_mm, found, truth)   a trained model, or None, and its learning curve
-    fit(scene, start, found, truth, shifts_px)  from that model to the weights that integer/assemble.py takes,
-                                                those of the dots, and how they were chosen
-
-`found`, `truth` and `shifts_px` are the inputs, the forces in N (frames, axes) and the dots' shifts
-(frames, M, 2), by split. Where no dots are followed, `shifts_px` and the dots' weights are None.
+    start(scene, rest_depth_mm, samples)        a trained model, or None, and its learning curve
+    fit(scene, start, samples)                  from that model to the weights that integer/assemble.py takes,
+                                                those of the dots, None without, and how they were chosen
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -19,12 +18,27 @@ from fastac.models.floating.adjoint import displacement_mm, slope_weights
 from fastac.models.floating.hyperforce import HyperForce, collapse
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.force import terms
-from fastac.models.training import hyperforce, smooth_weights
+from fastac.models.training import hyperforce, press_symmetry, smooth_weights
 from fastac.scenes.schema import Scene
+from fastac.sensor.samples import FORCE_AXES
 from fastac.store.kinds import Kinds
 
-Samples = dict[str, np.ndarray]
+BySplit = dict[str, np.ndarray]
 Curve = list[dict]
+
+
+@dataclass(frozen=True, eq=False)
+class ForceSamples:
+    """What a force model is fitted to; all by split name."""
+
+    found: BySplit
+    """Its inputs, as the pipeline finds them."""
+    force_n: BySplit
+    """True forces (frames, axes)."""
+    shifts_px: BySplit | None = None
+    """The marker dots' shifts (frames, M, 2), if any are followed."""
+    group: BySplit | None = None
+    """The recording of each frame, if known."""
 
 
 def slope_changes(
@@ -78,22 +92,21 @@ class DisplacementFit:
 
     @staticmethod
     def start(
-        scene: Scene, rest_depth_mm: np.ndarray, found: Samples, truth: Samples, *, progress: bool
+        scene: Scene, rest_depth_mm: np.ndarray, samples: ForceSamples, *, progress: bool
     ) -> tuple[HyperForce, Curve]:
-        return hyperforce.train(scene, rest_depth_mm, found, truth, progress=progress)
+        return hyperforce.train(scene, rest_depth_mm, samples.found, samples.force_n, progress=progress)
 
     @staticmethod
     def fit(
-        scene: Scene,
-        start: HyperForce,
-        found: Samples,
-        truth: Samples,
-        shifts_px: Samples | None,
-        *,
-        progress: bool,
+        scene: Scene, start: HyperForce, samples: ForceSamples, *, progress: bool
     ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
         model, of_dots, history = hyperforce.refit_last_layer(
-            scene, start, found, truth, shifts_px, with_validation=fits_validation(scene)
+            scene,
+            start,
+            samples.found,
+            samples.force_n,
+            samples.shifts_px,
+            with_validation=fits_validation(scene),
         )
         return force_weights(model, scene), of_dots, history
 
@@ -105,24 +118,18 @@ class WeightFit:
 
     @staticmethod
     def start(
-        scene: Scene, rest_depth_mm: np.ndarray, found: Samples, truth: Samples, *, progress: bool
+        scene: Scene, rest_depth_mm: np.ndarray, samples: ForceSamples, *, progress: bool
     ) -> tuple[None, Curve]:
         return None, []
 
     @staticmethod
     def fit(
-        scene: Scene,
-        start: None,
-        found: Samples,
-        truth: Samples,
-        shifts_px: Samples | None,
-        *,
-        progress: bool,
+        scene: Scene, start: None, samples: ForceSamples, *, progress: bool
     ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
         return smooth_weights.fit(
-            found,
-            truth,
-            shifts_px,
+            samples.found,
+            samples.force_n,
+            samples.shifts_px,
             with_validation=fits_validation(scene),
             reach=scene.training.force_reach,
             patience=scene.training.patience_sizes,
@@ -134,6 +141,24 @@ class SlopeFit(WeightFit):
     """Weights of the slopes (axes, H, W, 2), without a model to start from."""
 
     force_input = staticmethod(slope_changes)
+
+    @staticmethod
+    def fit(
+        scene: Scene, start: None, samples: ForceSamples, *, progress: bool
+    ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
+        if samples.shifts_px is not None or not scene.training.force_symmetry:
+            return WeightFit.fit(scene, start, samples, progress=progress)
+        weights, history = press_symmetry.fit(
+            samples.found,
+            samples.force_n,
+            tuple(FORCE_AXES[k] for k in scene.force_axes),
+            samples.group,
+            with_validation=fits_validation(scene),
+            reach=scene.training.force_reach,
+            patience=scene.training.patience_sizes,
+            progress=progress,
+        )
+        return weights, None, history
 
 
 FITS = Kinds("force.fit", {"displacement": DisplacementFit, "weights": WeightFit, "slopes": SlopeFit})

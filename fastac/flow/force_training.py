@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.flow.force_fits import FITS
+from fastac.flow.force_fits import FITS, ForceSamples
 from fastac.flow.training import curve, dots_at_rest, float_pipeline, integer_pipeline, rest_depth_mm
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
@@ -32,10 +32,9 @@ def start_force(
     No model where the weights of the slopes are fitted directly.
     """
     samples = force_samples(float_pipeline(weights, data, scene), data, progress=progress)
-    found, truth, _ = samples
     way = FITS[scene.force.fit]
-    start, history = way.start(scene, rest_depth_mm(data), found, truth, progress=progress)
-    arrays = curve(history, "force") | _fit_force("float", scene, start, *samples, progress=progress)
+    start, history = way.start(scene, rest_depth_mm(data), samples, progress=progress)
+    arrays = curve(history, "force") | _fit_force("float", scene, start, samples, progress=progress)
     return start, arrays | (dots_at_rest(data, scene) if scene.wants_dots else {})
 
 
@@ -50,48 +49,34 @@ def fit_force(
     """The force's weights for what a pipeline finds: `force.{name}_weights`, with dots
     `force.{name}_dot_weights`, and how they were chosen."""
     samples = force_samples(pipeline, data, progress=progress)
-    return _fit_force(name, pipeline.scene, start, *samples, progress=progress)
+    return _fit_force(name, pipeline.scene, start, samples, progress=progress)
 
 
-def force_samples(
-    pipeline: FloatPipeline | Emulator, data: Dataset, *, progress: bool
-) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray] | None]:
-    """What the pipeline finds for the force model, the true forces, and the dots' shifts in px, by split."""
+def force_samples(pipeline: FloatPipeline | Emulator, data: Dataset, *, progress: bool) -> ForceSamples:
+    """What the pipeline finds for the force model, and the truth, on training and validation frames."""
     settings = pipeline.scene.training
     data = under_other_light(data, settings.force_light_noise, settings.seed)
     splits = {s: data.indices(s) for s in ("train", "validation") if len(data.indices(s))}
     way = FITS[pipeline.scene.force.fit]
-    found = {
-        split: way.force_input(pipeline, data.frames[index], data.background, progress=progress)
-        for split, index in splits.items()
-    }
-    truth = {s: data.forces_n(index, pipeline.scene.force_axes) for s, index in splits.items()}
-    if not pipeline.scene.wants_dots:
-        return found, truth, None
-    wanted = ["dot_shifts_px"]
-    return (
-        found,
-        truth,
-        {
-            split: pipeline.run(data.frames[index], wanted=wanted, progress=progress).dot_shifts_px
+
+    def shifts_px(index: np.ndarray) -> np.ndarray:
+        return pipeline.run(data.frames[index], wanted=["dot_shifts_px"], progress=progress).dot_shifts_px
+
+    return ForceSamples(
+        found={
+            split: way.force_input(pipeline, data.frames[index], data.background, progress=progress)
             for split, index in splits.items()
         },
+        force_n={s: data.forces_n(index, pipeline.scene.force_axes) for s, index in splits.items()},
+        shifts_px={s: shifts_px(index) for s, index in splits.items()} if pipeline.scene.wants_dots else None,
+        group=None if data.group is None else {s: data.group[index] for s, index in splits.items()},
     )
 
 
 def _fit_force(
-    name: str,
-    scene: Scene,
-    start: HyperForce | None,
-    found: dict,
-    truth: dict,
-    shifts_px: dict | None,
-    *,
-    progress: bool,
+    name: str, scene: Scene, start: HyperForce | None, samples: ForceSamples, *, progress: bool
 ) -> dict[str, np.ndarray]:
-    fitted, of_dots, history = FITS[scene.force.fit].fit(
-        scene, start, found, truth, shifts_px, progress=progress
-    )
+    fitted, of_dots, history = FITS[scene.force.fit].fit(scene, start, samples, progress=progress)
     weights = {f"force.{name}_weights": fitted.astype(np.float32)}
     if of_dots is not None:
         weights[f"force.{name}_dot_weights"] = of_dots.astype(np.float32)

@@ -10,7 +10,7 @@ Presses at few places leave open how the weights go on between them. Copies of t
 little, with the same force, say so: on a gel that is alike everywhere a press has the same force elsewhere.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 from scipy.fft import dctn, idct, idctn
@@ -22,6 +22,12 @@ SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
 """Numbers m of cosines along each axis that are tried."""
 MOVED_COPIES = 2
 """Of each training frame."""
+FOLDS = 8
+"""Parts in which groups of frames are left out; each group alone where there are no more."""
+
+Restriction = Callable[[int, int], np.ndarray]
+"""Which sums of cosines an axis' fields are made of: from the axis' column in the forces and the size m to
+places (cosines of a sum, sums) in the m · m · terms coefficients. Cosines of a sum have the same weight."""
 
 
 def cosine_basis(length: int, size: int) -> np.ndarray:
@@ -49,6 +55,126 @@ def moved(images: np.ndarray, reach: float, rng: np.random.Generator) -> Iterato
         yield image[rows[:, None], np.clip(np.arange(width) - right, 0, width - 1)]
 
 
+class SmoothWeights:
+    """Ridge regressions of forces on images whose weights are sums of cosines.
+
+    images : (frames, H, W, terms) by split name, such as slopes less those of the background, with two terms
+    force_n : (frames, axes), shifts_px : (frames, M, 2) of marker dots, if any; by split name
+    reach : how far copies of the train split's images are moved, as in `moved`; none are where it is 0, where
+        there are dots, whose shifts belong to their places, or no validation split, for the copies of a frame
+        that is held out would tell its force
+    restrict : of the fields; None: every cosine of every term has a weight of its own
+    """
+
+    def __init__(
+        self,
+        images: dict[str, np.ndarray],
+        force_n: dict[str, np.ndarray],
+        shifts_px: dict[str, np.ndarray] | None = None,
+        *,
+        reach: float = 0.0,
+        restrict: Restriction | None = None,
+    ):
+        self.shape, self.shifts_px, self.restrict = images["train"].shape[1:], shifts_px, restrict
+        self.sizes = [size for size in SIZES if size <= min(self.shape[:2])]
+        self.cosines = {split: lowest_cosines(values, self.sizes[-1]) for split, values in images.items()}
+        self.force_n, self.copies = force_n, 0
+        if reach and shifts_px is None and "validation" in images:
+            rng, self.copies = np.random.default_rng(0), MOVED_COPIES
+            found = [moved(images["train"], reach, rng) for _ in range(self.copies)]
+            every = [self.cosines["train"], *(lowest_cosines(each, self.sizes[-1]) for each in found)]
+            self.cosines["train"] = np.concatenate(every)
+            self.force_n = {**force_n, "train": np.tile(force_n["train"], (1 + self.copies, 1))}
+
+    def _problems(self, size: int) -> list[tuple[slice, dict[str, np.ndarray], dict[str, np.ndarray]]]:
+        """The ridge regressions: columns of the forces, features (frames, n) and forces by split name."""
+        axes = self.force_n["train"].shape[1]
+        if self.restrict is None:
+            parts = [(slice(0, axes), None)]
+        else:
+            parts = [(slice(axis, axis + 1), self.restrict(axis, size)) for axis in range(axes)]
+        return [
+            (
+                part,
+                {split: self._features(split, size, places) for split in self.cosines},
+                {split: values[:, part] for split, values in self.force_n.items()},
+            )
+            for part, places in parts
+        ]
+
+    def _features(self, split: str, size: int, places: np.ndarray | None) -> np.ndarray:
+        lowest = self.cosines[split][:, :size, :size].reshape(len(self.cosines[split]), -1)
+        if places is not None:
+            lowest = lowest[:, places].sum(axis=1)
+        return ridge.joined(lowest, self.shifts_px and self.shifts_px[split])
+
+    def errors(self, *, patience: int | None = None, progress: bool = False) -> list[dict]:
+        """Validation errors of all sizes and strengths, [{"cosines": …, "regularisation": …,
+        "validation_mae_n": …}].
+
+        patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
+            tried; None: all are tried. The largest take nearly all of the time.
+        """
+        history, waited, smallest = [], 0, np.inf
+        for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
+            of_axes = [ridge.validation_errors(x, force_n) for _, x, force_n in self._problems(size)]
+            found = [
+                {"cosines": size, **same[0], "validation_mae_n": sum(e["validation_mae_n"] for e in same)}
+                for same in zip(*of_axes, strict=True)
+            ]
+            history += found
+            error = ridge.best(found)["validation_mae_n"]
+            waited = 0 if error < smallest else waited + 1
+            smallest = min(error, smallest)
+            if waited == patience:
+                break
+        return history
+
+    def weights(self, chosen: dict, *, with_validation: bool) -> tuple[np.ndarray, np.ndarray | None]:
+        """The fields (axes, H, W, terms) and the dots' weights (axes, M, 2) of an entry of `errors`.
+
+        with_validation : whether they are fitted to the frames of both splits instead of the train split's
+        """
+        *outer, terms = self.shape
+        size, fields, of_dots = chosen["cosines"], [], []
+        for part, x, force_n in self._problems(size):
+            seen = ridge.known(x, with_validation=with_validation)
+            found = ridge.fit(seen, ridge.known(force_n, with_validation=with_validation), chosen)
+            places = (
+                np.arange(size * size * terms)[None]
+                if self.restrict is None
+                else self.restrict(part.start, size)
+            )
+            of_images, dots = ridge.parted(found, places.shape[1])
+            flat = np.zeros((found.shape[1], size * size * terms))
+            flat[:, places] = of_images.T[:, None]
+            fields.append(flat.reshape(-1, size, size, terms))
+            of_dots.append(dots)
+        padded = np.zeros((sum(map(len, fields)), *outer, terms))
+        padded[:, :size, :size] = np.concatenate(fields)
+        dots = None if of_dots[0] is None else np.concatenate(of_dots)
+        return idctn(padded, axes=(1, 2), norm="ortho"), dots
+
+    def left_out_error(self, chosen: dict, group: dict[str, np.ndarray]) -> float:
+        """Mean absolute error in N on groups that were left out, with the size and strength of an entry of
+        `errors`; parts of FOLDS, which count alike.
+
+        group : (frames,) names by split name, of at least two groups
+        """
+        own = {**group, "train": np.tile(group["train"], 1 + self.copies)}
+        part = np.unique(np.concatenate([*own.values()]), return_inverse=True)[1] % FOLDS
+        copied = np.arange(len(part)) >= len(group["train"])
+        copied[len(own["train"]) :] = False
+        found = np.zeros(part.max() + 1)
+        for _, x, force_n in self._problems(chosen["cosines"]):
+            x, force_n = (ridge.known(values, with_validation=True) for values in (x, force_n))
+            for k in range(len(found)):
+                weights = ridge.fit(x[part != k], force_n[part != k], chosen)
+                out = (part == k) & ~copied
+                found[k] += np.abs(x[out] @ weights - force_n[out]).sum(axis=1).mean()
+        return float(found.mean())
+
+
 def fit(
     images: dict[str, np.ndarray],
     force_n: dict[str, np.ndarray],
@@ -62,44 +188,10 @@ def fit(
     """Fit the weights of the images, (axes, H, W, terms) in N, and of the dots' shifts, (axes, M, 2) in N per
     px; returns them, None without shifts, and the errors of all m tried.
 
-    images : (frames, H, W, terms) by split name, such as slopes less those of the background, with two terms
-    force_n : (frames, axes), shifts_px : (frames, M, 2), by split name
+    images, force_n, shifts_px, reach : as in `SmoothWeights`; patience : as in its `errors`
     with_validation : whether the weights are fitted to the frames of both splits once m and the
         regularisation are chosen, instead of to those of the train split
-    reach : how far copies of the train split's images are moved, as in `moved`; none are where it is 0, where
-        there are dots, whose shifts belong to their places, or no validation split, for the copies of a frame
-        that is held out would tell its force
-    patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
-        tried; None: all are tried. The largest take nearly all of the time.
     """
-    height, width, terms = images["train"].shape[1:]
-    sizes = [size for size in SIZES if size <= min(height, width)]
-    x = {split: lowest_cosines(values, sizes[-1]) for split, values in images.items()}
-    if reach and shifts_px is None and "validation" in images:
-        rng = np.random.default_rng(0)
-        copies = [lowest_cosines(moved(images["train"], reach, rng), sizes[-1]) for _ in range(MOVED_COPIES)]
-        x["train"] = np.concatenate([x["train"], *copies])
-        force_n = {**force_n, "train": np.tile(force_n["train"], (1 + MOVED_COPIES, 1))}
-
-    def features(split: str, size: int) -> np.ndarray:
-        lowest = x[split][:, :size, :size].reshape(len(x[split]), -1)
-        return ridge.joined(lowest, shifts_px and shifts_px[split])
-
-    history, waited, smallest = [], 0, np.inf
-    for size in progress_bar(sizes, desc="force, weights", unit="basis", enabled=progress):
-        part = {split: features(split, size) for split in x}
-        found = [{"cosines": size, **entry} for entry in ridge.validation_errors(part, force_n)]
-        history += found
-        error = ridge.best(found)["validation_mae_n"]
-        waited = 0 if error < smallest else waited + 1
-        smallest = min(error, smallest)
-        if waited == patience:
-            break
-    chosen = ridge.best(history)
-    size = chosen["cosines"]
-    seen = ridge.known({split: features(split, size) for split in x}, with_validation=with_validation)
-    found = ridge.fit(seen, ridge.known(force_n, with_validation=with_validation), chosen)
-    of_images, of_dots = ridge.parted(found, size * size * terms)
-    padded = np.zeros((found.shape[1], height, width, terms))
-    padded[:, :size, :size] = of_images.T.reshape(-1, size, size, terms)
-    return idctn(padded, axes=(1, 2), norm="ortho"), of_dots, history
+    model = SmoothWeights(images, force_n, shifts_px, reach=reach)
+    history = model.errors(patience=patience, progress=progress)
+    return *model.weights(ridge.best(history), with_validation=with_validation), history

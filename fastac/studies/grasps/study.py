@@ -1,8 +1,8 @@
 """What forces are worth that were learned from forces alone: each of eight simulated objects left out once.
 
 Beside the scene's training stand a ridge regression on the pixels and a quadratic in their sum, as in
-`fastac evaluate --leave-one-group-out`; and the same with levelled light, without the slopes' curl in
-training, and without moved presses either.
+`fastac evaluate --leave-one-group-out`; and the same with levelled light, and without what helps: the
+symmetry of presses, the slopes' curl in training, and moved presses.
 """
 
 from collections.abc import Sequence
@@ -20,11 +20,15 @@ from fastac.studies.grasps import recordings
 from fastac.sweep import pools
 
 FILE = "grasps.json"
+WITHOUT = {"press_symmetry": False, "curl_weight": 0.0, "press_reach": 0.0}
+"""What helps, and its value where it is left out."""
 WAYS = {
     "as recorded": ({}, {}),
     "levelled": ({"level_light": True}, {}),
-    "as recorded, without curl_weight": ({}, {"curl_weight": 0.0}),
-    "as recorded, without curl_weight and press_reach": ({}, {"curl_weight": 0.0, "press_reach": 0.0}),
+    **{
+        f"as recorded, without {' and '.join(list(WITHOUT)[:k])}": ({}, dict(list(WITHOUT.items())[:k]))
+        for k in range(1, len(WITHOUT) + 1)
+    },
 }
 """Ways to train: what differs in the scene's sensor and training."""
 

@@ -64,10 +64,11 @@ def test_weights_are_fitted_to_frames_under_other_lights_where_forces_alone_trai
 
     def samples(**settings):
         scene = make_scene(**keys, training=settings)
-        return force_training.force_samples(Colours(scene), tiny_data, progress=False)
+        found = force_training.force_samples(Colours(scene), tiny_data, progress=False)
+        return found.found, found.force_n
 
-    found, truth, _ = samples(labels="force")
-    plain, same_truth, _ = samples(labels="geometry")
+    found, truth = samples(labels="force")
+    plain, same_truth = samples(labels="geometry")
     assert set(found) == {"train", "validation"}
     for split in found:
         frames = tiny_data.frames[tiny_data.indices(split)][..., :2].astype(float)
