@@ -1,0 +1,201 @@
+import numpy as np
+import pytest
+from scipy.fft import idctn
+
+from fastac.models.training import press_symmetry, ridge, smooth_weights
+from fastac.models.training.press_symmetry import places
+
+H, W = 12, 14
+SIGNS = {"x": (-1, 1), "y": (1, -1), "z": (1, 1)}
+"""Of each axis' force where a press is mirrored left and right, and up and down."""
+
+
+def fields(axis: str, shape: tuple[int, int], size: int, seed: int = 1) -> np.ndarray:
+    """Random weights (H, W, 2) of an axis that `places` allows."""
+    at = places(axis, size, square=shape[0] == shape[1])
+    flat = np.zeros(size * size * 2)
+    flat[at] = np.random.default_rng(seed).standard_normal(at.shape[1])
+    padded = np.zeros((*shape, 2))
+    padded[:size, :size] = flat.reshape(size, size, 2)
+    return idctn(padded, axes=(0, 1), norm="ortho")
+
+
+def left_right(slopes: np.ndarray) -> np.ndarray:
+    return slopes[..., ::-1, :] * [-1, 1]
+
+
+def up_down(slopes: np.ndarray) -> np.ndarray:
+    return slopes[..., ::-1, :, :] * [1, -1]
+
+
+def exchanged(slopes: np.ndarray) -> np.ndarray:
+    """Mirrored at the diagonal."""
+    return np.swapaxes(slopes, -3, -2)[..., ::-1]
+
+
+def force(slopes: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    return np.einsum("...ijt,ijt->...", slopes, weights)
+
+
+@pytest.mark.parametrize("axis", "xyz")
+@pytest.mark.parametrize("shape", [(H, W), (W, W)])
+def test_mirrored_presses_have_the_mirrored_force(axis, shape):
+    weights = fields(axis, shape, 8)
+    slopes = np.random.default_rng(2).standard_normal((5, *shape, 2))
+    for mirror, sign in zip((left_right, up_down), SIGNS[axis], strict=True):
+        np.testing.assert_allclose(force(mirror(slopes), weights), sign * force(slopes, weights))
+
+
+def test_turned_presses_have_the_same_normal_force():
+    slopes = np.random.default_rng(2).standard_normal((5, W, W, 2))
+    weights = fields("z", (W, W), 8)
+    np.testing.assert_allclose(force(exchanged(slopes), weights), force(slopes, weights))
+    weights = {axis: fields(axis, (W, W), 8) for axis in "xy"}
+    np.testing.assert_allclose(force(exchanged(slopes), weights["x"]), force(slopes, exchanged(weights["x"])))
+    assert places("y", 8, square=True).shape == places("x", 8, square=True).shape
+
+
+@pytest.mark.parametrize("size", [2, 5, 8])
+def test_all_that_mirroring_allows_is_there(size):
+    """Each cosine of p and q belongs to at most one axis; what is left turns with no force."""
+    index = [places(axis, size, square=False).ravel() for axis in "xyz"]
+    every = np.concatenate(index)
+    assert len(set(every.tolist())) == len(every)
+    left = np.setdiff1d(np.arange(size * size * 2), every).reshape(-1)
+    row, column, term = np.unravel_index(left, (size, size, 2))
+    odd = np.stack([row % 2, column % 2], axis=-1)
+    # Of these, p is odd from top to bottom alone and q from left to right alone, as in a twist about z.
+    np.testing.assert_array_equal(odd, np.where(term[:, None] == 0, [1, 0], [0, 1]))
+    np.testing.assert_array_equal(
+        np.sort(places("z", size, square=True).ravel()), np.sort(places("z", size, square=False).ravel())
+    )
+
+
+def presses(count: int, at, seed: int, *, noise: float = 0.2, side: int = 24):
+    """Slopes of dents in the shape of an ellipse, and their volumes as forces, (count, 1); `at` gives a
+    dent's place (x, y) by its number."""
+    rng, slopes, volumes = np.random.default_rng(seed), [], []
+    rows, columns = np.mgrid[:side, :side] - (side - 1) / 2
+    for k in range(count):
+        x, y = at(k, rng)
+        wide, high = rng.uniform(4, 12, 2)
+        dent = rng.uniform(1, 4) * np.exp(-((columns - x) ** 2) / wide - (rows - y) ** 2 / high)
+        of_dent = np.stack([-2 * (columns - x) / wide * dent, -2 * (rows - y) / high * dent], axis=-1)
+        slopes.append(of_dent + noise * rng.standard_normal(of_dent.shape))
+        volumes.append([dent.sum()])
+    return np.array(slopes), np.array(volumes)
+
+
+def recordings(images_of=lambda slopes: slopes, groups: int = 4):
+    """Dents of `groups` recordings, each at a place of its own on one side of the image; by split name."""
+    spots = [(-4, -4), (-1, -5), (-5, 0), (-3, -2)]
+    slopes, force_n, group = {}, {}, {}
+    for seed, split in enumerate(("train", "validation"), 1):
+        found, truth = presses(60, lambda k, rng: spots[k % groups], seed)
+        slopes[split], force_n[split] = images_of(found), truth
+        group[split] = np.array([f"recording {k % groups}" for k in range(60)])
+    return slopes, force_n, group
+
+
+def elsewhere(k, rng):
+    return rng.uniform(-5, 5, 2)
+
+
+def test_presses_on_one_side_tell_those_on_the_others():
+    slopes, force_n, group = recordings()
+    others, truth = presses(80, elsewhere, 9)
+    found, history = press_symmetry.fit(slopes, force_n, ("z",), group)
+    assert {entry["mirrored"] for entry in history} == {True}
+    plain, *_ = smooth_weights.fit(slopes, force_n)
+    error = {k: np.abs(force(others, w[0]) - truth[:, 0]).mean() for k, w in enumerate((found, plain))}
+    assert error[0] < 0.5 * error[1]
+
+
+def one_sided(slopes):
+    """Slopes that the left half of the image shows four times as large as the right half."""
+    return slopes * np.where(np.arange(slopes.shape[2]) < slopes.shape[2] // 2, 4.0, 1.0)[:, None]
+
+
+def test_where_the_image_is_not_alike_on_all_sides_recordings_left_out_say_so():
+    spots = [(-5, -5), (5, 5), (-5, 5), (5, -5)]
+    slopes, force_n, group = {}, {}, {}
+    for seed, split in enumerate(("train", "validation"), 1):
+        found, force_n[split] = presses(80, lambda k, rng: spots[k % 4] + rng.uniform(-4, 4, 2), seed)
+        slopes[split] = one_sided(found)
+        group[split] = np.array([f"recording {k // 20}" for k in range(80)])
+    found, history = press_symmetry.fit(slopes, force_n, ("z",), group)
+    assert {entry["mirrored"] for entry in history} == {False}
+    plain, _, same = smooth_weights.fit(slopes, force_n)
+    np.testing.assert_array_equal(found, plain)
+    assert [{**entry, "mirrored": False} for entry in same] == history
+
+
+def test_it_is_a_fit_to_all_mirrored_and_turned_copies():
+    slopes, force_n, group = recordings()
+    _, history = press_symmetry.fit(slopes, force_n, ("z",), group)
+    copies = slopes["train"]
+    for change in (left_right, up_down, exchanged):
+        copies = np.concatenate([copies, change(copies)])
+    chosen = ridge.best(history)
+    size = chosen["cosines"]
+    x = smooth_weights.lowest_cosines(copies, size).reshape(len(copies), -1)
+    expected = x @ ridge.solve(x, np.tile(force_n["train"], (8, 1)), np.array([1e-12]))[0]
+    weak = {**chosen, "regularisation": 1e-12}
+    model = smooth_weights.SmoothWeights(slopes, force_n, restrict=lambda k, m: places("z", m, square=True))
+    fitted, _ = model.weights(weak, with_validation=False)
+    np.testing.assert_allclose(force(copies, fitted[0]), expected[:, 0], rtol=1e-4, atol=1e-3)
+
+
+def test_axes_have_their_own_weights():
+    rng = np.random.default_rng(3)
+    slopes = {s: rng.standard_normal((n, H, W, 2)) for s, n in (("train", 90), ("validation", 20))}
+    truth = np.stack([fields(axis, (H, W), 4, seed) for seed, axis in enumerate("xyz")])
+    force_n = {s: np.einsum("nijt,aijt->na", values, truth) for s, values in slopes.items()}
+    found, history = press_symmetry.fit(slopes, force_n, ("x", "y", "z"), None, with_validation=True)
+    assert history[0]["mirrored"]
+    np.testing.assert_allclose(found, truth, atol=1e-5 * np.abs(truth).max())
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_without_recordings_or_validation_nothing_is_symmetric(known):
+    slopes, force_n, group = recordings(groups=2 if known else 4)
+    alone = [{"train": values["train"]} for values in (slopes, force_n, group)]
+    _, history = press_symmetry.fit(*alone[:2], ("z",), alone[2] if known else None)
+    assert not any(entry["mirrored"] for entry in history)
+    _, found = press_symmetry.fit(slopes, force_n, ("z",), group if known else None)
+    errors = {
+        mirrored: ridge.best(model.errors())["validation_mae_n"]
+        for mirrored, model in (
+            (False, smooth_weights.SmoothWeights(slopes, force_n)),
+            (
+                True,
+                smooth_weights.SmoothWeights(
+                    slopes, force_n, restrict=lambda k, m: places("z", m, square=True)
+                ),
+            ),
+        )
+    }
+    assert found[0]["mirrored"] == (errors[True] < errors[False])
+
+
+def test_errors_on_groups_left_out_are_those_of_fits_without_them():
+    slopes, force_n, group = recordings()
+    model = smooth_weights.SmoothWeights(slopes, force_n, reach=0.1)
+    chosen = {"cosines": 4, "regularisation": 1e-4}
+    found = []
+    for name in np.unique(group["train"]):
+        rest = {s: group[s] != name for s in group}
+        # Copies are moved by chance, so those of the model are kept, and not made anew.
+        part = smooth_weights.SmoothWeights(slopes, force_n, reach=0.1)
+        seen = np.concatenate([np.tile(rest["train"], 1 + smooth_weights.MOVED_COPIES), rest["validation"]])
+        x = np.concatenate([part.cosines["train"], part.cosines["validation"]])[:, :4, :4].reshape(
+            len(seen), -1
+        )
+        y = np.concatenate([part.force_n["train"], part.force_n["validation"]])
+        weights = ridge.fit(x[seen], y[seen], chosen)
+        original = np.arange(len(seen)) < 60
+        original[-60:] = True
+        out = ~seen & original
+        assert out.sum() == 30
+        found.append(np.abs(x[out] @ weights - y[out]).mean())
+    assert model.left_out_error(chosen, group) == pytest.approx(np.mean(found))
