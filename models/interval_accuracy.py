@@ -6,8 +6,8 @@ from fastac.models.accuracy import with_background_of
 from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.result import Result
-from fastac.models.training.conformal import group_weights, wilson
 from fastac.models.training.drift import drifted
+from fastac.models.training.force.conformal import group_weights, wilson
 from fastac.scenes.schema import AXES
 from fastac.sensor.groups import groups
 from fastac.sensor.samples import Dataset

@@ -18,7 +18,7 @@ from fastac.models.floating.adjoint import displacement_mm, slope_weights
 from fastac.models.floating.hyperforce import HyperForce, collapse
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.force import terms
-from fastac.models.training import hyperforce, press_symmetry, smooth_weights
+from fastac.models.training.force import hyperforce, press_symmetry, smooth_weights
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import FORCE_AXES
 from fastac.store.kinds import Kinds

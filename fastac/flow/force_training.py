@@ -9,7 +9,7 @@ from fastac.flow.training import curve, dots_at_rest, float_pipeline, integer_pi
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.training.light import under_other_light
+from fastac.models.training.force.light import under_other_light
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import load_arrays, save_arrays

@@ -8,8 +8,8 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.force_interval import LOAD, ForceInterval, shifts_of
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.result import Result
-from fastac.models.training import conformal
 from fastac.models.training.drift import drifted
+from fastac.models.training.force import conformal
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.groups import groups
 from fastac.sensor.samples import evenly_spaced

@@ -11,8 +11,8 @@ from threadpoolctl import threadpool_limits
 from fastac.flow import force_training, frames, training
 from fastac.models import accuracy
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training import smooth_weights
-from fastac.models.training.force_start import background_differences
+from fastac.models.training.force import smooth_weights
+from fastac.models.training.force.force_start import background_differences
 from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset, DatasetError

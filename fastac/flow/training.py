@@ -20,9 +20,10 @@ from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.training import bit_true, from_forces
+from fastac.models.training import bit_true
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
+from fastac.models.training.force import from_forces
 from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.network_depth import depth_mae_mm

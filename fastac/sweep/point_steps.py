@@ -13,7 +13,7 @@ from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.training import hyperforce
+from fastac.models.training.force import hyperforce
 from fastac.scenes.schema import Scene
 from fastac.sensor import samples
 from fastac.sensor.dataset import Dataset

@@ -1,13 +1,14 @@
 """Whether labelled slopes are those that the frames show: a check of labels that needs no training.
 
-The two combinations of channels that are nearest to slopes of a surface (models/training/integrability.py)
-come from frames alone. Labels of a mirrored image, or with x and y exchanged, do not follow them.
+The two combinations of channels that are nearest to slopes of a surface come from frames alone
+(models/training/force/integrability.py). Labels of a mirrored image, or with x and y exchanged, do not follow
+them.
 """
 
 import numpy as np
 
 from fastac.models.integer.light_level import levelled
-from fastac.models.training.integrability import integrable_mixtures
+from fastac.models.training.force.integrability import integrable_mixtures
 from fastac.sensor.dataset import Dataset
 
 MOST_FRAMES = 64

@@ -5,7 +5,7 @@ import pytest
 
 from fastac.models.interval_accuracy import covered, lines
 from fastac.models.result import Result
-from fastac.models.training.conformal import wilson
+from fastac.models.training.force.conformal import wilson
 from fastac.sensor.samples import Dataset
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.models.training.light import under_other_light
+from fastac.models.training.force.light import under_other_light
 from fastac.scenes.schema import Scene
 from fastac.sensor import dataset
 from fastac.sensor.dataset import Dataset

@@ -13,7 +13,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.adjoint import displacement_mm, slope_weights
 from fastac.models.integer import assemble
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training import hyperforce, smooth_weights
+from fastac.models.training.force import hyperforce, smooth_weights
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.geometry import rest_slopes

@@ -25,7 +25,7 @@ from fastac.flow import frames
 from fastac.flow import steps as build_steps
 from fastac.flow.steps import NORMALS
 from fastac.models.integer.bundle import bundle_folder, is_bundle, load_bundle
-from fastac.models.training.hyperforce_3d import input_components, train
+from fastac.models.training.force.hyperforce_3d import input_components, train
 from fastac.report.paper import FORCE_FULL, FORCE_MAE_N
 from fastac.scenes import schema as scenes
 from fastac.scenes.schema import Scene

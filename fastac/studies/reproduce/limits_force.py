@@ -15,7 +15,7 @@ from fastac.models.floating.hyperforce import coordinates
 from fastac.models.floating.hyperforce_3d import HyperForce3D
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import bundle as bundles
-from fastac.models.training.hyperforce_3d import input_components, refit_last_layer
+from fastac.models.training.force.hyperforce_3d import input_components, refit_last_layer
 from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor import dataset

@@ -11,7 +11,7 @@ from fastac.flow.build import Build, BuildError
 from fastac.models.floating import pipeline
 from fastac.models.integer import assemble, bundle
 from fastac.models.integer.dst2d import Solver
-from fastac.models.training import hyperforce
+from fastac.models.training.force import hyperforce
 from fastac.sensor import dataset
 
 TRAIN = ["normals", "integers", "force", "bundle"]

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 from fastac.cli.main import main
 from fastac.flow import training
 from fastac.models.floating import displacement_3d
-from fastac.models.training import hyperforce_3d
+from fastac.models.training.force import hyperforce_3d
 from fastac.report.paper import FORCE_MAE_N
 from fastac.scenes import schema
 from fastac.sensor import dataset

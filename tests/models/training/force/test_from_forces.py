@@ -8,14 +8,14 @@ import torch
 
 from fastac.models.floating.network import predict, slopes_of
 from fastac.models.integer.features import integer_features
-from fastac.models.training import from_forces, smooth_weights
-from fastac.models.training.force_start import (
+from fastac.models.training.force import from_forces, smooth_weights
+from fastac.models.training.force.force_start import (
     background_differences,
     initial_model,
     linear_network,
     linear_start,
 )
-from fastac.models.training.from_forces import distillation_pixels
+from fastac.models.training.force.from_forces import distillation_pixels
 from fastac.sensor import dataset
 from fastac.sensor.fingertip import generate
 

@@ -8,7 +8,7 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import coordinate_codes, scales
-from fastac.models.training import smooth_weights
+from fastac.models.training.force import smooth_weights
 
 MIN_BLOCKS = 20
 """Smallest side of block-averaged frames, in blocks: time goes with their number. With 10 × 11 for 40 × 44 px

@@ -2,11 +2,11 @@
 
 Without labelled normals the network's slopes are latent: two functions of a pixel's colour change and
 position that explain the force as Σ (a·Δp + b·Δq). The hardware stays the same. Training starts from a linear
-model (models/training/force_start.py). Then network and fields a, b (sums of cosines) are trained on the L1
-error of the force, and on the curl of the slopes: a surface's slopes have none, which a few objects and
-forces do not tell (models/training/integrability.py). Afterwards models/training/smooth_weights.py fits the
-fields again, to the slopes of each arithmetic. All of it sees each frame under a light of its own
-(models/training/light.py), the network another in each epoch.
+model (force_start.py). Then network and fields a, b (sums of cosines) are trained on the L1 error of the
+force, and on the curl of the slopes: a surface's slopes have none, which a few objects and forces do not tell
+(integrability.py). Afterwards smooth_weights.py fits the fields again, to the slopes of each arithmetic, with
+the symmetry of presses where it holds (press_symmetry.py). All of it sees each frame under a light of its own
+(light.py), the network another in each epoch.
 
 Where the scene limits the patience, nobody knows beforehand which epoch will be the last, and rates cannot be
 annealed towards it. They stay as they are, and a moving average of the parameters over about an epoch is
@@ -22,11 +22,11 @@ from fastac.models.floating.network import PixelNetwork, UnitLength
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.training.best_epoch import BestEpoch
-from fastac.models.training.force_from_pixels import ForceFromPixels, block_averages, block_size
-from fastac.models.training.force_start import background_differences, initial_model, linear_start
-from fastac.models.training.integrability import curl_share
+from fastac.models.training.force.force_from_pixels import ForceFromPixels, block_averages, block_size
+from fastac.models.training.force.force_start import background_differences, initial_model, linear_start
+from fastac.models.training.force.integrability import curl_share
+from fastac.models.training.force.light import under_other_light
 from fastac.models.training.labelled_pixels import VALIDATION_PX
-from fastac.models.training.light import under_other_light
 from fastac.models.training.normals import ScaledNetwork
 from fastac.scenes.model_schema import Training
 from fastac.scenes.schema import Scene

@@ -22,8 +22,8 @@ from functools import partial
 
 import numpy as np
 
-from fastac.models.training import ridge
-from fastac.models.training.smooth_weights import SmoothWeights
+from fastac.models.training.force import ridge
+from fastac.models.training.force.smooth_weights import SmoothWeights
 
 LEAST_GROUPS = 3
 """Recordings, of which each is left out once, that tell whether the symmetry helps; with fewer the validation

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from fastac.models.training.conformal import (
+from fastac.models.training.force.conformal import (
     group_weights,
     linear_scale,
     pooled_quantile,

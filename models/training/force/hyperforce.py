@@ -11,7 +11,7 @@ import torch
 
 from fastac.models.floating.hyperforce import HyperForce, coordinates
 from fastac.models.floating.threads import single_thread
-from fastac.models.training import ridge
+from fastac.models.training.force import ridge
 from fastac.scenes.schema import Scene
 from fastac.store.progress import progress_bar
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fastac.models.training import ridge, smooth_weights
+from fastac.models.training.force import ridge, smooth_weights
 
 H, W = 12, 14
 

@@ -18,7 +18,7 @@ import torch
 from fastac.models.floating.hyperforce import coordinates
 from fastac.models.floating.hyperforce_3d import INPUTS, HyperForce3D
 from fastac.models.floating.threads import single_thread
-from fastac.models.training import ridge
+from fastac.models.training.force import ridge
 from fastac.scenes.schema import Scene
 from fastac.store.files import write_atomically
 from fastac.store.progress import progress_bar

@@ -2,7 +2,7 @@
 
 F = Σ_pixels Σ_t w_t · x_t for images x_t, such as the slopes less those of the background frame (a·Δp + b·Δq)
 or the displacement. The fields w_t, sums of the lowest m × m cosines (DCT-II), are fitted by ridge regression
-(models/training/ridge.py), together with two weights for each marker dot where there are any; m and the
+(models/training/force/ridge.py), together with two weights for each marker dot where there are any; m and the
 regularisation are those of the smallest error on held-out frames. Fitted to what a pipeline finds, the
 weights take its noise and errors into account, which those that models/floating/adjoint.py derives do not.
 
@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 from scipy.fft import dctn, idct, idctn
 
-from fastac.models.training import ridge
+from fastac.models.training.force import ridge
 from fastac.store.progress import progress_bar
 
 SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)

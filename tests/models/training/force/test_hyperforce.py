@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from fastac.models.training.hyperforce import build, refit_last_layer, train
+from fastac.models.training.force.hyperforce import build, refit_last_layer, train
 
 N = 14
 

@@ -6,9 +6,9 @@ import torch
 
 from fastac.models.floating.network import predict, slopes_of
 from fastac.models.integer.features import integer_features
-from fastac.models.training import force_from_pixels, smooth_weights
-from fastac.models.training.force_from_pixels import ForceFromPixels
-from fastac.models.training.force_start import linear_network
+from fastac.models.training.force import force_from_pixels, smooth_weights
+from fastac.models.training.force.force_from_pixels import ForceFromPixels
+from fastac.models.training.force.force_start import linear_network
 
 
 def test_blocks_leave_enough_of_a_frame():

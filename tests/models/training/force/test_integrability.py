@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from fastac.models.training.integrability import curl_share, derivatives, integrable_mixtures
+from fastac.models.training.force.integrability import curl_share, derivatives, integrable_mixtures
 
 
 def test_derivatives_of_planes():

@@ -12,9 +12,9 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import DIFFERENCE_SCALE, HIDDEN
-from fastac.models.training import ridge, smooth_weights
-from fastac.models.training.force_from_pixels import ForceFromPixels
-from fastac.models.training.integrability import integrable_mixtures
+from fastac.models.training.force import ridge, smooth_weights
+from fastac.models.training.force.force_from_pixels import ForceFromPixels
+from fastac.models.training.force.integrability import integrable_mixtures
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 

@@ -6,8 +6,8 @@ import torch
 
 from fastac.models.floating.network import predict, slopes_of
 from fastac.models.integer.features import integer_features
-from fastac.models.training import force_start
-from fastac.models.training.force_start import (
+from fastac.models.training.force import force_start
+from fastac.models.training.force.force_start import (
     force_mixtures,
     linear_network,
     linear_start,

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.fft import idctn
 
-from fastac.models.training import press_symmetry, ridge, smooth_weights
-from fastac.models.training.press_symmetry import places
+from fastac.models.training.force import press_symmetry, ridge, smooth_weights
+from fastac.models.training.force.press_symmetry import places
 
 H, W = 12, 14
 SIGNS = {"x": (-1, 1), "y": (1, -1), "z": (1, 1)}

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from fastac.models.training import hyperforce_3d
-from fastac.models.training.hyperforce_3d import error_n, input_components, refit_last_layer, train
+from fastac.models.training.force import hyperforce_3d
+from fastac.models.training.force.hyperforce_3d import error_n, input_components, refit_last_layer, train
 
 N = 14
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from fastac.models.training import ridge
+from fastac.models.training.force import ridge
 
 
 def problem(frames: int, features: int, *, axes: int = 2, noise: float = 0.0, seed: int = 1):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastac.models.training.light import under_other_light
+from fastac.models.training.force.light import under_other_light
 
 
 @pytest.fixture
