@@ -33,7 +33,8 @@ def check_scene(scene) -> None:
     else:
         for key in ("light_noise", "curl_weight", "press_reach", "press_symmetry"):
             if (value := getattr(scene.training, key)) is not None:
-                raise ValueError(f"training.{key}: {value} needs training.labels 'force'")
+                shown = str(value).lower()  # of true and false, as TOML writes them
+                raise ValueError(f"training.{key}: {shown} needs training.labels 'force'")
     if scene.protocol.tangential_shares and not scene.sensor.elastomer.friction:
         raise ValueError(
             "protocol.tangential_shares: only friction carries them; set sensor.elastomer.friction and"

@@ -95,7 +95,10 @@ def _epochs(axis, curves: dict[str, np.ndarray], name: str) -> None:
 
 
 def _choice(axis, curves: dict[str, np.ndarray]) -> None:
-    """The validation error of each regularisation that ridge regression tried, a line for each basis."""
+    """The validation error of each regularisation that ridge regression tried, a line for each basis.
+
+    Weights are called symmetric where models/training/force/press_symmetry.py made them so.
+    """
     strengths, errors = curves["regularisation"], curves["validation_mae_n"]
     sizes = curves.get("cosines", np.zeros(len(strengths)))
     for k, size in enumerate(np.unique(sizes)):
@@ -105,7 +108,8 @@ def _choice(axis, curves: dict[str, np.ndarray]) -> None:
     best = int(np.argmin(errors))
     axis.plot(strengths[best], errors[best], "o", fillstyle="none", color="#888888", markersize=9)
     axis.lines[-1].set_label(f"smallest: {errors[best]:.3g} N at {strengths[best]:.1g}")
-    axis.set_xlabel("strength of the regularisation")
+    kind = ", symmetric weights" if curves.get("mirrored", np.zeros(1))[0] else ""
+    axis.set_xlabel(f"strength of the regularisation{kind}")
     axis.set_ylabel(UNITS["mae_n"])
     readable_scale(axis.xaxis, strengths.min(), strengths.max())
     readable_scale(axis.yaxis, errors.min(), errors.max())

@@ -264,6 +264,13 @@ def test_the_curl_of_slopes_counts_where_forces_alone_train():
     assert geometry.training.force_curl_weight == 0
 
 
+def test_presses_may_be_symmetric_where_forces_alone_train():
+    texts = BY_FORCE, BY_FORCE.replace('"force" }', '"force", press_symmetry = false }')
+    assert [parse(text, origin="x").training.force_symmetry for text in texts] == [True, False]
+    geometry = parse(BY_FORCE.replace('training = { labels = "force" }', ""), origin="x")
+    assert not geometry.training.force_symmetry
+
+
 def test_light_is_the_same_in_all_frames_where_normals_train():
     text = BY_FORCE.replace('training = { labels = "force" }', "")
     assert parse(text, origin="x").training.force_light_noise == 0
@@ -323,6 +330,11 @@ def test_the_search_for_a_size_of_weights_is_cut_short_where_forces_alone_train(
             'labels = "force"',
             "press_reach = 0.1",
             "training.press_reach: 0.1 needs training.labels 'force'",
+        ),
+        (
+            'labels = "force"',
+            "press_symmetry = true",
+            "training.press_symmetry: true needs training.labels 'force'",
         ),
     ],
 )
