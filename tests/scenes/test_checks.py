@@ -1,0 +1,147 @@
+import pytest
+
+from tests.scenes.test_model_schema import BY_FORCE
+from tests.scenes.test_schema import DOTTED, error
+
+MARKERS = "markers = { spacing_mm = 1.6, radius_mm = 0.3 }\n"
+SLIP = {'"force_z"]': '"force_z", "slip"]'}
+NO_BRIDGE = "[network]\nbridge_dots = false"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('["force_z"]', '["force_z", "normals"]', "training.labels: 'force' gives forces only, no normals"),
+        ('["force_z"]', '["normals"]', "training.labels: 'force' gives forces only, no normals"),
+        (', fit = "slopes"', "", "training.labels: 'force' gives forces only, no normals"),
+        ('"force" }', '"force", teachers = 4 }', "training.teachers: 4 needs training.labels 'geometry'"),
+        (
+            '"force" }',
+            '"force", flat_fraction = 0.2 }',
+            "training.flat_fraction: 0.2 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
+            '"force", flat_beyond = 3.0 }',
+            "training.flat_beyond: 3.0 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
+            '"force", position_noise = 0.1 }',
+            "training.position_noise: 0.1 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
+            '"force", still_share = 0.1 }',
+            "training.still_share: 0.1 needs training.labels 'geometry'",
+        ),
+        (
+            "sensor =",
+            "network.train_width = 20\nsensor =",
+            "network.train_width: needs training.labels 'geometry'",
+        ),
+        (
+            'labels = "force"',
+            "light_noise = 0.02",
+            "training.light_noise: 0.02 needs training.labels 'force'",
+        ),
+        (
+            'labels = "force"',
+            "curl_weight = 0.5",
+            "training.curl_weight: 0.5 needs training.labels 'force'",
+        ),
+        (
+            'labels = "force"',
+            "press_reach = 0.1",
+            "training.press_reach: 0.1 needs training.labels 'force'",
+        ),
+        (
+            'labels = "force"',
+            "press_symmetry = true",
+            "training.press_symmetry: true needs training.labels 'force'",
+        ),
+    ],
+)
+def test_forces_alone_train_nothing_else(old, new, message):
+    assert old in BY_FORCE
+    assert error(BY_FORCE.replace(old, new)).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({MARKERS: ""}, "force.dots: True needs dots on the skin, a table sensor.markers"),
+        (
+            {MARKERS: "", "dots = true\nkernel": "kernel"},
+            "network.bridge_dots: True needs dots on the skin, a table sensor.markers",
+        ),
+        ({MARKERS: MARKERS + "height_px = 66\n"}, "sensor.height_px: 66: force.dots needs a multiple of 4"),
+        ({MARKERS: MARKERS + "width_px = 90\n"}, "sensor.width_px: 90: force.dots needs a multiple of 4"),
+        (
+            {MARKERS: MARKERS + "height_px = 90\n", "dots = true\nkernel": "kernel"},
+            "sensor.height_px: 90: network.bridge_dots needs a multiple of 4",
+        ),
+        (
+            {'["depth", "force_z"]': '["normals"]'},
+            "network.bridge_dots: True needs an output that follows from slopes",
+        ),
+        (
+            {'["depth", "force_z"]': '["depth"]', "[network]\nbridge_dots = true": NO_BRIDGE},
+            "force.dots: True needs a force among outputs",
+        ),
+        (
+            {'"force_z"]': '"force_z", "force_map"]'},
+            "force.dots: True: dots' shifts belong to no pixel; leave out output force_map",
+        ),
+        (
+            {'kernel = "collapsed"': 'kernel = "patch"'},
+            "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth",
+        ),
+        (
+            {'["depth", "force_z"]': '["force_z"]', "[network]": '[poisson]\nsolver = "adjoint"\n[network]'},
+            "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth",
+        ),
+        ({'fit = "weights"\n': ""}, "force.band_mm: 0.004 needs force.fit 'weights'"),
+        (
+            {"band_mm = 0.004": "band_mm = 0.004\ndeep_mm = 0.004"},
+            "force.deep_mm: 0.004 needs a force.band_mm that is smaller",
+        ),
+        ({"band_mm = 0.004": "deep_mm = 0.2"}, "force.deep_mm: 0.2 needs a force.band_mm that is smaller"),
+        (
+            {'["depth", "force_z"]': '["depth", "slip"]', "dots = true\nkernel": "kernel"},
+            "outputs: slip needs a force beside it and a poisson.solver with depth",
+        ),
+        (
+            {
+                '["depth", "force_z"]': '["force_z", "slip"]',
+                "[network]": '[poisson]\nsolver = "adjoint"\n[network]',
+            },
+            "outputs: slip needs a force beside it and a poisson.solver with depth",
+        ),
+        (
+            SLIP | {"dots = true\nkernel": "kernel"},
+            "outputs: slip needs force.dots = true and a force beside it",
+        ),
+        (
+            {"[network]": "[slip]\ncontact_mm = 0\n[network]"},
+            "slip.contact_mm = 0: Input should be greater than 0",
+        ),
+        (
+            {"[network]": "[slip]\nlimit_px = -1\n[network]"},
+            "slip.limit_px = -1: Input should be greater than 0",
+        ),
+        ({"band_mm = 0.004": "band_mm = 0"}, "force.band_mm = 0: Input should be greater than 0"),
+        ({'fit = "weights"': 'fit = "weight"'}, "force.fit = 'weight': Input should be"),
+        ({"dots = true\nkernel": "dots = 2\nkernel"}, "force.dots = 2: Input should be a valid boolean"),
+        (
+            {"[network]": "[numbers]\ndot_weight_bits = 5\n[network]"},
+            "numbers.dot_weight_bits = 5: Input should be greater than or equal to 6",
+        ),
+    ],
+)
+def test_dots_and_bands_that_cannot_be_are_named_in_one_line(changes, message):
+    text = DOTTED
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    assert error(text).startswith(message)
