@@ -116,6 +116,7 @@ def refit_last_layer(
         split: ridge.joined(np.array([features(frame) for frame in frames]), shifts_px and shifts_px[split])
         for split, frames in pressed.items()
     }
+    ridge.check(force_n)
     history = ridge.validation_errors(x, force_n)
     seen, truth = (ridge.known(samples, with_validation=with_validation) for samples in (x, force_n))
     found, of_dots = ridge.parted(ridge.fit(seen, truth, ridge.best(history)), hidden.shape[1] * k * k)

@@ -48,17 +48,22 @@ def _by_eigenvectors(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndar
     return x.T @ found if wide else found
 
 
+def check(force_n: dict[str, np.ndarray]) -> None:
+    """Raise ValueError where too few frames leave none to hold out, or all forces (frames, axes) are zero."""
+    count = len(force_n["train"])
+    if "validation" not in force_n and count < HELD_OUT:
+        raise ValueError(f"split: {count} training frames without validation: expected {HELD_OUT}")
+    if not np.abs(force_n["train"]).max():
+        raise ValueError("force_n: zero in every training frame: expected some force to learn")
+
+
 def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
     """The error of every regularisation on held-out frames, as [{"regularisation": …, "validation_mae_n":
     …}].
 
-    x (frames, features) and force_n (frames, axes) by split name. Raises ValueError where there are too few
-    frames to hold any out, or all forces are zero.
+    x (frames, features) and force_n (frames, axes), of which some can be zero throughout, by split name; they
+    pass `check`.
     """
-    if "validation" not in x and len(x["train"]) < HELD_OUT:
-        raise ValueError(f"split: {len(x['train'])} training frames without validation: expected {HELD_OUT}")
-    if not np.abs(force_n["train"]).max():
-        raise ValueError("force_n: zero in every training frame: expected some force to learn")
     return _try_all(x, force_n)[0]
 
 

@@ -115,6 +115,7 @@ class SmoothWeights:
         patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
             tried; None: all are tried. The largest take nearly all of the time.
         """
+        ridge.check(self.force_n)
         history, waited, smallest = [], 0, np.inf
         for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
             of_axes = [ridge.validation_errors(x, force_n) for _, x, force_n in self._problems(size)]

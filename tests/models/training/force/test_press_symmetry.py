@@ -156,6 +156,18 @@ def test_axes_have_their_own_weights():
     np.testing.assert_allclose(found, truth, atol=1e-5 * np.abs(truth).max())
 
 
+def test_an_axis_without_any_force_has_no_weights():
+    """As where a gauge of three axes measured presses without friction."""
+    slopes, force_n, group = recordings()
+    three = {split: values * [0, 0, 1] for split, values in force_n.items()}
+    found, history = press_symmetry.fit(slopes, three, ("x", "y", "z"), group)
+    assert history[0]["mirrored"]
+    assert not found[:2].any()
+    np.testing.assert_allclose(found[2:], press_symmetry.fit(slopes, force_n, ("z",), group)[0])
+    with pytest.raises(ValueError, match="force_n: zero in every training frame"):
+        press_symmetry.fit(slopes, {s: 0 * values for s, values in three.items()}, ("x", "y", "z"), group)
+
+
 @pytest.mark.parametrize("known", [True, False])
 def test_without_recordings_or_validation_nothing_is_symmetric(known):
     slopes, force_n, group = recordings(groups=2 if known else 4)

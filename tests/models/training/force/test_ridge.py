@@ -121,12 +121,12 @@ def test_without_a_validation_split_every_fifth_frame_is_held_out():
 
 
 def test_what_cannot_be_fitted_is_refused():
-    x, force = np.ones((4, 2)), np.ones((4, 1))
+    force = np.ones((4, 2))
     with pytest.raises(ValueError, match="split: 4 training frames without validation: expected 5"):
-        ridge.validation_errors({"train": x}, {"train": force})
-    both = {"train": x, "validation": x}
+        ridge.check({"train": force})
     with pytest.raises(ValueError, match="force_n: zero in every training frame"):
-        ridge.validation_errors(both, {"train": 0 * force, "validation": force})
+        ridge.check({"train": 0 * force, "validation": force})
+    ridge.check({"train": force * [0, 1], "validation": force})
 
 
 def test_features_and_shifts_are_joined_and_their_weights_parted():
