@@ -176,6 +176,10 @@ def _check_force_alone(scene) -> None:
         value = getattr(scene.training, key)
         if value:
             raise ValueError(f"training.{key}: {value} needs training.labels 'geometry'")
+    if scene.force.dots:  # their shifts belong to their places
+        for key in ("press_symmetry", "press_reach"):
+            if value := getattr(scene.training, key):
+                raise ValueError(f"training.{key}: {str(value).lower()} needs force.dots = false")
     if scene.training.still_share < 1:
         raise ValueError(
             f"training.still_share: {scene.training.still_share} needs training.labels 'geometry'"

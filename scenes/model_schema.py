@@ -199,11 +199,13 @@ class Training(Strict):
     )
     """How far presses are moved, at most, in copies that the force's weights are fitted to as well, with
     labels 'force': a share of the image's smaller side. On a gel that is alike everywhere a press has the
-    same force a little farther on, and few presses do not tell. Not given: 0.05."""
+    same force a little farther on, and few presses do not tell. Neither dots nor symmetric weights
+    (`press_symmetry`) go with it. Not given: 0.05."""
     press_symmetry: bool | None = Field(None, exclude_if=lambda value: value is None)
-    """Whether the force's weights may be such that a press mirrored or turned by a quarter has the force
-    mirrored or turned alike, as on a gel that is alike in all directions, with labels 'force'. They are where
-    that lowers the error on recordings left out of training. Not given: true."""
+    """Whether the force's weights may be such that a mirrored press has the mirrored force and, on a square
+    image, a press turned by a quarter the same F_z, as on a gel that is alike in all directions, with labels
+    'force'. They are where that lowers the error on recordings left out of the last fit or, where there is
+    one recording or none is named, on the validation frames. Not with dots. Not given: true."""
     flat_fraction: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Share of background pixels in each epoch, where only contacts are labelled."""
     circle_margin: Annotated[float, Field(ge=0, lt=1)] = Field(0.0, exclude_if=lambda value: not value)

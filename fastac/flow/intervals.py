@@ -113,8 +113,8 @@ def calibrated(
     """The integers with intervals around their forces, and what these hold and follow from.
 
     How widths depend on the measures follows from the training split, see `scale_of`; how wide they are from
-    scores of groups that were not trained on, see `training/conformal.py`: those of the validation split or,
-    where it has none, each training group's by models that were trained without it.
+    scores of groups that were not trained on, see `training/force/conformal.py`: those of the validation
+    split or, where it has none, each training group's by models that were trained without it.
 
     left_out : scores (frames, axes) of training groups that models did not know, and these groups (frames,)
 

@@ -108,7 +108,7 @@ def _choice(axis, curves: dict[str, np.ndarray]) -> None:
     best = int(np.argmin(errors))
     axis.plot(strengths[best], errors[best], "o", fillstyle="none", color="#888888", markersize=9)
     axis.lines[-1].set_label(f"smallest: {errors[best]:.3g} N at {strengths[best]:.1g}")
-    kind = ", symmetric weights" if curves.get("mirrored", np.zeros(1))[0] else ""
+    kind = ", symmetric weights" if curves.get("symmetric", np.zeros(1))[0] else ""
     axis.set_xlabel(f"strength of the regularisation{kind}")
     axis.set_ylabel(UNITS["mae_n"])
     readable_scale(axis.xaxis, strengths.min(), strengths.max())

@@ -1,7 +1,7 @@
 """How wide the interval around each force is, in integers: a sum of a few measures of the frame.
 
-The widths follow from presses that the models have not learned from (`training/conformal.py`): wider where
-the load is large, where the light has drifted and where much of the skin has changed.
+The widths follow from presses that the models have not learned from (`training/force/conformal.py`): wider
+where the load is large, where the light has drifted and where much of the skin has changed.
 """
 
 from dataclasses import dataclass

@@ -1,5 +1,6 @@
 import pytest
 
+from fastac.scenes.schema import parse
 from tests.scenes.test_model_schema import BY_FORCE
 from tests.scenes.test_schema import DOTTED, error
 
@@ -65,6 +66,20 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
 def test_forces_alone_train_nothing_else(old, new, message):
     assert old in BY_FORCE
     assert error(BY_FORCE.replace(old, new)).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ("press_symmetry = true", "training.press_symmetry: true needs force.dots = false"),
+        ("press_reach = 0.1", "training.press_reach: 0.1 needs force.dots = false"),
+    ],
+)
+def test_dots_belong_to_their_places(keys, message):
+    text = BY_FORCE.replace('fit = "slopes"', 'fit = "slopes", dots = true')
+    text = text.replace('"recorded"', '"recorded", markers = { spacing_mm = 1.6, radius_mm = 0.3 }')
+    assert parse(text, origin="x").wants_dots
+    assert error(text.replace('"force" }', f'"force", {keys} }}')).startswith(message)
 
 
 @pytest.mark.parametrize(

@@ -1,8 +1,8 @@
 """What forces are worth that were learned from forces alone: each of eight simulated objects left out once.
 
 Beside the scene's training stand a ridge regression on the pixels and a quadratic in their sum, as in
-`fastac evaluate --leave-one-group-out`; and the same with levelled light, and without what helps: the
-symmetry of presses, the slopes' curl in training, and moved presses.
+`fastac evaluate --leave-one-group-out`; and the same with levelled light, and with what helps taken
+away one after another: the symmetry of presses, the slopes' curl in training, and moved presses.
 """
 
 from collections.abc import Sequence

@@ -8,14 +8,14 @@ leaves, of all cosines cos(k_y, k_x) of p and q, a quarter that weights can be m
     F_x:  p with k_y even, k_x even;  q with k_y odd, k_x odd
     F_y:  p with k_y odd, k_x odd;    q with k_y even, k_x even
 
-On a square image a press can be turned by a quarter, too. So the weights of F_z are the same for p and, with
-rows and columns exchanged, for q: an eighth of all weights is left. A few objects, pressed at few places and
-in few directions, determine them far better than all. It is as if the weights were fitted to all mirrored and
-turned copies of the presses. (Cohen, Welling, "Group Equivariant Convolutional Networks", 2016, build such
-symmetries into networks.)
+On a square image a press can be turned by a quarter, too. Then F_z has the same weights for p and, with rows
+and columns exchanged, for q: an eighth of all weights is left. A few objects, pressed at few places and in
+few directions, determine this eighth far better than they determine all weights. But for the regularisation
+it is as if weights were fitted to all mirrored and, for F_z, turned copies of the presses. (Cohen, Welling,
+"Group Equivariant Convolutional Networks", 2016, build such symmetries into networks.)
 
-All this is true of slopes of the skin. What a network takes for slopes may be none, and light and gel may
-differ from side to side: recordings that are left out say whether the symmetry helps.
+All this is true of the skin's slopes. What a network gives may not be slopes, and light and gel may differ
+from side to side. So the last fit is repeated without each recording, with the symmetry and without it.
 """
 
 from functools import partial
@@ -25,15 +25,16 @@ import numpy as np
 from fastac.models.training.force import ridge
 from fastac.models.training.force.smooth_weights import SmoothWeights
 
-LEAST_GROUPS = 3
-"""Recordings, of which each is left out once, that tell whether the symmetry helps; with fewer the validation
-frames do."""
+LEAST_GROUPS = 2
+"""Fewest recordings with which leaving each out decides whether weights are symmetric; with fewer the
+validation frames decide."""
 ODD = {"x": ((0, 0), (1, 1)), "y": ((1, 1), (0, 0)), "z": ((0, 1), (1, 0))}
 """For each axis of the force whether k_y and k_x are odd, of p's cosines and of q's."""
 
 
 def places(axis: str, size: int, *, square: bool) -> np.ndarray:
-    """Where an axis' weights are in size × size × 2 coefficients, as a `smooth_weights.Restriction` says.
+    """Indices of the size × size × 2 coefficients that an axis' weights consist of, as a
+    `smooth_weights.Restriction` gives them; those in one column are equal.
 
     square : whether a quarter turn of the image is an image, too
     """
@@ -56,14 +57,17 @@ def fit(
     patience: int | None = None,
     progress: bool = False,
 ) -> tuple[np.ndarray, list[dict]]:
-    """Weights (axes, H, W, 2) in N, symmetric where that lowers the error on recordings left out; and
-    their validation errors, as in `smooth_weights.fit`, with "mirrored" in each for whether they are.
+    """Weights (axes, H, W, 2) in N, symmetric where that lowers the error on recordings left out of this fit;
+    and their validation errors, as in `smooth_weights.fit`, with "symmetric" in each for whether they are.
+
+    The network that gave the slopes knew all recordings, and so did the choice of each kind's size and
+    strength: the errors compare the two kinds, and say nothing of new objects.
 
     slopes : (frames, H, W, 2), less those of the background, by split name
     axes : the names of the forces' columns
     group : the recording of each frame by split name, if known. With fewer than LEAST_GROUPS the error on
         validation frames decides, and without such frames no weights are symmetric.
-    reach : of moved copies, which only weights without symmetry are fitted to
+    reach : how far copies are moved; symmetric weights are fitted without copies
     The others are as in `smooth_weights.fit`.
     """
     plain = SmoothWeights(slopes, force_n, reach=reach)
@@ -77,12 +81,12 @@ def fit(
     if by_group or "validation" in slopes:
         candidates[True] = SmoothWeights(slopes, force_n, restrict=restrict)
     errors = partial(SmoothWeights.errors, patience=patience, progress=progress)
-    histories = {mirrored: errors(model) for mirrored, model in candidates.items()}
-    chosen = {mirrored: ridge.best(history) for mirrored, history in histories.items()}
+    histories = {kind: errors(model) for kind, model in candidates.items()}
+    chosen = {kind: ridge.best(history) for kind, history in histories.items()}
     if by_group:
-        error_n = {m: model.left_out_error(chosen[m], group) for m, model in candidates.items()}
+        error_n = {kind: model.left_out_error(chosen[kind], group) for kind, model in candidates.items()}
     else:
-        error_n = {m: entry["validation_mae_n"] for m, entry in chosen.items()}
+        error_n = {kind: entry["validation_mae_n"] for kind, entry in chosen.items()}
     best = min(error_n, key=error_n.get)
     weights, _ = candidates[best].weights(chosen[best], with_validation=with_validation)
-    return weights, [{**entry, "mirrored": best} for entry in histories[best]]
+    return weights, [{**entry, "symmetric": best} for entry in histories[best]]

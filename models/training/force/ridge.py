@@ -61,8 +61,8 @@ def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) 
     """The error of every regularisation on held-out frames, as [{"regularisation": …, "validation_mae_n":
     …}].
 
-    x (frames, features) and force_n (frames, axes), of which some can be zero throughout, by split name; they
-    pass `check`.
+    x (frames, features) and force_n (frames, axes) by split name. The forces of some axes may be zero in
+    every frame. Call `check` first.
     """
     return _try_all(x, force_n)[0]
 

@@ -23,11 +23,12 @@ SIZES = (2, 4, 6, 8, 10, 12, 16, 24, 32)
 MOVED_COPIES = 2
 """Of each training frame."""
 FOLDS = 8
-"""Parts in which groups of frames are left out; each group alone where there are no more."""
+"""Into at most so many parts groups of frames are divided, of which each is left out once."""
 
 Restriction = Callable[[int, int], np.ndarray]
-"""Which sums of cosines an axis' fields are made of: from the axis' column in the forces and the size m to
-places (cosines of a sum, sums) in the m · m · terms coefficients. Cosines of a sum have the same weight."""
+"""Which cosines an axis' fields are made of. Called with the axis' column in the forces and the size m, it
+gives indices (cosines that share a weight, weights) into the m · m · terms coefficients; all others are
+zero."""
 
 
 def cosine_basis(length: int, size: int) -> np.ndarray:
@@ -158,21 +159,25 @@ class SmoothWeights:
 
     def left_out_error(self, chosen: dict, group: dict[str, np.ndarray]) -> float:
         """Mean absolute error in N on groups that were left out, with the size and strength of an entry of
-        `errors`; parts of FOLDS, which count alike.
+        `errors`. Groups are divided into FOLDS parts, each left out once, and count alike in the mean.
 
         group : (frames,) names by split name, of at least two groups
         """
-        own = {**group, "train": np.tile(group["train"], 1 + self.copies)}
-        part = np.unique(np.concatenate([*own.values()]), return_inverse=True)[1] % FOLDS
-        copied = np.arange(len(part)) >= len(group["train"])
-        copied[len(own["train"]) :] = False
-        found = np.zeros(part.max() + 1)
+        times = {split: 1 + self.copies * (split == "train") for split in self.cosines}
+        every = np.concatenate([np.tile(group[split], times[split]) for split in self.cosines])
+        copied = np.concatenate(
+            [np.arange(times[split] * len(group[split])) >= len(group[split]) for split in self.cosines]
+        )
+        names, code = np.unique(every, return_inverse=True)
+        found = np.zeros(len(names))
         for _, x, force_n in self._problems(chosen["cosines"]):
             x, force_n = (ridge.known(values, with_validation=True) for values in (x, force_n))
-            for k in range(len(found)):
-                weights = ridge.fit(x[part != k], force_n[part != k], chosen)
-                out = (part == k) & ~copied
-                found[k] += np.abs(x[out] @ weights - force_n[out]).sum(axis=1).mean()
+            for part in range(min(len(names), FOLDS)):
+                seen = code % FOLDS != part
+                weights = ridge.fit(x[seen], force_n[seen], chosen)
+                for k in range(part, len(names), FOLDS):
+                    out = (code == k) & ~copied
+                    found[k] += np.abs(x[out] @ weights - force_n[out]).sum(axis=1).mean()
         return float(found.mean())
 
 

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 
 from fastac.flow.force_fits import FITS, ForceSamples, fits_validation
@@ -40,11 +42,16 @@ def test_weights_of_slopes_are_symmetric_where_recordings_left_out_gain_by_it(ma
         scene = make_scene(**keys, training=training)
         return FITS["slopes"].fit(scene, None, known, progress=False)
 
+    dots = replace(samples, shifts_px={s: np.ones((len(v), 2, 2)) for s, v in samples.found.items()})
+    _, of_dots, history = fitted({"labels": "force"}, dots)
+    assert of_dots.shape == (1, 2, 2)
+    assert "symmetric" not in history[0]
+
     weights, of_dots, history = fitted({"labels": "force"})
     assert of_dots is None
-    assert history[0]["mirrored"]
+    assert history[0]["symmetric"]
     np.testing.assert_allclose(weights[0, :, ::-1], weights[0] * [-1, 1], atol=1e-9)
     for training in ({"labels": "force", "press_symmetry": False}, {"labels": "geometry"}):
         plain, _, history = fitted(training)
-        assert "mirrored" not in history[0]
+        assert "symmetric" not in history[0]
         assert np.abs(plain[0, :, ::-1] - plain[0] * [-1, 1]).max() > 1e-3 * np.abs(plain).max()

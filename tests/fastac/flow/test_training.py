@@ -1,6 +1,7 @@
 # amaranth: UnusedElaboratable=no
 """What the steps of a training write; that they run and resume is tested in test_build.py."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -76,6 +77,21 @@ def test_weights_are_fitted_to_frames_under_other_lights_where_forces_alone_trai
         gains = (found[split] + tiny_data.background[..., :2]).mean(axis=(1, 2)) / frames.mean(axis=(1, 2))
         assert 0.005 < gains.std() < 0.02
         np.testing.assert_array_equal(truth[split], same_truth[split])
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_force_samples_say_which_recording_a_frame_is_of(make_scene, tiny_data, known):
+    names = np.array([f"recording {k}" for k in range(len(tiny_data))])
+    data = replace(tiny_data, group=names if known else None)
+    scene = make_scene(
+        outputs=["force_z"], poisson={"solver": "adjoint"}, force={"clamp": False, "fit": "slopes"}
+    )
+    group = force_training.force_samples(Colours(scene), data, progress=False).group
+    if not known:
+        assert group is None
+        return
+    for split in ("train", "validation"):
+        np.testing.assert_array_equal(group[split], names[tiny_data.indices(split)])
 
 
 def test_pickles_are_not_opened(tmp_path):

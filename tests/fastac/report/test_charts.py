@@ -42,11 +42,11 @@ def test_a_curve_has_units_a_legend_and_its_best_epoch():
     assert "10⁻⁶" in found
 
 
-def test_weights_that_mirrored_presses_share_are_called_symmetric():
-    for mirrored in (True, False):
-        curves = CURVES | {"history.force_integer.mirrored": np.full(10, mirrored)}
+def test_symmetric_weights_are_called_so():
+    for symmetric in (True, False):
+        curves = CURVES | {"history.force_integer.symmetric": np.full(10, symmetric)}
         found = texts(charts.curve_charts(curves)[1])
-        assert ("strength of the regularisation, symmetric weights" in found) == mirrored
+        assert ("strength of the regularisation, symmetric weights" in found) == symmetric
 
 
 def test_fine_tuning_says_what_it_is_against():

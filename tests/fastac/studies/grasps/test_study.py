@@ -50,6 +50,7 @@ def test_each_object_is_left_out(scene, tmp_path):
     content = study.measure(brief, tmp_path / "out", **settings)
     assert (tmp_path / "out" / study.FILE).is_file()
     assert list(content["ways"]) == list(study.WAYS)
+    assert study.WAYS["as recorded, without press_symmetry"] == ({}, {"press_symmetry": False})
     groups, levelled, unmirrored, free, plain = (run["groups"] for [run] in content["ways"].values())
     assert list(groups) == list(levelled) == list(unmirrored) == list(free) == list(plain) == objects
     assert groups["edge"]["mae_n"] != levelled["edge"]["mae_n"]

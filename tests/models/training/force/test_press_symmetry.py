@@ -50,9 +50,16 @@ def test_turned_presses_have_the_same_normal_force():
     slopes = np.random.default_rng(2).standard_normal((5, W, W, 2))
     weights = fields("z", (W, W), 8)
     np.testing.assert_allclose(force(exchanged(slopes), weights), force(slopes, weights))
-    weights = {axis: fields(axis, (W, W), 8) for axis in "xy"}
-    np.testing.assert_allclose(force(exchanged(slopes), weights["x"]), force(slopes, exchanged(weights["x"])))
-    assert places("y", 8, square=True).shape == places("x", 8, square=True).shape
+
+
+@pytest.mark.parametrize("size", [2, 5, 8])
+def test_weights_of_x_turned_by_a_quarter_are_weights_of_y(size):
+    def used(axis: str) -> np.ndarray:
+        found = np.zeros((size, size, 2), bool)
+        found.ravel()[places(axis, size, square=True)] = True
+        return found
+
+    np.testing.assert_array_equal(exchanged(used("x")), used("y"))
 
 
 @pytest.mark.parametrize("size", [2, 5, 8])
@@ -86,13 +93,13 @@ def presses(count: int, at, seed: int, *, noise: float = 0.2, side: int = 24):
     return np.array(slopes), np.array(volumes)
 
 
-def recordings(images_of=lambda slopes: slopes, groups: int = 4):
+def recordings(groups: int = 4):
     """Dents of `groups` recordings, each at a place of its own on one side of the image; by split name."""
     spots = [(-4, -4), (-1, -5), (-5, 0), (-3, -2)]
     slopes, force_n, group = {}, {}, {}
     for seed, split in enumerate(("train", "validation"), 1):
         found, truth = presses(60, lambda k, rng: spots[k % groups], seed)
-        slopes[split], force_n[split] = images_of(found), truth
+        slopes[split], force_n[split] = found, truth
         group[split] = np.array([f"recording {k % groups}" for k in range(60)])
     return slopes, force_n, group
 
@@ -105,7 +112,7 @@ def test_presses_on_one_side_tell_those_on_the_others():
     slopes, force_n, group = recordings()
     others, truth = presses(80, elsewhere, 9)
     found, history = press_symmetry.fit(slopes, force_n, ("z",), group)
-    assert {entry["mirrored"] for entry in history} == {True}
+    assert {entry["symmetric"] for entry in history} == {True}
     plain, *_ = smooth_weights.fit(slopes, force_n)
     error = {k: np.abs(force(others, w[0]) - truth[:, 0]).mean() for k, w in enumerate((found, plain))}
     assert error[0] < 0.5 * error[1]
@@ -124,10 +131,10 @@ def test_where_the_image_is_not_alike_on_all_sides_recordings_left_out_say_so():
         slopes[split] = one_sided(found)
         group[split] = np.array([f"recording {k // 20}" for k in range(80)])
     found, history = press_symmetry.fit(slopes, force_n, ("z",), group)
-    assert {entry["mirrored"] for entry in history} == {False}
+    assert {entry["symmetric"] for entry in history} == {False}
     plain, _, same = smooth_weights.fit(slopes, force_n)
     np.testing.assert_array_equal(found, plain)
-    assert [{**entry, "mirrored": False} for entry in same] == history
+    assert [{**entry, "symmetric": False} for entry in same] == history
 
 
 def test_it_is_a_fit_to_all_mirrored_and_turned_copies():
@@ -147,13 +154,18 @@ def test_it_is_a_fit_to_all_mirrored_and_turned_copies():
 
 
 def test_axes_have_their_own_weights():
+    """Of noisy forces, so that fewer weights are better ones."""
     rng = np.random.default_rng(3)
-    slopes = {s: rng.standard_normal((n, H, W, 2)) for s, n in (("train", 90), ("validation", 20))}
+    slopes = {s: rng.standard_normal((n, H, W, 2)) for s, n in (("train", 60), ("validation", 40))}
     truth = np.stack([fields(axis, (H, W), 4, seed) for seed, axis in enumerate("xyz")])
-    force_n = {s: np.einsum("nijt,aijt->na", values, truth) for s, values in slopes.items()}
+    force_n = {
+        s: np.einsum("nijt,aijt->na", values, truth) + 0.5 * rng.standard_normal((len(values), 3))
+        for s, values in slopes.items()
+    }
     found, history = press_symmetry.fit(slopes, force_n, ("x", "y", "z"), None, with_validation=True)
-    assert history[0]["mirrored"]
-    np.testing.assert_allclose(found, truth, atol=1e-5 * np.abs(truth).max())
+    plain, *_ = smooth_weights.fit(slopes, force_n, with_validation=True)
+    assert history[0]["symmetric"]
+    assert np.abs(found - truth).mean() < 0.7 * np.abs(plain - truth).mean()
 
 
 def test_an_axis_without_any_force_has_no_weights():
@@ -161,7 +173,7 @@ def test_an_axis_without_any_force_has_no_weights():
     slopes, force_n, group = recordings()
     three = {split: values * [0, 0, 1] for split, values in force_n.items()}
     found, history = press_symmetry.fit(slopes, three, ("x", "y", "z"), group)
-    assert history[0]["mirrored"]
+    assert history[0]["symmetric"]
     assert not found[:2].any()
     np.testing.assert_allclose(found[2:], press_symmetry.fit(slopes, force_n, ("z",), group)[0])
     with pytest.raises(ValueError, match="force_n: zero in every training frame"):
@@ -169,45 +181,21 @@ def test_an_axis_without_any_force_has_no_weights():
 
 
 @pytest.mark.parametrize("known", [True, False])
-def test_without_recordings_or_validation_nothing_is_symmetric(known):
-    slopes, force_n, group = recordings(groups=2 if known else 4)
+def test_with_one_recording_or_none_named_the_validation_frames_decide(known):
+    slopes, force_n, _ = recordings()
+    slopes["validation"], force_n["validation"] = presses(60, elsewhere, 9)
+    group = {split: np.full(60, "the only one") for split in slopes} if known else None
+    _, history = press_symmetry.fit(slopes, force_n, ("z",), group)
+    assert history[0]["symmetric"], "on the training's side alone nothing was learned of the others"
+    slopes["train"], force_n["train"] = presses(60, elsewhere, 10)
+    slopes = {split: one_sided(values) for split, values in slopes.items()}
+    _, history = press_symmetry.fit(slopes, force_n, ("z",), group)
+    assert not history[0]["symmetric"]
+
+
+def test_without_recordings_and_validation_no_weights_are_symmetric():
+    slopes, force_n, group = recordings(groups=1)
     alone = [{"train": values["train"]} for values in (slopes, force_n, group)]
-    _, history = press_symmetry.fit(*alone[:2], ("z",), alone[2] if known else None)
-    assert not any(entry["mirrored"] for entry in history)
-    _, found = press_symmetry.fit(slopes, force_n, ("z",), group if known else None)
-    errors = {
-        mirrored: ridge.best(model.errors())["validation_mae_n"]
-        for mirrored, model in (
-            (False, smooth_weights.SmoothWeights(slopes, force_n)),
-            (
-                True,
-                smooth_weights.SmoothWeights(
-                    slopes, force_n, restrict=lambda k, m: places("z", m, square=True)
-                ),
-            ),
-        )
-    }
-    assert found[0]["mirrored"] == (errors[True] < errors[False])
-
-
-def test_errors_on_groups_left_out_are_those_of_fits_without_them():
-    slopes, force_n, group = recordings()
-    model = smooth_weights.SmoothWeights(slopes, force_n, reach=0.1)
-    chosen = {"cosines": 4, "regularisation": 1e-4}
-    found = []
-    for name in np.unique(group["train"]):
-        rest = {s: group[s] != name for s in group}
-        # Copies are moved by chance, so those of the model are kept, and not made anew.
-        part = smooth_weights.SmoothWeights(slopes, force_n, reach=0.1)
-        seen = np.concatenate([np.tile(rest["train"], 1 + smooth_weights.MOVED_COPIES), rest["validation"]])
-        x = np.concatenate([part.cosines["train"], part.cosines["validation"]])[:, :4, :4].reshape(
-            len(seen), -1
-        )
-        y = np.concatenate([part.force_n["train"], part.force_n["validation"]])
-        weights = ridge.fit(x[seen], y[seen], chosen)
-        original = np.arange(len(seen)) < 60
-        original[-60:] = True
-        out = ~seen & original
-        assert out.sum() == 30
-        found.append(np.abs(x[out] @ weights - y[out]).mean())
-    assert model.left_out_error(chosen, group) == pytest.approx(np.mean(found))
+    for known in (None, alone[2]):
+        _, history = press_symmetry.fit(*alone[:2], ("z",), known)
+        assert not history[0]["symmetric"]

@@ -183,3 +183,35 @@ class TestMovedCopies:
         dots = {split: np.ones((len(values), 2, 2)) for split, values in change.items()}
         found = [smooth_weights.fit(change, truth, dots, reach=reach)[0] for reach in (0.2, 0.0)]
         np.testing.assert_array_equal(*found)
+
+
+@pytest.mark.parametrize(
+    ("groups", "reach", "of_lowest"), [(3, 0.0, False), (3, 0.2, False), (11, 0.0, True)]
+)
+def test_errors_on_groups_left_out_are_those_of_fits_without_them(groups, reach, of_lowest):
+    """Eleven groups are left out in eight parts; groups count alike."""
+    change, truth = problem(fields(4), noise=0.5)
+    group = {s: np.array([f"{k % groups:02}" for k in range(len(values))]) for s, values in change.items()}
+    group["validation"] = group["validation"][::-1]
+    restrict = (lambda axis, size: np.arange(2 * size)[None]) if of_lowest else None
+    model = smooth_weights.SmoothWeights(change, truth, reach=reach, restrict=restrict)
+    chosen = {"cosines": 4, "regularisation": 1e-2}
+    used = 8 if of_lowest else 32
+    splits = ("train", "validation")
+    x = np.concatenate(
+        [model.cosines[s][:, :4, :4].reshape(len(model.cosines[s]), -1)[:, :used] for s in splits]
+    )
+    y = np.concatenate([model.force_n[s] for s in splits])
+    copies = smooth_weights.MOVED_COPIES if reach else 0
+    name = np.concatenate([np.tile(group["train"], 1 + copies), group["validation"]])
+    original = np.r_[np.ones(80, bool), np.zeros(80 * copies, bool), np.ones(20, bool)]
+    errors = []
+    for k in range(groups):
+        together = [f"{j:02}" for j in range(groups) if j % 8 == k % 8]
+        seen = ~np.isin(name, together)
+        out = (name == f"{k:02}") & original
+        weights = ridge.fit(x[seen], y[seen], chosen)
+        errors.append(np.abs(x[out] @ weights - y[out]).sum(axis=1).mean())
+    backwards = {split: group[split] for split in reversed(splits)}
+    for known in (group, backwards):
+        assert model.left_out_error(chosen, known) == pytest.approx(np.mean(errors))
