@@ -2,7 +2,7 @@ import pytest
 
 from fastac.scenes.schema import parse
 from tests.scenes.test_model_schema import BY_FORCE
-from tests.scenes.test_schema import DOTTED, error
+from tests.scenes.test_schema import DOTTED, error, replaced
 
 MARKERS = "markers = { spacing_mm = 1.6, radius_mm = 0.3 }\n"
 SLIP = {'"force_z"]': '"force_z", "slip"]'}
@@ -155,8 +155,4 @@ def test_dots_belong_to_their_places(keys, message):
     ],
 )
 def test_dots_and_bands_that_cannot_be_are_named_in_one_line(changes, message):
-    text = DOTTED
-    for old, new in changes.items():
-        assert old in text
-        text = text.replace(old, new)
-    assert error(text).startswith(message)
+    assert error(replaced(DOTTED, changes)).startswith(message)

@@ -229,6 +229,14 @@ def test_errors_name_the_key_in_one_line(text, message):
     assert error(text).startswith(message)
 
 
+def replaced(text: str, changes: dict[str, str]) -> str:
+    """The text with each key of `changes`, which must be in it, replaced by its value."""
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    return text
+
+
 DOTTED = """name = "x"
 outputs = ["depth", "force_z"]
 [sensor]
@@ -255,11 +263,7 @@ band_mm = 0.004
     ],
 )
 def test_what_dots_are_wanted_for(changes, dots, bridge):
-    text = DOTTED
-    for old, new in changes.items():
-        assert old in text
-        text = text.replace(old, new)
-    scene = parse(text, origin="x")
+    scene = parse(replaced(DOTTED, changes), origin="x")
     assert (scene.wants_dots, scene.wants_bridge, scene.wants_darkness) == (dots, bridge, dots or bridge)
     assert scene.force_of_weights
     assert scene.numbers.dot_weight_bits == 16

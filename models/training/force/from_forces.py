@@ -28,6 +28,7 @@ from fastac.models.training.force.integrability import curl_share
 from fastac.models.training.force.light import under_other_light
 from fastac.models.training.labelled_pixels import VALIDATION_PX
 from fastac.models.training.normals import ScaledNetwork
+from fastac.models.training.one_cycle import one_cycle
 from fastac.scenes.model_schema import Training
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -111,7 +112,11 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     count = len(change["train"])
     steps = -(-count // settings.force_batch)
     early = settings.patience_epochs is not None and "validation" in change
-    schedule = _constant(optimiser, steps) if early else _one_cycle(optimiser, settings, steps)
+    if early:
+        schedule = _constant(optimiser, steps)
+    else:
+        rates = [group["lr"] for group in optimiser.param_groups]
+        schedule = one_cycle(optimiser, rates, settings.force_epochs * steps)
     averaged = (
         AveragedModel(model, multi_avg_fn=get_ema_multi_avg_fn(1 - 1 / max(steps, 2))) if early else None
     )
@@ -149,15 +154,6 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     bar.close()
     best.restore(model)
     return model.network, history
-
-
-def _one_cycle(optimiser: torch.optim.Optimizer, settings: Training, steps: int):
-    """Rates that rise and are annealed over all epochs of so many steps each."""
-    total = settings.force_epochs * steps
-    rates = [group["lr"] for group in optimiser.param_groups]
-    return torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, rates, total_steps=total, pct_start=0.1 if total > 10 else 0.05
-    )
 
 
 def _constant(optimiser: torch.optim.Optimizer, steps: int):

@@ -11,7 +11,9 @@ import torch
 
 from fastac.models.floating.hyperforce import HyperForce, coordinates
 from fastac.models.floating.threads import single_thread
+from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.force import ridge
+from fastac.models.training.one_cycle import one_cycle
 from fastac.scenes.schema import Scene
 from fastac.store.progress import progress_bar
 
@@ -51,12 +53,9 @@ def train(
     optimiser = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=settings.force_weight_decay)
     count = len(pressed["train"])
     steps = epochs * -(-count // settings.force_batch)
-    # OneCycleLR divides by the length of the warm-up less one step: in short trainings leave it out.
-    schedule = torch.optim.lr_scheduler.OneCycleLR(
-        optimiser, rate, total_steps=steps, pct_start=0.1 if steps > 10 else 0.05
-    )
+    schedule = one_cycle(optimiser, rate, steps)
     generator = torch.Generator().manual_seed(settings.seed)
-    best, best_state, history = np.inf, None, []
+    best, history = BestEpoch(), []
     bar = progress_bar(total=steps, desc="force", unit="step", enabled=progress)
     for epoch in range(epochs):
         total = 0.0
@@ -71,13 +70,11 @@ def train(
         entry = {"epoch": epoch + 1, "train_mae_n": total / count}
         if "validation" in pressed:
             entry["validation_mae_n"] = _error(model, pressed, force, "validation")
-            if entry["validation_mae_n"] < best:
-                best, best_state = entry["validation_mae_n"], copy.deepcopy(model.state_dict())
+            best.tell(entry["validation_mae_n"], model)
         history.append(entry)
         bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
     bar.close()
-    if best_state is not None:
-        model.load_state_dict(best_state)
+    best.restore(model)
     return model, history
 
 

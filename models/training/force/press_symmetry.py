@@ -18,8 +18,6 @@ All this is true of the skin's slopes. What a network gives may not be slopes, a
 from side to side. So the last fit is repeated without each recording, with the symmetry and without it.
 """
 
-from functools import partial
-
 import numpy as np
 
 from fastac.models.training.force import ridge
@@ -79,9 +77,10 @@ def fit(
     candidates = {False: plain}
     by_group = group is not None and len(np.unique(np.concatenate([*group.values()]))) >= LEAST_GROUPS
     if by_group or "validation" in slopes:
-        candidates[True] = SmoothWeights(slopes, force_n, restrict=restrict)
-    errors = partial(SmoothWeights.errors, patience=patience, progress=progress)
-    histories = {kind: errors(model) for kind, model in candidates.items()}
+        candidates[True] = plain.restricted(restrict)
+    histories = {
+        kind: model.errors(patience=patience, progress=progress) for kind, model in candidates.items()
+    }
     chosen = {kind: ridge.best(history) for kind, history in histories.items()}
     if by_group:
         error_n = {kind: model.left_out_error(chosen[kind], group) for kind, model in candidates.items()}

@@ -10,7 +10,9 @@ Presses at few places leave open how the weights go on between them. Copies of t
 little, with the same force, say so: on a gel that is alike everywhere a press has the same force elsewhere.
 """
 
+import copy
 from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple, Self
 
 import numpy as np
 from scipy.fft import dctn, idct, idctn
@@ -56,6 +58,17 @@ def moved(images: np.ndarray, reach: float, rng: np.random.Generator) -> Iterato
         yield image[rows[:, None], np.clip(np.arange(width) - right, 0, width - 1)]
 
 
+class _Problem(NamedTuple):
+    """One ridge regression: some columns of the forces on features that they have in common."""
+
+    columns: slice
+    places: np.ndarray | None
+    """As a `Restriction` gives them; None: all coefficients."""
+    features: dict[str, np.ndarray]
+    """(frames, n) by split name, as the forces."""
+    force_n: dict[str, np.ndarray]
+
+
 class SmoothWeights:
     """Ridge regressions of forces on images whose weights are sums of cosines.
 
@@ -64,7 +77,8 @@ class SmoothWeights:
     reach : how far copies of the train split's images are moved, as in `moved`; none are where it is 0, where
         there are dots, whose shifts belong to their places, or no validation split, for the copies of a frame
         that is held out would tell its force
-    restrict : of the fields; None: every cosine of every term has a weight of its own
+
+    Every cosine of every term has a weight of its own, but in `restricted` regressions.
     """
 
     def __init__(
@@ -74,9 +88,9 @@ class SmoothWeights:
         shifts_px: dict[str, np.ndarray] | None = None,
         *,
         reach: float = 0.0,
-        restrict: Restriction | None = None,
     ):
-        self.shape, self.shifts_px, self.restrict = images["train"].shape[1:], shifts_px, restrict
+        self.shape, self.shifts_px = images["train"].shape[1:], shifts_px
+        self.restrict: Restriction | None = None
         self.sizes = [size for size in SIZES if size <= min(self.shape[:2])]
         self.cosines = {split: lowest_cosines(values, self.sizes[-1]) for split, values in images.items()}
         self.force_n, self.copies = force_n, 0
@@ -87,16 +101,25 @@ class SmoothWeights:
             self.cosines["train"] = np.concatenate(every)
             self.force_n = {**force_n, "train": np.tile(force_n["train"], (1 + self.copies, 1))}
 
-    def _problems(self, size: int) -> list[tuple[slice, dict[str, np.ndarray], dict[str, np.ndarray]]]:
-        """The ridge regressions: columns of the forces, features (frames, n) and forces by split name."""
+    def restricted(self, restrict: Restriction) -> Self:
+        """Regressions on the same frames without moved copies, with fields made of what `restrict` says."""
+        found = copy.copy(self)
+        count = len(self.cosines["train"]) // (1 + self.copies)
+        found.restrict, found.copies = restrict, 0
+        found.cosines = {**self.cosines, "train": self.cosines["train"][:count]}
+        found.force_n = {**self.force_n, "train": self.force_n["train"][:count]}
+        return found
+
+    def _problems(self, size: int) -> list[_Problem]:
         axes = self.force_n["train"].shape[1]
         if self.restrict is None:
             parts = [(slice(0, axes), None)]
         else:
             parts = [(slice(axis, axis + 1), self.restrict(axis, size)) for axis in range(axes)]
         return [
-            (
+            _Problem(
                 part,
+                places,
                 {split: self._features(split, size, places) for split in self.cosines},
                 {split: values[:, part] for split, values in self.force_n.items()},
             )
@@ -119,7 +142,7 @@ class SmoothWeights:
         ridge.check(self.force_n)
         history, waited, smallest = [], 0, np.inf
         for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
-            of_axes = [ridge.validation_errors(x, force_n) for _, x, force_n in self._problems(size)]
+            of_axes = [ridge.validation_errors(x, force_n) for _, _, x, force_n in self._problems(size)]
             found = [
                 {"cosines": size, **same[0], "validation_mae_n": sum(e["validation_mae_n"] for e in same)}
                 for same in zip(*of_axes, strict=True)
@@ -139,14 +162,11 @@ class SmoothWeights:
         """
         *outer, terms = self.shape
         size, fields, of_dots = chosen["cosines"], [], []
-        for part, x, force_n in self._problems(size):
+        for _, places, x, force_n in self._problems(size):
             seen = ridge.known(x, with_validation=with_validation)
             found = ridge.fit(seen, ridge.known(force_n, with_validation=with_validation), chosen)
-            places = (
-                np.arange(size * size * terms)[None]
-                if self.restrict is None
-                else self.restrict(part.start, size)
-            )
+            if places is None:
+                places = np.arange(size * size * terms)[None]
             of_images, dots = ridge.parted(found, places.shape[1])
             flat = np.zeros((found.shape[1], size * size * terms))
             flat[:, places] = of_images.T[:, None]
@@ -170,7 +190,7 @@ class SmoothWeights:
         )
         names, code = np.unique(every, return_inverse=True)
         found = np.zeros(len(names))
-        for _, x, force_n in self._problems(chosen["cosines"]):
+        for _, _, x, force_n in self._problems(chosen["cosines"]):
             x, force_n = (ridge.known(values, with_validation=True) for values in (x, force_n))
             for part in range(min(len(names), FOLDS)):
                 seen = code % FOLDS != part

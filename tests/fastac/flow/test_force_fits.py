@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 
 from fastac.flow.force_fits import FITS, ForceSamples, fits_validation
+from tests.models.training.force.test_press_symmetry import recordings
 
 
 def test_presses_that_others_need_unseen_are_not_fitted(make_scene):
@@ -18,23 +19,8 @@ def test_presses_that_others_need_unseen_are_not_fitted(make_scene):
 
 
 def test_weights_of_slopes_are_symmetric_where_recordings_left_out_gain_by_it(make_scene):
-    """Recordings of presses at a place of their own, all on one side of the image."""
-    rng = np.random.default_rng(1)
-    rows, columns = np.mgrid[:12, :12] - 5.5
-    slopes, force_n, group = [], [], []
-    places = [(-3, -3), (-1, -4), (-4, 0), (-2, 2)]
-    for k in range(60):
-        x, y = places[k % 4]
-        dent = rng.uniform(1, 3) * np.exp(-((columns - x) ** 2 + (rows - y) ** 2) / 5)
-        of_dent = np.stack([-(columns - x) * dent, -(rows - y) * dent], axis=-1)
-        slopes.append(of_dent + 0.3 * rng.standard_normal(of_dent.shape))
-        force_n.append([dent.sum()])
-        group.append(f"recording {k % 4}")
-
-    def by_split(values):
-        return {"train": np.array(values[:40]), "validation": np.array(values[40:])}
-
-    samples = ForceSamples(by_split(slopes), by_split(force_n), group=by_split(group))
+    slopes, force_n, group = recordings()
+    samples = ForceSamples(slopes, force_n, group=group)
     keys = {"outputs": ["force_z"], "poisson": {"solver": "adjoint"}}
     keys["force"] = {"clamp": False, "fit": "slopes"}
 

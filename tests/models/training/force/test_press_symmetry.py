@@ -148,7 +148,7 @@ def test_it_is_a_fit_to_all_mirrored_and_turned_copies():
     x = smooth_weights.lowest_cosines(copies, size).reshape(len(copies), -1)
     expected = x @ ridge.solve(x, np.tile(force_n["train"], (8, 1)), np.array([1e-12]))[0]
     weak = {**chosen, "regularisation": 1e-12}
-    model = smooth_weights.SmoothWeights(slopes, force_n, restrict=lambda k, m: places("z", m, square=True))
+    model = smooth_weights.SmoothWeights(slopes, force_n).restricted(lambda k, m: places("z", m, square=True))
     fitted, _ = model.weights(weak, with_validation=False)
     np.testing.assert_allclose(force(copies, fitted[0]), expected[:, 0], rtol=1e-4, atol=1e-3)
 

@@ -135,6 +135,19 @@ def test_images_of_which_only_the_dots_tell_something():
 
 
 class TestMovedCopies:
+    def test_restricted_fields_are_fitted_without_them(self):
+        change, truth = problem(fields(4), noise=0.5)
+        with_copies, without = (
+            smooth_weights.SmoothWeights(change, truth, reach=reach).restricted(
+                lambda axis, size: np.arange(size)[None] + axis
+            )
+            for reach in (0.2, 0.0)
+        )
+        assert with_copies.errors() == without.errors()
+        chosen = ridge.best(without.errors())
+        found = [model.weights(chosen, with_validation=True)[0] for model in (with_copies, without)]
+        np.testing.assert_array_equal(*found)
+
     def test_images_move_by_whole_pixels_and_borders_go_on(self):
         image = np.arange(20 * 24, dtype=float).reshape(1, 20, 24, 1)
         rng = np.random.default_rng(1)
@@ -193,8 +206,9 @@ def test_errors_on_groups_left_out_are_those_of_fits_without_them(groups, reach,
     change, truth = problem(fields(4), noise=0.5)
     group = {s: np.array([f"{k % groups:02}" for k in range(len(values))]) for s, values in change.items()}
     group["validation"] = group["validation"][::-1]
-    restrict = (lambda axis, size: np.arange(2 * size)[None]) if of_lowest else None
-    model = smooth_weights.SmoothWeights(change, truth, reach=reach, restrict=restrict)
+    model = smooth_weights.SmoothWeights(change, truth, reach=reach)
+    if of_lowest:
+        model = model.restricted(lambda axis, size: np.arange(2 * size)[None])
     chosen = {"cosines": 4, "regularisation": 1e-2}
     used = 8 if of_lowest else 32
     splits = ("train", "validation")
