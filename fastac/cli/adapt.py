@@ -28,7 +28,8 @@ def adapt(bundle, data, output, tune, force, progress):
     takes, and calibration.bin, the words that the hardware of BUNDLE takes (`fastac run --calibration`); what
     cannot be loaded there is refused in one line. The force's weights stay those of the hardware. Where three
     presses or more have forces, the newtons of its unit are fitted anew, if that helps presses held out.
-    Finished steps are kept in the step store beside the output.
+    Intervals around the force are widened until they hold the forces on these presses. Finished steps are
+    kept in the step store beside the output.
 
     \b
     Example: fastac adapt build/gelsight --data build/second.h5 -o build/second
@@ -43,5 +44,7 @@ def adapt(bundle, data, output, tune, force, progress):
         click.echo(adaptation.table(found["slope_errors"]))
     click.echo(f"presses: {found['presses']}, tuned: {found['tuned']}")
     click.echo(f"force: {found['force']}")
+    if found["intervals"] != "none":
+        click.echo(f"intervals: {found['intervals']}")
     click.echo(f"{output / adaptation.BUNDLE}: sha256 {found['bundle_sha256']}")
     click.echo(f"{output / adaptation.WORDS}: {found['words']} words, layout {found['layout']:#010x}")

@@ -18,6 +18,7 @@ from fastac.export.card import ADAPTED_FROM
 from fastac.flow import training
 from fastac.flow.few_presses import known_presses, pixels_of, presses, read
 from fastac.flow.force_scale import with_force_scale
+from fastac.flow.intervals import widened
 from fastac.gateware import calibration
 from fastac.models.emulator.pipeline import with_limits
 from fastac.models.floating.network import PixelNetwork
@@ -169,14 +170,17 @@ def adapted(
     made = loadable(Bundle(pipeline, floats, ""), known, folder / "with_force")
     seen = np.flatnonzero(few.split != "test")
     made, force = with_force_scale(made, few, seen)
-    limited = with_limits(made.pipeline, few.frames[seen])
+    wider, of_intervals, intervals = widened(known, made.pipeline, few)
+    limited = with_limits(wider, few.frames[seen])
     validity = as_wide_limits(limited.validity, known.pipeline.validity)
     about = {
         **training.provenance(few),
+        **of_intervals,
         ADAPTED_FROM: known.digest,
         "presses": chosen["presses"],
         "tuned": chosen["tune"],
         "force": force,
+        "intervals": intervals,
     }
     pipeline = limited.replace(validity=validity, provenance=about)
     made = bundles.save(folder / BUNDLE, pipeline, made.floats)

@@ -1,11 +1,13 @@
 """The interval around each force, from the errors of presses that the models have not learned from."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from fastac.flow.few_presses import presses
 from fastac.models.emulator.pipeline import Emulator
-from fastac.models.integer.force_interval import LOAD, ForceInterval, shifts_of
+from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.force_interval import INTERVAL, LOAD, ForceInterval, shifts_of
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.result import Result
 from fastac.models.training.drift import drifted
@@ -140,3 +142,33 @@ def calibrated(
         "trainings": 0 if left_out is None else count,
     }
     return pipeline.replace(interval=scale.times(factors)), about
+
+
+def widened(known: Bundle, pipeline: IntegerPipeline, data: Dataset) -> tuple[IntegerPipeline, dict, str]:
+    """Another unit's pipeline with intervals as wide at least as before, that hold the forces on its presses.
+
+    known : the first unit's bundle, which the intervals are of; data : the other unit's presses
+
+    Each axis's width grows by the same amount in all frames, so that the first unit's hardware can load it:
+    by the quantile over the presses of how far outside of its interval a force is. The unit's network has
+    learned from the same presses, so that new ones may lie further outside.
+    Returned besides: what the provenance says of intervals, as that of `calibrated`, and a line about it.
+    """
+    if pipeline.interval is None:
+        return pipeline, {}, "none"
+    axes, press = pipeline.scene.force_axes, presses(data)
+    index = np.flatnonzero((data.split != "test") & (press != ""))
+    if not data.has_force(axes):
+        known_about = {k: v for k, v in known.pipeline.provenance.items() if k == INTERVAL}
+        return pipeline, known_about, "as they were: the presses have no force"
+    found = Emulator(pipeline).run(data.frames[index], wanted=(*WANTED, "force_half_width_n"))
+    outside = _errors(pipeline, found, data, index) - found.force_half_width_n
+    asked, count = pipeline.scene.force.coverage, len(np.unique(press[index]))
+    coverage = min(asked, conformal.supported(count))
+    more_n = [max(conformal.pooled_quantile(of_axis, press[index], coverage), 0.0) for of_axis in outside.T]
+    raw = np.ceil(np.array(more_n) / pipeline.force_n_per_unit)  # half-widths are whole numbers
+    base = pipeline.interval.base + np.ceil(raw / 2.0**pipeline.interval.exponent).astype(np.int64)
+    about = {"asked": asked, "coverage": coverage, "groups": count, "frames": len(index), "trainings": 0}
+    shown = ", ".join(f"{'xyz'[a]} by {more:.4f} N" for a, more in zip(axes, more_n, strict=True))
+    text = f"widened: {shown}; made for {100 * coverage:.1f}% of presses, by {count}"
+    return pipeline.replace(interval=replace(pipeline.interval, base=base)), {INTERVAL: about}, text

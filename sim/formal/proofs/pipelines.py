@@ -135,6 +135,11 @@ def _background(component: type):
     return component(2, 2, 1, codes, codes, np.full((2, 2, 1), 3, np.uint8), lanes=1)
 
 
+def _levelled(component: type):
+    rest = np.full((2, 4, 1), 100, np.uint8)
+    return component(2, 4, 1, np.array([-1, 1, 2, 3]), np.array([-1, 1]), rest, lanes=1, level_light=True)
+
+
 def _division(component: type):
     shift = 16 + np.add.outer(np.arange(3), np.arange(3))
     return component(EigenvalueDivision(np.full((3, 3), 1 << 16), shift, 2, 3), lanes=2)
@@ -167,6 +172,13 @@ PIPELINES = (
         BackgroundSubtraction,
         _background,
         "2 × 2 pixels of one channel",
+        (_unheld("            for lane"),),
+    ),
+    (
+        "background_level_light",
+        BackgroundSubtraction,
+        _levelled,
+        "2 × 4 pixels of one channel, whose light is levelled",
         (_unheld("            for lane"),),
     ),
     (

@@ -11,6 +11,9 @@ from click.testing import CliRunner
 import fastac
 from fastac.cli.main import main
 from fastac.flow import force_training, steps, training
+from fastac.flow.few_presses import presses
+from fastac.flow.intervals import widened
+from fastac.gateware.calibration import calibration_words
 from fastac.models.accuracy import with_background_of
 from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.interval_accuracy import remark
@@ -116,3 +119,52 @@ def test_commands_tell_them(common, made, tiny_file, tmp_path):
     )
     assert "force.coverage = 0.95: 4 groups support at most 80.0%" in found.output
     assert interval_rows(content | {"asked": 0.9}, "simulated")[0][1] == "90% asked, 60% supported"
+
+
+def test_another_unit_s_intervals_hold_its_presses(common, tiny_data):
+    """Of a stiffer unit they are wider by the same in all frames, and its words can be loaded."""
+    bundle, _ = common
+    stiff = replace(tiny_data, force_n=3 * tiny_data.force_n)
+    new, about, text = widened(bundle, bundle.pipeline, stiff)
+    press = presses(stiff)
+    index = np.flatnonzero((stiff.split != "test") & (press != ""))
+    count = len(set(press[index]))
+    assert about[INTERVAL] == {
+        "asked": 0.6,
+        "coverage": 0.6,
+        "groups": count,
+        "frames": len(index),
+        "trainings": 0,
+    }
+    assert text.startswith("widened: z by ")
+    assert text.endswith(f"N; made for 60.0% of presses, by {count}")
+    before, after = (
+        with_background_of(pipeline, stiff).run(stiff.frames[index]) for pipeline in (bundle.pipeline, new)
+    )
+    more = after.force_half_width_n - before.force_half_width_n
+    assert more.min() > 0
+    assert np.ptp(more) < 1.01 * new.force_n_per_unit[0]  # but for what the floor drops
+    error = np.abs(after.force_n - stiff.forces_n(index, (2,)))
+    names, of_press = np.unique(press[index], return_inverse=True)
+    inside = (error <= after.force_half_width_n)[:, 0]
+    shares = np.bincount(of_press, inside) / np.bincount(of_press)
+    assert shares.sum() / (len(names) + 1) >= 0.6
+    words = calibration_words(replace(bundle, pipeline=new), bundle)
+    assert (words != calibration_words(bundle, bundle)).any()
+
+
+def test_another_unit_s_intervals_are_never_narrower(common, made, tiny_data):
+    bundle, _ = common
+    pipeline = bundle.pipeline
+    found = with_background_of(pipeline, tiny_data).run(tiny_data.frames)
+    as_found = replace(tiny_data, force_n=np.pad(found.force_n, ((0, 0), (2, 0))))
+    new, _, text = widened(bundle, pipeline, as_found)
+    np.testing.assert_array_equal(new.interval.base, pipeline.interval.base)
+    assert text.startswith("widened: z by 0.0000 N")
+    without = replace(tiny_data, force_n=None)
+    found = widened(bundle, pipeline, without)
+    assert found[0] is pipeline
+    assert found[1][INTERVAL] == pipeline.provenance[INTERVAL]
+    assert found[2] == "as they were: the presses have no force"
+    plain = made(None)[0]
+    assert widened(plain, plain.pipeline, tiny_data) == (plain.pipeline, {}, "none")
