@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from tabulate import tabulate
 
 _NUMBER = re.compile(r"[-+±]?\d\S*( \w+)?")
@@ -57,3 +58,18 @@ def number(value) -> str:
     if isinstance(value, float) and not value.is_integer():
         return f"{value:.4g}"
     return f"{value:,.0f}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
+def mean_and_spread(values: Iterable[float], digits: int | None = None, sign: str = "") -> str:
+    """The mean ± the standard deviation, as of a sample; of one value alone, the value.
+
+    digits : behind the point; None: as `number` has them
+    sign : "+" writes the mean's sign where it is positive, too
+    """
+    every = np.array(list(values), float)
+
+    def text(value: float, sign: str = "") -> str:
+        return number(float(value)) if digits is None else f"{value:{sign}.{digits}f}"
+
+    mean = text(every.mean(), sign)
+    return mean if len(every) == 1 else f"{mean} ± {text(every.std(ddof=1))}"

@@ -174,7 +174,7 @@ class Tuning:
 
     def nested(self, by_fold: Sequence[int]) -> dict:
         """The nested errors of one candidate a fold: {"score": …, metric: {"mean": …, "spread": …, "folds":
-        [...]}}, means over units and seeds, the spread of the seeds."""
+        [...]}}, means over units and seeds, the seeds' standard deviation as of a sample."""
         values = [
             [self.outer[candidate, seed, fold] for fold, candidate in enumerate(by_fold)]
             for seed in range(self.seeds)
@@ -186,7 +186,8 @@ class Tuning:
                 float(np.mean([e[name] for folds in values for e in folds[k].values()]))
                 for k in range(len(by_fold))
             ]
-            found[name] = {"mean": float(np.mean(means)), "spread": float(np.std(means)), "folds": of_folds}
+            spread = float(np.std(means, ddof=1)) if self.seeds > 1 else 0.0
+            found[name] = {"mean": float(np.mean(means)), "spread": spread, "folds": of_folds}
         every = [errors for folds in values for fold in folds for errors in fold.values()]
         return {"score": choice.score(every, self.metrics), **found}
 

@@ -7,7 +7,7 @@ import matplotlib
 import numpy as np
 
 from fastac.report.figures import save_png
-from fastac.report.tables import Table
+from fastac.report.tables import Table, mean_and_spread
 from fastac.studies.depth.causes import AS_RECORDED, MENDED
 from fastac.studies.depth.measure import PARTS
 
@@ -42,10 +42,7 @@ def means(content: dict, cause: str, key: str, chosen: Chosen) -> np.ndarray:
 
 
 def _cell(values: np.ndarray, sign: str = "+", digits: int = 1) -> str:
-    if np.isnan(values).any():
-        return ""
-    spread = f" ± {values.std():.{digits}f}" if len(values) > 1 else ""
-    return f"{values.mean():{sign}.{digits}f}{spread}"
+    return "" if np.isnan(values).any() else mean_and_spread(values, digits, sign)
 
 
 def tables(content: dict) -> list[Table]:

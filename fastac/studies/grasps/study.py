@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import frames, leave_one_out
-from fastac.report.tables import Table
+from fastac.report.tables import Table, mean_and_spread
 from fastac.scenes.schema import Scene
 from fastac.store.files import write_json
 from fastac.store.steps import Step
@@ -85,8 +85,7 @@ def tables(content: dict) -> list[Table]:
             for name in groups[0]
         ]
         of_seeds = {model: means(content, way, model) for model in leave_one_out.MODELS}
-        spread = {m: f" ± {e.std(ddof=1):.3f}" if many else "" for m, e in of_seeds.items()}
-        rows.append(["mean", *(f"{e.mean():.3f}{spread[m]}" for m, e in of_seeds.items())])
+        rows.append(["mean", *(mean_and_spread(errors, 3) for errors in of_seeds.values())])
         ratio = of_seeds["integer"].mean() / of_seeds["linear"].mean()
         note = (
             f"Simulated; {len(content['seeds'])} training{'s' if many else ''} of each. Integers over the"

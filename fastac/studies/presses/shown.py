@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 
 from fastac.report.figures import save_png
-from fastac.report.tables import Table, number
+from fastac.report.tables import Table, mean_and_spread
 from fastac.tune.page import labelled
 
 matplotlib.use("Agg")
@@ -28,7 +28,7 @@ def table(content: dict) -> Table:
     metrics, rows = metrics_of(content), []
     for count in content["counts"]:
         each = [values(content, count, metric) for metric in metrics]
-        rows.append([count, *(f"{number(float(e.mean()))} ± {number(float(e.std()))}" for e in each)])
+        rows.append([count, *map(mean_and_spread, each)])
     note = (
         f"Floats, on the others of {content['units']}; mean and standard deviation over {content['draws']}"
         " choices, each with a seed of its own."

@@ -8,11 +8,9 @@ slip test finds on a bottle (fastac/studies/demos/grasp.py). Everything is simul
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from fastac.flow.build import Build
 from fastac.models.integer import bundle as bundles
-from fastac.report.tables import Table
+from fastac.report.tables import Table, mean_and_spread
 from fastac.scenes.schema import AXES, Scene
 from fastac.sensor.mechanics.rig import rig_of
 from fastac.store.files import read_json, write_json
@@ -110,13 +108,6 @@ def measure(
     return content
 
 
-def _spread(values: Sequence[float], digits: int, scale: float = 1) -> str:
-    """Mean ± standard deviation over the trainings; of one alone, the value."""
-    numbers = scale * np.array(values)
-    text = f"{numbers.mean():.{digits}f}"
-    return text if len(numbers) == 1 else f"{text} ± {numbers.std(ddof=1):.{digits}f}"
-
-
 def tables(content: dict) -> list[Table]:
     """By way: the slip test's μ and errors on the known ball; by kind of object and way: errors and bias."""
     first, second = [], []
@@ -125,9 +116,9 @@ def tables(content: dict) -> list[Table]:
         first.append(
             [
                 way,
-                _spread([content["slip_test"][name]["found_ratio"] for name in names], 2),
-                *(_spread([one[f"force_{axis}_mae_n"] for one in ball], 0, 1000) for axis in AXES),
-                _spread([one["depth_mae_mm"] for one in ball], 1, 1000),
+                mean_and_spread([content["slip_test"][name]["found_ratio"] for name in names], 2),
+                *(mean_and_spread([1e3 * one[f"force_{axis}_mae_n"] for one in ball], 0) for axis in AXES),
+                mean_and_spread([1e3 * one["depth_mae_mm"] for one in ball], 1),
             ]
         )
     for kind, found in content["by_kind"].items():
@@ -137,9 +128,12 @@ def tables(content: dict) -> list[Table]:
                 [
                     kind,
                     way,
-                    *(_spread([one["mae_n"][axis] for one in of_way], 0, 1000) for axis in AXES),
-                    *(_spread([one["gain"][name] for one in of_way], 2) for name in ("shear", "normal")),
-                    _spread([one["friction_ratio"] for one in of_way], 2),
+                    *(mean_and_spread([1e3 * one["mae_n"][axis] for one in of_way], 0) for axis in AXES),
+                    *(
+                        mean_and_spread([one["gain"][axis] for one in of_way], 2)
+                        for axis in ("shear", "normal")
+                    ),
+                    mean_and_spread([one["friction_ratio"] for one in of_way], 2),
                 ]
             )
     errors = [f"error F_{axis}, mN" for axis in AXES]

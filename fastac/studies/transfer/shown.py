@@ -6,7 +6,7 @@ import matplotlib
 import numpy as np
 
 from fastac.report.figures import save_png
-from fastac.report.tables import Table, number
+from fastac.report.tables import Table, mean_and_spread
 from fastac.studies.transfer.study import AS_IS, METRICS, WAYS
 
 matplotlib.use("Agg")
@@ -43,8 +43,7 @@ def tables(content: dict) -> list[Table]:
             cells = []
             for count in content["counts"]:
                 each = values(content, way, count, metric)
-                spread = f" ± {number(float(each.std()))}" if len(each) > 1 else ""
-                cells.append(f"{number(float(each.mean()))}{spread}" if len(each) else "")
+                cells.append(mean_and_spread(each) if len(each) else "")
             rows.append([way, *cells])
         head = ["", *(f"{count} press{'es' if count > 1 else ''}" for count in content["counts"])]
         note = f"Integers; mean and standard deviation over {content['units']} simulated units."

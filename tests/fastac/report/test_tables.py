@@ -1,6 +1,7 @@
+import numpy as np
 import pytest
 
-from fastac.report.tables import Table, number, text_table
+from fastac.report.tables import Table, mean_and_spread, number, text_table
 
 
 def test_a_table_as_text():
@@ -32,3 +33,9 @@ def test_a_table_without_rows_is_its_head():
 )
 def test_numbers_have_four_digits_or_are_whole(value, text):
     assert number(value) == text
+
+
+def test_the_spread_is_that_of_a_sample():
+    assert mean_and_spread([1.0, 3.0]) == "2 ± 1.414"
+    assert mean_and_spread(np.array([0.5, 1.5, 1.0]), 2, "+") == "+1.00 ± 0.50"
+    assert mean_and_spread([1234.5], 0) == "1234"
