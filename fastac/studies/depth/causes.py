@@ -36,6 +36,12 @@ CAUSES = (
     Cause("the same light in every press", {"light_noise": 0.0}),
     Cause("light levelled", level_light=True),
     Cause("light levelled, circle_margin 0.1", training={"circle_margin": 0.1}, level_light=True),
+    Cause("light levelled, flat_fraction 0.05", training={"flat_fraction": 0.05}, level_light=True),
+    Cause(
+        "light levelled, circle_margin 0.1, flat_fraction 0.05",
+        training={"circle_margin": 0.1, "flat_fraction": 0.05},
+        level_light=True,
+    ),
     Cause("exact circles", {"circle_noise_mm": 0.0}),
     Cause("circles a pixel too large", {"circle_bias_mm": PIXEL_MM}),
     Cause("circles a pixel too small", {"circle_bias_mm": -PIXEL_MM}),

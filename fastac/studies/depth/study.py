@@ -37,8 +37,8 @@ from fastac.studies.depth.presses import (
 )
 
 NETWORK = "network.npz"
-PLAIN = {"circle_margin": 0.0, "flat_beyond": None}
-"""Keys of a training on whole circles and the untouched gel, nothing else; a cause may set them."""
+PLAIN = {"circle_margin": 0.0, "flat_beyond": None, "flat_fraction": 0.2}
+"""Keys of a training on whole circles and, a fifth, the untouched gel; a cause may set them."""
 SHORT = {"teachers": 0, "normals_epochs": 60, "normals_batch_px": 1024, "normals_learning_rate": 6e-3}
 """Keys of a training that takes seconds, in place of the scene's."""
 
