@@ -5,7 +5,7 @@ from typing import Literal
 
 PixelsPerClock = Literal[1, 2, 4, "1/2", "1/4", "1/8", "1/16", "camera"]
 """Values of `hardware.pixels_per_clock`. Below one, each multiplier serves several products of a pixel, one
-after another. camera: the least hardware that never makes the camera wait."""
+after another. camera: the slowest that never makes the camera wait."""
 FOLDS = (1, 2, 4, 8, 16)
 """Clocks between two pixels that there is hardware for; 1: none is shared over time."""
 LANES = (1, 2, 4)
@@ -61,7 +61,7 @@ class Pace:
 
 
 PACES = (*(Pace(1, fold) for fold in reversed(FOLDS)), *(Pace(lanes) for lanes in LANES[1:]))
-"""All paces, the slowest, whose hardware is the smallest, first."""
+"""All paces, the slowest first: the slower, the fewer look-up tables."""
 
 
 def pace_of(pixels_per_clock: int | str) -> Pace:
@@ -76,8 +76,10 @@ def slowest_pace(camera_clocks: float, width_px: int) -> Pace:
     """
     able = [pace for pace in PACES if pace.margin(camera_clocks) >= 0 and width_px % pace.lanes == 0]
     if not able:
+        most = max(lanes for lanes in LANES if width_px % lanes == 0)
         raise ValueError(
             f"hardware.pixels_per_clock: 'camera' sends {1 / camera_clocks:.3g} pixels a clock, and there is"
-            f" hardware for {max(LANES)} at most: raise hardware.clock_mhz or lower sensor.frames_per_second"
+            f" hardware for {most} at most in lines of {width_px} pixels: raise hardware.clock_mhz or lower"
+            " sensor.frames_per_second"
         )
     return able[0]

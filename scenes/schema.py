@@ -57,11 +57,12 @@ class Protocol(Strict):
 class Hardware(Strict):
     pixels_per_clock: PixelsPerClock = 1
     """Pixels that enter in a clock. Fractions share multipliers over the clocks between two pixels, so that
-    the hardware is smaller and what it computes the same. camera: the smallest that never makes the camera
+    the hardware is smaller and what it computes the same. camera: the slowest that never makes the camera
     of sensor.frames_per_second wait."""
     weights: Literal["loadable", "baked"] = "loadable"
     """Of the pixel network. loadable: in registers, written through AXI4-Lite, two products in a DSP slice
-    where they fit. baked: constants as shifts and additions, which need no DSP."""
+    where they fit. baked: constants as shifts and additions, which need no DSP slice; at less than one pixel
+    a clock constants in small memories, whose products share DSP slices as loadable ones do."""
     part: str = DEFAULT_PART
     """The FPGA, an entry of scenes/parts.py. It decides how products are packed, and designs that are too
     large for it are refused; what the hardware computes is the same on each."""

@@ -53,7 +53,7 @@ def sweep(spec, output, store, workers, scheduler, progress):
     click.echo(f"{output}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
 
 
-MARKED = ("paper", "fast", "force")
+MARKED = ("paper", "fast", "force", "small")
 """Scenes of this repository that `trade` marks where it finds them."""
 
 
@@ -68,7 +68,7 @@ MARKED = ("paper", "fast", "force")
     type=INPUT,
     multiple=True,
     metavar="SCENE",
-    help="Mark the design of this scene; repeatable. [default: scenes/paper.toml, fast.toml, force.toml]",
+    help="Mark the design of this scene; repeatable. [default: paper, fast, force and small in scenes/]",
 )
 @click.option(
     "--pick",

@@ -58,17 +58,26 @@ def derive(bundle: Bundle, folder: Path, *, pace: int | str, weights: str | None
 
 
 def fit(bundle: Bundle, folder: Path, pace: int | str) -> tuple[Bundle, str]:
-    """The model for a pace, with baked weights if loadable ones need more DSP slices than there are.
+    """The model for a pace, with baked weights where loadable ones need more DSP slices than the part has
+    and baked ones fewer than these.
 
-    And a word on why they are not as the scene has them, or empty.
+    And a word on why they are not as the scene has them, or that the part is too small, or empty.
     """
     derived = derive(bundle, folder, pace=pace)
-    device = device_of(derived.scene)
-    needed = sum(TopZynq(derived).datapath.multipliers.values())
-    if needed <= device.dsps or not derived.pipeline.layers[0].loadable:
+    device, needed = device_of(derived.scene), _multipliers(derived)
+    if needed <= device.dsps:
         return derived, ""
-    note = f"baked: loadable weights need {needed} of {device.dsps} {device.dsp.name}"
-    return derive(bundle, folder, pace=pace, weights="baked"), note
+    if derived.pipeline.layers[0].loadable:
+        baked = derive(bundle, folder, pace=pace, weights="baked")
+        if _multipliers(baked) < needed:
+            return baked, f"baked: loadable weights need {needed} of {device.dsps} {device.dsp.name}"
+        derived = derive(bundle, folder, pace=pace)
+    note = f"too large for the part, {needed} of {device.dsps} {device.dsp.name}: simulated all the same"
+    return derived, note
+
+
+def _multipliers(bundle: Bundle) -> int:
+    return sum(TopZynq(bundle).datapath.multipliers.values())
 
 
 def special_frames(background: np.ndarray) -> np.ndarray:

@@ -184,7 +184,7 @@ def table(scopes: Sequence[Scope]) -> str:
 
 def notes() -> list[str]:
     """Where the figures come from."""
-    _, origins = resources.model()
+    _, origins = resources.model(is_folded=True)
     labels = AREAS | {"dsp48e2": "DSP48E2", "dsp48e1": "DSP48E1"}
     return [
         f"“{ABSENT}”: not needed, so not there. Everything: the same sensor, words and lanes with normals,"

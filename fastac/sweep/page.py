@@ -7,6 +7,8 @@ from fastac.report.headline import Headline
 from fastac.report.plotly_look import config
 from fastac.report.render import render
 from fastac.report.tables import Table, number
+from fastac.scenes.pace import PACES, Pace
+from fastac.scenes.schema import Scene
 from fastac.store.files import write_text
 from fastac.sweep import front
 from fastac.sweep.front import COSTS, ERRORS, TUNING, Source
@@ -37,6 +39,27 @@ def faster_table(shown: Trade, error: str) -> Table:
         ["speed", error, "change", *SHOWN, "design"],
         rows,
         "Each line has the least error of all designs with at most 1/2, 1/4, … of the first line's cycles.",
+    )
+
+
+def paces_table(shown: Trade) -> Table:
+    """By pace, how many designs are on a front, and what the best of them have."""
+    best = {row.key for row in front.best_designs(shown.rows)} if shown.errors else set()
+    by_pace: dict[Pace, list[Row]] = {}
+    for row in shown.rows:
+        by_pace.setdefault(Scene.model_validate(row.scene).pace, []).append(row)
+    names = [*shown.errors, "last_pixel_to_force_cycles", *SHOWN]
+    rows = []
+    for pace in sorted(by_pace, key=PACES.index):
+        on_front = [row for row in by_pace[pace] if row.key in best]
+        known = [[row.metrics[name] for row in on_front if name in row.metrics] for name in names]
+        cells = [number(min(values)) if values else "" for values in known]
+        rows.append([str(pace.value), f"{len(on_front)} of {len(by_pace[pace])}", *cells])
+    return Table(
+        "On the fronts, by pixels a clock",
+        ["pixels a clock", "designs", *names],
+        rows,
+        "Designs on the front over an error and all costs; in each column the least that one of them has.",
     )
 
 
@@ -105,6 +128,7 @@ def failures_table(sources: Sequence[Source]) -> Table:
 def tables(shown: Trade) -> list[Table]:
     """All tables that have rows."""
     found = [faster_table(shown, error) for error in shown.errors if error != "normal_mae_deg"]
+    found.append(paces_table(shown))
     of_each = (seeds_table, headlines_table, tuning_table, keys_table)
     found += [table(source) for source in shown.sources for table in of_each]
     found += [confirmed_table(shown), failures_table(shown.sources)]

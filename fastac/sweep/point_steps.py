@@ -146,7 +146,8 @@ def latency(pipeline: IntegerPipeline) -> dict[str, float]:
 
 def origins() -> dict[str, str]:
     """Where the metrics that are no measurements of errors come from."""
-    found = {name: resources.model()[1][key] for name, key in RESOURCES.items()}
+    _, stated = resources.model(is_folded=True)
+    found = {name: stated[key] for name, key in RESOURCES.items()}
     found["energy_uj"] = energy.ORIGIN
     for name in ("latency_cycles", "interval_cycles", "last_pixel_to_force_cycles"):
         found[name] = "formulas of the design (gateware/cycle_model.py), which simulations of the RTL confirm"

@@ -70,27 +70,31 @@ def check_products(scene: Scene) -> None:
     device = device_of(scene)
     bits = min(scene.numbers.data_bits, device.dsp.wide_port - 1)
     numbers = scene.numbers.model_copy(update={"data_bits": bits})
-    device.check_multipliers(multipliers(scene.model_copy(update={"numbers": numbers})))
+    device.check_multipliers(multipliers(scene.model_copy(update={"numbers": numbers})), scene)
     device.check_block_rams(resources.block_rams(resources.kernel_memory(scene)))
 
 
 @dataclass(frozen=True)
 class Area:
-    """What a pipeline's hardware takes of a device, by stage.
+    """What the hardware of a scene's pipeline takes of its part, by stage.
 
     multipliers, block_rams : DSP slices and RAMB36 by the architecture's formulas
     luts : look-up tables by an estimate
     """
 
-    device: Device
+    scene: Scene
     multipliers: dict[str, int]
     block_rams: dict[str, float]
     luts: dict[str, float]
 
+    @property
+    def device(self) -> Device:
+        return device_of(self.scene)
+
     def check(self) -> None:
         """Raise DeviceError where the device lacks DSP slices or block RAMs, or clearly lacks look-up
         tables."""
-        self.device.check_multipliers(self.multipliers)
+        self.device.check_multipliers(self.multipliers, self.scene)
         self.device.check_block_rams(self.block_rams)
         self.device.check_luts(self.luts)
 
@@ -122,7 +126,7 @@ class Area:
 def area(pipeline: IntegerPipeline) -> Area:
     """What the pipeline's hardware takes of its scene's part."""
     return Area(
-        device_of(pipeline.scene),
+        pipeline.scene,
         resources.dsp_slices(pipeline),
         resources.block_rams(resources.memories(pipeline)),
         resources.luts(pipeline),

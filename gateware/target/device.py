@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E1, DSP48E2, DspSlice
 from fastac.models.integer.pipeline import IntegerPipeline
+from fastac.scenes.pace import FOLDS
 from fastac.scenes.schema import Scene
 from fastac.store.kinds import Kinds
 
@@ -17,6 +18,10 @@ LUTS_PER_CARRY = {"carry8": 8, "carry4": 4}
 LUT_MARGIN = 0.25
 """How far an estimate of look-up tables may exceed the part's before the design is refused: no more than the
 estimate itself may be off (fastac/synth/resources.py states its errors), and Vivado's counts differ, too."""
+
+
+PACKED_ACTIVATION_BITS = 9
+"""Most bits of an activation with which two products share a DSP48E1."""
 
 
 class DeviceError(ValueError):
@@ -59,14 +64,23 @@ class Device:
         }
         return found | ({"uram288": self.uram288} if self.uram288 else {})
 
-    def check_multipliers(self, by_stage: dict[str, int]) -> None:
-        """Raise DeviceError if all stages' DSP slices, {stage: number}, exceed the device's."""
-        remedy = "fewer hardware.pixels_per_clock, hardware.weights = 'baked' or a smaller sensor.width_px"
+    def check_multipliers(self, by_stage: dict[str, int], scene: Scene) -> None:
+        """Raise DeviceError if all stages' DSP slices, {stage: number}, exceed the device's.
+
+        scene : whose they are; what it has already is not proposed
+        """
+        numbers, remedies = scene.numbers, []
+        unfolded = scene.fold == 1 and scene.hardware.weights == "loadable"
         if self.dsp is DSP48E1:
-            shorter = {"normals": "numbers.activation_bits of 9", "depth": "numbers.data_bits of 24"}
-            words = [f"{words} or fewer" for stage, words in shorter.items() if by_stage.get(stage)]
-            remedy = ", ".join([*words, remedy])
-        self._check(self.dsp.name, by_stage, self.dsps, remedy)
+            if unfolded and by_stage.get("normals") and numbers.activation_bits > PACKED_ACTIVATION_BITS:
+                remedies.append(f"numbers.activation_bits of {PACKED_ACTIVATION_BITS} or fewer")
+            if by_stage.get("depth") and numbers.data_bits >= self.dsp.wide_port:
+                remedies.append(f"numbers.data_bits of {self.dsp.wide_port - 1} or fewer")
+        if scene.fold < max(FOLDS):
+            remedies.append("fewer hardware.pixels_per_clock")
+        if unfolded:  # baked weights below one pixel a clock take as many
+            remedies.append("hardware.weights = 'baked'")
+        self._check(self.dsp.name, by_stage, self.dsps, [*remedies, "a smaller sensor.width_px"])
 
     def check_block_rams(self, by_stage: dict[str, float]) -> None:
         """Raise DeviceError if all stages' RAMB36 blocks, {stage: number}, exceed the device's.
@@ -78,8 +92,10 @@ class Device:
             "RAMB36",
             by_stage,
             self.ramb36,
-            "force.kernel = 'collapsed', a smaller force.kernel_size, fewer numbers.kernel_bits, another"
-            " poisson.solver, fewer hardware.pixels_per_clock or a smaller sensor.width_px",
+            [
+                *("force.kernel = 'collapsed'", "a smaller force.kernel_size", "fewer numbers.kernel_bits"),
+                *("another poisson.solver", "fewer hardware.pixels_per_clock", "a smaller sensor.width_px"),
+            ],
         )
 
     def check_luts(self, by_stage: dict[str, float]) -> None:
@@ -89,20 +105,26 @@ class Device:
             "look-up tables by estimate",
             {stage: round(number) for stage, number in by_stage.items()},
             self.lut,
-            "fewer hardware.pixels_per_clock, hardware.weights = 'loadable' or a smaller network.width",
+            ["fewer hardware.pixels_per_clock", "hardware.weights = 'loadable'", "a smaller network.width"],
             margin=LUT_MARGIN,
         )
 
     def _check(
-        self, block: str, by_stage: dict[str, float], held: int, remedy: str, *, margin: float = 0.0
+        self,
+        block: str,
+        by_stage: dict[str, float],
+        held: int,
+        remedies: list[str],
+        *,
+        margin: float = 0.0,
     ) -> None:
         """Raise DeviceError if the stages need more of `block` than `held`, beyond the margin."""
         needed = sum(by_stage.values())
         if needed > held * (1 + margin):
             stages = ", ".join(f"{name} {number:,g}" for name, number in by_stage.items())
             raise DeviceError(
-                f"{needed:,g} {block} ({stages}): the {self.part} has {held:,}; choose {remedy}, or another"
-                " hardware.part"
+                f"{needed:,g} {block} ({stages}): the {self.part} has {held:,};"
+                f" choose {', '.join(remedies)} or another hardware.part"
             )
 
 

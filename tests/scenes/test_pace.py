@@ -46,7 +46,7 @@ def test_pauses_make_the_camera_faster():
 
 def test_lanes_that_do_not_divide_a_line_are_left_out():
     assert slowest_pace(0.6, 126) == Pace(2, 1)
-    with pytest.raises(ValueError, match=r"sends 3\.33 pixels a clock, and there is hardware for 4 at most"):
+    with pytest.raises(ValueError, match=r"sends 3\.33 pixels a clock, and there is hardware for 2 at most"):
         slowest_pace(0.3, 126)
 
 

@@ -92,6 +92,23 @@ def test_the_price_of_speed(shown):
     ]
 
 
+def test_designs_on_the_fronts_by_pace(shown, make_scene):
+    """A folded design is on the front for its DSP slices, and comes first; a worse one at a pixel a clock is
+    not."""
+    [source] = shown.sources
+    metrics = {"depth_mae_mm": 0.01, "latency_cycles": 5000, "dsp": 7, "energy_uj": 3.5, "lut": 500}
+    metrics["last_pixel_to_force_cycles"] = 300
+    folded = make_scene(hardware={"pixels_per_clock": "1/4"}).model_dump(mode="json")
+    worse = metrics | {"latency_cycles": 9000}
+    rows = [Row("folded", "done", {}, folded, metrics), Row("worse", "done", {}, folded, worse)]
+    table = trade_page.paces_table(trade_page.Trade([source], [*shown.rows, *rows]))
+    assert table.head[:3] == ["pixels a clock", "designs", "depth_mae_mm"]
+    assert table.rows == [
+        ["1/4", "1 of 2", "0.01", "300", "5,000", "7", "500", "", "3.5"],
+        ["1", "4 of 5", "0.01", "", "111", "90", "999", "", "2"],
+    ]
+
+
 def test_fine_tuning_is_a_table(shown):
     found = table(shown, "Bit-true fine-tuning")
     assert [row[:4] for row in found.rows] == [

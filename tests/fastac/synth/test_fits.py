@@ -61,7 +61,7 @@ def test_what_the_scene_alone_says(make_scene):
     with pytest.raises(DeviceError, match=r"^2,1\d\d DSP48E2 "):
         check_products(make_scene(sensor=wide, hardware=lanes))
     with pytest.raises(
-        DeviceError, match=r"^\d+ DSP48E1 .*: the xc7z020clg400-1 has 220; choose numbers.acti"
+        DeviceError, match=r"^\d+ DSP48E1 .*: the xc7z020clg400-1 has 220; choose numbers.data_bits"
     ):
         check_products(make_scene(hardware={"part": ZYNQ7020, "pixels_per_clock": 2}))
     with pytest.raises(
