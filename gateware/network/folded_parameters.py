@@ -1,4 +1,4 @@
-"""Parameters of folded hardware: for each operand a small memory of what it is in every clock of a pixel."""
+"""Memories of the operands of shared multipliers: a word for each clock of a pixel."""
 
 from collections.abc import Callable, Sequence
 from typing import NamedTuple

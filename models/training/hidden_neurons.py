@@ -1,4 +1,4 @@
-"""Hidden neurons of the float pixel network: what they say, and the network without one of them.
+"""Hidden neurons of the float pixel network: their outputs, and the network without one of them.
 
 A neuron's outputs are replaced by the best linear combination of its layer's other outputs, which goes into
 the next layer's weights and biases.
