@@ -102,7 +102,18 @@ class TestFit:
         baked = with_weights(bundle, tmp_path, "baked")
         hold(monkeypatch, -1)
         derived, note = verify.fit(baked, tmp_path / "fit", 1)
-        assert (derived.digest, note) == (baked.digest, "")
+        assert derived.digest == baked.digest
+        assert note.startswith("too large for the part, ")
+        assert note.endswith(" of -1 DSP48E2: simulated all the same")
+
+    def test_below_a_pixel_a_clock_baked_weights_take_as_many(self, needed, tmp_path, monkeypatch):
+        loadable, _ = needed
+        derived, _ = verify.fit(loadable, tmp_path / "any", "1/2")
+        count = sum(verify.TopZynq(derived).datapath.multipliers.values())
+        hold(monkeypatch, count - 1)
+        derived, note = verify.fit(loadable, tmp_path / "fit", "1/2")
+        assert derived.pipeline.layers[0].loadable
+        assert note == f"too large for the part, {count} of {count - 1} DSP48E2: simulated all the same"
 
 
 def test_special_frames():
