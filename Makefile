@@ -100,7 +100,7 @@ clocks: $(SYNTH)
 	$(FASTAC) synth build/$(SCENE)-seed-2 --placements 3
 
 # The campaign: both scenes at 1, 2 and 4 pixels a clock, half of the frames photographs of ball presses; and the
-# scene small with a pixel in 2 to 16 clocks.
+# scenes paper with a pixel in 4 clocks and small in 2 to 16.
 PHOTOGRAPHS ?= ../shared/data/fots
 PRESSES := build/photographs.h5
 
@@ -110,6 +110,7 @@ $(PRESSES): | $(READY)
 
 verify: $(READY)
 	$(FASTAC) verify scenes/paper.toml
+	$(FASTAC) verify scenes/paper.toml --lanes 1/4 --frames 1 -o build/paper/verify-folded
 	$(FASTAC) verify scenes/small.toml --lanes 1/2,1/4,1/8,1/16 --frames 3
 	@if [ -d "$(PHOTOGRAPHS)" ]; then \
 		$(MAKE) verify-photographs; \

@@ -56,7 +56,7 @@ def verify(source, data, split, lanes, frames, output, progress):
     dataset go through it back to back, then one all black, one all white, a checkerboard, one with a bright
     pixel, two with missing pixels and rows and one of 0 or 255 at random; two frames once more with random
     stalls at input and output, as fast as they are taken. Weights that can be loaded at run time are baked in
-    instead where they need more DSP slices than the device has; the table says so.
+    instead where the device has too few DSP slices for them, if that takes fewer; the table says so.
 
     Finished rows are kept while Verilog and frames are the same. Times above 60 s to elaborate, 180 s to
     build and 20 s a frame (meant for two cores) are marked with "!". Ends with an error if any value differs.
