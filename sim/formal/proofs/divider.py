@@ -28,8 +28,11 @@ BITS, FORMS = 6, ((4, 0), (6, 5), (6, 2), (9, 3))
 """Bits of the normals that are all tried, and the formats of the slopes: (bits, fractional bits)."""
 
 
-def stages(component: type, ratio: GradientRatio) -> FormalBench:
-    """After every stage R = E < D or R = E - D; the slope is the rounded quotient, limited, with its sign."""
+def stages(component: type, ratio: GradientRatio, axes: str = "pq") -> FormalBench:
+    """After every stage R = E < D or R = E - D; the slope is the rounded quotient, limited, with its sign.
+
+    axes : those whose stages are looked at
+    """
     dut = component(ratio, lanes=1)
     bench = FormalBench(dut)
     bench.source(dut.i, "i")
@@ -63,7 +66,8 @@ def stages(component: type, ratio: GradientRatio) -> FormalBench:
     given = register(live[-1], "given")
     last = bench.probe("queue.i", 2 * ratio.width + 2)
 
-    for place, axis in enumerate("pq"):
+    for axis in axes:
+        place = "pq".index(axis)
         slope, saturated = _axis(bench, register, ratio, place, live, void, divisor)
         found = last.word_select(place, ratio.width)
         bench.always(f"{axis}: the slope is the rounded quotient", ~given | (found == slope))
@@ -197,19 +201,20 @@ def _slopes(ratio: GradientRatio) -> list[int]:
 
 STAGES = tuple(
     Proof(
-        f"gradient_divider_{normal_width}_{width}_{fraction}",
+        f"gradient_divider_{normal_width}_{width}_{fraction}_{axes}",
         GradientDivider,
-        f"normals of {normal_width} bits, slopes of {width} bits, {fraction} of them fractional; one lane,"
-        " as lanes have nothing in common but the handshake",
-        partial(stages, ratio=GradientRatio(normal_width, width, fraction)),
+        f"normals of {normal_width} bits, slopes {axes} of {width} bits, {fraction} of them fractional; one"
+        " lane, as lanes have nothing in common but the handshake, and axes nothing but the divisor",
+        partial(stages, ratio=GradientRatio(normal_width, width, fraction), axes=axes),
         depth=2,
         breaks=breaks,
         broken_depth=width + 4 if breaks[-1] in LATE else 6,
         quick=width < 4,
     )
-    for normal_width, width, fraction, breaks in (
-        (4, 3, 1, (*EARLY, *LATE)),
-        (21, 17, 14, EARLY[1:2]),
+    for normal_width, width, fraction, axes, breaks in (
+        (4, 3, 1, "pq", (*EARLY, *LATE)),
+        (21, 17, 14, "p", EARLY[1:2]),
+        (21, 17, 14, "q", EARLY[1:2]),
     )
 )
 

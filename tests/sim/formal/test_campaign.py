@@ -11,7 +11,8 @@ from fastac.sim.formal.solve import Answer
 
 PROOFS = campaign.proofs()
 SLOW = {
-    "gradient_divider_21_17_14",
+    "gradient_divider_21_17_14_p",
+    "gradient_divider_21_17_14_q",
     "patch_generator_5_5_4",
     "weighted_sum_bound",
     "packed_tile",
