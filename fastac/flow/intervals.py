@@ -131,17 +131,20 @@ def calibrated(
         scores, group = scale.scores(found, data, index), groups(data)[index]
     else:
         scores, group = left_out
-    asked, count = pipeline.scene.force.coverage, len(np.unique(group))
-    coverage = min(asked, conformal.supported(count))
-    factors = np.array([conformal.pooled_quantile(of_axis, group, coverage) for of_axis in scores.T])
-    about = {
-        "asked": asked,
-        "coverage": coverage,
-        "groups": count,
-        "frames": len(group),
-        "trainings": 0 if left_out is None else count,
-    }
+    factors, about = _quantiles(scores, group, pipeline.scene.force.coverage)
+    if left_out is not None:
+        about["trainings"] = about["groups"]
     return pipeline.replace(interval=scale.times(factors)), about
+
+
+def _quantiles(scores: np.ndarray, group: np.ndarray, asked: float) -> tuple[np.ndarray, dict]:
+    """What the scores (frames, axes) of groups (frames,) do not exceed in the share `asked`, or in what so
+    many groups support, (axes,); and what `calibrated` returns of that, without trainings."""
+    count = len(np.unique(group))
+    coverage = min(asked, conformal.supported(count))
+    found = np.array([conformal.pooled_quantile(of_axis, group, coverage) for of_axis in scores.T])
+    about = {"asked": asked, "coverage": coverage, "groups": count, "frames": len(group), "trainings": 0}
+    return found, about
 
 
 def widened(known: Bundle, pipeline: IntegerPipeline, data: Dataset) -> tuple[IntegerPipeline, dict, str]:
@@ -163,12 +166,10 @@ def widened(known: Bundle, pipeline: IntegerPipeline, data: Dataset) -> tuple[In
         return pipeline, known_about, "as they were: the presses have no force"
     found = Emulator(pipeline).run(data.frames[index], wanted=(*WANTED, "force_half_width_n"))
     outside = _errors(pipeline, found, data, index) - found.force_half_width_n
-    asked, count = pipeline.scene.force.coverage, len(np.unique(press[index]))
-    coverage = min(asked, conformal.supported(count))
-    more_n = [max(conformal.pooled_quantile(of_axis, press[index], coverage), 0.0) for of_axis in outside.T]
-    raw = np.ceil(np.array(more_n) / pipeline.force_n_per_unit)  # half-widths are whole numbers
+    quantiles, about = _quantiles(outside, press[index], pipeline.scene.force.coverage)
+    more_n = np.maximum(quantiles, 0.0)
+    raw = np.ceil(more_n / pipeline.force_n_per_unit)  # half-widths are whole numbers
     base = pipeline.interval.base + np.ceil(raw / 2.0**pipeline.interval.exponent).astype(np.int64)
-    about = {"asked": asked, "coverage": coverage, "groups": count, "frames": len(index), "trainings": 0}
     shown = ", ".join(f"{'xyz'[a]} by {more:.4f} N" for a, more in zip(axes, more_n, strict=True))
-    text = f"widened: {shown}; made for {100 * coverage:.1f}% of presses, by {count}"
+    text = f"widened: {shown}; made for {100 * about['coverage']:.1f}% of presses, by {about['groups']}"
     return pipeline.replace(interval=replace(pipeline.interval, base=base)), {INTERVAL: about}, text

@@ -8,6 +8,7 @@ import numpy as np
 from pydantic import ValidationError
 
 from fastac.flow.hardware import NAME
+from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.target.device import device_of
 from fastac.gateware.target.elaboration import to_verilog
 from fastac.gateware.top_zynq import TopZynq
@@ -15,6 +16,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer import bundle as bundles
 from fastac.models.integer.assemble import with_loadable
 from fastac.models.integer.bundle import Bundle
+from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene, SceneError, describe
 from fastac.sensor.dataset import Dataset
@@ -64,20 +66,21 @@ def fit(bundle: Bundle, folder: Path, pace: int | str) -> tuple[Bundle, str]:
     And a word on why they are not as the scene has them, or that the part is too small, or empty.
     """
     derived = derive(bundle, folder, pace=pace)
-    device, needed = device_of(derived.scene), _multipliers(derived)
+    device, needed = device_of(derived.scene), _multipliers(derived.pipeline)
     if needed <= device.dsps:
         return derived, ""
-    if derived.pipeline.layers[0].loadable:
-        baked = derive(bundle, folder, pace=pace, weights="baked")
-        if _multipliers(baked) < needed:
-            return baked, f"baked: loadable weights need {needed} of {device.dsps} {device.dsp.name}"
-        derived = derive(bundle, folder, pace=pace)
+    if _multipliers(derived.pipeline, weights="baked") < needed:
+        note = f"baked: loadable weights need {needed} of {device.dsps} {device.dsp.name}"
+        return derive(bundle, folder, pace=pace, weights="baked"), note
     note = f"too large for the part, {needed} of {device.dsps} {device.dsp.name}: simulated all the same"
     return derived, note
 
 
-def _multipliers(bundle: Bundle) -> int:
-    return sum(TopZynq(bundle).datapath.multipliers.values())
+def _multipliers(pipeline: IntegerPipeline, **hardware: str) -> int:
+    """DSP slices of a pipeline's hardware, with other values of the scene's keys of `hardware`."""
+    known = pipeline.scene
+    scene = known.model_copy(update={"hardware": known.hardware.model_copy(update=hardware)})
+    return sum(multipliers(scene, hidden=pipeline.hidden, solver=pipeline.solver).values())
 
 
 def special_frames(background: np.ndarray) -> np.ndarray:
