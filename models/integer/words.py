@@ -89,7 +89,11 @@ def exact_matmul(a: np.ndarray, b: np.ndarray, bound: int) -> np.ndarray:
         real = np.float64
     else:
         raise ValueError(f"bound {bound}: sums of 2**53 and more are not exact in float64")
-    return (a.astype(real) @ b.astype(real)).astype(np.int64)
+    # Some BLAS kernels set the flag of an invalid operation without one. A result that is no number is
+    # still found: the cast to integers would raise or warn.
+    with np.errstate(invalid="ignore"):
+        product = a.astype(real) @ b.astype(real)
+    return product.astype(np.int64)
 
 
 def to_words(values: np.ndarray, word: Fixed) -> np.ndarray:
