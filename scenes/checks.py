@@ -172,7 +172,7 @@ def _check_force_alone(scene) -> None:
             "training.labels: 'force' gives forces only, no normals or depth, and needs poisson.solver"
             " 'adjoint' and force.fit 'slopes'"
         )
-    for key in ("teachers", "flat_fraction", "position_noise", "circle_margin", "flat_beyond"):
+    for key in ("teachers", "flat_fraction", "position_noise", "circle_margin", "flat_beyond", "huber_delta"):
         value = getattr(scene.training, key)
         if value:
             raise ValueError(f"training.{key}: {value} needs training.labels 'geometry'")

@@ -50,6 +50,7 @@ def wheel(tmp_path_factory) -> Path:
     return found
 
 
+@pytest.mark.full
 def test_a_wheel_holds_every_module_and_data_file_below_one_name(wheel):
     names = set(zipfile.ZipFile(wheel).namelist())
     assert {name.split("/")[0].split("-")[0] for name in names} == {"fastac"}
@@ -59,6 +60,7 @@ def test_a_wheel_holds_every_module_and_data_file_below_one_name(wheel):
     assert {Path(name).suffix for name in expected} == {".py", *DATA}
 
 
+@pytest.mark.full
 def test_a_user_s_folder_of_the_same_name_stays_theirs(wheel, tmp_path):
     """An empty environment, and a script beside folders that are called as the repository's are."""
     run(sys.executable, "-m", "venv", "--without-pip", tmp_path / "env", cwd=tmp_path)

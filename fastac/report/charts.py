@@ -4,6 +4,7 @@ import numpy as np
 from matplotlib.ticker import MaxNLocator
 
 from fastac.models.result import Result
+from fastac.models.training.force import ridge
 from fastac.report.vector import drawing, inline_svg, readable_scale
 from fastac.scenes.schema import AXES
 
@@ -16,7 +17,7 @@ TITLES = {
     "force_float": "force, last fit for the floats",
     "force_integer": "force, last fit for the integers",
 }
-UNITS = {"loss": "L1 distance of unit normals", "mae_n": "force error, sum of the axes, N"}
+UNITS = {"loss": "error of unit normals, sum of components", "mae_n": "force error, sum of the axes, N"}
 COLOURS = {"train": "#3f83c5", "validation": "#e07b28"}
 AGAINST = {("finetune", "train"): "train, against the floats' normals"}
 """Curves whose targets are not the true values."""
@@ -97,7 +98,8 @@ def _epochs(axis, curves: dict[str, np.ndarray], name: str) -> None:
 def _choice(axis, curves: dict[str, np.ndarray]) -> None:
     """The validation error of each regularisation that ridge regression tried, a line for each basis.
 
-    Weights are called symmetric where models/training/force/press_symmetry.py made them so.
+    A ring marks the choice. Weights are called symmetric where models/training/force/press_symmetry.py made
+    them so.
     """
     strengths, errors = curves["regularisation"], curves["validation_mae_n"]
     sizes = curves.get("cosines", np.zeros(len(strengths)))
@@ -105,9 +107,12 @@ def _choice(axis, curves: dict[str, np.ndarray]) -> None:
         part = sizes == size
         label = f"{size:.0f} cosines" if size else "validation"
         axis.plot(strengths[part], errors[part], ".-", label=label, color=LINES[k % len(LINES)])
-    best = int(np.argmin(errors))
-    axis.plot(strengths[best], errors[best], "o", fillstyle="none", color="#888888", markersize=9)
-    axis.lines[-1].set_label(f"smallest: {errors[best]:.3g} N at {strengths[best]:.1g}")
+    chosen, why = int(np.argmin(errors)), "smallest"
+    if "standard_error_n" in curves:
+        rows = [dict(zip(curves, values, strict=True)) for values in zip(*curves.values(), strict=True)]
+        chosen, why = rows.index(ridge.strongest(rows)), "chosen, as good within chance"
+    axis.plot(strengths[chosen], errors[chosen], "o", fillstyle="none", color="#888888", markersize=9)
+    axis.lines[-1].set_label(f"{why}: {errors[chosen]:.3g} N at {strengths[chosen]:.1g}")
     kind = ", symmetric weights" if curves.get("symmetric", np.zeros(1))[0] else ""
     axis.set_xlabel(f"strength of the regularisation{kind}")
     axis.set_ylabel(UNITS["mae_n"])

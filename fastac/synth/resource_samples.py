@@ -9,7 +9,7 @@ design follow from its word widths and sizes and, where weights are baked in, fr
 graphs. Counts are kept in the step store, so that an interrupted run can be resumed.
 """
 
-import sys
+import argparse
 import tempfile
 from collections.abc import Container, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -85,6 +85,7 @@ DESIGNS = (
     },
     {
         "size": 64,
+        "level_light": True,
         "outputs": DEPTH,
         "numbers": {
             "activation_bits": 10,
@@ -98,6 +99,7 @@ DESIGNS = (
     },
     {
         "size": 32,
+        "level_light": True,
         "width": 8,
         "channels": "bgr",
         "outputs": DEPTH,
@@ -191,6 +193,7 @@ def scene_of(design: dict) -> Scene:
     design = dict(design)
     size = design.pop("size")
     sensor = {"geometry": "fingertip", "height_px": size, "width_px": size, "pitch_mm": PITCH_MM}
+    sensor["level_light"] = design.pop("level_light", False)
     sensor["channels"] = design.pop("channels", "bgr+nir")
     design["network"] = {"width": design.pop("width")} if "width" in design else {}
     if "dots" in design:
@@ -262,7 +265,15 @@ if __name__ == "__main__":
     # By its own name, under which the step store finds the function of its steps.
     from fastac.synth.resource_samples import main as count_all
 
-    if sys.argv[1:] == ["folded"]:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "designs",
+        nargs="?",
+        choices=["whole", "folded"],
+        default="whole",
+        help="whole designs, or the stages that only folded ones have",
+    )
+    if parser.parse_args().designs == "folded":
         count_all(resources.FOLDED_SAMPLES, FOLDED_DESIGNS, folded.STAGES)
     else:
-        count_all(Path(sys.argv[1]) if len(sys.argv) > 1 else resources.SAMPLES)
+        count_all(resources.SAMPLES)

@@ -189,7 +189,11 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         words = sum(layer.weight.size * layer.weight_bits for layer in pipeline.layers)
     found = {
         "control": {"one": 1, "lanes": lanes, "loadable_bits": words},
-        "background": {"one": 1, "bits": lanes * frame.channels * 9},
+        "background": {
+            "one": 1,
+            "bits": lanes * frame.channels * 9,
+            "level_bits": lanes * frame.channels * 8 * scene.sensor.level_light,
+        },
         "normals": {
             "adder_bits": _bits(normals, "addition", frame) * loadable,
             "baked_bits": _bits(normals, "addition", frame) * (not loadable),

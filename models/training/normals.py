@@ -1,7 +1,8 @@
 """Training of the pixel network in floating point on labelled normals, with an optional ensemble of teachers.
 
-Loss and network are the paper's (Lu et al., "FasTac", section "Position-Aware MLP for Surface Normal
-Estimation"). models/training/bit_true.py then fine-tunes the quantised network.
+Network and loss are the paper's (Lu et al., "FasTac", section "Position-Aware MLP for Surface Normal
+Estimation"), but for small errors where a scene says so. models/training/bit_true.py then fine-tunes the
+quantised network.
 """
 
 from dataclasses import dataclass
@@ -21,14 +22,21 @@ from fastac.sensor.dataset import Dataset
 from fastac.store.progress import progress_bar
 
 
-def normal_loss(predicted: torch.Tensor, truth: torch.Tensor) -> torch.Tensor:
+def normal_loss(predicted: torch.Tensor, truth: torch.Tensor, huber_delta: float = 0.0) -> torch.Tensor:
     """The paper's loss L_n: mean over pixels of the L1 distance between unit normals; both (pixels, 3).
 
     `predicted` is normalised here; `truth` must be of unit length.
+    huber_delta : if not 0, the pseudo-Huber loss takes the place of absolute errors e of the components,
+        √(e² + δ²) − δ: e²/2δ where e is small, |e| where it is large. Source: Hartley, Zisserman, "Multiple
+        View Geometry in Computer Vision", 2nd ed., appendix 6.8, here divided by 2δ.
     """
     # Equal to nn.functional.normalize, in operations that are fast for column-major inputs too.
     unit = predicted * predicted.square().sum(dim=-1, keepdim=True).clamp_min(1e-24).rsqrt()
-    return (unit - truth).abs().sum(dim=-1).mean()
+    if huber_delta:
+        errors = ((unit - truth).square() + huber_delta**2).sqrt() - huber_delta
+    else:
+        errors = (unit - truth).abs()
+    return errors.sum(dim=-1).mean()
 
 
 TEACHER_WEIGHT_DECAY = 0.05
@@ -39,6 +47,7 @@ class Fit:
     """Settings of a training run: AdamW with a cosine learning-rate schedule on `normal_loss`.
 
     batch : pixels; rate : initial learning rate; label : name of the progress bar
+    huber_delta : as in `normal_loss`
     input_noise : standard deviation of the noise added to ΔI, as a fraction of ΔI's standard deviation
     position_noise : standard deviation of the noise added to x and y, as a fraction of half the image
     patience : epochs in a row without a smaller validation loss that end the training; None: all are trained
@@ -53,6 +62,7 @@ class Fit:
     input_noise: float = 0.0
     position_noise: float = 0.0
     patience: int | None = None
+    huber_delta: float = 0.0
 
     @classmethod
     def of(cls, settings: Training, label: str, **others) -> Self:
@@ -65,6 +75,7 @@ class Fit:
             "seed": settings.seed,
             "input_noise": settings.input_noise,
             "position_noise": settings.position_noise,
+            "huber_delta": settings.huber_delta,
         }
         return cls(label=label, **own | others)
 
@@ -93,7 +104,7 @@ class Fit:
                 y, teacher = torch.cat([teacher(part) for part in x.split(self.batch)]), None
         best, history = BestEpoch(self.patience), []
         if validation is not None:  # what it starts from counts too: fine-tuning must not lose it
-            best.tell(_loss(model, *validation), model)
+            best.tell(self._loss(model, *validation), model)
         bar = progress_bar(total=steps, desc=self.label, unit="step", enabled=progress)
         for epoch in range(self.epochs):
             total = 0.0
@@ -105,7 +116,7 @@ class Fit:
                 if teacher is not None:
                     with torch.no_grad():
                         truth = teacher(inputs)
-                loss = normal_loss(model(inputs), truth)
+                loss = normal_loss(model(inputs), truth, self.huber_delta)
                 optimiser.zero_grad(set_to_none=True)
                 loss.backward()
                 optimiser.step()
@@ -114,7 +125,7 @@ class Fit:
                 bar.update()
             entry = {"epoch": epoch + 1, "train_loss": total / len(x)}
             if validation is not None:
-                entry["validation_loss"] = _loss(model, *validation)
+                entry["validation_loss"] = self._loss(model, *validation)
                 best.tell(entry["validation_loss"], model)
             history.append(entry)
             bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
@@ -124,11 +135,10 @@ class Fit:
         best.restore(model)
         return history
 
-
-def _loss(model, x: torch.Tensor, y: torch.Tensor) -> float:
-    with torch.inference_mode():
-        chunks = zip(x.split(1 << 16), y.split(1 << 16), strict=True)
-        return sum(normal_loss(model(a), b).item() * len(a) for a, b in chunks) / len(x)
+    def _loss(self, model, x: torch.Tensor, y: torch.Tensor) -> float:
+        with torch.inference_mode():
+            chunks = zip(x.split(1 << 16), y.split(1 << 16), strict=True)
+            return sum(normal_loss(model(a), b, self.huber_delta).item() * len(a) for a, b in chunks) / len(x)
 
 
 class ScaledNetwork(torch.nn.Module):

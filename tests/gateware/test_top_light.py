@@ -9,7 +9,7 @@ from fastac.models.emulator.pipeline import Emulator
 
 
 @pytest.mark.parametrize("lanes", [1, 4])
-@pytest.mark.quick("4")
+@pytest.mark.full
 def test_drifting_frames(tmp_path, lanes):
     hardware = Hardware(tmp_path, outputs=("depth", "force_z"), lanes=lanes, level_light=True)
     check_frames(hardware)

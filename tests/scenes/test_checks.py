@@ -33,6 +33,11 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             '"force" }',
+            '"force", huber_delta = 0.1 }',
+            "training.huber_delta: 0.1 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
             '"force", still_share = 0.1 }',
             "training.still_share: 0.1 needs training.labels 'geometry'",
         ),

@@ -116,7 +116,7 @@ def refit_last_layer(
     ridge.check(force_n)
     history = ridge.validation_errors(x, force_n)
     seen, truth = (ridge.known(samples, with_validation=with_validation) for samples in (x, force_n))
-    found, of_dots = ridge.parted(ridge.fit(seen, truth, ridge.best(history)), hidden.shape[1] * k * k)
+    found, of_dots = ridge.parted(ridge.fit(seen, truth, ridge.strongest(history)), hidden.shape[1] * k * k)
     found = found / model.unit.item()
     weights = (
         found.reshape(hidden.shape[1], k * k, model.axes).transpose(2, 1, 0).reshape(-1, hidden.shape[1])

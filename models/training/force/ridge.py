@@ -1,8 +1,8 @@
 """Ridge regression of forces on features, in closed form, with the regularisation chosen by validation.
 
-The regularisation with the smallest error on held-out frames is chosen: on those of the validation split or,
-without one, on every fifth training frame.
-Source: Hastie et al., "The Elements of Statistical Learning", 2nd ed., section 3.4.1.
+The regularisation is chosen by the errors on held-out frames: on those of the validation split or, without
+one, on every fifth training frame. `best` has the smallest error, `strongest` is as good within chance.
+Source: Hastie et al., "The Elements of Statistical Learning", 2nd ed., sections 3.4.1 and 7.10.
 """
 
 import numpy as np
@@ -59,7 +59,7 @@ def check(force_n: dict[str, np.ndarray]) -> None:
 
 def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
     """The error of every regularisation on held-out frames, as [{"regularisation": …, "validation_mae_n":
-    …}].
+    …, "standard_error_n": …}]; the last is the standard error of the difference from the smallest one.
 
     x (frames, features) and force_n (frames, axes) by split name. The forces of some axes may be zero in
     every frame. Call `check` first.
@@ -87,19 +87,31 @@ def _try_all(x, force_n) -> tuple[list[dict], np.ndarray]:
         held = np.arange(len(x["train"])) % HELD_OUT == HELD_OUT - 1
         seen, unseen = ((x["train"][part], force_n["train"][part]) for part in (~held, held))
     found = solve(*seen, REGULARISATION)
-    history = [
-        {
-            "regularisation": float(regularisation),
-            "validation_mae_n": float(np.abs(unseen[0] @ weights - unseen[1]).sum(axis=1).mean()),
-        }
-        for regularisation, weights in zip(REGULARISATION, found, strict=True)
-    ]
-    return history, found
+    errors = np.array([np.abs(unseen[0] @ weights - unseen[1]).sum(axis=1) for weights in found])
+    means = errors.mean(axis=1)
+    beyond = (errors - errors[means.argmin()]).std(axis=1) / np.sqrt(errors.shape[1])
+    columns = (REGULARISATION.tolist(), means.tolist(), beyond.tolist())
+    names = ("regularisation", "validation_mae_n", "standard_error_n")
+    return [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)], found
 
 
 def best(history: list[dict]) -> dict:
     """The entry of `validation_errors` with the smallest error."""
     return min(history, key=lambda entry: entry["validation_mae_n"])
+
+
+def strongest(history: list[dict]) -> dict:
+    """The entry of the strongest regularisation whose error is not larger than the smallest one by more than
+    the standard error of their difference.
+
+    Where errors hardly differ, chance decides which is the smallest. Weights of a stronger regularisation are
+    smaller, and lose less when they are rounded to integers.
+    """
+    smallest = best(history)["validation_mae_n"]
+    as_good = [
+        entry for entry in history if entry["validation_mae_n"] <= smallest + entry["standard_error_n"]
+    ]
+    return max(as_good, key=lambda entry: entry["regularisation"])
 
 
 def fit(x: np.ndarray, force_n: np.ndarray, attempt: dict) -> np.ndarray:

@@ -144,7 +144,11 @@ class SmoothWeights:
         for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
             of_axes = [ridge.validation_errors(x, force_n) for _, _, x, force_n in self._problems(size)]
             found = [
-                {"cosines": size, **same[0], "validation_mae_n": sum(e["validation_mae_n"] for e in same)}
+                {
+                    "cosines": size,
+                    "regularisation": same[0]["regularisation"],
+                    "validation_mae_n": sum(e["validation_mae_n"] for e in same),
+                }
                 for same in zip(*of_axes, strict=True)
             ]
             history += found

@@ -60,6 +60,7 @@ def assert_forces(printed: str, expected) -> None:
     assert [float(force) for _, force, _ in found] == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.full
 def test_simulation(program, frame_file, verilog, simulator_folder, expected):
     with Simulator(verilog, simulator_folder) as simulator:
         done = run(program("board_socket"), simulator.socket, frame_file)

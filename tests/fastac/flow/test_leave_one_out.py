@@ -95,6 +95,7 @@ def test_the_integers_find_unseen_forces_as_the_floats_do(build_folder, data_fil
     assert "normal_mae_deg" not in errors["float"]
 
 
+@pytest.mark.full
 def test_intervals_follow_from_errors_of_groups_left_out(scene, build_folder, data_file):
     """Both splits of a recording have frames of each object, so the validation split tells of no new one."""
     wanted = scene.model_copy(update={"force": scene.force.model_copy(update={"coverage": 0.9})})

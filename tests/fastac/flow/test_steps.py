@@ -100,6 +100,7 @@ def replace_in(path: Path, old: str, new: str) -> None:
     path.write_text(text.replace(old, new, 1), encoding="utf-8")
 
 
+@pytest.mark.full
 def test_harmless_edits_stale_nothing(sources, before):
     for file, old, new in HARMLESS.values():
         replace_in(sources / file, old, new)

@@ -28,9 +28,8 @@ def texts(svg: str) -> list[str]:
 def test_a_curve_has_units_a_legend_and_its_best_epoch():
     normals, force = charts.curve_charts(CURVES)
     found = texts(normals)
-    assert {"pixel network, in floats", "epoch", "L1 distance of unit normals", "train", "validation"} <= set(
-        found
-    )
+    of_normals = "error of unit normals, sum of components"
+    assert {"pixel network, in floats", "epoch", of_normals, "train", "validation"} <= set(found)
     best = int(np.argmin(CURVES["history.normals.validation_loss"]))
     assert f"smallest: {CURVES['history.normals.validation_loss'][best]:.3g}, epoch {best + 1}" in found
     found = texts(force)
@@ -40,6 +39,12 @@ def test_a_curve_has_units_a_legend_and_its_best_epoch():
         "smallest: 1 N at 1e-05",
     } <= set(found)
     assert "10⁻⁶" in found
+
+
+def test_where_chance_explains_what_is_smallest_the_ring_is_around_the_choice():
+    chance = {"history.force_integer.standard_error_n": np.full(10, 1.2)}
+    found = texts(charts.curve_charts(CURVES | chance)[1])
+    assert "chosen, as good within chance: 2 N at 0.0001" in found
 
 
 def test_symmetric_weights_are_called_so():

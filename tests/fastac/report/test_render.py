@@ -58,6 +58,7 @@ def test_figures_are_png_in_files_and_in_pages(tmp_path):
     assert not plt.get_fignums()
 
 
+@pytest.mark.full
 def test_a_program_keeps_its_own_backend():
     """A notebook shows its figures in place, whatever it imports from builds and sweeps."""
     program = (

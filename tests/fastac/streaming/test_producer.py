@@ -26,6 +26,7 @@ def reference(opened, description, frames) -> list[records.StreamRecord]:
 
 
 @pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.quick("emulator", "uio", "pynq")
 def test_every_source_gives_the_same_records(opened, description, frames, reference, source):
     """In this process and out of the socket; all bytes but those of the timing."""
     with opened(source) as transport:
@@ -39,6 +40,7 @@ def test_every_source_gives_the_same_records(opened, description, frames, refere
 
 
 @pytest.mark.parametrize("source", SOURCES)
+@pytest.mark.quick("emulator", "uio", "pynq")
 def test_every_source_gives_the_same_records_through_the_socket(
     opened, description, frames, reference, publisher, source
 ):

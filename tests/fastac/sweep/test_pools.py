@@ -28,6 +28,7 @@ def cache(tmp_path_factory):
 
 
 @pytest.mark.long
+@pytest.mark.full
 def test_local_processes(tiny_toml, tiny_file, cache, tmp_path):
     """Two processes measure what one does."""
     (tmp_path / "tiny.toml").write_text(tiny_toml)

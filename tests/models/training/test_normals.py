@@ -6,7 +6,7 @@ import torch
 
 from fastac.models.floating.network import predict
 from fastac.models.integer.features import integer_features
-from fastac.models.training.normals import train
+from fastac.models.training.normals import Fit, normal_loss, train
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:
@@ -19,6 +19,42 @@ def pixels(data, split: str) -> tuple[np.ndarray, np.ndarray]:
     index = data.indices(split)
     x = integer_features(data.frames[index], data.background)
     return x.reshape(-1, x.shape[-1]), data.normals[index].reshape(-1, 3).astype(float)
+
+
+def tilted(degrees) -> torch.Tensor:
+    angle = torch.deg2rad(torch.as_tensor(degrees, dtype=torch.float64))
+    return torch.stack([torch.sin(angle), torch.zeros_like(angle), torch.cos(angle)], dim=-1)
+
+
+class TestLoss:
+    def test_is_the_paper_s(self):
+        rng = np.random.default_rng(0)
+        found, truth = rng.normal(size=(2, 50, 3))
+        truth /= np.linalg.norm(truth, axis=-1, keepdims=True)
+        loss = normal_loss(torch.tensor(found), torch.tensor(truth))
+        assert loss.item() == pytest.approx(loss_of(found, truth), rel=1e-12)
+
+    def test_small_errors_count_by_their_squares_and_large_ones_by_themselves(self):
+        small, large = tilted([0.1]), tilted([90.0])
+        truth = tilted([0.0])
+        error = np.sin(np.deg2rad(0.1))
+        assert normal_loss(small, truth, 0.2).item() == pytest.approx(error**2 / 0.4, rel=1e-3)
+        assert normal_loss(large, truth, 1e-4).item() == pytest.approx(2, rel=1e-3)
+        assert normal_loss(large, truth, 1e-9).item() == pytest.approx(normal_loss(large, truth).item())
+
+    def test_of_equal_normals_is_nothing(self):
+        assert normal_loss(tilted([30.0]), tilted([30.0]), 0.1).item() == pytest.approx(0, abs=1e-12)
+
+    @pytest.mark.parametrize(("huber_delta", "degrees"), [(0.0, 0.0), (1.0, 2.0)])
+    def test_what_noise_hides_is_found_in_the_mean(self, huber_delta, degrees):
+        """A quarter of the labels is tilted by 8°, and no feature says which: the smallest absolute error is
+        that of no tilt, the smallest squared one that of the mean tilt."""
+        y = tilted([0.0, 0.0, 0.0, 8.0] * 64).numpy().astype(np.float32)
+        model = torch.nn.Linear(1, 3)
+        fit = Fit(epochs=60, batch=64, rate=0.05, seed=1, label="test", huber_delta=huber_delta)
+        fit(model, np.zeros((len(y), 1)), y)
+        found = model.bias.detach().numpy()
+        assert np.rad2deg(np.arctan2(found[0], found[2])) == pytest.approx(degrees, abs=0.1)
 
 
 class TestTrain:

@@ -121,6 +121,7 @@ def test_a_result_is_in_memory_soon_after_the_core_has_it(runs):
     assert beyond.max() + Timing().write - timing.write <= VISIBLE
 
 
+@pytest.mark.full
 def test_a_result_is_in_the_registers_soon_after_the_core_has_it(runs):
     top, result, _ = runs
     seen = found(runs, "registers")
@@ -177,12 +178,14 @@ def test_video_ends_a_dma_s_transfer_after_a_row(video):
     assert bytes(memory.read(0, frame)) == words["depth"][0, 0].astype("<i4").tobytes().ljust(frame, b"\0")
 
 
+@pytest.mark.full
 def test_no_dma_has_the_width_of_video_s_normals(video):
     normals = video[0].outputs[0]
     with pytest.raises(DmaMisuse, match="S2MM: tdata of 96 bits"):
         AxiDma(Memory(1 << 20), s2mm_bits=8 * normals.octets)
 
 
+@pytest.mark.full
 def test_a_vdma_takes_video_without_its_flags(video):
     """It refuses tuser as it is; with its lowest bit alone, depths come whole, and nothing else with them."""
     top, seen, words = video

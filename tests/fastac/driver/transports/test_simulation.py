@@ -64,6 +64,7 @@ def test_a_frame_that_is_cut(simulation, description, frames, expected):
         assert found.force_raw.tolist() == expected.force_raw[k].tolist()
 
 
+@pytest.mark.full
 def test_two_hundred_frames_at_the_full_rate(simulation, description, frames):
     """None is lost; frames wait for the DMA's own clocks only (`Timing` in sim/dma/axi_dma.py)."""
     driver = Driver(simulation, description)

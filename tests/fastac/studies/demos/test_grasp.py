@@ -28,6 +28,7 @@ def written(tiny_rig_bundle, tiny_rig_cache, tmp_path_factory):
     return folder, content
 
 
+@pytest.mark.full
 def test_it_slips_without_feedback_and_holds_with_it(written):
     folder, content = written
     assert json.loads((folder / "grasp.json").read_text()) == content
@@ -42,6 +43,7 @@ def test_it_slips_without_feedback_and_holds_with_it(written):
     assert content["delay_frames"] == 1
 
 
+@pytest.mark.full
 def test_the_series_are_those_of_the_contact(written):
     _, content = written
     for name in ("without_feedback", "with_feedback"):
@@ -168,6 +170,7 @@ def test_a_table_with_slip(written_with_slip):
     assert table.rows[-1][-2:] == ["", ""]
 
 
+@pytest.mark.full
 def test_scenes_without_slip_say_nothing_of_it(written):
     _, content = written
     assert "with_slip_feedback" not in content
@@ -177,6 +180,7 @@ def test_scenes_without_slip_say_nothing_of_it(written):
         assert "slip_px" not in content[name]["series"]
 
 
+@pytest.mark.full
 def test_the_table_says_who_slips(written):
     [table] = experiment.tables(written[1])
     assert [row[:2] for row in table.rows] == [["without feedback", "slips"], ["with feedback", "holds"]]

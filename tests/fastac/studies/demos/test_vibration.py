@@ -106,6 +106,7 @@ def test_refuses_what_it_cannot_show(tiny_bundle, make_scene, tmp_path):
     assert not any(tmp_path.iterdir())
 
 
+@pytest.mark.full
 def test_the_command(tiny_folder, tmp_path):
     arguments = [
         "vibration",

@@ -108,6 +108,7 @@ def invoke(drawn, output, *options):
     return CliRunner().invoke(main, ["study", "force-ablation", *arguments])
 
 
+@pytest.mark.full
 def test_all_six_forms_on_both_displacements(written):
     output, result = written
     assert result.exit_code == 0, result.output

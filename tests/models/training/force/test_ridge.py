@@ -110,6 +110,29 @@ def test_best_is_the_smallest_error():
     assert ridge.best(history)["regularisation"] == 1
 
 
+def test_of_errors_that_chance_explains_the_strongest_is_chosen():
+    rows = [(1e-9, 3.0, 0.5), (1e-6, 2.9, 0.0), (1e-3, 3.05, 0.2), (1e-1, 3.2, 0.25)]
+    history = [
+        {"regularisation": r, "validation_mae_n": error, "standard_error_n": chance}
+        for r, error, chance in rows
+    ]
+    assert ridge.strongest(history)["regularisation"] == 1e-3
+    certain = [{**entry, "standard_error_n": 0.0} for entry in history]
+    assert ridge.strongest(certain) == ridge.best(certain) == certain[1]
+
+
+def test_standard_errors_are_those_of_differences_of_the_same_frames():
+    x, force = splits(noise=0.5)
+    history = ridge.validation_errors(x, force)
+    weights = [ridge.fit(x["train"], force["train"], entry) for entry in history]
+    errors = [np.abs(x["validation"] @ each - force["validation"]).sum(axis=1) for each in weights]
+    smallest = errors[history.index(ridge.best(history))]
+    for entry, error in zip(history, errors, strict=True):
+        expected = np.std(error - smallest) / np.sqrt(len(error))
+        assert entry["standard_error_n"] == pytest.approx(expected, rel=1e-6, abs=1e-12)
+    assert ridge.best(history)["standard_error_n"] == 0
+
+
 def test_without_a_validation_split_every_fifth_frame_is_held_out():
     x, force, _ = problem(23, 6, noise=0.3)
     held = np.zeros(23, bool)
