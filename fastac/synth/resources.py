@@ -192,6 +192,7 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         "background": {
             "one": 1,
             "bits": lanes * frame.channels * 9,
+            "level_channels": frame.channels * scene.sensor.level_light,
             "level_bits": lanes * frame.channels * 8 * scene.sensor.level_light,
         },
         "normals": {

@@ -1,4 +1,4 @@
-"""What training on several shapes, and on fewer pixels at rest, is worth: forces on new objects, and μ.
+"""What another loss, fewer pixels at rest and several shapes in training are worth: forces on new objects, μ.
 
 A small virtual fingertip is trained in several ways on equally many presses. Each way's forces on objects
 that no way was trained on are measured (fastac/studies/shapes/study.py), and the friction that the grasp's
@@ -18,10 +18,11 @@ from fastac.studies.demos.bottle import Grasp
 from fastac.studies.demos.grasp import slip_test
 from fastac.studies.shapes import study
 
-STILL_SHARE = 0.1
+STILL_SHARE, HUBER_DELTA = 0.1, 0.1
 SHAPES = ("cylinder", "edge", "punch", "lump")
 WAYS: Mapping[str, dict] = {
     "balls, all pixels": {},
+    "balls, all pixels, huber_delta": {"training": {"huber_delta": HUBER_DELTA}},
     "balls": {"training": {"still_share": STILL_SHARE}},
     "shapes but cylinders": {
         "protocol": {"more_shapes": SHAPES[1:]},
