@@ -3,8 +3,9 @@
 F = Σ_pixels Σ_t w_t · x_t for images x_t, such as the slopes less those of the background frame (a·Δp + b·Δq)
 or the displacement. The fields w_t, sums of the lowest m × m cosines (DCT-II), are fitted by ridge regression
 (models/training/force/ridge.py), together with two weights for each marker dot where there are any; m and the
-regularisation are those of the smallest error on held-out frames. Fitted to what a pipeline finds, the
-weights take its noise and errors into account, which those that models/floating/adjoint.py derives do not.
+regularisation are those of the smallest error on held-out frames, by cross-validation where all may be known.
+Fitted to what a pipeline finds, the weights take its noise and errors into account, which those that
+models/floating/adjoint.py derives do not.
 
 Presses at few places leave open how the weights go on between them. Copies of the frames that are moved a
 little, with the same force, say so: on a gel that is alike everywhere a press has the same force elsewhere.
@@ -132,17 +133,22 @@ class SmoothWeights:
             lowest = lowest[:, places].sum(axis=1)
         return ridge.joined(lowest, self.shifts_px and self.shifts_px[split])
 
-    def errors(self, *, patience: int | None = None, progress: bool = False) -> list[dict]:
+    def errors(
+        self, *, over_all: bool = False, patience: int | None = None, progress: bool = False
+    ) -> list[dict]:
         """Validation errors of all sizes and strengths, [{"cosines": …, "regularisation": …,
         "validation_mae_n": …}].
 
+        over_all : whether each frame of both splits is held out once (`ridge.cross_validation_errors`),
+            instead of those of the split validation; not with moved copies, which tell of their frame
         patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
             tried; None: all are tried. The largest take nearly all of the time.
         """
         ridge.check(self.force_n)
+        find = ridge.cross_validation_errors if over_all and not self.copies else ridge.validation_errors
         history, waited, smallest = [], 0, np.inf
         for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
-            of_axes = [ridge.validation_errors(x, force_n) for _, _, x, force_n in self._problems(size)]
+            of_axes = [find(x, force_n) for _, _, x, force_n in self._problems(size)]
             found = [
                 {
                     "cosines": size,
@@ -219,9 +225,10 @@ def fit(
     px; returns them, None without shifts, and the errors of all m tried.
 
     images, force_n, shifts_px, reach : as in `SmoothWeights`; patience : as in its `errors`
-    with_validation : whether the weights are fitted to the frames of both splits once m and the
-        regularisation are chosen, instead of to those of the train split
+    with_validation : whether the weights are fitted to the frames of both splits, which choose m and the
+        regularisation too, by cross-validation, instead of fitted to the train split's and chosen by the
+        others
     """
     model = SmoothWeights(images, force_n, shifts_px, reach=reach)
-    history = model.errors(patience=patience, progress=progress)
+    history = model.errors(over_all=with_validation, patience=patience, progress=progress)
     return *model.weights(ridge.best(history), with_validation=with_validation), history

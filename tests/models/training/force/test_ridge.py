@@ -110,6 +110,24 @@ def test_best_is_the_smallest_error():
     assert ridge.best(history)["regularisation"] == 1
 
 
+def test_cross_validation_holds_each_frame_out_once():
+    """Of frames of which one says nothing of the others, none is fitted by weights that knew it."""
+    x = {"train": np.eye(20)[:12], "validation": np.eye(20)[12:]}
+    force = {"train": np.arange(1.0, 13)[:, None], "validation": np.arange(13.0, 21)[:, None]}
+    history = ridge.cross_validation_errors(x, force)
+    assert [entry["validation_mae_n"] for entry in history] == pytest.approx([10.5] * len(history))
+
+
+def test_cross_validation_asks_for_the_noise_s_regularisation_too():
+    weak, strong = (
+        ridge.best(ridge.cross_validation_errors(*splits(noise)))["regularisation"] for noise in (0.0, 5.0)
+    )
+    assert strong > 1e3 * weak
+    x, force = splits(0.5)
+    joined = {"train": np.concatenate([*x.values()])}, {"train": np.concatenate([*force.values()])}
+    assert ridge.cross_validation_errors(x, force) == ridge.cross_validation_errors(*joined)
+
+
 def test_of_errors_that_chance_explains_the_strongest_is_chosen():
     rows = [(1e-9, 3.0, 0.5), (1e-6, 2.9, 0.0), (1e-3, 3.05, 0.2), (1e-1, 3.2, 0.25)]
     history = [

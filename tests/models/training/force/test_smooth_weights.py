@@ -94,14 +94,23 @@ def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
 def test_the_frames_that_chose_can_be_fitted_in_the_end():
     change, truth = problem(fields(4), noise=0.5)
     alone, _, history = smooth_weights.fit(change, truth)
-    found, _, same = smooth_weights.fit(change, truth, with_validation=True)
-    assert same == history
-    size = ridge.best(history)["cosines"]
+    found, _, of_all = smooth_weights.fit(change, truth, with_validation=True)
+    chosen = ridge.best(of_all)
     both = np.concatenate([change["train"], change["validation"]])
-    x = smooth_weights.lowest_cosines(both, size).reshape(len(both), -1)
-    spectrum = ridge.fit(x, np.concatenate([truth["train"], truth["validation"]]), ridge.best(history))
+    x = smooth_weights.lowest_cosines(both, chosen["cosines"]).reshape(len(both), -1)
+    spectrum = ridge.fit(x, np.concatenate([truth["train"], truth["validation"]]), chosen)
     np.testing.assert_allclose(force(both, found), x @ spectrum, rtol=1e-9)
     assert np.abs(found - alone).max() > 1e-3 * np.abs(alone).max()
+    # All of them choose, not those of one split alone.
+    strengths = [[entry["regularisation"] for entry in each] for each in (history, of_all)]
+    assert strengths[0] == strengths[1]
+    x = {
+        split: smooth_weights.lowest_cosines(values, 2).reshape(len(values), -1)
+        for split, values in change.items()
+    }
+    expected = ridge.cross_validation_errors(x, truth)
+    errors = [entry["validation_mae_n"] for entry in of_all if entry["cosines"] == 2]
+    np.testing.assert_allclose(errors, [entry["validation_mae_n"] for entry in expected])
 
 
 @pytest.mark.parametrize("validation", [True, False])
