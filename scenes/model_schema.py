@@ -187,7 +187,7 @@ class Training(Strict):
     position_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Standard deviation of the noise added to the pixel's place in training, as a fraction of half the
     image: where presses are few, it keeps the network from learning each place by heart."""
-    huber_delta: Annotated[float, Field(ge=0)] = Field(0.0, exclude_if=lambda value: not value)
+    huber_delta: Annotated[float, Field(ge=0, le=1)] = Field(0.0, exclude_if=lambda value: not value)
     """Below about this error of a component of the unit normal, squares of errors are minimised instead of
     absolute errors, with labels 'geometry' (pseudo-Huber loss); 0: absolute errors, as in the paper. Most
     pixels are at rest, and where noise leaves two slopes possible the smallest absolute error is that of the

@@ -61,9 +61,9 @@ def mixtures(seeds, output, progress):
 
     All ways have equally many presses: balls of three sizes with all pixels, the same with squares of small
     errors (training.huber_delta), the same with a tenth of the pixels at rest instead (training.still_share),
-    and balls and other shapes with a tenth. Printed are the friction
-    that the grasp's slip test finds on a bottle and, as by `fastac study shapes`, errors by kind of object.
-    Minutes of processor time; an interrupted run goes on. All of it is simulated.
+    and balls and other shapes with a tenth. Printed are the friction that the grasp's slip test finds on a
+    bottle and, as by `fastac study shapes`, errors by kind of object. Minutes of processor time; an
+    interrupted run goes on. All of it is simulated.
 
     \b
     Example: fastac study mixtures

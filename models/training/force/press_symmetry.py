@@ -79,7 +79,8 @@ def fit(
     if by_group or "validation" in slopes:
         candidates[True] = plain.restricted(restrict)
     histories = {
-        kind: model.errors(patience=patience, progress=progress) for kind, model in candidates.items()
+        kind: model.errors(over_all=with_validation, patience=patience, progress=progress)
+        for kind, model in candidates.items()
     }
     chosen = {kind: ridge.best(history) for kind, history in histories.items()}
     if by_group:
