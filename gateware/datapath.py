@@ -1,7 +1,6 @@
 # amaranth: UnusedElaboratable=no
 """The datapath from pixels to normals, depth and force, with just the stages that a scene needs."""
 
-import numpy as np
 from amaranth import Cat, Module, signed, unsigned
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out, connect
@@ -13,13 +12,13 @@ from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.force.force_interval import ForceIntervalStream
 from fastac.gateware.frame_cycles import FrameCycles
+from fastac.gateware.loadable_parameters import LoadableParameters
 from fastac.gateware.network.background import BackgroundSubtraction
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
-from fastac.gateware.stream.fork import Fork
+from fastac.gateware.stream.fork import fan_out
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, TIMEOUT_BITS, FrameGuard
 from fastac.gateware.stream.frame_validity import FrameValidity
 from fastac.gateware.stream.queues import SkidBuffer
-from fastac.gateware.stream.tables import TableFormat
 from fastac.gateware.target.device import device_of
 from fastac.models.integer.features import coordinate_codes
 from fastac.models.integer.pipeline import IntegerPipeline
@@ -28,7 +27,7 @@ MARGIN = 4
 """Beats of darkness that are kept beyond those on their way to slopes: of the buffers' second places."""
 
 
-class Datapath(FrameCycles, wiring.Component):
+class Datapath(FrameCycles, LoadableParameters, wiring.Component):
     """A bundle's integer pipeline as hardware, bit-exact to `IntegerPipeline.run`.
 
     Only what `pipeline.scene` needs is built: no slopes without depth and force, no solver for the adjoint,
@@ -170,51 +169,32 @@ class Datapath(FrameCycles, wiring.Component):
             members |= {name: In(table.signature) for name, (table, _) in self.loadable_tables.items()}
         super().__init__(members)
 
-    @property
-    def loadable_registers(self) -> dict[str, tuple[int, int]]:
-        """{name: (bits, value for this pipeline)} of the registers that a calibration sets."""
-        if not self.loadable:
-            return {}
-        registers = {}
-        if self.fold == 1:
-            image = self.mlp.parameter_image(self.pipeline.layers)
-            registers["network"] = self.mlp.parameter_bits, image
-        if self.pipeline.scene.force_from_slopes:
-            force, mask = self.pipeline.force, (1 << self.pipeline.force.width) - 1
-            words = [(int(c) & mask) << (k * force.width) for k, c in enumerate(force.constant)]
-            registers["constant"] = (len(words) * force.width, sum(words))
-        registers["limits"] = (
-            self.validity.limits_bits,
-            self.validity.limits_image(self.pipeline.validity),
-        )
-        if self.wants_interval:
-            stream = self.interval_stream
-            registers["interval_base"] = len(stream.base.as_value()), stream.base_image
-        return registers
-
-    @property
-    def loadable_tables(self) -> dict[str, tuple[TableFormat, np.ndarray]]:
-        """{name: (format, values (depth, fields) for this pipeline)} of tables that a calibration sets."""
-        tables, scene = {}, self.pipeline.scene
-        if self.loadable and self.fold > 1:
-            tables["network"] = self.mlp.table, self.mlp.table_values
-        if self.loadable and scene.wants_solver and scene.poisson.mode == "difference":
-            tables["offset"] = self.solver.source.table, self.solver.source.table_values
-        if self.loadable and scene.wants_darkness:
-            tables["threshold"] = self.darkness.table, self.darkness.table_values
-        if self.wants_displacement and self.displacement.loadable:
-            tables["rest"] = self.displacement.table, self.displacement.table_values
-        if self.loadable and scene.wants_dots:
-            tables["dot_records"] = self.dots.table.format, self.dots.table.values
-        if self.loadable and scene.wants_slip:
-            tables |= {name: (t.format, t.values) for name, t in self.slip_stream.tables.items()}
-        if self.loadable and self.wants_interval:
-            table = self.interval_stream.table
-            tables["interval_weights"] = table.format, table.values
-        return tables
-
     def elaborate(self, platform):
         m = Module()
+        scene = self.pipeline.scene
+        normals = self._network(m)
+        self._validity(m)
+        if self.loadable:
+            self._load(m)
+        self._darkness(m)
+        sinks = [wiring.flipped(self.normals)] if self.wants_normals else []
+        if scene.wants_slopes:
+            slopes = self._slopes(m)
+            sinks.append(self.divider.i)
+        fan_out(m, "normals_fork", normals.o, sinks)
+        if self.wants_force:
+            self._force(m)
+        sinks = [self.force_stream.i] if scene.force_from_slopes else []
+        if scene.wants_solver:
+            sinks.append(self.solver.i)
+        if scene.wants_slopes:
+            fan_out(m, "slopes_fork", slopes, sinks)
+        if scene.wants_solver:
+            self._solution(m)
+        return m
+
+    def _network(self, m: Module) -> SkidBuffer:
+        """From the pixels to the normals in the buffer that is returned."""
         m.submodules.guard = guard = self.guard
         m.submodules.background = background = self.background
         m.submodules.mlp = mlp = self.mlp
@@ -232,11 +212,15 @@ class Datapath(FrameCycles, wiring.Component):
                 Cat(getattr(guard, n) for n in (*EVENTS, *FRAME_FAULTS))
             ),
         ]
+        return normals
 
+    def _validity(self, m: Module) -> None:
+        """What says whether a frame's values can be trusted, as far as it sees pixels and features."""
         m.submodules.validity = validity = self.validity
         connect(m, validity.verdict, wiring.flipped(self.verdict))
+        background, guard = self.background, self.guard
         seen, pixels = guard.o, guard.o.payload
-        if self.background.level_light:
+        if background.level_light:
             seen, pixels = background.o, background.shifted
         m.d.comb += [
             validity.pixels.eq(pixels),
@@ -247,73 +231,65 @@ class Datapath(FrameCycles, wiring.Component):
             self.suspect.eq(validity.suspect),
         ]
 
-        if self.loadable:
-            m.d.comb += [guard.hold.eq(self.hold), validity.limits.eq(self.limits)]
-            if self.fold > 1:
-                connect(m, wiring.flipped(self.network), mlp.parameters)
-            else:
-                m.d.comb += mlp.parameters.eq(self.network)
+    def _load(self, m: Module) -> None:
+        """What a calibration sets of the network and of the flags."""
+        m.d.comb += [self.guard.hold.eq(self.hold), self.validity.limits.eq(self.limits)]
+        if self.fold > 1:
+            connect(m, wiring.flipped(self.network), self.mlp.parameters)
+        else:
+            m.d.comb += self.mlp.parameters.eq(self.network)
 
-        def fan_out(source, sinks, name):
-            """Connect `source` to all `sinks`, through a Fork if there are several."""
-            if len(sinks) == 1:
-                connect(m, source, sinks[0])
-                return
-            m.submodules[name] = fork = Fork(source.payload.shape(), len(sinks))
-            connect(m, source, fork.i)
-            for output, sink in zip(fork.o, sinks, strict=True):
-                connect(m, output, sink)
-
+    def _darkness(self, m: Module) -> None:
+        """The pixels to the network and, with dots or bridged slopes, to what finds dark places in them."""
         scene = self.pipeline.scene
-        fan_out(guard.o, [background.i, *([self.darkness.i] if scene.wants_darkness else [])], "pixels_fork")
+        sinks = [self.background.i]
         if scene.wants_darkness:
-            m.submodules.darkness = darkness = self.darkness
-            sinks = [self.dots.darkness] if scene.wants_dots else []
-            sinks += [self.bridge.darkness] if scene.wants_bridge else []
-            fan_out(darkness.o, sinks, "darkness_fork")
-            if self.loadable:
-                connect(m, wiring.flipped(self.threshold), darkness.threshold)
-        sinks = [wiring.flipped(self.normals)] if self.wants_normals else []
-        if scene.wants_slopes:
-            m.submodules.divider = divider = self.divider
-            slopes, over, saturated = divider.o, divider.over, divider.saturated
-            if scene.wants_bridge:
-                m.submodules.bridge = bridge = self.bridge
-                connect(m, slopes, bridge.slopes)
-                m.d.comb += bridge.over.eq(over)
-                slopes, over, saturated = bridge.o, bridge.o_over, bridge.saturated
-            m.d.comb += [
-                self.gradient_saturated.eq(saturated),
-                validity.slopes_over.eq(over),
-                validity.slopes_taken.eq(slopes.valid & slopes.ready),
-            ]
-            sinks.append(divider.i)
-        fan_out(normals.o, sinks, "normals_fork")
-        if self.wants_force:
-            m.submodules.force_stream = force = self.force_stream
-            found = force.o
-            if scene.wants_dots:
-                m.submodules.dots = dots = self.dots
-                connect(m, found, dots.skin)
-                m.d.comb += [validity.dot_lost.eq(dots.lost), validity.dot_taken.eq(dots.taken)]
-                found = dots.o
-                if self.loadable:
-                    connect(m, wiring.flipped(self.dot_records), dots.write)
-            if self.wants_interval:
-                found = self._with_interval(m, found)
-            connect(m, found, wiring.flipped(self.force))
-        sinks = []
-        if scene.force_from_slopes:
-            sinks.append(force.i)
-            if self.loadable:
-                m.d.comb += force.constant.as_value().eq(self.constant)
-        if scene.wants_solver:
-            sinks.append(self.solver.i)
-        if scene.wants_slopes:
-            fan_out(slopes, sinks, "slopes_fork")
-        if not scene.wants_solver:
-            return m
+            sinks.append(self.darkness.i)
+        fan_out(m, "pixels_fork", self.guard.o, sinks)
+        if not scene.wants_darkness:
+            return
+        m.submodules.darkness = darkness = self.darkness
+        sinks = [self.dots.darkness] if scene.wants_dots else []
+        sinks += [self.bridge.darkness] if scene.wants_bridge else []
+        fan_out(m, "darkness_fork", darkness.o, sinks)
+        if self.loadable:
+            connect(m, wiring.flipped(self.threshold), darkness.threshold)
 
+    def _slopes(self, m: Module):
+        """The stream of slopes, bridged under dots where the scene wants it."""
+        m.submodules.divider = divider = self.divider
+        slopes, over, saturated = divider.o, divider.over, divider.saturated
+        if self.pipeline.scene.wants_bridge:
+            m.submodules.bridge = bridge = self.bridge
+            connect(m, slopes, bridge.slopes)
+            m.d.comb += bridge.over.eq(over)
+            slopes, over, saturated = bridge.o, bridge.o_over, bridge.saturated
+        m.d.comb += [
+            self.gradient_saturated.eq(saturated),
+            self.validity.slopes_over.eq(over),
+            self.validity.slopes_taken.eq(slopes.valid & slopes.ready),
+        ]
+        return slopes
+
+    def _force(self, m: Module) -> None:
+        """From the skin's force, whose input is connected elsewhere, to the force of the frame."""
+        m.submodules.force_stream = force = self.force_stream
+        found = force.o
+        if self.pipeline.scene.wants_dots:
+            m.submodules.dots = dots = self.dots
+            connect(m, found, dots.skin)
+            m.d.comb += [self.validity.dot_lost.eq(dots.lost), self.validity.dot_taken.eq(dots.taken)]
+            found = dots.o
+            if self.loadable:
+                connect(m, wiring.flipped(self.dot_records), dots.write)
+        if self.wants_interval:
+            found = self._with_interval(m, found)
+        connect(m, found, wiring.flipped(self.force))
+        if self.loadable and self.pipeline.scene.force_from_slopes:
+            m.d.comb += force.constant.as_value().eq(self.constant)
+
+    def _solution(self, m: Module) -> None:
+        """From the solver to depth and displacement."""
         m.submodules.solver = solver = self.solver
         m.submodules.solution_buffer = solution = SkidBuffer(solver.o.payload.shape())
         connect(m, solver.o, solution.i)
@@ -325,29 +301,32 @@ class Datapath(FrameCycles, wiring.Component):
             connect(m, depth.o, wiring.flipped(self.depth))
             sinks.append(depth.i)
         if self.wants_displacement:
-            m.submodules.displacement = displacement = self.displacement
-            consumers = [force.i]
-            if scene.wants_slip:
-                m.submodules.slip_stream = slip = self.slip_stream
-                connect(m, dots.shifts, slip.dots)
-                connect(m, slip.o, wiring.flipped(self.slip))
-                consumers.append(slip.displacement)
-                if self.loadable:
-                    for name in slip.tables:
-                        connect(m, wiring.flipped(getattr(self, name)), getattr(slip, name))
-            fan_out(displacement.o, consumers, "displacement_fork")
-            m.d.comb += [
-                self.displacement_saturated.eq(displacement.saturated),
-                validity.displacements_over.eq(displacement.over),
-                validity.displacements_taken.eq(displacement.o.valid & displacement.o.ready),
-            ]
-            sinks.append(displacement.i)
-            if displacement.loadable:
-                connect(m, wiring.flipped(self.rest), displacement.rest)
+            self._displacement(m)
+            sinks.append(self.displacement.i)
         if self.wants_force_map:
-            connect(m, force.map, wiring.flipped(self.force_map))
-        fan_out(solution.o, sinks, "solution_fork")
-        return m
+            connect(m, self.force_stream.map, wiring.flipped(self.force_map))
+        fan_out(m, "solution_fork", solution.o, sinks)
+
+    def _displacement(self, m: Module) -> None:
+        """The displacement, to the force and, where the scene wants it, to what finds slip."""
+        m.submodules.displacement = displacement = self.displacement
+        consumers = [self.force_stream.i]
+        if self.pipeline.scene.wants_slip:
+            m.submodules.slip_stream = slip = self.slip_stream
+            connect(m, self.dots.shifts, slip.dots)
+            connect(m, slip.o, wiring.flipped(self.slip))
+            consumers.append(slip.displacement)
+            if self.loadable:
+                for name in slip.tables:
+                    connect(m, wiring.flipped(getattr(self, name)), getattr(slip, name))
+        fan_out(m, "displacement_fork", displacement.o, consumers)
+        m.d.comb += [
+            self.displacement_saturated.eq(displacement.saturated),
+            self.validity.displacements_over.eq(displacement.over),
+            self.validity.displacements_taken.eq(displacement.o.valid & displacement.o.ready),
+        ]
+        if displacement.loadable:
+            connect(m, wiring.flipped(self.rest), displacement.rest)
 
     def _with_interval(self, m: Module, found):
         """Find the half-widths of the forces `found`; returns them as they are offered: one at a time."""

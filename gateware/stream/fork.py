@@ -1,8 +1,10 @@
 """Fork: one stream copied to several consumers."""
 
+from collections.abc import Sequence
+
 from amaranth import Module, Mux, Signal
 from amaranth.lib import stream, wiring
-from amaranth.lib.wiring import In, Out
+from amaranth.lib.wiring import In, Out, connect
 
 
 class Fork(wiring.Component):
@@ -46,3 +48,14 @@ class Fork(wiring.Component):
         with m.If(self.i.valid):
             m.d.sync += taken.eq(Mux(served.all(), 0, served))
         return m
+
+
+def fan_out(m: Module, name: str, source, sinks: Sequence) -> None:
+    """Connect the stream `source` to all `sinks`, through a Fork, the submodule `name`, to several."""
+    if len(sinks) == 1:
+        connect(m, source, sinks[0])
+        return
+    m.submodules[name] = fork = Fork(source.payload.shape(), len(sinks))
+    connect(m, source, fork.i)
+    for output, sink in zip(fork.o, sinks, strict=True):
+        connect(m, output, sink)
