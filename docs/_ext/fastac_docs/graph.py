@@ -1,5 +1,4 @@
 # amaranth: UnusedElaboratable=no
-# amaranth: UnusedElaboratable=no
 """The block diagram of a datapath, read from the hardware: its components and the streams between them.
 
 Nothing is listed by hand: the components elaborate, and each `connect` of two streams is noted.
@@ -21,6 +20,8 @@ from fastac.models.integer.pipeline import IntegerPipeline
 ROOT = Path(__file__).resolve().parents[3]
 EXPANDED = ("solver",)
 """Components whose parts are drawn in their place."""
+CONNECTING = ("fastac.gateware.poisson.stages", "fastac.gateware.stream.fork")
+"""Modules whose functions connect streams for a component."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +160,7 @@ def _elaborated(component: wiring.Component):
         return real(m, *interfaces, **named)
 
     real = wiring.connect
-    modules = {sys.modules[type(component).__module__], sys.modules["fastac.gateware.poisson.stages"]}
+    modules = {sys.modules[name] for name in (type(component).__module__, *CONNECTING)}
     patches = [patch.object(module, "connect", connect) for module in modules if hasattr(module, "connect")]
     for one in patches:
         one.start()
