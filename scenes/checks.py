@@ -13,6 +13,16 @@ from fastac.scenes.strict import listed, require_known
 
 DOT_BLOCK_PX = 4
 """Side of the squares in which dots are told from the skin by one threshold."""
+OF_NORMALS = (
+    "teachers",
+    "flat_fraction",
+    "position_noise",
+    "circle_margin",
+    "flat_beyond",
+    "huber_delta",
+    "rounding_noise",
+)
+"""Keys of `training` for networks that learn from normals."""
 
 
 def check_scene(scene) -> None:
@@ -172,10 +182,10 @@ def _check_force_alone(scene) -> None:
             "training.labels: 'force' gives forces only, no normals or depth, and needs poisson.solver"
             " 'adjoint' and force.fit 'slopes'"
         )
-    for key in ("teachers", "flat_fraction", "position_noise", "circle_margin", "flat_beyond", "huber_delta"):
+    for key in OF_NORMALS:
         value = getattr(scene.training, key)
         if value:
-            raise ValueError(f"training.{key}: {value} needs training.labels 'geometry'")
+            raise ValueError(f"training.{key}: {str(value).lower()} needs training.labels 'geometry'")
     if scene.force.dots:  # their shifts belong to their places
         for key in ("press_symmetry", "press_reach"):
             if value := getattr(scene.training, key):

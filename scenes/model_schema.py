@@ -193,6 +193,9 @@ class Training(Strict):
     pixels are at rest, and where noise leaves two slopes possible the smallest absolute error is that of the
     likelier one: gentle slopes come out too small, and with them depth and force, which are sums over many
     pixels. The smallest squared error is that of their mean."""
+    rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
+    """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
+    while it is trained, with labels 'geometry'. Worth it at 8 bits and fewer."""
     light_noise: Annotated[float, Field(ge=0, lt=1)] | None = None
     """Standard deviation of the gain by which each channel of a frame is made brighter or darker in training,
     as a fraction, with labels 'force': what lamps and exposure differ by from one recording to the next. Not

@@ -151,6 +151,11 @@ class Scene(Strict):
         return self.pace.fold
 
     @property
+    def felt_rounding_bits(self) -> int | None:
+        """Bits of the activations whose rounding the float network feels in training; None: it feels none."""
+        return self.numbers.activation_bits if self.training.rounding_noise else None
+
+    @property
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
         needed = any(facts.needs_depth for facts in self.output_facts)

@@ -78,7 +78,9 @@ def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path,
         begun = start(known, x, y)
         networks = {NOT_ADAPTED: begun}
         for what in transfer.TUNES:
-            networks[what], _ = transfer.tune(copy.deepcopy(begun), x, y, scene.training, what)
+            networks[what], _ = transfer.tune(
+                copy.deepcopy(begun), x, y, scene.training, what, rounding_bits=scene.felt_rounding_bits
+            )
             bar.update()
         for name in held:
             truth = pixels_of(few, scene, (few.split != "test") & (press == name))
@@ -106,7 +108,15 @@ def tuned(
     known = bundles.load_for(bundle, scene)
     few = training.skin_alone(read(data, scene, store=store, progress=progress), scene)
     x, y = pixels_of(few, scene, few.split != "test")
-    network, history = transfer.tune(start(known, x, y), x, y, scene.training, tune, progress=progress)
+    network, history = transfer.tune(
+        start(known, x, y),
+        x,
+        y,
+        scene.training,
+        tune,
+        rounding_bits=scene.felt_rounding_bits,
+        progress=progress,
+    )
     arrays = training.network_arrays(network) | training.curve(history, "normals")
     save_arrays(folder / WEIGHTS, arrays)
 

@@ -95,7 +95,13 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
         network, history = from_forces.train(data, scene, progress=progress)
     else:
         skin = skin_alone(data, scene)
-        network, history = train_normals.train(skin, scene.training, scene.network.trained, progress=progress)
+        network, history = train_normals.train(
+            skin,
+            scene.training,
+            scene.network.trained,
+            rounding_bits=scene.felt_rounding_bits,
+            progress=progress,
+        )
         network = pruned(network, skin, data, scene, progress=progress)
     save_arrays(output, network_arrays(network) | curve(history, "normals"))
 
@@ -115,6 +121,7 @@ def pruned(
             scene.training,
             width=scene.network.hidden,
             slope_limit=scene.numbers.slope_limit,
+            rounding_bits=scene.felt_rounding_bits,
             progress=progress,
         )
     return prune_neurons(
@@ -124,6 +131,7 @@ def pruned(
         growth=scene.network.prune,
         slope_limit=scene.numbers.slope_limit,
         further_error=network_depth_error(data, scene),
+        rounding_bits=scene.felt_rounding_bits,
         progress=progress,
     )
 

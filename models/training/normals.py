@@ -16,6 +16,7 @@ from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, scales
 from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.labelled_pixels import Pixels, labelled_splits
+from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.teachers import Ensemble
 from fastac.scenes.model_schema import Training
 from fastac.sensor.dataset import Dataset
@@ -136,9 +137,12 @@ class Fit:
         return history
 
     def _loss(self, model, x: torch.Tensor, y: torch.Tensor) -> float:
+        model.eval()
         with torch.inference_mode():
             chunks = zip(x.split(1 << 16), y.split(1 << 16), strict=True)
-            return sum(normal_loss(model(a), b, self.huber_delta).item() * len(a) for a, b in chunks) / len(x)
+            total = sum(normal_loss(model(a), b, self.huber_delta).item() * len(a) for a, b in chunks)
+        model.train()
+        return total / len(x)
 
 
 class ScaledNetwork(torch.nn.Module):
@@ -162,11 +166,17 @@ def _tensors(pixels: dict[str, Pixels]) -> tuple[torch.Tensor, torch.Tensor] | N
 
 
 def train(
-    data: Dataset, settings: Training, hidden: tuple[int, ...] = HIDDEN, *, progress: bool = False
+    data: Dataset,
+    settings: Training,
+    hidden: tuple[int, ...] = HIDDEN,
+    *,
+    rounding_bits: int | None = None,
+    progress: bool = False,
 ) -> tuple[PixelNetwork, list[dict]]:
     """Fit the float network to a dataset's train split; returns the network and its learning curve.
 
     hidden : neurons of each hidden layer
+    rounding_bits : bits of the activations whose rounding is felt as noise; None: there is none
     With `settings.teachers` an ensemble of wide networks is trained first, and the network learns from it.
     Raises ValueError where there is nothing to train on.
     """
@@ -189,5 +199,5 @@ def train(
         teacher.eval()
     network = PixelNetwork(x.shape[1], hidden)
     fit = Fit.of(settings, "normals, float", patience=settings.patience_epochs)
-    model = ScaledNetwork(network, unit)
+    model = ScaledNetwork(with_rounding_noise(network, rounding_bits), unit)
     return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)

@@ -14,6 +14,7 @@ from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import scales
 from fastac.models.training.hidden_neurons import candidates, widths
 from fastac.models.training.normals import Fit, ScaledNetwork, _tensors
+from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.scenes.model_schema import FEWEST_NEURONS, Training
 
 JUDGED_PX = 1 << 14
@@ -44,6 +45,7 @@ class Pruning:
     pixels : features and normals by split name, from `labelled_splits`; judged is the validation split or,
         where there is none, the train split
     slope_limit : magnitude at which slopes are clipped
+    rounding_bits : bits of the activations whose rounding is felt as noise in training; None: there is none
     """
 
     def __init__(
@@ -52,9 +54,11 @@ class Pruning:
         settings: Training,
         slope_limit: float,
         *,
+        rounding_bits: int | None = None,
         progress: bool,
     ):
         self.pixels, self.settings, self.slope_limit, self.progress = pixels, settings, slope_limit, progress
+        self.rounding_bits = rounding_bits
         self.judged = pixels.get("validation", pixels["train"])
         rng = np.random.default_rng(settings.seed)
         few = rng.permutation(len(self.judged[0]))[:JUDGED_PX]
@@ -79,7 +83,8 @@ class Pruning:
             f"normals, {'-'.join(map(str, widths(network)))}",
             epochs=max(1, round(share * self.settings.normals_epochs)),
         )
-        model = ScaledNetwork(network, scales(network.linear_layers[0].in_features - 2))
+        felt = with_rounding_noise(network, self.rounding_bits)
+        model = ScaledNetwork(felt, scales(network.linear_layers[0].in_features - 2))
         fit(model, *self.pixels["train"], validation=_tensors(self.pixels), progress=self.progress)
         return network
 
@@ -92,17 +97,18 @@ def prune_neurons(
     growth: float,
     slope_limit: float,
     further_error: Callable[[PixelNetwork], float] | None = None,
+    rounding_bits: int | None = None,
     progress: bool = False,
 ) -> PixelNetwork:
     """The network with as few hidden neurons as the error allows; `network` itself is not changed.
 
-    pixels, slope_limit : see `Pruning`
+    pixels, slope_limit, rounding_bits : see `Pruning`
     growth : largest relative growth of the mean slope error of `network`
     further_error : of a network, an error that must not grow by more either
 
     The same for the same pixels and `settings.seed`.
     """
-    pruning = Pruning(pixels, settings, slope_limit, progress=progress)
+    pruning = Pruning(pixels, settings, slope_limit, rounding_bits=rounding_bits, progress=progress)
     fewest = (FEWEST_NEURONS,) * len(widths(network))
 
     def errors(candidate: PixelNetwork) -> np.ndarray:
@@ -132,16 +138,17 @@ def prune_to_width(
     *,
     width: tuple[int, ...],
     slope_limit: float,
+    rounding_bits: int | None = None,
     progress: bool = False,
 ) -> PixelNetwork:
     """The network with `width` neurons in each hidden layer; `network` itself is not changed.
 
-    pixels, slope_limit : see `Pruning`
+    pixels, slope_limit, rounding_bits : see `Pruning`
     width : at most what `network` has, layer by layer
 
     The same for the same pixels and `settings.seed`.
     """
-    pruning = Pruning(pixels, settings, slope_limit, progress=progress)
+    pruning = Pruning(pixels, settings, slope_limit, rounding_bits=rounding_bits, progress=progress)
     with single_thread(), threadpool_limits(1):
         pruned = network
         while widths(pruned) != width:

@@ -17,6 +17,7 @@ from fastac.models.integer.features import scales
 from fastac.models.training.hidden_neurons import candidates, widths
 from fastac.models.training.normals import Fit, ScaledNetwork
 from fastac.models.training.prune import gradient_error
+from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.scenes.model_schema import Training
 
 TUNES = ("gains", "last", "all")
@@ -73,13 +74,16 @@ def tune(
     settings: Training,
     what: str,
     *,
+    rounding_bits: int | None = None,
     progress: bool = False,
 ) -> tuple[PixelNetwork, list[dict]]:
     """Train on, in place, what TUNES calls `what`; returns the network and its learning curve.
 
     x, y : features (pixels, inputs) and unit normals (pixels, 3) of the new unit
+    rounding_bits : bits of the activations whose rounding layers that are tuned feel as noise; None: there
+        is none
     """
-    tuned = InputGains(network) if what == "gains" else network
+    tuned = InputGains(network) if what == "gains" else with_rounding_noise(network, rounding_bits)
     for parameter in network.parameters():
         parameter.requires_grad = what == "all"
     if what == "last":

@@ -38,6 +38,11 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             '"force" }',
+            '"force", rounding_noise = true }',
+            "training.rounding_noise: true needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
             '"force", still_share = 0.1 }',
             "training.still_share: 0.1 needs training.labels 'geometry'",
         ),

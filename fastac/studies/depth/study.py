@@ -59,7 +59,9 @@ def train(
         labelled = data.indices("train")[:-1]  # the last is the untouched gel
         normals[labelled] = load_arrays(skins)["normals"][labelled]
         data = replace(data, normals=normals, valid=np.ones_like(data.valid))
-    network, _ = train_normals.train(data, scene.training, scene.network.trained)
+    network, _ = train_normals.train(
+        data, scene.training, scene.network.trained, rounding_bits=scene.felt_rounding_bits
+    )
     save_arrays(folder / NETWORK, network_arrays(network))
 
 
