@@ -39,6 +39,8 @@ class ForceSamples:
     """The marker dots' shifts (frames, M, 2), if any are followed."""
     group: BySplit | None = None
     """The recording of each frame, if known."""
+    together: BySplit | None = None
+    """Integers, the same for frames of one recording or press (`sensor.groups.groups`), if known."""
 
 
 def slope_changes(
@@ -131,6 +133,7 @@ class WeightFit:
             samples.force_n,
             samples.shifts_px,
             with_validation=fits_validation(scene),
+            together=samples.together,
             reach=scene.training.force_reach,
             patience=scene.training.patience_sizes,
             progress=progress,
@@ -154,6 +157,7 @@ class SlopeFit(WeightFit):
             tuple(FORCE_AXES[k] for k in scene.force_axes),
             samples.group,
             with_validation=fits_validation(scene),
+            together=samples.together,
             reach=scene.training.force_reach,
             patience=scene.training.patience_sizes,
             progress=progress,

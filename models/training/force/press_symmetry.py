@@ -51,6 +51,7 @@ def fit(
     group: dict[str, np.ndarray] | None,
     *,
     with_validation: bool = False,
+    together: dict[str, np.ndarray] | None = None,
     reach: float = 0.0,
     patience: int | None = None,
     progress: bool = False,
@@ -79,7 +80,9 @@ def fit(
     if by_group or "validation" in slopes:
         candidates[True] = plain.restricted(restrict)
     histories = {
-        kind: model.errors(over_all=with_validation, patience=patience, progress=progress)
+        kind: model.errors(
+            together=together if with_validation else None, patience=patience, progress=progress
+        )
         for kind, model in candidates.items()
     }
     chosen = {kind: ridge.best(history) for kind, history in histories.items()}

@@ -16,7 +16,9 @@ the weakest regularisation."""
 HELD_OUT = 5
 """Without a validation split, one of this many training frames is held out to choose the regularisation."""
 FOLDS = 10
-"""Into so many parts frames are divided for `cross_validation_errors`."""
+"""Into so many parts groups of frames are divided for `cross_validation_errors`."""
+FEWEST_GROUPS = 5
+"""Groups of frames from which on they can be held out in turn."""
 
 
 def solve(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.ndarray:
@@ -69,15 +71,25 @@ def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) 
     return _try_all(x, force_n)[0]
 
 
-def cross_validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
+def can_cross_validate(together: dict[str, np.ndarray] | None) -> bool:
+    """Whether there are enough groups for `cross_validation_errors`."""
+    return together is not None and len(np.unique(np.concatenate([*together.values()]))) >= FEWEST_GROUPS
+
+
+def cross_validation_errors(
+    x: dict[str, np.ndarray], force_n: dict[str, np.ndarray], together: dict[str, np.ndarray]
+) -> list[dict]:
     """As `validation_errors`, but each frame of all splits is held out once, in one of FOLDS random parts.
 
+    together : (frames,) integers by split name, the same for frames that belong together, as those of one
+        press do: they are held out together, for the others would tell their force
     Slower, and steadier: with few frames in the split validation, chance decides what is best on them.
     """
-    x, force_n = (known(samples, with_validation=True) for samples in (x, force_n))
-    part = np.random.default_rng(0).permutation(len(x)) % FOLDS
+    x, force_n, groups = (known(samples, with_validation=True) for samples in (x, force_n, together))
+    names, group = np.unique(groups, return_inverse=True)
+    part = (np.random.default_rng(0).permutation(len(names)) % FOLDS)[group]
     errors = np.empty((len(REGULARISATION), len(x)))
-    for k in range(FOLDS):
+    for k in range(min(FOLDS, len(names))):
         held = part == k
         found = solve(x[~held], force_n[~held], REGULARISATION)
         errors[:, held] = np.abs(x[held] @ found - force_n[held]).sum(axis=2)

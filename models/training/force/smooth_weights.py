@@ -13,6 +13,7 @@ little, with the same force, say so: on a gel that is alike everywhere a press h
 
 import copy
 from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -134,18 +135,25 @@ class SmoothWeights:
         return ridge.joined(lowest, self.shifts_px and self.shifts_px[split])
 
     def errors(
-        self, *, over_all: bool = False, patience: int | None = None, progress: bool = False
+        self,
+        *,
+        together: dict[str, np.ndarray] | None = None,
+        patience: int | None = None,
+        progress: bool = False,
     ) -> list[dict]:
         """Validation errors of all sizes and strengths, [{"cosines": …, "regularisation": …,
         "validation_mae_n": …}].
 
-        over_all : whether each frame of both splits is held out once (`ridge.cross_validation_errors`),
-            instead of those of the split validation; not with moved copies, which tell of their frame
+        together : which frames belong together, as in `ridge.cross_validation_errors`: each frame of both
+            splits is then held out once, instead of those of the split validation, if there are enough
+            groups and no moved copies, which tell of their frame
         patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
             tried; None: all are tried. The largest take nearly all of the time.
         """
         ridge.check(self.force_n)
-        find = ridge.cross_validation_errors if over_all and not self.copies else ridge.validation_errors
+        find = ridge.validation_errors
+        if ridge.can_cross_validate(together) and not self.copies:
+            find = partial(ridge.cross_validation_errors, together=together)
         history, waited, smallest = [], 0, np.inf
         for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
             of_axes = [find(x, force_n) for _, _, x, force_n in self._problems(size)]
@@ -217,6 +225,7 @@ def fit(
     shifts_px: dict[str, np.ndarray] | None = None,
     *,
     with_validation: bool = False,
+    together: dict[str, np.ndarray] | None = None,
     reach: float = 0.0,
     patience: int | None = None,
     progress: bool = False,
@@ -226,9 +235,11 @@ def fit(
 
     images, force_n, shifts_px, reach : as in `SmoothWeights`; patience : as in its `errors`
     with_validation : whether the weights are fitted to the frames of both splits, which choose m and the
-        regularisation too, by cross-validation, instead of fitted to the train split's and chosen by the
-        others
+        regularisation too, by cross-validation over `together` where that is possible, instead of fitted to
+        the train split's and chosen by the others
+    together : as in `SmoothWeights.errors`
     """
     model = SmoothWeights(images, force_n, shifts_px, reach=reach)
-    history = model.errors(over_all=with_validation, patience=patience, progress=progress)
+    together = together if with_validation else None
+    history = model.errors(together=together, patience=patience, progress=progress)
     return *model.weights(ridge.best(history), with_validation=with_validation), history

@@ -110,22 +110,49 @@ def test_best_is_the_smallest_error():
     assert ridge.best(history)["regularisation"] == 1
 
 
+def alone(x: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Groups of one frame each."""
+    ends = np.cumsum([len(values) for values in x.values()])
+    return {
+        split: np.arange(end - len(values), end) for (split, values), end in zip(x.items(), ends, strict=True)
+    }
+
+
 def test_cross_validation_holds_each_frame_out_once():
     """Of frames of which one says nothing of the others, none is fitted by weights that knew it."""
     x = {"train": np.eye(20)[:12], "validation": np.eye(20)[12:]}
     force = {"train": np.arange(1.0, 13)[:, None], "validation": np.arange(13.0, 21)[:, None]}
-    history = ridge.cross_validation_errors(x, force)
+    history = ridge.cross_validation_errors(x, force, alone(x))
     assert [entry["validation_mae_n"] for entry in history] == pytest.approx([10.5] * len(history))
 
 
 def test_cross_validation_asks_for_the_noise_s_regularisation_too():
     weak, strong = (
-        ridge.best(ridge.cross_validation_errors(*splits(noise)))["regularisation"] for noise in (0.0, 5.0)
+        ridge.best(ridge.cross_validation_errors(*splits(noise), alone(splits(noise)[0])))["regularisation"]
+        for noise in (0.0, 5.0)
     )
     assert strong > 1e3 * weak
     x, force = splits(0.5)
-    joined = {"train": np.concatenate([*x.values()])}, {"train": np.concatenate([*force.values()])}
-    assert ridge.cross_validation_errors(x, force) == ridge.cross_validation_errors(*joined)
+    joined = [{"train": np.concatenate([*values.values()])} for values in (x, force, alone(x))]
+    assert ridge.cross_validation_errors(x, force, alone(x)) == ridge.cross_validation_errors(*joined)
+
+
+def test_frames_that_belong_together_are_held_out_together():
+    """Each group has a feature and a force of its own: what was seen says nothing of a group that was not."""
+    group = np.arange(40) // 4
+    x, force = np.eye(10)[group], (group + 1.0)[:, None]
+    of_one = np.random.default_rng(1).permutation(40)
+    given = [{"train": v[of_one[:30]], "validation": v[of_one[30:]]} for v in (x, force, group)]
+    history = ridge.cross_validation_errors(*given)
+    assert [entry["validation_mae_n"] for entry in history] == pytest.approx([5.5] * len(history))
+    told = ridge.best(ridge.cross_validation_errors(*given[:2], alone(given[0])))
+    assert told["validation_mae_n"] < 0.1
+
+
+@pytest.mark.parametrize(("groups", "can"), [(None, False), (4, False), (5, True)])
+def test_groups_are_held_out_in_turn_where_there_are_five(groups, can):
+    known = None if groups is None else {"train": np.arange(20) % groups, "validation": np.zeros(3, int)}
+    assert ridge.can_cross_validate(known) == can
 
 
 def test_of_errors_that_chance_explains_the_strongest_is_chosen():

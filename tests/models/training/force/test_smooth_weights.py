@@ -94,7 +94,8 @@ def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
 def test_the_frames_that_chose_can_be_fitted_in_the_end():
     change, truth = problem(fields(4), noise=0.5)
     alone, _, history = smooth_weights.fit(change, truth)
-    found, _, of_all = smooth_weights.fit(change, truth, with_validation=True)
+    places = {split: np.arange(len(values)) % 7 for split, values in change.items()}
+    found, _, of_all = smooth_weights.fit(change, truth, with_validation=True, together=places)
     chosen = ridge.best(of_all)
     both = np.concatenate([change["train"], change["validation"]])
     x = smooth_weights.lowest_cosines(both, chosen["cosines"]).reshape(len(both), -1)
@@ -108,9 +109,12 @@ def test_the_frames_that_chose_can_be_fitted_in_the_end():
         split: smooth_weights.lowest_cosines(values, 2).reshape(len(values), -1)
         for split, values in change.items()
     }
-    expected = ridge.cross_validation_errors(x, truth)
+    expected = ridge.cross_validation_errors(x, truth, places)
     errors = [entry["validation_mae_n"] for entry in of_all if entry["cosines"] == 2]
     np.testing.assert_allclose(errors, [entry["validation_mae_n"] for entry in expected])
+    # Where nothing says what belongs together, those of the split validation choose.
+    _, _, of_split = smooth_weights.fit(change, truth, with_validation=True)
+    assert of_split == history
 
 
 @pytest.mark.parametrize("validation", [True, False])
