@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from fastac.models.training.force import hyperforce, smooth_weights
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.geometry import rest_slopes
+from fastac.sensor.groups import groups
 from fastac.studies.equivalence.variants import float_variant, integer_variant, slope_words, variant
 
 FITS = ("displacement", "smooth", "slopes")
@@ -57,13 +59,13 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
     if true["train"] is not None:
         found["true"] = true
     weights, models, start = {}, {}, None
-    last = {"with_validation": fits_validation(scene)}
+    last, known = {"with_validation": fits_validation(scene)}, groups(data)
+    together = {split: known[index] for split, index in splits.items()}
+    fit_smooth = partial(smooth_weights.fit, **last, together=together, progress=progress)
     for name, change in found.items():
-        weights["slopes", name], *_ = smooth_weights.fit(change, truth, **last, progress=progress)
+        weights["slopes", name], *_ = fit_smooth(change, truth)
         pressed = {s: displacement_mm(x.astype(np.float64), divergence, pitch_mm) for s, x in change.items()}
-        smooth, *_ = smooth_weights.fit(
-            {s: x[..., None] for s, x in pressed.items()}, truth, **last, progress=progress
-        )
+        smooth, *_ = fit_smooth({s: x[..., None] for s, x in pressed.items()}, truth)
         weights["smooth", name] = slope_weights(smooth[..., 0], divergence, pitch_mm)
         if start is None:
             rest = training.rest_depth_mm(data)

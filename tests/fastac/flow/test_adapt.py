@@ -24,7 +24,7 @@ def test_presses_are_held_out_whole(tiny_folder, tiny_bundle, tiny_data, tiny_fi
         taken.append(set(press[chosen]))
         return np.zeros((4, 6), int), np.full((4, 3), (0, 0, 1), np.float32)
 
-    monkeypatch.setattr(adapt.transfer, "tune", lambda network, *_: (network, []))
+    monkeypatch.setattr(adapt.transfer, "tune", lambda network, *_, **__: (network, []))
     monkeypatch.setattr(adapt, "pixels_of", pixels_of)
     given = {"scene": tiny_bundle.scene, "bundle": tiny_folder / "bundle", "data": tiny_file}
     found = adapt.choice(tmp_path, **given, store=tmp_path, progress=False)
