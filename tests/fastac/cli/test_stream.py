@@ -66,7 +66,7 @@ class Reader(threading.Thread):
 @pytest.fixture
 def offered():
     """`offered(address)`: a stream of five records is published there, as soon as somebody reads."""
-    threads = []
+    threads, ended = [], threading.Event()
 
     def offer(address: str) -> str:
         publisher = Publisher(address)
@@ -74,7 +74,8 @@ def offered():
         publisher.announce(About(*sensor, "data.h5", 100.0))
 
         def publish() -> None:
-            while not publisher.subscribers:
+            # A subscriber that asks for the description alone may be gone before it is seen here.
+            while not publisher.subscribers and not ended.wait(0.001):
                 pass
             for k in range(5):
                 publisher.add(StreamRecord(k, 10 * k, force_n={"z": k / 4}, force_raw={"z": k}))
@@ -85,6 +86,7 @@ def offered():
         return publisher.address
 
     yield offer
+    ended.set()
     for thread in threads:
         thread.join()
 
