@@ -26,12 +26,19 @@ def test_without_bits_there_is_no_noise(network):
     assert with_rounding_noise(network, None) is network
 
 
-def test_activations_are_off_by_half_a_unit_at_most(network):
-    """One hidden layer, each neuron handed on by itself: its unit is its largest activation over 15."""
-    one = PixelNetwork(5, (3,))
+@pytest.fixture
+def one() -> PixelNetwork:
+    """One hidden layer, each neuron handed on by itself."""
+    torch.manual_seed(3)
+    network = PixelNetwork(5, (3,))
     with torch.no_grad():
-        one.linear_layers[-1].weight.copy_(torch.eye(3))
-        one.linear_layers[-1].bias.zero_()
+        network.linear_layers[-1].weight.copy_(torch.eye(3))
+        network.linear_layers[-1].bias.zero_()
+    return network
+
+
+def test_activations_are_off_by_half_a_unit_at_most(one):
+    """A neuron's unit is its largest activation over 15."""
     x = torch.rand(4000, 5) * torch.tensor([1.0, 2, 3, 4, 5])
     hidden = torch.relu(one.linear_layers[0](x))
     errors = (RoundingNoise(one, BITS)(x) - hidden).detach()
@@ -43,9 +50,14 @@ def test_activations_are_off_by_half_a_unit_at_most(network):
     assert spread.numpy() == pytest.approx(1, abs=0.05)
 
 
-def test_copies_of_a_batch_share_their_units(network):
-    x = torch.rand(3, 20, 5)
-    assert RoundingNoise(network, BITS)(x).shape == (3, 20, 3)
+def test_copies_of_a_batch_share_their_units(one):
+    """The second copy is a hundredth of the first, and its noise as large."""
+    x = torch.rand(4000, 5)
+    x = torch.stack([x, x / 100])
+    errors = (RoundingNoise(one, BITS)(x) - torch.relu(one.linear_layers[0](x))).detach()
+    large, small = errors.std(dim=1).numpy()
+    assert (large > 0).any()
+    assert small == pytest.approx(large, rel=0.05)
 
 
 def rounded(network: PixelNetwork, x: torch.Tensor) -> torch.Tensor:
