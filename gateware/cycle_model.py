@@ -225,7 +225,12 @@ class CycleModel(FrameCycles):
         weight_bits = signed_width(scene.force.kernel_size**2 << (scene.numbers.kernel_bits - 1))
         if scene.force_of_weights:
             weight_bits = scene.numbers.kernel_bits
-            values = products_of(len(scene.force.bends_mm))
+            bends = len(scene.force.bends_mm)
+            if self.fold > 1:
+                values = products_of(bends)
+            else:  # slopes of segments, each a sum of weights
+                values = kind.values_of(DISPLACEMENT, bends=bends)
+                weight_bits += bends.bit_length()
         if scene.force_from_slopes:
             rows, columns = scene.sensor.height_px, scene.sensor.width_px
             values, input_bits = SLOPES, scene.numbers.slope_bits

@@ -148,7 +148,7 @@ def _check_weights(scene) -> None:
             " and not force.source 'slopes'"
         )
     if force.band_mm and not of_weights:
-        raise ValueError(f"force.band_mm: {force.band_mm:g} needs force.fit 'weights'")
+        raise ValueError(f"force.band_mm: {force.band_mm:g} needs force.fit 'weights' or 'polynomials'")
     if force.deep_mm and not (force.band_mm and force.band_mm < force.deep_mm):
         raise ValueError(f"force.deep_mm: {force.deep_mm:g} needs a force.band_mm that is smaller")
 

@@ -24,4 +24,7 @@ class FitFacts:
 DISPLACEMENT = FitFacts()
 SLOPES = FitFacts(of_slopes=True)
 WEIGHTS = FitFacts(of_weights=True)
-FITS = Kinds("force.fit", {"displacement": DISPLACEMENT, "weights": WEIGHTS, "slopes": SLOPES})
+FITS = Kinds(
+    "force.fit",
+    {"displacement": DISPLACEMENT, "weights": WEIGHTS, "polynomials": WEIGHTS, "slopes": SLOPES},
+)

@@ -124,11 +124,12 @@ class Force(Strict):
     fit: str = "displacement"
     """How the model is found, an entry of scenes/force_fits.py. displacement: HyperForce, trained on the
     displacement; the adjoint's weights of the slopes follow from its kernels. weights: one weight a pixel of
-    the displacement, smooth over the image, by ridge regression. slopes: the same of the slopes, which
-    are then what the force is of."""
+    the displacement, smooth over the image, by ridge regression. polynomials: the same, but each weight is a
+    polynomial of the pixel's place on the skin at rest, which few presses determine better. slopes: smooth
+    weights of the slopes, which are then what the force is of."""
     band_mm: Positive | None = None
     """What is displaced beyond ±band_mm, in the contact and in the bulge around it, has weights of its own:
-    the force is then not linear in the displacement. With fit 'weights'."""
+    the force is then not linear in the displacement. With fit 'weights' or 'polynomials'."""
     deep_mm: Positive | None = None
     """What is pressed deeper than this has one more weight, beside those of `band_mm`. A model that knows it
     finds the force of objects of other shapes better."""

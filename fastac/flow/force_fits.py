@@ -15,10 +15,10 @@ import torch
 
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.adjoint import displacement_mm, slope_weights
-from fastac.models.floating.hyperforce import HyperForce, collapse
+from fastac.models.floating.hyperforce import HyperForce, collapse, coordinates
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.force import terms
-from fastac.models.training.force import hyperforce, press_symmetry, smooth_weights
+from fastac.models.training.force import hyperforce, polynomial_weights, press_symmetry, smooth_weights
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import FORCE_AXES
 from fastac.store.kinds import Kinds
@@ -41,6 +41,8 @@ class ForceSamples:
     """The recording of each frame, if known."""
     together: BySplit | None = None
     """Integers, the same for frames of one recording or press (`sensor.groups.groups`), if known."""
+    rest_depth_mm: np.ndarray | None = None
+    """Of the skin at rest, (H, W); not by split, and only for weights that follow from it."""
 
 
 def slope_changes(
@@ -140,6 +142,23 @@ class WeightFit:
         )
 
 
+class PolynomialFit(WeightFit):
+    """As `WeightFit`, but the weights are polynomials of the pixel's place on the skin at rest."""
+
+    @staticmethod
+    def fit(
+        scene: Scene, start: None, samples: ForceSamples, *, progress: bool
+    ) -> tuple[np.ndarray, np.ndarray | None, Curve]:
+        return polynomial_weights.fit(
+            coordinates(samples.rest_depth_mm[1:-1, 1:-1]),
+            samples.found,
+            samples.force_n,
+            samples.shifts_px,
+            with_validation=fits_validation(scene),
+            together=samples.together,
+        )
+
+
 class SlopeFit(WeightFit):
     """Weights of the slopes (axes, H, W, 2), without a model to start from."""
 
@@ -165,4 +184,12 @@ class SlopeFit(WeightFit):
         return weights, None, history
 
 
-FITS = Kinds("force.fit", {"displacement": DisplacementFit, "weights": WeightFit, "slopes": SlopeFit})
+FITS = Kinds(
+    "force.fit",
+    {
+        "displacement": DisplacementFit,
+        "weights": WeightFit,
+        "polynomials": PolynomialFit,
+        "slopes": SlopeFit,
+    },
+)

@@ -72,6 +72,7 @@ def force_samples(pipeline: FloatPipeline | Emulator, data: Dataset, *, progress
         shifts_px={s: shifts_px(index) for s, index in splits.items()} if pipeline.scene.wants_dots else None,
         group=None if data.group is None else {s: data.group[index] for s, index in splits.items()},
         together={s: together[index] for s, index in splits.items()},
+        rest_depth_mm=rest_depth_mm(data),
     )
 
 

@@ -14,8 +14,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from fastac.gateware.arithmetic.packed_products import best_packing
+from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.gateware.dots.axis import quotient_bits
 from fastac.gateware.force.weighted_pixel import products_of
+from fastac.gateware.force.weighted_sum import rom_table
 from fastac.gateware.mlp_mvm import accumulator_ranges, input_ranges, layer_graph
 from fastac.gateware.network.requantise import scale_graph
 from fastac.gateware.network.slope_bridge import SlopeBridgeStream
@@ -27,7 +29,7 @@ from fastac.models.integer.dot_force import DotForce
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.dot_windows import CELL, DotWindows
 from fastac.models.integer.features import WIDTH
-from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.force import PatchForce
 from fastac.models.integer.force_interval import WEIGHT_BITS, ForceInterval
 from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.network import Layer
@@ -144,13 +146,32 @@ def patch_force_works(frame: Frame, force: PatchForce) -> Iterator[Work]:
     yield addition(frame.inner * axes, force.width)
 
 
-def weighted_force_works(frame: Frame, force: WeightedSum, products: int) -> Iterator[Work]:
-    """A pixel takes this many products an axis, which may be fewer than its terms."""
+def weighted_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
+    force = pipeline.force
     axes, rows, columns, terms = force.weight.shape
-    beats, values = rows * -(-columns // frame.lanes), rows * columns * products
+    beats, values = rows * -(-columns // frame.lanes), rows * columns * terms
     yield memory(beats, frame.lanes * axes * terms * force.weight_width, beats)
     yield multiplication(values * axes, force.input_width + (not force.input_signed), force.weight_width)
     yield addition(values * axes, force.width)
+
+
+def bent_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
+    """A folded sum takes a product an axis of each pixel and one for each bend; others take one product with
+    the slope of the pixel's segment, and additions for the offset."""
+    force, bends = pipeline.force, pipeline.bends
+    axes, rows, columns, terms = force.weight.shape
+    beats, values = rows * -(-columns // frame.lanes), rows * columns * axes
+    if frame.fold > 1:
+        values *= products_of(len(bends))
+        width = force.weight_width
+    else:
+        width = signed_width(int(np.abs(rom_table(force, bends)).max()))
+        yield addition(values * len(bends), width + 1)  # what the slope changes by at a bend
+        for bend in bends:
+            yield addition(values * len(canonical_signed_digits(bend)), width + 1 + bend.bit_length())
+    yield memory(beats, frame.lanes * axes * terms * width, beats)
+    yield multiplication(values, force.input_width, width)
+    yield addition(values, force.width)
 
 
 def darkness_works(frame: Frame, windows: DotWindows) -> Iterator[Work]:
@@ -226,9 +247,8 @@ def works(pipeline: IntegerPipeline) -> dict[str, list[Work]]:
     if isinstance(pipeline.force, PatchForce):
         stages["force"] = patch_force_works(frame, pipeline.force)
     elif pipeline.force is not None:
-        terms = pipeline.force.weight.shape[-1]
-        products = products_of(len(pipeline.bends)) if pipeline.bends else terms
-        stages["force"] = weighted_force_works(frame, pipeline.force, products)
+        works_of = bent_force_works if pipeline.bends else weighted_force_works
+        stages["force"] = works_of(frame, pipeline)
     if scene.wants_darkness:
         windows = (pipeline.bridge or pipeline.follower).windows
         stages["darkness"] = darkness_works(frame, windows)

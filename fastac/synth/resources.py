@@ -19,6 +19,7 @@ from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.dots.follower import dot_layout
 from fastac.gateware.force.weighted_pixel import products_of
+from fastac.gateware.force.weighted_sum import rom_table
 from fastac.gateware.raster_outputs import scene_outputs
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
 from fastac.gateware.target.device import device_of
@@ -160,7 +161,8 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
         if frame.fold > 1:
             yield folded.weight_memory(force)
             return
-        yield "force", 1, lanes * axes * terms * force.weight_width, rows * -(-columns // lanes)
+        width = signed_width(int(np.abs(rom_table(force, pipeline.bends)).max()))
+        yield "force", 1, lanes * axes * terms * width, rows * -(-columns // lanes)
 
 
 def dot_memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
@@ -232,6 +234,7 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         }
     elif force is not None:
         axes, _, _, terms = force.weight.shape
+        # With bends a single product has about as many adders beside it as the further products would need.
         products = products_of(len(pipeline.bends)) if pipeline.bends else terms
         found["force"] = {
             "one": 1,

@@ -10,8 +10,8 @@ from fastac.models.integer.force import WeightedSum
 
 
 def products_of(bends: int) -> int:
-    """How many products a displacement with so many bends needs: one for itself and one for each bend, as of
-    what is beyond the band on either side one is 0."""
+    """How many products a folded sum takes of a displacement with so many bends: one for itself and one for
+    each bend, as of what is beyond the band on either side one is 0."""
     return 1 + bends
 
 
@@ -39,7 +39,7 @@ class WeightedPixel:
 
     @property
     def products(self) -> int:
-        """Products of a pixel for each axis, as many as `values` has."""
+        """Products of a pixel for each axis in a folded sum, as many as `values` has."""
         return products_of(len(self.bends)) if self.bends else self.terms
 
     @property
@@ -59,7 +59,7 @@ class WeightedPixel:
         return members | ({"constant": In(sums)} if loadable else {})
 
     def values(self, pixel) -> list:
-        """What is multiplied of a pixel of the stream `i`."""
+        """What a folded sum multiplies of a pixel of the stream `i`."""
         if self.bends:
             band, *deep = self.bends
             beyond = Mux(pixel > band, pixel - band, Mux(pixel < -band, pixel + band, 0))

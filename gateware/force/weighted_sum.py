@@ -1,24 +1,32 @@
 """Force as a weighted sum over the frame: one weight per displacement or slope and axis, accumulated."""
 
 import numpy as np
-from amaranth import Cat, Module, Mux, Signal
+from amaranth import Cat, Module, Signal
 from amaranth.lib import wiring
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
 from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, beats_per_frame, tree_levels
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
+from fastac.gateware.force.bent_product import bent_product
 from fastac.gateware.force.weighted_pixel import WeightedPixel
 from fastac.gateware.stream.handshake import check_lanes
 from fastac.gateware.stream.tables import RasterRom, raster_beats
 from fastac.models.integer.force import WeightedSum
+from fastac.models.integer.force_segments import largest, segment_slopes
 from fastac.models.integer.words import signed_width
 
 
-def weight_words(weighted: WeightedSum, lanes: int) -> np.ndarray:
-    """The weights in beat order: (rows · ceil(columns/lanes), axes, lanes · terms); 0 in unused lanes."""
-    beats = raster_beats(np.moveaxis(weighted.weight, 0, 2), lanes)  # (beats, lanes, axes, terms)
-    return beats.swapaxes(1, 2).reshape(len(beats), len(weighted.weight), -1)
+def rom_table(weighted: WeightedSum, bends: tuple[int, ...]) -> np.ndarray:
+    """What the ROM of `WeightedSumStream` holds, (axes, rows, columns, terms): the weights or, with bends,
+    the slopes of their segments."""
+    return segment_slopes(weighted.weight) if bends else weighted.weight
+
+
+def beat_words(table: np.ndarray, lanes: int) -> np.ndarray:
+    """A table (axes, rows, columns, values) in beat order: (rows · ceil(columns/lanes), axes, lanes, values);
+    0 in unused lanes."""
+    return raster_beats(np.moveaxis(table, 0, 2), lanes).swapaxes(1, 2)
 
 
 class WeightedSumStream(wiring.Component):
@@ -35,10 +43,10 @@ class WeightedSumStream(wiring.Component):
 
     `latency` = 6 + ceil(log2(lanes·values)) clocks from a frame's last beat to its force, without
     back-pressure: 2 for the ROM of the weights, 3 for the products, an adder tree over lanes and a pixel's
-    values, 1 for the accumulator. `values` = terms, but with `bends` those of `products_of`: of what is
-    beyond the band on either side one is 0, so that its sign chooses the weight of a single product.
-    Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per frame, without gaps. A force that
-    is not taken stalls the whole pipeline before it.
+    values, 1 for the accumulator. `values` = terms, but 1 with `bends`: between them the terms' sum is a
+    straight line, so that a pixel takes one product with its segment's slope, which the ROM holds in place of
+    the weights. Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per frame, without gaps.
+    A force that is not taken stalls the whole pipeline before it.
     """
 
     def __init__(
@@ -55,10 +63,16 @@ class WeightedSumStream(wiring.Component):
         self.bends, self.dsp = bends, dsp
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
         self.pixel = WeightedPixel(weighted, bends)
-        self.values = self.pixel.products
+        self.values = self.values_of(self.terms, bends=len(bends))
+        self.table = rom_table(weighted, bends)
         if self.interval < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 beats")
         super().__init__(self.pixel.members(lanes, loadable=loadable))
+
+    @staticmethod
+    def values_of(terms: int, *, bends: int) -> int:
+        """How many products a pixel takes for each axis."""
+        return 1 if bends else terms
 
     @staticmethod
     def latency_of(values: int, lanes: int) -> int:
@@ -87,20 +101,24 @@ class WeightedSumStream(wiring.Component):
             self.values,
             self.lanes,
             input_bits=weighted.input_width + (not weighted.input_signed),
-            weight_bits=weighted.weight_width,
+            weight_bits=self.table_width,
             dsp=self.dsp,
         )
 
+    @property
+    def table_width(self) -> int:
+        """Bits of a value in the ROM."""
+        return signed_width(int(np.abs(self.table).max()))
+
     def elaborate(self, platform):
         m = Module()
-        words = weight_words(self.weighted, self.lanes)
-        bounds = np.abs(words) * self.weighted.input_limit
+        words = beat_words(self.table, self.lanes)
         if self.bends:
-            each = bounds.reshape(*bounds.shape[:2], self.lanes, self.terms)
-            either = each[..., 1:3].max(axis=-1, keepdims=True)
-            each = np.concatenate([each[..., :1], either, each[..., 3:]], axis=-1)
-            bounds = each.reshape(*bounds.shape[:2], -1)
-        m.submodules.weights = weights = RasterRom(words, self.weighted.weight_width)
+            reached = largest(self.weighted.weight, self.bends, self.weighted.input_limit)[..., None]
+        else:
+            reached = np.abs(self.weighted.weight) * self.weighted.input_limit
+        bounds = beat_words(reached, self.lanes).reshape(self.interval, self.axes, -1)
+        m.submodules.weights = weights = RasterRom(words, self.table_width)
         m.submodules.accumulator = accumulator = FrameAccumulator(
             bounds, self.weighted.constant, loadable=self.loadable, width=self.weighted.width
         )
@@ -129,22 +147,17 @@ class WeightedSumStream(wiring.Component):
             with m.If(advance):
                 m.d.sync += delayed.eq(inputs)
             inputs = delayed
-        values = [self.pixel.values(lane) for lane in inputs]
-        for axis, weight in enumerate(weights.word):
-            for k, (x, factor) in enumerate(self._factors(values, weight)):
-                whole = product(m, platform, advance, x, factor, name=f"product_{axis}_{k}")
-                width = signed_width(int(bounds[:, axis, k].max()))
+        for axis, factors in enumerate(weights.word):
+            for k, bound in enumerate(bounds[:, axis].max(axis=0)):
+                lane, value = divmod(k, self.values)
+                pixel, factor, name = inputs[lane], factors[lane], f"product_{axis}_{k}"
+                if self.bends:
+                    whole = bent_product(
+                        m, platform, advance, pixel, list(factor), self.bends, bound=int(bound), name=name
+                    )
+                else:
+                    x = pixel if self.terms == 1 else pixel[value]
+                    whole = product(m, platform, advance, x, factor[value], name=name)
+                width = signed_width(int(bound))
                 m.d.comb += products.payload[axis][k].eq(whole[:width].as_signed())
         return m
-
-    def _factors(self, values: list, weight):
-        """Each value of the lanes with its weight."""
-        for lane, of_lane in enumerate(values):
-            if not self.bends:
-                yield from ((x, weight[lane * self.terms + k]) for k, x in enumerate(of_lane))
-                continue
-            whole, beyond, *deep = of_lane
-            inside, towards, away, *of_deep = (weight[lane * self.terms + k] for k in range(self.terms))
-            yield whole, inside
-            yield beyond, Mux(whole < 0, away, towards)
-            yield from zip(deep, of_deep, strict=True)

@@ -123,10 +123,14 @@ def test_dots_belong_to_their_places(keys, message):
             "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth",
         ),
         (
+            {'fit = "weights"': 'fit = "polynomials"', 'kernel = "collapsed"': 'kernel = "patch"'},
+            "force.fit: 'polynomials' needs force.kernel 'collapsed' and a poisson.solver with depth",
+        ),
+        (
             {'["depth", "force_z"]': '["force_z"]', "[network]": '[poisson]\nsolver = "adjoint"\n[network]'},
             "force.fit: 'weights' needs force.kernel 'collapsed' and a poisson.solver with depth",
         ),
-        ({'fit = "weights"\n': ""}, "force.band_mm: 0.004 needs force.fit 'weights'"),
+        ({'fit = "weights"\n': ""}, "force.band_mm: 0.004 needs force.fit 'weights' or 'polynomials'"),
         (
             {"band_mm = 0.004": "band_mm = 0.004\ndeep_mm = 0.004"},
             "force.deep_mm: 0.004 needs a force.band_mm that is smaller",

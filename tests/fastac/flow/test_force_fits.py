@@ -3,6 +3,8 @@ from dataclasses import replace
 import numpy as np
 
 from fastac.flow.force_fits import FITS, ForceSamples, fits_validation
+from fastac.models.floating.hyperforce import coordinates
+from fastac.models.training.force import polynomial_weights
 from tests.models.training.force.test_press_symmetry import recordings
 
 
@@ -41,3 +43,27 @@ def test_weights_of_slopes_are_symmetric_where_recordings_left_out_gain_by_it(ma
         plain, _, history = fitted(training)
         assert "symmetric" not in history[0]
         assert np.abs(plain[0, :, ::-1] - plain[0] * [-1, 1]).max() > 1e-3 * np.abs(plain).max()
+
+
+def test_polynomials_are_those_of_the_skin_at_rest(make_scene):
+    """Of the inner pixels; all presses are fitted, and held out whole to choose the regularisation."""
+    scene = make_scene(
+        outputs=["force_z"], force={"kernel": "collapsed", "fit": "polynomials", "band_mm": 0.01}
+    )
+    rng, side = np.random.default_rng(1), 8
+    rest_mm = rng.normal(size=(side + 2, side + 2))
+    found = {
+        "train": rng.normal(size=(60, side, side, 3)),
+        "validation": rng.normal(size=(30, side, side, 3)),
+    }
+    force_n = {split: rng.normal(size=(len(images), 1)) for split, images in found.items()}
+    together = {split: np.arange(len(images)) // 3 for split, images in found.items()}
+    samples = ForceSamples(found, force_n, together=together, rest_depth_mm=rest_mm)
+    way = FITS["polynomials"]
+    assert way.start(scene, rest_mm, samples, progress=False) == (None, [])
+    weights, of_dots, history = way.fit(scene, None, samples, progress=False)
+    expected, _, errors = polynomial_weights.fit(
+        coordinates(rest_mm[1:-1, 1:-1]), found, force_n, with_validation=True, together=together
+    )
+    np.testing.assert_array_equal(weights, expected)
+    assert (of_dots, history) == (None, errors)

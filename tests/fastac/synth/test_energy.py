@@ -5,10 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.models import random_bundle
 from fastac.models.integer import assemble
 from fastac.models.integer.force import PatchForce
+from fastac.models.integer.force_segments import segment_slopes
 from fastac.models.integer.network import Layer, Requantisation
+from fastac.models.integer.words import signed_width
 from fastac.synth import energy
 
 PIXELS, INNER, SIDE = 256, 196, 14
@@ -274,17 +277,28 @@ class TestDots:
         assert divisions[0] % 18 == 0
         assert force == (54 + 3, weighted.width)
 
-    def test_a_band_takes_two_products_of_three_weights(self, make):
+    @pytest.mark.parametrize(("bends_mm", "terms"), [((0.002,), 3), ((0.002, 0.004), 4)])
+    def test_a_bent_force_takes_one_product_of_its_segments_slopes(self, make, bends_mm, terms):
+        settings = dict(zip(("band_mm", "deep_mm"), bends_mm, strict=False))
+        pipeline = make(kernel="collapsed", solver="tridiagonal", **settings)
+        force, pixels = pipeline.force, 484 * 3
+        slope = signed_width(int(np.abs(segment_slopes(force.weight)).max()))
+        stage = energy.works(pipeline)["force"]
+        assert counts(stage, "memory") == [(484, 3 * terms * slope)]
+        assert counts(stage, "multiplication") == [(pixels, force.input_width + slope)]
+        changes, *multiples, total = counts(stage, "addition")
+        assert changes == (pixels * len(bends_mm), slope + 1)
+        digits = [len(canonical_signed_digits(bend)) for bend in pipeline.bends]
+        assert [count for count, _ in multiples] == [pixels * count for count in digits]
+        assert total == (pixels, force.width)
+
+    def test_a_folded_bent_force_takes_a_product_for_itself_and_for_each_bend(self, make):
         """A displacement is beyond the band on one side or on none."""
-        settings = {"kernel": "collapsed", "solver": "tridiagonal"}
-        pipeline = make(**settings, band_mm=0.002)
+        pipeline = make(kernel="collapsed", solver="tridiagonal", band_mm=0.002, deep_mm=0.004, lanes="1/4")
         weight = pipeline.force.weight_width
         stage = energy.works(pipeline)["force"]
-        assert counts(stage, "memory") == [(484, 3 * 3 * weight)]
-        assert counts(stage, "multiplication") == [(484 * 2 * 3, pipeline.force.input_width + weight)]
-        stage = energy.works(make(**settings, band_mm=0.002, deep_mm=0.004))["force"]
-        assert counts(stage, "memory")[0][1] == 3 * 4 * weight
-        assert counts(stage, "multiplication")[0][0] == 484 * 3 * 3
+        assert counts(stage, "memory") == [(484, 3 * 4 * weight)]
+        assert counts(stage, "multiplication") == [(484 * 3 * 3, pipeline.force.input_width + weight)]
 
 
 class TestEstimate:
