@@ -121,12 +121,23 @@ def _later(bench: FormalBench, advance: Value, value: Value, name: str) -> Signa
     return held
 
 
-def weighted(component: type, weight: np.ndarray, constant: int, bits: int) -> FormalBench:
-    """The sum of a frame is constant + Σ weight · x, for all x."""
-    given = WeightedSum(weight[None, :, :, None], np.array([constant]), bits, True)
-    dut = component(given, lanes=2)
+def _terms(x: Value, bends: tuple[int, ...]) -> list[Value]:
+    """Those of `integer.force.terms`."""
+    if not bends:
+        return [x]
+    band, *deep = bends
+    beyond = Mux(x > band, x - band, 0), Mux(x < -band, x + band, 0)
+    return [x, *beyond, *(Mux(x > bend, x - bend, 0) for bend in deep)]
+
+
+def weighted(
+    component: type, weight: np.ndarray, constant: int, bits: int, bends: tuple[int, ...] = ()
+) -> FormalBench:
+    """The sum of a frame is constant + Σ weight · x, for all x; weight (rows, columns, terms)."""
+    given = WeightedSum(weight[None], np.array([constant]), bits, True)
+    dut = component(given, lanes=2, **({"bends": bends} if bends else {}))
     bench = FormalBench(dut)
-    m, beats, weights = bench.m, dut.interval, weight.reshape(-1, 2)
+    m, beats, weights = bench.m, dut.interval, weight.reshape(-1, 2, weight.shape[2])
     entered, arrives, place = weighted_flow(bench)
     _one_stall(bench, dut.o.ready)
     bench.always("the weights' place", bench.probe("weights.address", range(beats)) == entered.place)
@@ -134,7 +145,8 @@ def weighted(component: type, weight: np.ndarray, constant: int, bits: int) -> F
     total = Const(0, WIDE)
     for k, x in enumerate(dut.i.payload):
         bench.assume(x != -(1 << (bits - 1)))
-        total += x * Array(Const(int(w), signed(8)) for w in weights[:, k])[entered.place]
+        for t, value in enumerate(_terms(x, bends)):
+            total += value * Array(Const(int(w), signed(8)) for w in weights[:, k, t])[entered.place]
     moves = bench.probe("advance")
     sums = bench.probe("accumulator.advance")
     for step in range(5):
@@ -146,7 +158,7 @@ def weighted(component: type, weight: np.ndarray, constant: int, bits: int) -> F
 
     own = bench.probe("accumulator.accumulator_0", given.width).as_signed()
     bench.always("the accumulator is the unbounded sum", own == exact)
-    so_far = abs(constant) + np.cumsum(np.abs(weights).sum(axis=1)) * given.input_limit
+    so_far = abs(constant) + np.cumsum(np.abs(weights).sum(axis=(1, 2))) * given.input_limit
     begun = (place != 0) | dut.o.valid
     bench.always(
         "the sum is within the bound of its beats", ~begun | _within(exact, np.roll(so_far, 1), place)
@@ -186,6 +198,9 @@ def tile(component: type, loadable: bool) -> FormalBench:
     return bench
 
 
+PATTERN = [[[1, -1, 1, 2], [0, 1, -1, 0]], [[-1, 2, 0, -1], [1, 0, 1, -2]]]
+BENT_WEIGHTS = np.array(PATTERN * 4).reshape(4, 4, 4)
+"""A weight for a value of 3 bits, one for what is beyond 1 on either side, and one for what is beyond 2."""
 ONE_STALL = "stalls of one clock; in a longer one nothing moves any more"
 
 FRAMES = tuple(
@@ -216,14 +231,26 @@ PROOFS = (
         "weighted_sum_bound",
         WeightedSumStream,
         f"frames of 4 × 4 values of 3 bits, two a beat, weights of either sign; {ONE_STALL}",
-        partial(weighted, weight=np.array([[1, -1], [0, 1]] * 4).reshape(4, 4), constant=-2, bits=3),
+        partial(weighted, weight=np.array([[1, -1], [0, 1]] * 4).reshape(4, 4, 1), constant=-2, bits=3),
         depth=16,
         breaks=(
+            ("signed_width(int(bound))", "signed_width(int(bound)) - 1"),
             (
-                "signed_width(int(bounds[:, axis, k].max()))",
-                "signed_width(int(bounds[:, axis, k].max())) - 1",
+                "reached = np.abs(self.weighted.weight) * self.weighted.input_limit",
+                "reached = np.abs(self.weighted.weight)",
             ),
-            ("bounds = np.abs(words) * self.weighted.input_limit", "bounds = np.abs(words)"),
+        ),
+        broken_depth=20,
+    ),
+    Proof(
+        "weighted_sum_bends",
+        WeightedSumStream,
+        f"frames of 4 × 4 values of 3 bits, two a beat, with bends at 1 and 2; {ONE_STALL}",
+        partial(weighted, weight=BENT_WEIGHTS, constant=-2, bits=3, bends=(1, 2)),
+        depth=16,
+        breaks=(
+            ("signed_width(int(bound))", "signed_width(int(bound)) - 1"),
+            ("list(factor)", "list(factor)[::-1]"),
         ),
         broken_depth=20,
     ),
