@@ -16,9 +16,8 @@ from fastac.gateware.dot_slip import DotSlip
 from fastac.gateware.dots.darkness import DarknessStream
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.force.folded_patch import FoldedPatchForce
-from fastac.gateware.force.folded_sum import FoldedWeightedSum
+from fastac.gateware.force.folded_sum import FoldedWeightedSum, products_of
 from fastac.gateware.force.force_interval import ForceIntervalStream
-from fastac.gateware.force.weighted_pixel import products_of
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
@@ -225,12 +224,8 @@ class CycleModel(FrameCycles):
         weight_bits = signed_width(scene.force.kernel_size**2 << (scene.numbers.kernel_bits - 1))
         if scene.force_of_weights:
             weight_bits = scene.numbers.kernel_bits
-            bends = len(scene.force.bends_mm)
             if self.fold > 1:
-                values = products_of(bends)
-            else:  # slopes of segments, each a sum of weights
-                values = kind.values_of(DISPLACEMENT, bends=bends)
-                weight_bits += bends.bit_length()
+                values = products_of(len(scene.force.bends_mm))
         if scene.force_from_slopes:
             rows, columns = scene.sensor.height_px, scene.sensor.width_px
             values, input_bits = SLOPES, scene.numbers.slope_bits

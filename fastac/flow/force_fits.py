@@ -3,7 +3,7 @@
 Each entry has
 
     force_input(pipeline, frames, background)   what the model takes, by frames
-    start(scene, rest_depth_mm, samples)        a trained model, or None, and its learning curve
+    start(scene, samples)                       a trained model, or None, and its learning curve
     fit(scene, start, samples)                  from that model to the weights that integer/assemble.py takes,
                                                 those of the dots, None without, and how they were chosen
 """
@@ -29,20 +29,20 @@ Curve = list[dict]
 
 @dataclass(frozen=True, eq=False)
 class ForceSamples:
-    """What a force model is fitted to; all by split name."""
+    """What a force model is fitted to; by split name, but for the skin at rest."""
 
     found: BySplit
     """Its inputs, as the pipeline finds them."""
     force_n: BySplit
     """True forces (frames, axes)."""
+    rest_depth_mm: np.ndarray
+    """Of the skin at rest, (H, W)."""
     shifts_px: BySplit | None = None
     """The marker dots' shifts (frames, M, 2), if any are followed."""
     group: BySplit | None = None
     """The recording of each frame, if known."""
     together: BySplit | None = None
     """Integers, the same for frames of one recording or press (`sensor.groups.groups`), if known."""
-    rest_depth_mm: np.ndarray | None = None
-    """Of the skin at rest, (H, W); not by split, and only for weights that follow from it."""
 
 
 def slope_changes(
@@ -95,10 +95,10 @@ class DisplacementFit:
     force_input = staticmethod(found_displacement_mm)
 
     @staticmethod
-    def start(
-        scene: Scene, rest_depth_mm: np.ndarray, samples: ForceSamples, *, progress: bool
-    ) -> tuple[HyperForce, Curve]:
-        return hyperforce.train(scene, rest_depth_mm, samples.found, samples.force_n, progress=progress)
+    def start(scene: Scene, samples: ForceSamples, *, progress: bool) -> tuple[HyperForce, Curve]:
+        return hyperforce.train(
+            scene, samples.rest_depth_mm, samples.found, samples.force_n, progress=progress
+        )
 
     @staticmethod
     def fit(
@@ -121,9 +121,7 @@ class WeightFit:
     force_input = staticmethod(displacement_terms)
 
     @staticmethod
-    def start(
-        scene: Scene, rest_depth_mm: np.ndarray, samples: ForceSamples, *, progress: bool
-    ) -> tuple[None, Curve]:
+    def start(scene: Scene, samples: ForceSamples, *, progress: bool) -> tuple[None, Curve]:
         return None, []
 
     @staticmethod

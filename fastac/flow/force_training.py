@@ -34,7 +34,7 @@ def start_force(
     """
     samples = force_samples(float_pipeline(weights, data, scene), data, progress=progress)
     way = FITS[scene.force.fit]
-    start, history = way.start(scene, rest_depth_mm(data), samples, progress=progress)
+    start, history = way.start(scene, samples, progress=progress)
     arrays = curve(history, "force") | _fit_force("float", scene, start, samples, progress=progress)
     return start, arrays | (dots_at_rest(data, scene) if scene.wants_dots else {})
 

@@ -16,8 +16,8 @@ import numpy as np
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.gateware.dots.axis import quotient_bits
-from fastac.gateware.force.weighted_pixel import products_of
-from fastac.gateware.force.weighted_sum import rom_table
+from fastac.gateware.force.folded_sum import products_of
+from fastac.gateware.force.weighted_sum import rom_width
 from fastac.gateware.mlp_mvm import accumulator_ranges, input_ranges, layer_graph
 from fastac.gateware.network.requantise import scale_graph
 from fastac.gateware.network.slope_bridge import SlopeBridgeStream
@@ -165,7 +165,7 @@ def bent_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
         values *= products_of(len(bends))
         width = force.weight_width
     else:
-        width = signed_width(int(np.abs(rom_table(force, bends)).max()))
+        width = rom_width(force, bends)
         yield addition(values * len(bends), width + 1)  # what the slope changes by at a bend
         for bend in bends:
             yield addition(values * len(canonical_signed_digits(bend)), width + 1 + bend.bit_length())

@@ -15,16 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
+from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.dots.follower import dot_layout
-from fastac.gateware.force.weighted_pixel import products_of
-from fastac.gateware.force.weighted_sum import rom_table
+from fastac.gateware.force.weighted_sum import rom_width
 from fastac.gateware.raster_outputs import scene_outputs
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
 from fastac.gateware.target.device import device_of
 from fastac.models.integer.dot_windows import CELL
-from fastac.models.integer.force import PatchForce
+from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
@@ -161,7 +161,7 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
         if frame.fold > 1:
             yield folded.weight_memory(force)
             return
-        width = signed_width(int(np.abs(rom_table(force, pipeline.bends)).max()))
+        width = rom_width(force, pipeline.bends)
         yield "force", 1, lanes * axes * terms * width, rows * -(-columns // lanes)
 
 
@@ -234,13 +234,11 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
         }
     elif force is not None:
         axes, _, _, terms = force.weight.shape
-        # With bends a single product has about as many adders beside it as the further products would need.
-        products = products_of(len(pipeline.bends)) if pipeline.bends else terms
-        found["force"] = {
-            "one": 1,
-            "patch_bits": 0,
-            "tree_bits": lanes * axes * products * (force.input_width + force.weight_width),
-        }
+        if pipeline.bends:
+            bits = bent_bits(force, pipeline.bends)
+        else:
+            bits = terms * (force.input_width + force.weight_width)
+        found["force"] = {"one": 1, "patch_bits": 0, "tree_bits": lanes * axes * bits}
     if scene.wants_bridge:
         reached = 2 * pipeline.bridge.reach * pipeline.ratio.width
         found["bridge"] = {"one": 1, "choice_bits": lanes * 2 * reached}
@@ -268,6 +266,15 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
     for stage, values in found.items():
         values["ramb36"] = needed.get(stage, 0.0)
     return found
+
+
+def bent_bits(force: WeightedSum, bends: tuple[int, ...]) -> int:
+    """Bits of the adders for a pixel and axis of a force that bends: of its product in the tree, of what the
+    slope changes by at each bend, and of the multiples of that."""
+    slope = rom_width(force, bends)
+    digits = [len(canonical_signed_digits(bend)) for bend in bends]
+    multiples = sum(n * (slope + 1 + bend.bit_length()) for n, bend in zip(digits, bends, strict=True))
+    return force.input_width + slope + len(bends) * (slope + 1) + multiples
 
 
 def packet_features(scene: Scene) -> dict[str, float]:

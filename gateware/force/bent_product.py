@@ -12,12 +12,13 @@ def bent_product(
     """Σ_t weight_t · x_t of the terms that `integer.force.terms` makes of a pixel: slope · pixel + offset.
 
     pixel : signed displacement; slopes : of its segments, signed, in the order of `segment_slopes`
-    bound : largest magnitude of the sum
+    bends : ascending, none below 0; bound : largest magnitude of the sum
     Registers, their clock enable `advance`, latency and `name` are those of `product`.
 
     The pixel's segment chooses the slope. The offset, minus the sum over the bends passed of bend · (what the
     slope changes by there), is added in the multiplier's own adder. It takes a clock for the changes and one
-    for their multiples, which are shifts and additions: as many as the bends have signed digits.
+    for their multiples, which are shifts and additions: with n signed digits of all bends together, a tree of
+    ceil(log2(n)) additions. Bends that are powers of two are the fastest.
     """
     band, *deep = bends
     inside, towards, away, *deeper = slopes
@@ -36,17 +37,15 @@ def bent_product(
         held = Signal(signed(change.shape().width), reset_less=True, name=f"{name}_change{k}")
         with m.If(advance):
             m.d.sync += held.eq(change)
-        most = 1 << (len(held) - 1)
         parts += [
-            Term(held, most << exponent, exponent, digit < 0)
+            Term(held, 1 << (len(held) - 1 + exponent), exponent, digit < 0)
             for exponent, digit in canonical_signed_digits(bend)
         ]
     offset = None
-    if parts:
+    if parts:  # the highest digit of a bend is positive, so that the sum is not negated
         levels = (len(parts) - 1).bit_length()
         [total] = partial_adder_tree(parts, levels, lambda term, _: term, name)
         value = total.value.shift_left(total.shift)
-        value = -value if total.negative else value
         offset = Signal(value.shape(), reset_less=True, name=f"{name}_offset")
         with m.If(advance):
             m.d.sync += offset.eq(value)

@@ -2,7 +2,7 @@
 """Force as a weighted sum over a frame that comes slowly: a few multipliers, one adder for all axes."""
 
 import numpy as np
-from amaranth import Module
+from amaranth import Module, Mux
 from amaranth.lib import wiring
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
@@ -15,6 +15,12 @@ from fastac.gateware.force.shared_products import (
 from fastac.gateware.force.weighted_pixel import WeightedPixel
 from fastac.gateware.stream.handshake import check_folded
 from fastac.models.integer.force import WeightedSum
+
+
+def products_of(bends: int) -> int:
+    """How many products an axis takes of a displacement with so many bends: one for itself and one for each
+    bend, as of what is beyond the band on either side one is 0."""
+    return 1 + bends
 
 
 class FoldedWeightedSum(wiring.Component):
@@ -50,7 +56,7 @@ class FoldedWeightedSum(wiring.Component):
         self.bends, self.dsp = bends, dsp
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
         self.pixel = WeightedPixel(weighted, bends)
-        self.values = self.pixel.products
+        self.values = products_of(len(bends)) if bends else self.terms
         if self.rows * self.columns < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 pixels")
         super().__init__(self.pixel.members(1, loadable=loadable))
@@ -102,7 +108,7 @@ class FoldedWeightedSum(wiring.Component):
             self.i.ready.eq(products.i.ready),
             products.advance.eq(self.o.ready | ~self.o.valid),
         ]
-        m.d.comb += [given[k].eq(value) for k, value in enumerate(self.pixel.values(pixel))]
+        m.d.comb += [given[k].eq(value) for k, value in enumerate(self._values(pixel))]
         if self.bends:
             m.d.comb += products.second.eq(pixel < 0)
 
@@ -130,6 +136,14 @@ class FoldedWeightedSum(wiring.Component):
             if share is longest:
                 m.d.comb += self.o.valid.eq(accumulator.done)
         return m
+
+    def _values(self, pixel) -> list:
+        """What is multiplied of a pixel."""
+        if self.bends:
+            band, *deep = self.bends
+            beyond = Mux(pixel > band, pixel - band, Mux(pixel < -band, pixel + band, 0))
+            return [pixel, beyond, *(Mux(pixel > bend, pixel - bend, 0) for bend in deep)]
+        return [pixel] if self.terms == 1 else list(pixel)
 
     def _terms(self) -> list[tuple[int, ...]]:
         """Of each value the terms whose weights it has: beyond the band the one of its side."""

@@ -2,17 +2,11 @@
 
 from dataclasses import dataclass
 
-from amaranth import Mux, Shape, signed
+from amaranth import Shape, signed
 from amaranth.lib import data, stream, wiring
 from amaranth.lib.wiring import In, Out
 
 from fastac.models.integer.force import WeightedSum
-
-
-def products_of(bends: int) -> int:
-    """How many products a folded sum takes of a displacement with so many bends: one for itself and one for
-    each bend, as of what is beyond the band on either side one is 0."""
-    return 1 + bends
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +32,6 @@ class WeightedPixel:
         return self.weighted.weight.shape[3]
 
     @property
-    def products(self) -> int:
-        """Products of a pixel for each axis in a folded sum, as many as `values` has."""
-        return products_of(len(self.bends)) if self.bends else self.terms
-
-    @property
     def value(self) -> Shape:
         """Of a value."""
         return Shape(self.weighted.input_width, self.weighted.input_signed)
@@ -57,11 +46,3 @@ class WeightedPixel:
             "o": Out(stream.Signature(sums)),
         }
         return members | ({"constant": In(sums)} if loadable else {})
-
-    def values(self, pixel) -> list:
-        """What a folded sum multiplies of a pixel of the stream `i`."""
-        if self.bends:
-            band, *deep = self.bends
-            beyond = Mux(pixel > band, pixel - band, Mux(pixel < -band, pixel + band, 0))
-            return [pixel, beyond, *(Mux(pixel > bend, pixel - bend, 0) for bend in deep)]
-        return [pixel] if self.terms == 1 else list(pixel)

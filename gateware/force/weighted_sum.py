@@ -1,4 +1,4 @@
-"""Force as a weighted sum over the frame: one weight per displacement or slope and axis, accumulated."""
+"""Force as a weighted sum over the frame of displacements or slopes, or of lines that bend in them."""
 
 import numpy as np
 from amaranth import Cat, Module, Signal
@@ -21,6 +21,11 @@ def rom_table(weighted: WeightedSum, bends: tuple[int, ...]) -> np.ndarray:
     """What the ROM of `WeightedSumStream` holds, (axes, rows, columns, terms): the weights or, with bends,
     the slopes of their segments."""
     return segment_slopes(weighted.weight) if bends else weighted.weight
+
+
+def rom_width(weighted: WeightedSum, bends: tuple[int, ...]) -> int:
+    """Bits of a value in that ROM."""
+    return signed_width(int(np.abs(rom_table(weighted, bends)).max()))
 
 
 def beat_words(table: np.ndarray, lanes: int) -> np.ndarray:
@@ -63,16 +68,10 @@ class WeightedSumStream(wiring.Component):
         self.bends, self.dsp = bends, dsp
         self.axes, self.rows, self.columns, self.terms = weighted.weight.shape
         self.pixel = WeightedPixel(weighted, bends)
-        self.values = self.values_of(self.terms, bends=len(bends))
-        self.table = rom_table(weighted, bends)
+        self.values = 1 if bends else self.terms
         if self.interval < 2:
             raise ValueError(f"frame of {self.rows}×{self.columns}: expected at least 2 beats")
         super().__init__(self.pixel.members(lanes, loadable=loadable))
-
-    @staticmethod
-    def values_of(terms: int, *, bends: int) -> int:
-        """How many products a pixel takes for each axis."""
-        return 1 if bends else terms
 
     @staticmethod
     def latency_of(values: int, lanes: int) -> int:
@@ -101,24 +100,19 @@ class WeightedSumStream(wiring.Component):
             self.values,
             self.lanes,
             input_bits=weighted.input_width + (not weighted.input_signed),
-            weight_bits=self.table_width,
+            weight_bits=rom_width(weighted, self.bends),
             dsp=self.dsp,
         )
 
-    @property
-    def table_width(self) -> int:
-        """Bits of a value in the ROM."""
-        return signed_width(int(np.abs(self.table).max()))
-
     def elaborate(self, platform):
         m = Module()
-        words = beat_words(self.table, self.lanes)
+        words = beat_words(rom_table(self.weighted, self.bends), self.lanes)
         if self.bends:
             reached = largest(self.weighted.weight, self.bends, self.weighted.input_limit)[..., None]
         else:
             reached = np.abs(self.weighted.weight) * self.weighted.input_limit
         bounds = beat_words(reached, self.lanes).reshape(self.interval, self.axes, -1)
-        m.submodules.weights = weights = RasterRom(words, self.table_width)
+        m.submodules.weights = weights = RasterRom(words, rom_width(self.weighted, self.bends))
         m.submodules.accumulator = accumulator = FrameAccumulator(
             bounds, self.weighted.constant, loadable=self.loadable, width=self.weighted.width
         )

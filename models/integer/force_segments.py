@@ -18,11 +18,13 @@ def segment_slopes(weight: np.ndarray) -> np.ndarray:
     return np.concatenate([np.stack([inside, towards, away], axis=-1), deeper], axis=-1)
 
 
-def largest(weight: np.ndarray, bends: tuple[int, ...], limit: int) -> np.ndarray:
-    """Largest magnitude (...) of Σ_t w_t · x_t over all displacements of ±limit, for weights (..., terms).
+def places_of_extremes(bends: tuple[int, ...], limit: int) -> np.ndarray:
+    """Displacements of ±limit among which Σ_t w_t · x_t is largest and smallest, whatever the weights: a line
+    of straight segments is so at the bends, at the ends and, as for no displacement at all, at 0."""
+    known = {-limit, -bends[0], 0, *bends, limit}
+    return np.array(sorted(place for place in known if abs(place) <= limit))
 
-    A sum of straight segments has it at a bend or at an end.
-    """
-    known = {limit, *(bend for bend in bends if bend < limit)}
-    places = np.array(sorted({sign * place for place in known for sign in (1, -1)}))
-    return np.abs(weight @ terms(places, bends).T).max(axis=-1)
+
+def largest(weight: np.ndarray, bends: tuple[int, ...], limit: int) -> np.ndarray:
+    """Largest magnitude (...) of Σ_t w_t · x_t over all displacements of ±limit, for weights (..., terms)."""
+    return np.abs(weight @ terms(places_of_extremes(bends, limit), bends).T).max(axis=-1)

@@ -116,7 +116,7 @@ COMPONENTS = (
             ),
         ),
     ),
-    Component("force/bent_product", ("force/test_bent_product.py",)),
+    Component("force/bent_product", ("force/test_bent_product.py",), designs=2),
     Component("force/folded_patch", ("force/test_folded_patch.py::test_force_and_map_of_every_frame",)),
     Component("force/folded_sum", ("force/test_folded_sum.py::test_bends_in_verilator",)),
     Component("force/force_interval", ("force/test_force_interval.py",)),

@@ -30,7 +30,9 @@ def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> S
     content["outputs"] = ["depth", *forces] if finds_depth else forces
     content["poisson"] |= {"solver": solver, "mode": mode or scene.poisson.mode}
     content["force"] |= {"source": None, "dots": False, "band_mm": None, "deep_mm": None}
-    content["force"] |= ({"fit": "displacement"} if finds_depth else {"clamp": False}) | force
+    of_slopes = not finds_depth and scene.fit_facts.of_slopes
+    content["force"] |= {} if of_slopes else {"fit": "displacement"}
+    content["force"] |= ({} if finds_depth else {"clamp": False}) | force
     content["hardware"]["pixels_per_clock"] = 1
     try:
         return Scene.model_validate(content)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fastac.models.integer.force import PatchForce, WeightedSum, terms
+from fastac.models.integer.force_segments import places_of_extremes
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.words import signed_width
@@ -262,7 +263,7 @@ def bent_sum_case(force: WeightedSum, bends: tuple[int, ...]) -> WorstCase:
     """The force for displacements that drive each axis highest and lowest: a pixel's share is linear between
     the ends of the range, the bends and 0."""
     top = force.input_limit
-    ends = np.array([-top, -bends[0], 0, *bends, top])
+    ends = places_of_extremes(bends, top)
     share = np.einsum("arct,kt->karc", force.weight, terms(ends, bends))
     chosen = np.concatenate([share.argmax(axis=0), share.argmin(axis=0)])
     inputs, stage = ends[chosen][..., None], BentSum(force, bends)

@@ -22,7 +22,7 @@ def test_presses_that_others_need_unseen_are_not_fitted(make_scene):
 
 def test_weights_of_slopes_are_symmetric_where_recordings_left_out_gain_by_it(make_scene):
     slopes, force_n, group = recordings()
-    samples = ForceSamples(slopes, force_n, group=group)
+    samples = ForceSamples(slopes, force_n, np.zeros(slopes["train"].shape[1:3]), group=group)
     keys = {"outputs": ["force_z"], "poisson": {"solver": "adjoint"}}
     keys["force"] = {"clamp": False, "fit": "slopes"}
 
@@ -58,9 +58,9 @@ def test_polynomials_are_those_of_the_skin_at_rest(make_scene):
     }
     force_n = {split: rng.normal(size=(len(images), 1)) for split, images in found.items()}
     together = {split: np.arange(len(images)) // 3 for split, images in found.items()}
-    samples = ForceSamples(found, force_n, together=together, rest_depth_mm=rest_mm)
+    samples = ForceSamples(found, force_n, rest_mm, together=together)
     way = FITS["polynomials"]
-    assert way.start(scene, rest_mm, samples, progress=False) == (None, [])
+    assert way.start(scene, samples, progress=False) == (None, [])
     weights, of_dots, history = way.fit(scene, None, samples, progress=False)
     expected, _, errors = polynomial_weights.fit(
         coordinates(rest_mm[1:-1, 1:-1]), found, force_n, with_validation=True, together=together

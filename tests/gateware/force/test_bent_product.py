@@ -45,7 +45,7 @@ class BentProduct(wiring.Component):
 @pytest.mark.parametrize("platform", [None, ModelledEcp5()], ids=["DSP48E2", "ECP5"])
 @pytest.mark.parametrize(
     "bends",
-    [(0,), (0, 1), (8,), (8, 32), (11, 43), (21, 22, 53), (LIMIT,)],
+    [(21, 22, 53), (8, 32), (0,), (0, 1), (8,), (11, 43), (LIMIT,)],
     ids=lambda bends: "/".join(map(str, bends)),
 )
 def test_every_displacement_after_three_clocks(platform, bends):

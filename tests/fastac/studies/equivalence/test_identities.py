@@ -56,6 +56,12 @@ def test_variants_model_what_they_must_and_no_more(tiny_scene):
     assert adjoint.outputs == ("force_z",)
     assert adjoint.poisson.mode == tiny_scene.poisson.mode
     assert not adjoint.force.clamp
+    bent = {"kernel": "collapsed", "fit": "polynomials", "band_mm": 0.01}
+    scene = tiny_scene.model_copy(update={"force": tiny_scene.force.model_copy(update=bent)})
+    for solver in ("dst2d", "adjoint"):  # weights of bends have no slopes that follow from them
+        force = variant(scene, solver=solver).force
+        assert (force.fit, force.bends_mm) == ("displacement", ())
+    assert variant(adjoint, solver="adjoint").force.fit == "slopes"
 
 
 def test_impossible_variants_end_in_one_line(make_scene):
