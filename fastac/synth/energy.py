@@ -14,8 +14,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from fastac.gateware.arithmetic.packed_products import best_packing
-from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.gateware.dots.axis import quotient_bits
+from fastac.gateware.force.bent_product import offset_adders
 from fastac.gateware.force.folded_sum import products_of
 from fastac.gateware.force.weighted_sum import rom_width
 from fastac.gateware.mlp_mvm import accumulator_ranges, input_ranges, layer_graph
@@ -166,9 +166,8 @@ def bent_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
         width = force.weight_width
     else:
         width = rom_width(force, bends)
-        yield addition(values * len(bends), width + 1)  # what the slope changes by at a bend
-        for bend in bends:
-            yield addition(values * len(canonical_signed_digits(bend)), width + 1 + bend.bit_length())
+        for count, bits in offset_adders(width, bends):
+            yield addition(values * count, bits)
     yield memory(beats, frame.lanes * axes * terms * width, beats)
     yield multiplication(values, force.input_width, width)
     yield addition(values, force.width)

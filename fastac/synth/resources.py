@@ -15,10 +15,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.gateware.cycle_model import multipliers
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.dots.follower import dot_layout
+from fastac.gateware.force.bent_product import offset_adders
 from fastac.gateware.force.weighted_sum import rom_width
 from fastac.gateware.raster_outputs import scene_outputs
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
@@ -269,12 +269,11 @@ def features(pipeline: IntegerPipeline) -> dict[str, dict[str, float]]:
 
 
 def bent_bits(force: WeightedSum, bends: tuple[int, ...]) -> int:
-    """Bits of the adders for a pixel and axis of a force that bends: of its product in the tree, of what the
-    slope changes by at each bend, and of the multiples of that."""
-    slope = rom_width(force, bends)
-    digits = [len(canonical_signed_digits(bend)) for bend in bends]
-    multiples = sum(n * (slope + 1 + bend.bit_length()) for n, bend in zip(digits, bends, strict=True))
-    return force.input_width + slope + len(bends) * (slope + 1) + multiples
+    """Bits of the adders for a pixel and axis of a force that bends: of its product in the tree, and of the
+    product's offset."""
+    slope_bits = rom_width(force, bends)
+    offset = sum(count * bits for count, bits in offset_adders(slope_bits, bends))
+    return force.input_width + slope_bits + offset
 
 
 def packet_features(scene: Scene) -> dict[str, float]:

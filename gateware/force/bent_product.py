@@ -6,6 +6,14 @@ from fastac.gateware.arithmetic.product import product
 from fastac.gateware.arithmetic.shift_add import Term, canonical_signed_digits, partial_adder_tree
 
 
+def offset_adders(slope_bits: int, bends: tuple[int, ...]) -> list[tuple[int, int]]:
+    """How many additions make an offset, and of how many bits: what the slope changes by at the bends, then
+    for each bend the multiples of that."""
+    change_bits = slope_bits + 1
+    multiples = [(len(canonical_signed_digits(bend)), change_bits + bend.bit_length()) for bend in bends]
+    return [(len(bends), change_bits), *multiples]
+
+
 def bent_product(
     m: Module, platform, advance, pixel: Value, slopes: list, bends: tuple[int, ...], *, bound: int, name: str
 ) -> Signal:

@@ -5,8 +5,8 @@ from amaranth import Module, Shape, Signal
 from amaranth.hdl import Fragment
 from amaranth.lib import wiring
 from amaranth.lib.wiring import In, Out
-from amaranth.sim import Simulator
 from ecp5_model import ModelledEcp5
+from paused_pipeline import outputs
 
 from fastac.gateware.arithmetic.product import LATENCY, product
 from fastac.gateware.target.ecp5 import Ecp5
@@ -52,25 +52,13 @@ def test_every_product_after_three_clocks(platform, a, b):
     ]
     pauses = rng.random(500) < 0.4
     dut = Multiplier(a, b)
-    found = []
 
-    async def bench(ctx):
-        taken, cycle = 0, 0
-        while taken < len(pairs) + LATENCY:
-            x, y = pairs[min(taken, len(pairs) - 1)]
-            ctx.set(dut.a, x)
-            ctx.set(dut.b, y)
-            advance = not pauses[cycle]
-            ctx.set(dut.advance, advance)
-            if advance and taken >= LATENCY:
-                found.append(ctx.get(dut.o))
-            await ctx.tick()
-            taken, cycle = taken + advance, cycle + 1
+    def drive(ctx, pair):
+        x, y = pair
+        ctx.set(dut.a, x)
+        ctx.set(dut.b, y)
 
-    simulator = Simulator(Fragment.get(dut, platform))
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(bench)
-    simulator.run()
+    found = outputs(dut, platform, pairs, drive, latency=LATENCY, pauses=pauses)
     assert found == [x * y for x, y in pairs]
 
 

@@ -2,11 +2,10 @@
 import numpy as np
 import pytest
 from amaranth import Module, Signal, signed
-from amaranth.hdl import Fragment
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
-from amaranth.sim import Simulator
 from ecp5_model import ModelledEcp5
+from paused_pipeline import outputs
 
 from fastac.gateware.arithmetic.product import sum_shape
 from fastac.gateware.arithmetic.product_cascade import cascade_latency, product_cascade
@@ -43,7 +42,7 @@ class Cascade(wiring.Component):
 @pytest.mark.parametrize("platform", [None, ModelledEcp5()], ids=["DSP48E2", "ECP5"])
 @pytest.mark.parametrize(("length", "start", "wait"), [(3, 5, 2), (4, 0, 0), (2, 5, 1), (1, 5, 0)])
 def test_every_sum_after_the_cascade_s_clocks(platform, length, start, wait):
-    dut, found = Cascade(length, start, wait), []
+    dut = Cascade(length, start, wait)
     rng = np.random.default_rng(1)
     low = np.array([-(1 << width - 1) for width in (A, B)])
     high = -low - 1
@@ -55,23 +54,11 @@ def test_every_sum_after_the_cascade_s_clocks(platform, length, start, wait):
     latency = cascade_latency(length) + wait
     pauses = rng.random(900) < 0.4
 
-    async def bench(ctx):
-        taken, cycle = 0, 0
-        while taken < len(rows) + latency:
-            row = rows[min(taken, len(rows) - 1)]
-            ctx.set(dut.a, [int(x) for x, _ in row])
-            ctx.set(dut.b, [int(y) for _, y in row])
-            advance = not pauses[cycle]
-            ctx.set(dut.advance, advance)
-            if advance and taken >= latency:
-                found.append(ctx.get(dut.o))
-            await ctx.tick()
-            taken, cycle = taken + advance, cycle + 1
+    def drive(ctx, row):
+        ctx.set(dut.a, [int(x) for x, _ in row])
+        ctx.set(dut.b, [int(y) for _, y in row])
 
-    simulator = Simulator(Fragment.get(dut, platform))
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(bench)
-    simulator.run()
+    found = outputs(dut, platform, rows, drive, latency=latency, pauses=pauses)
     assert found == expected
 
 

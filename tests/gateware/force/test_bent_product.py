@@ -2,11 +2,10 @@
 import numpy as np
 import pytest
 from amaranth import Module, signed
-from amaranth.hdl import Fragment
 from amaranth.lib import data, wiring
 from amaranth.lib.wiring import In, Out
-from amaranth.sim import Simulator
 from ecp5_model import ModelledEcp5
+from paused_pipeline import outputs
 
 from fastac.gateware.arithmetic.product import LATENCY
 from fastac.gateware.force.bent_product import bent_product
@@ -60,23 +59,11 @@ def test_every_displacement_after_three_clocks(platform, bends):
     expected = [int(terms(np.array(d), bends) @ weights[k]) for k, d in cases]
     assert max(map(abs, expected)) == bound
     dut = BentProduct(bends, signed_width(int(np.abs(slopes).max())), bound)
-    pauses, found = rng.random(4 * len(cases)) < 0.3, []
 
-    async def bench(ctx):
-        taken, clock = 0, 0
-        while taken < len(cases) + LATENCY:
-            k, d = cases[min(taken, len(cases) - 1)]
-            ctx.set(dut.pixel, d)
-            ctx.set(dut.slopes, slopes[k].tolist())
-            advance = not pauses[clock]
-            ctx.set(dut.advance, advance)
-            if advance and taken >= LATENCY:
-                found.append(ctx.get(dut.o))
-            await ctx.tick()
-            taken, clock = taken + advance, clock + 1
+    def drive(ctx, case):
+        k, d = case
+        ctx.set(dut.pixel, d)
+        ctx.set(dut.slopes, slopes[k].tolist())
 
-    simulator = Simulator(Fragment.get(dut, platform))
-    simulator.add_clock(1e-6)
-    simulator.add_testbench(bench)
-    simulator.run()
+    found = outputs(dut, platform, cases, drive, latency=LATENCY, pauses=rng.random(4 * len(cases)) < 0.3)
     assert found == expected
