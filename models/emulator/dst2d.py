@@ -1,15 +1,14 @@
 """The Poisson solver of two sine transforms and a division, in float64."""
 
-from numba import njit
-
 from fastac.models.emulator.exactness import added, folded_transform, largest_word, require_exact
 from fastac.models.emulator.stages import find_depth, find_slopes
 from fastac.models.integer.dst2d import Solver
 from fastac.models.integer.words import half_unit
 from fastac.models.loops.poisson import divide_modes, transform_source
+from fastac.store.compiled_loops import compiled
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _emulate(board, member, bell, k, before, source, tables, modes, behind):
     rows, columns, columns_back, factors, halves, rows_back, last = tables
     find_slopes(board, member, bell, k, before)

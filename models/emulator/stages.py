@@ -6,7 +6,6 @@ Places are those of `Result`, flat behind the axis of frames; what is not wanted
 """
 
 import numpy as np
-from numba import njit
 
 from fastac.models.loops.dots import bridge, dark_pixels, follow
 from fastac.models.loops.measures import measure
@@ -25,9 +24,10 @@ from fastac.models.loops.poisson import COLUMNS, PIXELS, SOLUTION
 from fastac.models.loops.sines import BAND, rows_product, unfold_rows
 from fastac.models.loops.tasks import begin, done, linger, take, tasks, wait
 from fastac.models.loops.weights import weigh, weigh_terms
+from fastac.store.compiled_loops import compiled
 
-_compiled = njit(nogil=True, cache=True)
-_inlined = njit(nogil=True, cache=True, inline="always")
+_compiled = compiled()
+_inlined = compiled(inline="always")
 
 SLOPES, DISPLACEMENTS, MEASURES, LOST = 0, 1, 2, -1
 """Columns of `counts`: saturated slopes and displacements, and the first of those of `loops/measures.py`;

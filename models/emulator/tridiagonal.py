@@ -1,16 +1,16 @@
 """The Poisson solver of a sine transform and recurrences over the rows, in float64."""
 
 import numpy as np
-from numba import njit
 
 from fastac.models.emulator.exactness import added, folded_transform, largest_word, require_exact
 from fastac.models.emulator.stages import find_depth, find_slopes
 from fastac.models.integer.tridiagonal import Recurrence, TridiagonalSolver
 from fastac.models.loops.poisson import COLUMNS, ROWS, transform_source
 from fastac.models.loops.tasks import done, take, tasks, wait
+from fastac.store.compiled_loops import compiled
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _recur(board, member, elimination, substitution, unit, halves, modes):
     """Phase COLUMNS: elimination down the rows of each mode, and substitution up.
 
@@ -42,7 +42,7 @@ def _recur(board, member, elimination, substitution, unit, halves, modes):
         block = take(board, COLUMNS, member)
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _emulate(board, member, bell, k, before, source, tables, modes, behind):
     rows, elimination, substitution, unit, halves, rows_back, last = tables
     find_slopes(board, member, bell, k, before)

@@ -7,7 +7,6 @@ wanted has no elements.
 """
 
 import numpy as np
-from numba import njit
 
 from fastac.models.loops.dots import bridge, dark_pixels
 from fastac.models.loops.memory import aligned_zeros
@@ -17,9 +16,10 @@ from fastac.models.loops.poisson import COLUMNS, PIXELS, SOLUTION, divide_modes,
 from fastac.models.loops.sines import BAND, rows_product, unfold_rows
 from fastac.models.loops.tasks import begin, done, linger, take, tasks, wait
 from fastac.models.loops.weights import weigh, weigh_terms
+from fastac.store.compiled_loops import compiled
 
-_compiled = njit(nogil=True, cache=True)
-_inlined = njit(nogil=True, cache=True, inline="always")
+_compiled = compiled()
+_inlined = compiled(inline="always")
 
 SHORTEST = np.float32(1e-12)
 """Length below which a normal is not scaled to one."""

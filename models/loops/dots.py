@@ -4,12 +4,12 @@ Equal to models/integer on every value.
 """
 
 import numpy as np
-from numba import njit
 
 from fastac.models.integer.dot_follower import FRACTION, DotFollower
 from fastac.models.integer.dot_windows import BLOCK, CELL
+from fastac.store.compiled_loops import compiled
 
-_compiled = njit(nogil=True, cache=True, error_model="numpy")
+_compiled = compiled(error_model="numpy")
 
 
 @_compiled

@@ -1,9 +1,11 @@
 """Compiled loops over the pixels of one frame: what `integer.FrameValidity.of_pixels` measures, rows by
 rows."""
 
-from numba import int32, njit
+from numba import int32
 
-_compiled = njit(nogil=True, cache=True)
+from fastac.store.compiled_loops import compiled
+
+_compiled = compiled()
 
 CLIPPED, CHANGE, DETAIL, BRIGHTNESS = 0, 1, 2, 3
 """Where each measure is; brightness has a place for each channel, the last ones."""

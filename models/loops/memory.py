@@ -2,7 +2,8 @@
 write."""
 
 import numpy as np
-from numba import njit
+
+from fastac.store.compiled_loops import compiled
 
 LINE_BYTES = 64
 
@@ -16,7 +17,7 @@ def aligned(array: np.ndarray) -> np.ndarray:
     return found
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def aligned_zeros(rows, columns, like):
     """Zeros (rows, columns) of the type of the array `like`, at the beginning of a cache line; compiled."""
     memory = np.zeros(rows * columns + LINE_BYTES // like.itemsize, like.dtype)

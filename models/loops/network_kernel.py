@@ -1,10 +1,10 @@
 """Compiled loops of the pixel network: a block of pixels passes all layers while it stays in the cache."""
 
 import numpy as np
-from numba import njit
 
 from fastac.models.loops.memory import aligned_zeros
 from fastac.models.loops.vector_tile import NEURONS, PIXELS, tile_linear, tile_rectified, tile_requantised
+from fastac.store.compiled_loops import compiled
 
 BLOCK = 4 * PIXELS
 """Pixels per block: the activations of two layers of 16 neurons take 16 KiB in float32."""
@@ -25,7 +25,7 @@ def packed(table: np.ndarray, scale: np.ndarray | None = None) -> np.ndarray:
     return np.ascontiguousarray(rows.reshape(columns + 1, -1, NEURONS).transpose(1, 0, 2))
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _fill(frame, channels, rest, start, count, features):
     """Write the features (C + 2, BLOCK) of `count` pixels, beginning at `start`, into `features`; C is 3 or
     4."""
@@ -50,7 +50,7 @@ def _fill(frame, channels, rest, start, count, features):
             plane[p] = known[p]
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _layer(table, inputs, neurons, x, y, top, requantised):
     """One hidden layer: inputs x (inputs, BLOCK) to activations y (neurons, BLOCK)."""
     for j in range(-(-neurons // NEURONS)):
@@ -63,7 +63,7 @@ def _layer(table, inputs, neurons, x, y, top, requantised):
                 tile_rectified(real, source, weights, inputs, seen, BLOCK, found, top)
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def _last_layer(table, inputs, x, y):
     for j in range(len(table)):
         weights, real, source = table[j].ctypes.data, table[j, 0, 0], x[0, 0]
@@ -72,7 +72,7 @@ def _last_layer(table, inputs, x, y):
             tile_linear(real, source, weights, inputs, seen, BLOCK, found, real)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def block_memory(rest, hidden, tops, last, out):
     """Scratch memory of one thread for `forward`: features, activations of two layers, outputs."""
     rows = hidden.shape[1] * NEURONS
@@ -84,7 +84,7 @@ def block_memory(rest, hidden, tops, last, out):
     )
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def forward(frame, rest, hidden, neurons, tops, requantised, last, memory, start, stop, out):
     """Run the network on the pixels from `start` to before `stop` of one frame.
 
@@ -115,7 +115,7 @@ def forward(frame, rest, hidden, neurons, tops, requantised, last, memory, start
                 place[p] = row[p]
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def forward_whole(frame, rest, hidden, neurons, tops, requantised, last, out):
     """`forward` of all pixels of one frame."""
     memory = block_memory(rest, hidden, tops, last, out)

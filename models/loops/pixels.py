@@ -8,9 +8,10 @@ rows of them are; an output of no elements is not wanted.
 import math
 
 import numpy as np
-from numba import njit
 
-_compiled = njit(nogil=True, cache=True, error_model="numpy")
+from fastac.store.compiled_loops import compiled
+
+_compiled = compiled(error_model="numpy")
 
 
 @_compiled

@@ -2,7 +2,6 @@
 float pipeline share."""
 
 import numpy as np
-from numba import njit
 
 from fastac.models.loops.memory import aligned_zeros
 from fastac.models.loops.pixels import source as source_rows
@@ -16,8 +15,9 @@ from fastac.models.loops.sines import (
     unfold_columns,
 )
 from fastac.models.loops.tasks import done, take, tasks, wait
+from fastac.store.compiled_loops import compiled
 
-_inlined = njit(nogil=True, cache=True, inline="always")
+_inlined = compiled(inline="always")
 
 PIXELS, ROWS, COLUMNS, SOLUTION = range(4)
 """Phases of a frame: slopes; the transform of the source's rows; what is done to each mode; the solution's

@@ -12,12 +12,12 @@ them and each stays in the processor's cache.
 """
 
 import numpy as np
-from numba import njit
 
 from fastac.models.loops.matrix_tile import ROWS, product_tile, tile_columns
 from fastac.models.loops.memory import aligned
+from fastac.store.compiled_loops import compiled
 
-_compiled = njit(nogil=True, cache=True)
+_compiled = compiled()
 
 BAND = 2 * ROWS
 """Rows of a band."""

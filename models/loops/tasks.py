@@ -18,10 +18,11 @@ the `wait`.
 
 import numpy as np
 from llvmlite import ir
-from numba import njit
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 from numba.np.arrayobj import make_array
+
+from fastac.store.compiled_loops import compiled
 
 LINE = 8
 """int64 in a cache line: what members wait for does not lie beside what they take."""
@@ -88,13 +89,13 @@ def _offer_processor(typing_context):
     return types.int32(), generate
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def tasks(board, phase):
     """How many tasks a phase has."""
     return board[phase, 0, 0]
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def take(board, phase, member):
     """The number of the next task for a member; that of all tasks when none is left."""
     count, members = board[phase, 0, 0], board[phase, 0, 1]
@@ -106,13 +107,13 @@ def take(board, phase, member):
     return count
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def done(board, phase):
     """Tell that a task that this member took is done."""
     _add_one(board, phase, 1)
 
 
-@njit(nogil=True, cache=True, inline="always")
+@compiled(inline="always")
 def wait(board, phase):
     """Wait until all tasks of a phase are done."""
     looked = 0
@@ -122,14 +123,14 @@ def wait(board, phase):
             _offer_processor()
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def begin(board, member, bell):
     """Tell the other members that a frame is begun, for member 0; before anything else."""
     if member == 0:
         board[0, 0, 2] = _add_one(bell, 0, 0) + 1
 
 
-@njit(nogil=True, cache=True)
+@compiled()
 def linger(board, member, bell):
     """Stay a moment, for members but 0, until the next frame is begun; after everything else.
 

@@ -4,12 +4,12 @@ from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import normals_from_slopes, rest_depth_mm, rest_slopes
 from fastac.sensor.optics.light import irradiance
 from fastac.sensor.optics.skin_paint import albedo
+from fastac.store.compiled_loops import compiled
 
 BACKGROUND_EXPOSURES = 16
 """Number of no-contact frames averaged into a background, to reduce its noise."""
@@ -43,7 +43,7 @@ def _expose(image: np.ndarray, sensor: Sensor, normal: np.ndarray) -> np.ndarray
     return _noisy(image, normal, float(sensor.noise_dn), float(sensor.electrons_per_dn))
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _noisy(image, normal, read_dn, electrons_per_dn):
     exposed = np.empty(image.shape, np.uint8)
     for i, mean in enumerate(image.flat):

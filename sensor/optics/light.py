@@ -12,12 +12,12 @@ import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
-from numba import njit
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import pixel_centres_mm
 from fastac.sensor.optics.shadow import visible
 from fastac.sensor.optics.sources import source_mm
+from fastac.store.compiled_loops import compiled
 
 
 def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.ndarray:
@@ -48,7 +48,7 @@ def irradiance(normals: np.ndarray, depth_mm: np.ndarray, sensor: Sensor) -> np.
     return sent.reshape(*depth_mm.shape, -1)
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _shine(x_mm, y_mm, z_mm, normals, source_mm, reference_mm2, softening_mm2):
     """max(−n · l, 0), max(−n · h, 0) and the falloff with distance, (H · W) each; normals are (3, H · W).
 
@@ -67,7 +67,7 @@ def _shine(x_mm, y_mm, z_mm, normals, source_mm, reference_mm2, softening_mm2):
     return direct, half_way, falloff
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _add(direct, lobe, falloff, seen, specular, ambient, sent):
     """Write the sum of the Lambertian, the specular and the ambient light of every pixel into `sent` (H ·
     W)."""

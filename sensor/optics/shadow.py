@@ -11,11 +11,11 @@ with uniform brightness. Of several edges the one that hides most is used:
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import pixel_centres_mm
 from fastac.sensor.optics.sources import source_mm
+from fastac.store.compiled_loops import compiled
 
 FIRST_PX = 3.0
 """Distance of a ray's first sample: nearer skin is the local slope, whose shading is Lambert's law."""
@@ -55,7 +55,7 @@ def _rays(sensor: Sensor, channel: str) -> tuple[np.ndarray, np.ndarray, np.ndar
     return distance_px.ravel().astype(np.float32), inverse, np.ascontiguousarray(index.T), count.ravel()
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _visible(depth_mm, source_z_mm, radius_mm, distance_px, inverse_px, index, count):
     """`visible` for all pixels, (H · W,); the last four arguments are those that `_rays` returns."""
     height = depth_mm.astype(np.float32)

@@ -3,10 +3,10 @@
 from functools import lru_cache
 
 import numpy as np
-from numba import njit
 
 from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.optics.marker_grid import marker_pixels
+from fastac.store.compiled_loops import compiled
 
 
 @lru_cache
@@ -31,7 +31,7 @@ def albedo(sensor: Sensor, tangential_mm: np.ndarray | None = None) -> np.ndarra
     return paint * (1 - sensor.markers.contrast * coverage(sensor, marker_pixels(sensor, tangential_mm)))
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _moved(image: np.ndarray, moved_px: np.ndarray) -> np.ndarray:
     """An image (H, W) warped by the displacement `moved_px` (H, W, 2), x and y; bilinear, edges repeated.
 
@@ -54,7 +54,7 @@ def _moved(image: np.ndarray, moved_px: np.ndarray) -> np.ndarray:
     return found
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _pair(index: int, size: int) -> tuple[int, int]:
     """An index and the next one, both clipped to 0 … size − 1."""
     return min(max(index, 0), size - 1), min(max(index + 1, 0), size - 1)
@@ -67,7 +67,7 @@ def coverage(sensor: Sensor, pixels: np.ndarray) -> np.ndarray:
     return covered
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _cover(covered, pixels, radius_px):
     height, width = covered.shape
     reach = int(np.ceil(radius_px + 1))

@@ -7,7 +7,8 @@ and Curnier, Comput. Methods Appl. Mech. Eng. 92 (1991) 353; see sensor/mechanic
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
+
+from fastac.store.compiled_loops import compiled
 
 
 class Conditions(NamedTuple):
@@ -33,7 +34,7 @@ class Conditions(NamedTuple):
     """Residual: largest deviation of a sliding node's traction from μ n along `direction`."""
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _conditions(gap_mm, slip_mm, force, scale, friction):
     count = len(gap_mm)
     in_contact, sticking = np.zeros((2, count), np.bool_)
@@ -72,7 +73,7 @@ def conditions(gap_mm, slip_mm, force, scale, friction: float) -> Conditions:
     return Conditions(*_conditions(gap_mm, slip_mm, force, scale, friction))
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def superposed(compliance, rows, forces):
     """Displacement (n,) under `forces` (k,) at the degrees of freedom `rows` (k,).
 
@@ -86,7 +87,7 @@ def superposed(compliance, rows, forces):
     return moved
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def linearised(
     compliance,
     frame,
@@ -135,7 +136,7 @@ def linearised(
     return matrix, side
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _slide(matrix, side, first, scale, friction, direction, share):
     """Replace a node's two no-slip equations, rows `first` + 1 and + 2, by the linearised law of sliding."""
     across = share * (np.eye(2) - np.outer(direction, direction))

@@ -10,7 +10,6 @@ from functools import lru_cache
 
 import cv2
 import numpy as np
-from numba import njit
 from scipy.interpolate import make_interp_spline
 from scipy.ndimage import map_coordinates, spline_filter1d
 
@@ -18,6 +17,7 @@ from fastac.scenes.sensor_schema import Sensor
 from fastac.sensor.geometry import deformed_slopes, normals_from_slopes, pixel_centres_mm, rest_depth_at_mm
 from fastac.sensor.mechanics.fem.pressed_gel import REMAPPINGS, GelContact
 from fastac.sensor.mechanics.indenter import Indenter
+from fastac.store.compiled_loops import compiled
 
 ITERATIONS, CLOSE_PX = 5, 1e-3
 """Newton iterations that find which point of the skin lies above a pixel, and the tolerance in px."""
@@ -106,7 +106,7 @@ def _between_touching(contact: GelContact, from_v: np.ndarray, from_u: np.ndarra
     return map_coordinates(contact.in_contact.astype(float), at, order=1, mode="nearest") > 1 - 1e-9
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _above(coefficients, moved, along_v, along_u):
     """Undeformed position v, u of the skin that is above each pixel, and its displacement along z: (H, W)
     each, in px.
@@ -145,7 +145,7 @@ def _above(coefficients, moved, along_v, along_u):
     return from_v, from_u, raised
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _spline(coefficients, v, u):
     """Values of three uniform cubic B-splines at v, u in px, clipped to the image."""
     _, height, width = coefficients.shape
@@ -163,7 +163,7 @@ def _spline(coefficients, v, u):
     return x, y, z
 
 
-@njit(cache=True, nogil=True)
+@compiled()
 def _weights(t):
     """Weights of four successive B-spline coefficients at the fraction t, 0 to 1, between the middle two."""
     s = 1 - t
