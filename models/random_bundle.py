@@ -58,7 +58,7 @@ def scene(
     bus_errors: str = "flag",
     dots: bool = False,
     band_mm: float | None = None,
-    deep_mm: float | None = None,
+    deep_mm: float | tuple[float, ...] | None = None,
     bridge_dots: bool = False,
     streams: str = "video",
     part: str = DEFAULT_PART,

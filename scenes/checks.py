@@ -149,8 +149,8 @@ def _check_weights(scene) -> None:
         )
     if force.band_mm and not of_weights:
         raise ValueError(f"force.band_mm: {force.band_mm:g} needs force.fit 'weights' or 'polynomials'")
-    if force.deep_mm and not (force.band_mm and force.band_mm < force.deep_mm):
-        raise ValueError(f"force.deep_mm: {force.deep_mm:g} needs a force.band_mm that is smaller")
+    if force.deep_mm and not (force.band_mm and force.band_mm < force.depths_mm[0]):
+        raise ValueError(f"force.deep_mm: {force.depths_mm[0]:g} needs a force.band_mm that is smaller")
 
 
 def _check_dots(scene) -> None:

@@ -1,5 +1,6 @@
 """The scene's tables of the model: network, numbers, Poisson solver, force, and how they are trained."""
 
+from itertools import pairwise
 from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field
@@ -34,6 +35,19 @@ Width = Annotated[Neurons | tuple[Neurons, Neurons, Neurons], BeforeValidator(_w
 
 def _by_layer(width: int | tuple[int, int, int]) -> tuple[int, int, int]:
     return (width,) * 3 if isinstance(width, int) else width
+
+
+def _depths(value: object) -> object:
+    """The value itself; raises ValueError, for both forms at once, unless it is a depth in mm or a list of
+    ascending ones."""
+    depths = value if isinstance(value, list | tuple) else [value]
+    numbers = all(isinstance(depth, int | float) and not isinstance(depth, bool) for depth in depths)
+    if not (depths and numbers and all(a < b for a, b in pairwise([0, *depths]))):
+        raise ValueError("expected a number of mm greater than 0, or an ascending list of such numbers")
+    return value
+
+
+Depths = Annotated[Positive | tuple[Positive, ...], BeforeValidator(_depths)]
 
 
 class Network(Strict):
@@ -130,9 +144,9 @@ class Force(Strict):
     band_mm: Positive | None = None
     """What is displaced beyond ±band_mm, in the contact and in the bulge around it, has weights of its own:
     the force is then not linear in the displacement. With fit 'weights' or 'polynomials'."""
-    deep_mm: Positive | None = None
-    """What is pressed deeper than this has one more weight, beside those of `band_mm`. A model that knows it
-    finds the force of objects of other shapes better."""
+    deep_mm: Depths | None = None
+    """What is pressed deeper than this has one more weight, beside those of `band_mm`; of several depths, in
+    ascending order, each has one. A model that knows it finds the force of objects of other shapes better."""
     dots: bool = False
     """Whether the shifts of the marker dots are a part of the force, beside displacement or slopes: without
     them little shows how the skin is dragged."""
@@ -145,8 +159,15 @@ class Force(Strict):
 
     @property
     def bends_mm(self) -> tuple[float, ...]:
-        """Where the force bends in the displacement: nowhere, at ±band_mm, or there and at deep_mm."""
-        return tuple(bend for bend in (self.band_mm, self.deep_mm) if bend is not None)
+        """Where the force bends in the displacement: nowhere, or at ±band_mm and at each of deep_mm."""
+        return (*(() if self.band_mm is None else (self.band_mm,)), *self.depths_mm)
+
+    @property
+    def depths_mm(self) -> tuple[float, ...]:
+        """Each of deep_mm, ascending."""
+        if self.deep_mm is None:
+            return ()
+        return self.deep_mm if isinstance(self.deep_mm, tuple) else (self.deep_mm,)
 
     @property
     def signed(self) -> bool:

@@ -11,11 +11,11 @@ from fastac.models.integer.words import _fits, exact_matmul, signed_width
 def terms(displacement: np.ndarray, bends: tuple[float, ...]) -> np.ndarray:
     """What has weights of its own in a displacement (...), in (..., terms).
 
-    bends : (), (band,) or (band, deep), in the displacement's unit
+    bends : (), (band,) or (band, deep, deeper, …), ascending, in the displacement's unit
 
     The displacement itself; with a band also what of it is beyond the band towards the camera, and what is
-    beyond it away from the camera; with `deep` also what is beyond that towards the camera. So untouched
-    skin, the bulge around a contact, its edge and its middle can each have a weight.
+    beyond it away from the camera; for each further bend also what is beyond that towards the camera. So
+    untouched skin, the bulge around a contact, its edge and its middle can each have a weight.
     """
     if not bends:
         return displacement[..., None]

@@ -41,7 +41,7 @@ DESIGNS = {
         "size": 24,
         "dots": True,
         "band_mm": 0.001,
-        "deep_mm": 0.003,
+        "deep_mm": (0.003, 0.006),
     },
     "interval and levelled light": {
         "outputs": ("depth", "force_xyz"),

@@ -137,6 +137,14 @@ def test_dots_belong_to_their_places(keys, message):
         ),
         ({"band_mm = 0.004": "deep_mm = 0.2"}, "force.deep_mm: 0.2 needs a force.band_mm that is smaller"),
         (
+            {"band_mm = 0.004": "band_mm = 0.1\ndeep_mm = [0.1, 0.2]"},
+            "force.deep_mm: 0.1 needs a force.band_mm that is smaller",
+        ),
+        (
+            {"band_mm = 0.004": "deep_mm = [0.1, 0.2]"},
+            "force.deep_mm: 0.1 needs a force.band_mm that is smaller",
+        ),
+        (
             {'["depth", "force_z"]': '["depth", "slip"]', "dots = true\nkernel": "kernel"},
             "outputs: slip needs a force beside it and a poisson.solver with depth",
         ),
@@ -160,6 +168,14 @@ def test_dots_belong_to_their_places(keys, message):
             "slip.limit_px = -1: Input should be greater than 0",
         ),
         ({"band_mm = 0.004": "band_mm = 0"}, "force.band_mm = 0: Input should be greater than 0"),
+        *(
+            (
+                {"band_mm = 0.004": f"band_mm = 0.004\ndeep_mm = {value}"},
+                f"force.deep_mm = {value.replace('true', 'True')}: expected a number of mm greater than 0, or"
+                " an ascending list of such numbers",
+            )
+            for value in ("0", "[]", "[0.2, 0.1]", "[0.1, 0.1]", "[0.0, 0.1]", "'deep'", "true", "[inf, inf]")
+        ),
         ({'fit = "weights"': 'fit = "weight"'}, "force.fit = 'weight': Input should be"),
         ({"dots = true\nkernel": "dots = 2\nkernel"}, "force.dots = 2: Input should be a valid boolean"),
         (

@@ -48,7 +48,7 @@ SCENES = {
     "difference": random_bundle.scene(("depth",), mode="difference"),
     "force map": random_bundle.scene(("depth", "force_z", "force_map")),
     "weights with bends": random_bundle.scene(
-        ("force_xyz",), kernel="collapsed", clamp=False, band_mm=0.001, deep_mm=0.004
+        ("force_xyz",), kernel="collapsed", clamp=False, band_mm=0.001, deep_mm=(0.004, 0.006)
     ),
     "adjoint": random_bundle.scene(("force_xyz",), solver="adjoint", kernel="collapsed"),
     "slopes beside depth": random_bundle.scene(("depth", "force_xyz"), source="slopes"),

@@ -43,7 +43,7 @@ SCENES = {
     "force map, no clamp": random_bundle.scene(MAP, clamp=False, solver="tridiagonal"),
     "collapsed kernels": random_bundle.scene((Z,), kernel="collapsed"),
     "weights with bends": random_bundle.scene(
-        (XYZ,), kernel="collapsed", clamp=False, band_mm=0.001, deep_mm=0.004
+        (XYZ,), kernel="collapsed", clamp=False, band_mm=0.001, deep_mm=(0.004, 0.006)
     ),
     "adjoint": random_bundle.scene((XYZ,), solver="adjoint", kernel="collapsed"),
     "slopes beside depth": random_bundle.scene((DEPTH, XYZ), solver="tridiagonal", source="slopes"),

@@ -114,7 +114,9 @@ def test_zero_weights_give_the_constant():
 
 @pytest.mark.parametrize("fold", FOLDS)
 @pytest.mark.parametrize(
-    "bends", [(0,), (9,), (31,), (0, 1), (9, 20), (5, 31)], ids=lambda bends: "/".join(map(str, bends))
+    "bends",
+    [(0,), (9,), (31,), (0, 1), (9, 20), (5, 31), (4, 9, 28)],
+    ids=lambda bends: "/".join(map(str, bends)),
 )
 @pytest.mark.quick("0-2", "9-16", "9/20-4", "5/31-2", "0/1-8", "9/20-16")
 def test_bends(fold, bends):

@@ -170,6 +170,9 @@ class TestTerms:
         found = terms(q, (1, 3))
         np.testing.assert_array_equal(found[:, :3], terms(q, (1,)))
         assert found[:, 3].tolist() == [0] * 9 + [1, 2]
+        deeper = terms(q, (1, 3, 4))
+        np.testing.assert_array_equal(deeper[:, :4], found)
+        assert deeper[:, 4].tolist() == [0] * 10 + [1]
 
     def test_the_bound_of_three_terms_holds(self):
         """Each term is at most as large as the displacement, so the plain bound is enough."""
