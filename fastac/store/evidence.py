@@ -9,6 +9,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fastac.store.digest import path_digest
 from fastac.store.files import DamagedFileError, content_hash, read_json, write_json
+from fastac.store.references import parsed
 
 FOLDER = Path("build/evidence")
 GATEWARE = Path(__file__).resolve().parents[1] / "gateware"
@@ -59,7 +60,7 @@ def gateware_digest(folder: Path = GATEWARE) -> str:
         if name in found or not path.is_file():
             continue
         found[name] = path_digest(path)
-        for node in ast.walk(ast.parse(path.read_bytes())):
+        for node in ast.walk(parsed(path.read_bytes())):
             if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE):
                 below = node.module.removeprefix(PACKAGE).removeprefix(".")
                 waiting += [below, *(f"{below}.{alias.name}".strip(".") for alias in node.names)]

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 
 from fastac.store.digest import stamp
-from fastac.store.references import Found, Import, find, imports
+from fastac.store.references import Found, Import, find, imports, parsed
 
 Binding = ast.stmt | Import
 
@@ -72,7 +72,7 @@ class Module:
         self.package = name if is_package else name.rpartition(".")[0]
         self.stamp = stamp(path)
         try:
-            self.statements = ast.parse(path.read_bytes()).body
+            self.statements = parsed(path.read_bytes()).body
         except SyntaxError as error:
             raise SourceError(f"{path}:{error.lineno}: {error.msg}") from None
         self.bindings: dict[str, list[Binding]] = {}

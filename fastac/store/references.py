@@ -2,6 +2,7 @@
 
 import ast
 import re
+import threading
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -10,6 +11,14 @@ CACHES = frozenset({"cache", "lru_cache", "cached_property"})
 """Decorators after which a function's body need not run in the step that calls it."""
 _DOTTED = re.compile(r"\w+\.[\w.]*")
 _NAMES_SOMETHING = re.compile(r"[\w./:-]{3,200}")
+_parsing = threading.Lock()
+
+
+def parsed(source: str | bytes, mode: str = "exec") -> ast.AST:
+    """`ast.parse`, by one thread at a time: Python 3.11 counts the depths of all threads' trees together, and
+    now and then raises SystemError where two are made at once (CPython issue 106905)."""
+    with _parsing:
+        return ast.parse(source, mode=mode)
 
 
 class Use(IntEnum):
@@ -130,7 +139,7 @@ class _Visitor(ast.NodeVisitor):
     def annotation(self, node: ast.expr | None) -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str):
             try:
-                node = ast.parse(node.value, mode="eval").body
+                node = parsed(node.value, mode="eval").body
             except SyntaxError:
                 return
         self.visit_as(Use.ANNOTATION, [node])
