@@ -265,9 +265,10 @@ class Code:
                     self._follow([Target(name)], Use.CALL, walk)
 
     def _named_file(self, module: Module, text: str, walk: _Walk) -> None:
-        """Count a file or a folder of data that a string names, from the module's folder up to the root's."""
+        """Count a file or a folder of data that a string names, from the module's folder up to the root's, but
+        not what Python keeps of sources that it has compiled."""
         folder, root = module.path.parent, self.modules.roots[module.name.split(".")[0]]
-        if text.startswith("/") or ".." in text.split("/"):
+        if text.startswith("/") or {"..", "__pycache__"}.intersection(text.split("/")):
             return
         for place in (folder, *(p for p in folder.parents if p == root or root in p.parents)):
             path = place / text

@@ -121,6 +121,8 @@ def test_strings_that_name_files(toy, reached, text, file):
     toy.write("data/lint.vlt", "waived")
     assert f"file {toy.name}/{file}" in reached(f"def f(folder): return {text}")
     assert not reached("def f(folder): return 'no.vlt', '/etc/passwd', '../page.html.j2', '.'")
+    toy.write("__pycache__/loops/kept.nbc", "written while a step runs")
+    assert not reached("def f(folder): return folder / '__pycache__' / 'loops', '__pycache__'")
 
 
 def test_files_that_include_files(toy, reached):
