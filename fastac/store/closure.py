@@ -265,8 +265,10 @@ class Code:
                     self._follow([Target(name)], Use.CALL, walk)
 
     def _named_file(self, module: Module, text: str, walk: _Walk) -> None:
-        """Count a file or a folder of data that a string names, from the module's folder up to the root's, but
-        not what Python keeps of sources that it has compiled."""
+        """Count a file or a folder of data that a string names, from the module's folder up to the root's.
+
+        What Python keeps of sources that it has compiled does not count.
+        """
         folder, root = module.path.parent, self.modules.roots[module.name.split(".")[0]]
         if text.startswith("/") or {"..", "__pycache__"}.intersection(text.split("/")):
             return
