@@ -111,6 +111,7 @@ class DisplacementFit:
             samples.force_n,
             samples.shifts_px,
             with_validation=fits_validation(scene),
+            together=samples.together,
         )
         return force_weights(model, scene), of_dots, history
 

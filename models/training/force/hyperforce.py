@@ -86,12 +86,15 @@ def refit_last_layer(
     shifts_px: dict[str, np.ndarray] | None = None,
     *,
     with_validation: bool = False,
+    together: dict[str, np.ndarray] | None = None,
 ) -> tuple[HyperForce, np.ndarray | None, list[dict]]:
     """Refit the hypernetwork's last layer by ridge regression, together with weights of the dots' shifts.
 
     shifts_px : (frames, M, 2) by split name
     with_validation : whether the weights are fitted to the frames of both splits once the regularisation is
         chosen, instead of to those of the train split
+    together : which frames belong together; without a validation split they are held out together, as by
+        `ridge.held_out_errors`
     Returns a new model, the dots' weights (axes, M, 2) in N per px (None without shifts), and the validation
     errors.
 
@@ -114,9 +117,9 @@ def refit_last_layer(
         for split, frames in pressed.items()
     }
     ridge.check(force_n)
-    history = ridge.validation_errors(x, force_n)
-    seen, truth = (ridge.known(samples, with_validation=with_validation) for samples in (x, force_n))
-    found, of_dots = ridge.parted(ridge.fit(seen, truth, ridge.strongest(history)), hidden.shape[1] * k * k)
+    history = ridge.held_out_errors(x, force_n, together)
+    found = ridge.fit_known(x, force_n, ridge.strongest(history), with_validation=with_validation)
+    found, of_dots = ridge.parted(found, hidden.shape[1] * k * k)
     found = found / model.unit.item()
     weights = (
         found.reshape(hidden.shape[1], k * k, model.axes).transpose(2, 1, 0).reshape(-1, hidden.shape[1])

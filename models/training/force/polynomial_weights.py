@@ -52,10 +52,10 @@ def fit(
     coordinate : (N, N, 3), as `floating.hyperforce.coordinates`
     images : (frames, N, N, terms), force_n : (frames, axes), shifts_px : (frames, M, 2) of marker dots, if
         any; by split name
-    with_validation : whether the weights are fitted to the frames of both splits, which choose the
-        regularisation too, by cross-validation over `together` where that is possible, instead of fitted to
-        the train split's and chosen by the others
-    together : which frames belong together, as in `ridge.cross_validation_errors`
+    with_validation : whether the weights are fitted to the frames of both splits instead of those of the
+        train split
+    together : which frames belong together; with it the regularisation is chosen as by
+        `ridge.held_out_errors`
     """
     ridge.check(force_n)
     of_place, without = monomials(coordinate), hardly_shown(images["train"])
@@ -67,12 +67,9 @@ def fit(
         split: ridge.joined(np.array([moments(frame) for frame in frames]), shifts_px and shifts_px[split])
         for split, frames in images.items()
     }
-    if with_validation and ridge.can_cross_validate(together):
-        history = ridge.cross_validation_errors(x, force_n, together)
-    else:
-        history = ridge.validation_errors(x, force_n)
-    seen, truth = (ridge.known(values, with_validation=with_validation) for values in (x, force_n))
+    history = ridge.held_out_errors(x, force_n, together, with_validation=with_validation)
+    found = ridge.fit_known(x, force_n, ridge.strongest(history), with_validation=with_validation)
     count, terms = of_place.shape[1], len(without)
-    found, of_dots = ridge.parted(ridge.fit(seen, truth, ridge.strongest(history)), count * terms)
+    found, of_dots = ridge.parted(found, count * terms)
     fields = np.einsum("pm,mta->apt", of_place, found.reshape(count, terms, -1)) * ~without
     return fields.reshape(-1, *coordinate.shape[:2], terms), of_dots, history

@@ -81,7 +81,7 @@ def fit(
         candidates[True] = plain.restricted(restrict)
     histories = {
         kind: model.errors(
-            together=together if with_validation else None, patience=patience, progress=progress
+            together=together, with_validation=with_validation, patience=patience, progress=progress
         )
         for kind, model in candidates.items()
     }

@@ -1,7 +1,7 @@
 """Ridge regression of forces on features, in closed form, with the regularisation chosen by validation.
 
-The regularisation is chosen by the errors on held-out frames: on those of the validation split or, without
-one, on every fifth training frame. `best` has the smallest error, `strongest` is as good within chance.
+The regularisation is chosen by the errors on held-out frames (`held_out_errors`): `best` has the smallest
+error, `strongest` is as good within chance.
 Source: Hastie et al., "The Elements of Statistical Learning", 2nd ed., sections 3.4.1 and 7.10.
 """
 
@@ -62,7 +62,8 @@ def check(force_n: dict[str, np.ndarray]) -> None:
 
 
 def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
-    """The error of every regularisation on held-out frames, as [{"regularisation": …, "validation_mae_n":
+    """The error of every regularisation on the frames of the validation split or, without one, on every fifth
+    training frame, as [{"regularisation": …, "validation_mae_n":
     …, "standard_error_n": …}]; the last is the standard error of the difference from the smallest one.
 
     x (frames, features) and force_n (frames, axes) by split name. The forces of some axes may be zero in
@@ -71,9 +72,23 @@ def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) 
     return _try_all(x, force_n)[0]
 
 
-def can_cross_validate(together: dict[str, np.ndarray] | None) -> bool:
-    """Whether there are enough groups for `cross_validation_errors`."""
-    return together is not None and len(np.unique(np.concatenate([*together.values()]))) >= FEWEST_GROUPS
+def held_out_errors(
+    x: dict[str, np.ndarray],
+    force_n: dict[str, np.ndarray],
+    together: dict[str, np.ndarray] | None = None,
+    *,
+    with_validation: bool = False,
+) -> list[dict]:
+    """The errors that choose a regularisation: `cross_validation_errors` where the validation split will be
+    fitted as well (with_validation) or is missing, else `validation_errors`.
+
+    together : as in `cross_validation_errors`; without it, or with fewer than FEWEST_GROUPS groups, the
+        errors are `validation_errors` all the same
+    """
+    whole = with_validation or "validation" not in x
+    if whole and together and len(np.unique(known(together, with_validation=True))) >= FEWEST_GROUPS:
+        return cross_validation_errors(x, force_n, together)
+    return validation_errors(x, force_n)
 
 
 def cross_validation_errors(
@@ -151,6 +166,13 @@ def fit(x: np.ndarray, force_n: np.ndarray, attempt: dict) -> np.ndarray:
     """Weights (features, axes) from all frames of x (frames, features), with the regularisation of
     `attempt`."""
     return solve(x, force_n, np.array([attempt["regularisation"]]))[0]
+
+
+def fit_known(
+    x: dict[str, np.ndarray], force_n: dict[str, np.ndarray], attempt: dict, *, with_validation: bool
+) -> np.ndarray:
+    """As `fit`, of the frames by split name that are `known`."""
+    return fit(*(known(samples, with_validation=with_validation) for samples in (x, force_n)), attempt)
 
 
 def known(samples: dict[str, np.ndarray], *, with_validation: bool) -> np.ndarray:

@@ -138,22 +138,21 @@ class SmoothWeights:
         self,
         *,
         together: dict[str, np.ndarray] | None = None,
+        with_validation: bool = False,
         patience: int | None = None,
         progress: bool = False,
     ) -> list[dict]:
         """Validation errors of all sizes and strengths, [{"cosines": …, "regularisation": …,
         "validation_mae_n": …}].
 
-        together : which frames belong together, as in `ridge.cross_validation_errors`: each frame of both
-            splits is then held out once, instead of those of the split validation, if there are enough
-            groups and no moved copies, which tell of their frame
+        together, with_validation : as in `ridge.held_out_errors`. Where there are moved copies, which tell of
+            their frame, those of the split validation are held out all the same.
         patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
             tried; None: all are tried. The largest take nearly all of the time.
         """
         ridge.check(self.force_n)
-        find = ridge.validation_errors
-        if ridge.can_cross_validate(together) and not self.copies:
-            find = partial(ridge.cross_validation_errors, together=together)
+        together = None if self.copies else together
+        find = partial(ridge.held_out_errors, together=together, with_validation=with_validation)
         history, waited, smallest = [], 0, np.inf
         for size in progress_bar(self.sizes, desc="force, weights", unit="basis", enabled=progress):
             of_axes = [find(x, force_n) for _, _, x, force_n in self._problems(size)]
@@ -181,8 +180,7 @@ class SmoothWeights:
         *outer, terms = self.shape
         size, fields, of_dots = chosen["cosines"], [], []
         for _, places, x, force_n in self._problems(size):
-            seen = ridge.known(x, with_validation=with_validation)
-            found = ridge.fit(seen, ridge.known(force_n, with_validation=with_validation), chosen)
+            found = ridge.fit_known(x, force_n, chosen, with_validation=with_validation)
             if places is None:
                 places = np.arange(size * size * terms)[None]
             of_images, dots = ridge.parted(found, places.shape[1])
@@ -234,12 +232,13 @@ def fit(
     px; returns them, None without shifts, and the errors of all m tried.
 
     images, force_n, shifts_px, reach : as in `SmoothWeights`; patience : as in its `errors`
-    with_validation : whether the weights are fitted to the frames of both splits, which choose m and the
-        regularisation too, by cross-validation over `together` where that is possible, instead of fitted to
-        the train split's and chosen by the others
-    together : as in `SmoothWeights.errors`
+    with_validation : whether the weights are fitted to the frames of both splits instead of those of the
+        train split
+    together : which frames belong together; with it m and the regularisation are chosen as by
+        `ridge.held_out_errors`
     """
     model = SmoothWeights(images, force_n, shifts_px, reach=reach)
-    together = together if with_validation else None
-    history = model.errors(together=together, patience=patience, progress=progress)
+    history = model.errors(
+        together=together, with_validation=with_validation, patience=patience, progress=progress
+    )
     return *model.weights(ridge.best(history), with_validation=with_validation), history

@@ -146,7 +146,10 @@ class TestRefit:
         scene = make_scene(training={"force_epochs": 20})
         plain, noisy, force = self.parts()
         first, _ = train(scene, np.ones((N + 2, N + 2)), plain, force)
-        second, *_ = refit_last_layer(scene, first, {"train": noisy["train"]}, {"train": force["train"]})
+        known = [{"train": values["train"]} for values in (noisy, force)]
+        second, _, history = refit_last_layer(scene, first, *known)
+        _, _, by_press = refit_last_layer(scene, first, *known, together={"train": np.arange(64) // 8})
+        assert by_press != history
         before = error(first, noisy["validation"], force["validation"])
         assert error(second, noisy["validation"], force["validation"]) < before
 

@@ -149,10 +149,28 @@ def test_frames_that_belong_together_are_held_out_together():
     assert told["validation_mae_n"] < 0.1
 
 
-@pytest.mark.parametrize(("groups", "can"), [(None, False), (4, False), (5, True)])
-def test_groups_are_held_out_in_turn_where_there_are_five(groups, can):
-    known = None if groups is None else {"train": np.arange(20) % groups, "validation": np.zeros(3, int)}
-    assert ridge.can_cross_validate(known) == can
+@pytest.mark.parametrize("groups", [None, 4, 5])
+@pytest.mark.parametrize("validation", ["fitted", "kept", "missing"])
+def test_groups_are_held_out_in_turn_where_all_are_fitted_and_there_are_five(groups, validation):
+    x, force = splits(noise=0.5)
+    if validation == "missing":
+        x, force = {"train": x["train"]}, {"train": force["train"]}
+    together = {split: np.arange(len(values)) % groups for split, values in x.items()} if groups else None
+    history = ridge.held_out_errors(x, force, together, with_validation=validation == "fitted")
+    if groups == 5 and validation != "kept":
+        assert history == ridge.cross_validation_errors(x, force, together)
+    else:
+        assert history == ridge.validation_errors(x, force)
+
+
+@pytest.mark.parametrize("with_validation", [True, False])
+def test_what_is_known_is_fitted(with_validation):
+    x, force = splits(noise=0.5)
+    entry = {"regularisation": 1e-4}
+    found = ridge.fit_known(x, force, entry, with_validation=with_validation)
+    count = 90 if with_validation else 60
+    every = [np.concatenate([values["train"], values["validation"]])[:count] for values in (x, force)]
+    np.testing.assert_array_equal(found, ridge.fit(*every, entry))
 
 
 def test_of_errors_that_chance_explains_the_strongest_is_chosen():

@@ -91,6 +91,16 @@ def test_without_a_validation_split_all_frames_are_fitted_in_the_end():
     np.testing.assert_allclose(force(change["train"], found), x @ spectrum, atol=1e-9)
 
 
+def test_without_a_validation_split_presses_that_are_named_are_held_out_whole():
+    change, truth = problem(fields(2), noise=0.5, validation=False)
+    places = {"train": np.arange(80) % 8}
+    _, _, history = smooth_weights.fit(change, truth, together=places)
+    x = {"train": smooth_weights.lowest_cosines(change["train"], 2).reshape(80, -1)}
+    expected = [entry["validation_mae_n"] for entry in ridge.cross_validation_errors(x, truth, places)]
+    found = [entry["validation_mae_n"] for entry in history if entry["cosines"] == 2]
+    np.testing.assert_allclose(found, expected)
+
+
 def test_the_frames_that_chose_can_be_fitted_in_the_end():
     change, truth = problem(fields(4), noise=0.5)
     alone, _, history = smooth_weights.fit(change, truth)
