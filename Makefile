@@ -174,8 +174,8 @@ notebooks: $(EVERYTHING)
 
 # The counts that the resource model is fitted to; hours of synthesis if the gateware has changed.
 samples: $(SYNTH)
-	$(VENV)/bin/python -m fastac.synth.resource_samples
-	$(VENV)/bin/python -m fastac.synth.resource_samples folded
+	$(VENV)/bin/python -m fastac.synth.estimates.resource_samples
+	$(VENV)/bin/python -m fastac.synth.estimates.resource_samples folded
 
 # The site of docs/ and the notebooks. Sphinx and its extensions are an extra of their own.
 $(DOCS): $(READY)

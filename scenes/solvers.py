@@ -1,8 +1,8 @@
 """What the scene must know of each Poisson solver: the table of the names that `poisson.solver` may have.
 
 A solver's arithmetic and hardware stand behind the same name in models/integer/solvers.py,
-models/emulator/solvers.py, gateware/poisson/solvers.py and fastac/synth/solvers.py; docs/extending.md tells
-how to add one.
+models/emulator/solvers.py, gateware/poisson/solvers.py and fastac/synth/estimates/solvers.py;
+docs/extending.md tells how to add one.
 """
 
 from dataclasses import dataclass

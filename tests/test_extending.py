@@ -35,9 +35,10 @@ from fastac.sensor.mechanics.objects import OBJECTS
 from fastac.store.closure import Code
 from fastac.store.kinds import Kinds, UnknownKindError
 from fastac.sweep import spec
-from fastac.synth import energy, resources
-from fastac.synth import solvers as synth_solvers
-from fastac.synth.tridiagonal import TridiagonalCosts
+from fastac.synth.estimates import energy, resources
+from fastac.synth.estimates import solvers as synth_solvers
+from fastac.synth.estimates.stages import stage_of
+from fastac.synth.estimates.tridiagonal import TridiagonalCosts
 
 ROOT = Path(__file__).parents[1]
 GUIDE = ROOT / "docs" / "extending.md"
@@ -119,7 +120,7 @@ def test_a_toy_solver_goes_through_hardware_formulas_and_estimates(toy_solver, t
     assert to_verilog(toy, name="top") == to_verilog(same, name="top")
     assert energy.works(bundle.pipeline) == energy.works(known)
     assert resources.features(bundle.pipeline) == resources.features(known)
-    assert resources.stage_of("solver.elimination") == "recurrences"
+    assert stage_of("solver.elimination") == "recurrences"
 
 
 def test_a_scene_checks_what_its_solver_can_do(toy_solver, monkeypatch):

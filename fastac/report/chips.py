@@ -12,7 +12,8 @@ from fastac.report.tables import markdown_table
 from fastac.scenes.pace import Pace
 from fastac.scenes.parts import PARTS
 from fastac.scenes.schema import Scene
-from fastac.synth import fits, resources
+from fastac.synth import fits
+from fastac.synth.estimates import resources
 from fastac.synth.fits import random_pipeline
 
 

@@ -8,7 +8,8 @@ from fastac.models.integer.force_interval import INTERVAL
 from fastac.report import build_files
 from fastac.report import paper as paper_figures
 from fastac.scenes.schema import AXES, Scene
-from fastac.synth import energy, synthesis_figures, vivado_reports
+from fastac.synth import synthesis_figures, vivado_reports
+from fastac.synth.estimates import energy
 
 LATENCY_ORIGIN = (
     "counted in the Verilator simulation of the top-level; stages: the design's formulas, whose"

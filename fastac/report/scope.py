@@ -14,7 +14,9 @@ from fastac.scenes.force_fits import FITS
 from fastac.scenes.parts import PARTS
 from fastac.scenes.schema import Scene
 from fastac.store.record import read_record
-from fastac.synth import fits, resources
+from fastac.synth import fits
+from fastac.synth.estimates import resources
+from fastac.synth.estimates.stages import stage_names
 from fastac.synth.fits import random_pipeline
 
 ABSENT = "–"
@@ -105,7 +107,7 @@ class Scope:
         """Look-up tables by stage."""
         return {
             name: f"{self.stages[name]['lut']:,.0f}" if name in self.stages else ABSENT
-            for name in (*resources.stage_names(), *(("packets",) if "packets" in self.stages else ()))
+            for name in (*stage_names(), *(("packets",) if "packets" in self.stages else ()))
         }
 
     def verified(self) -> dict[str, str]:

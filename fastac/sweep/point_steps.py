@@ -18,7 +18,8 @@ from fastac.scenes.schema import Scene
 from fastac.sensor import samples
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import load_arrays, read_json, save_arrays, write_json
-from fastac.synth import energy, fits, resources
+from fastac.synth import fits
+from fastac.synth.estimates import energy, resources
 
 START_FILE, FLOAT_FILE = "force_start.npz", "float_errors.json"
 START = "start."

@@ -16,7 +16,7 @@ from fastac.models.random_tables import force_weights, layers, network_bits
 from fastac.models.vision.expected_dots import bridge_reach, expected_follower
 from fastac.scenes.schema import Scene
 from fastac.sensor.geometry import rest_depth_mm
-from fastac.synth import resources
+from fastac.synth.estimates import memories, resources
 
 SEED = 1
 
@@ -71,7 +71,7 @@ def check_products(scene: Scene) -> None:
     bits = min(scene.numbers.data_bits, device.dsp.wide_port - 1)
     numbers = scene.numbers.model_copy(update={"data_bits": bits})
     device.check_multipliers(multipliers(scene.model_copy(update={"numbers": numbers})), scene)
-    device.check_block_rams(resources.block_rams(resources.kernel_memory(scene)))
+    device.check_block_rams(memories.block_rams(memories.kernel_memory(scene)))
 
 
 @dataclass(frozen=True)
@@ -128,7 +128,7 @@ def area(pipeline: IntegerPipeline) -> Area:
     return Area(
         pipeline.scene,
         resources.dsp_slices(pipeline),
-        resources.block_rams(resources.memories(pipeline)),
+        memories.block_rams(memories.memories(pipeline)),
         resources.luts(pipeline),
     )
 

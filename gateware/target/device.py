@@ -17,7 +17,8 @@ from fastac.store.kinds import Kinds
 LUTS_PER_CARRY = {"carry8": 8, "carry4": 4}
 LUT_MARGIN = 0.25
 """How far an estimate of look-up tables may exceed the part's before the design is refused: no more than the
-estimate itself may be off (fastac/synth/resources.py states its errors), and Vivado's counts differ, too."""
+estimate itself may be off (fastac/synth/estimates/resources.py states its errors), and Vivado's counts
+differ, too."""
 
 
 PACKED_ACTIVATION_BITS = 9

@@ -16,7 +16,8 @@ from fastac.models.random_bundle import random_bundle, scene
 from fastac.sim.check_top import Report
 from fastac.sim.runner import QUICK
 from fastac.synth import fits
-from fastac.synth.resources import block_rams, luts, memories
+from fastac.synth.estimates.memories import block_rams, memories
+from fastac.synth.estimates.resources import luts
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from fastac.models.integer.force import terms
 from fastac.models.training import digits
 from fastac.models.vision.dots import follower_of, windows_of
 from fastac.store.files import load_arrays, save_arrays
-from fastac.synth import resources
+from fastac.synth.estimates import resources
 
 
 def test_rest_is_the_dataset_s_or_flat(tiny_data):

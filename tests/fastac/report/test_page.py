@@ -16,7 +16,8 @@ from fastac.models.integer.bundle import Bundle
 from fastac.report import content as report_content
 from fastac.report import page as report
 from fastac.store.files import DamagedFileError
-from fastac.synth import energy, synthesis_figures, vivado_reports
+from fastac.synth import synthesis_figures, vivado_reports
+from fastac.synth.estimates import energy
 
 SIMULATED = {
     "frame_indices": [26, 33],

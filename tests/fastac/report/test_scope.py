@@ -4,7 +4,7 @@ import sys
 
 from fastac.report.scope import ABSENT, Scope, table
 from fastac.store.record import RECORD
-from fastac.synth.resources import stage_names
+from fastac.synth.estimates.stages import stage_names
 
 
 def scope(make_scene, tmp_path, **changes):

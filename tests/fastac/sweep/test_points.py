@@ -66,7 +66,7 @@ def test_the_errors_are_those_of_evaluate(tiny, tiny_bundle, tiny_data):
 
 def test_the_code_is_that_of_steps_schema_and_all_kinds(setting):
     found = point_code(Path(setting.store))
-    assert "fastac.synth.solvers:poisson.solver[tridiagonal]" in found
+    assert "fastac.synth.estimates.solvers:poisson.solver[tridiagonal]" in found
     assert "fastac.scenes.outputs:outputs[force_map]" in found
     assert "fastac.scenes.model_schema.Numbers" in found["fastac.scenes.schema:Scene"].symbols
 

@@ -4,7 +4,7 @@
 import numpy as np
 from scipy.optimize import nnls
 
-from fastac.synth.resources import FITTED, columns, predict
+from fastac.synth.estimates.resources import FITTED, columns, predict
 
 
 def fit(samples: list[dict]) -> dict[str, dict[str, np.ndarray]]:

@@ -3,8 +3,9 @@ import json
 
 import numpy as np
 
-from fastac.synth import resources
-from fastac.synth.resource_fit import fit, fitted, leave_one_out
+from fastac.synth.estimates import resources
+from fastac.synth.estimates.resource_fit import fit, fitted, leave_one_out
+from fastac.synth.estimates.stages import stage_names
 
 
 def made_up(count: int, rng) -> list[dict]:
@@ -43,7 +44,7 @@ def test_the_error_is_that_of_samples_left_out():
 def test_the_committed_factors_are_those_of_the_committed_samples():
     content = json.loads(resources.SAMPLES.read_text())
     found = fitted(content["samples"])
-    assert content["factors"].keys() == found["factors"].keys() == set(resources.stage_names())
+    assert content["factors"].keys() == found["factors"].keys() == set(stage_names())
     for stage, factors in found["factors"].items():
         for name, values in factors.items():
             np.testing.assert_allclose(content["factors"][stage][name], values, rtol=1e-6, atol=1e-9)

@@ -6,7 +6,7 @@ from typing import ClassVar
 from fastac.models.integer.dst2d import MANTISSA_BITS, EigenvalueDivision, Solver
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.words import NEAREST
-from fastac.synth.work import Frame, Work, addition, memory, multiplication, transform_works
+from fastac.synth.estimates.work import Frame, Work, addition, memory, multiplication, transform_works
 
 
 def transposition_works(frame: Frame, width: int) -> Iterator[Work]:
@@ -28,7 +28,7 @@ def distance_bits(division: EigenvalueDivision) -> int:
 
 
 class Dst2dCosts:
-    """See fastac/synth/solvers.py."""
+    """See fastac/synth/estimates/solvers.py."""
 
     instances: ClassVar = {
         "column_forward": "transforms",

@@ -8,7 +8,8 @@ import pytest
 
 from fastac.models.random_bundle import random_bundle, scene
 from fastac.scenes.pace import PACES
-from fastac.synth import fits, folded, resources
+from fastac.synth import fits
+from fastac.synth.estimates import folded, resources
 
 SLOPES = {
     "outputs": ("depth", "force_xyz"),

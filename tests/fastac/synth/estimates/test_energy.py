@@ -12,7 +12,7 @@ from fastac.models.integer.force import PatchForce
 from fastac.models.integer.force_segments import segment_slopes
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.integer.words import signed_width
-from fastac.synth import energy
+from fastac.synth.estimates import energy
 
 PIXELS, INNER, SIDE = 256, 196, 14
 

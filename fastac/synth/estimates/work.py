@@ -1,6 +1,6 @@
 """What a frame takes: operations and memory accesses with their energies, and the sizes they follow from.
 
-The energies are those of Horowitz, see fastac/synth/energy.py.
+The energies are those of Horowitz, see fastac/synth/estimates/energy.py.
 """
 
 import math

@@ -6,7 +6,7 @@ from typing import ClassVar
 from fastac.models.integer.sine_transform import SineTransform
 from fastac.models.integer.tridiagonal import Recurrence, TridiagonalSolver
 from fastac.models.integer.words import NEAREST
-from fastac.synth.work import Frame, Work, addition, memory, multiplication
+from fastac.synth.estimates.work import Frame, Work, addition, memory, multiplication
 
 
 def recurrence_works(frame: Frame, recurrence: Recurrence) -> Iterator[Work]:
@@ -28,7 +28,7 @@ def reversal_works(frame: Frame, width: int) -> Iterator[Work]:
 
 
 class TridiagonalCosts:
-    """See fastac/synth/solvers.py."""
+    """See fastac/synth/estimates/solvers.py."""
 
     instances: ClassVar = {
         "elimination": "recurrences",

@@ -36,8 +36,16 @@ from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.integer.words import signed_width
-from fastac.synth.solvers import SOLVERS
-from fastac.synth.work import Frame, Work, addition, memory, multiplication, register, transform_works
+from fastac.synth.estimates.solvers import SOLVERS
+from fastac.synth.estimates.work import (
+    Frame,
+    Work,
+    addition,
+    memory,
+    multiplication,
+    register,
+    transform_works,
+)
 
 MULTIPLIER_BITS = 17
 ORIGIN = (

@@ -1,12 +1,12 @@
 # amaranth: UnusedElaboratable=no
-"""Sample designs synthesised by Yosys, to which the resource model of `fastac/synth/resources.py` is fitted.
+"""Sample designs synthesised by Yosys, to which the resource model of `resources.py` is fitted.
 
-    python -m fastac.synth.resource_samples [folded]
+    python -m fastac.synth.estimates.resource_samples [folded]
 
-writes fastac/synth/resource_samples.json, or of folded designs' own stages fastac/synth/folded_samples.json,
-with the factors that are fitted to them. Networks, kernels and backgrounds are random: the resources of a
-design follow from its word widths and sizes and, where weights are baked in, from the additions of their
-graphs. Counts are kept in the step store, so that an interrupted run can be resumed.
+writes resource_samples.json beside this file, or of folded designs' own stages folded_samples.json, with the
+factors that are fitted to them. Networks, kernels and backgrounds are random: the resources of a design
+follow from its word widths and sizes and, where weights are baked in, from the additions of their graphs.
+Counts are kept in the step store, so that an interrupted run can be resumed.
 """
 
 import argparse
@@ -27,9 +27,11 @@ from fastac.store.progress import progress_bar
 from fastac.store.recording import unrecorded
 from fastac.store.steps import Step
 from fastac.store.store import open_store
-from fastac.synth import folded, resources, yosys
+from fastac.synth import yosys
+from fastac.synth.estimates import folded, resources
+from fastac.synth.estimates.resource_fit import fitted
+from fastac.synth.estimates.stages import stage_of
 from fastac.synth.netlist import Part, parts
-from fastac.synth.resource_fit import fitted
 
 JOBS = 2
 """Yosys processes at once."""
@@ -227,15 +229,15 @@ def sample(design: dict, *, with_control: bool, stages: Container[str] | None = 
         bundle: Bundle = random_bundle(Path(folder) / "bundle", scene, hidden=scene.network.hidden)
         found = parts(to_rtlil(TopZynq(bundle), name="fastac"), "fastac")
     if not with_control:
-        found = [part for part in found if resources.stage_of(part.name) != "control"]
+        found = [part for part in found if stage_of(part.name) != "control"]
     if stages is not None:
-        found = [part for part in found if resources.stage_of(part.name) in stages]
+        found = [part for part in found if stage_of(part.name) in stages]
     totals: dict[str, dict[str, float]] = {}
     with ThreadPoolExecutor(JOBS) as pool:
         counts = progress_bar(pool.map(counted, found), total=len(found), desc=scene.name, unit="part")
         for part, count in zip(found, counts, strict=True):
             for instance in part.instances:
-                stage = totals.setdefault(resources.stage_of(instance), dict.fromkeys(resources.COUNTED, 0))
+                stage = totals.setdefault(stage_of(instance), dict.fromkeys(resources.COUNTED, 0))
                 for name in resources.COUNTED:
                     stage[name] += count[name]
     features = resources.features(bundle.pipeline)
@@ -263,7 +265,7 @@ def main(output: Path, designs: Sequence[dict] = DESIGNS, stages: Container[str]
 
 if __name__ == "__main__":
     # By its own name, under which the step store finds the function of its steps.
-    from fastac.synth.resource_samples import main as count_all
+    from fastac.synth.estimates.resource_samples import main as count_all
 
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument(

@@ -1,7 +1,7 @@
-"""What the Poisson solvers' hardware takes, by the names of `poisson.solver`; fastac/synth/energy.py and
-fastac/synth/resources.py add the rest of the design.
+"""What the Poisson solvers' hardware takes, by the names of `poisson.solver`; energy.py, memories.py and
+resources.py add the rest of the design.
 
-Each entry has, `frame` being the sizes (fastac/synth/work.py) and `solver` the integer solver,
+Each entry has, `frame` being the sizes (fastac/synth/estimates/work.py) and `solver` the integer solver,
 
     instances                 by the name of each component between the sine transforms of the rows, the stage
                               that its look-up tables are counted in
@@ -12,7 +12,7 @@ Each entry has, `frame` being the sizes (fastac/synth/work.py) and `solver` the 
 """
 
 from fastac.store.kinds import Kinds
-from fastac.synth.dst2d import Dst2dCosts
-from fastac.synth.tridiagonal import TridiagonalCosts
+from fastac.synth.estimates.dst2d import Dst2dCosts
+from fastac.synth.estimates.tridiagonal import TridiagonalCosts
 
 SOLVERS = Kinds("poisson.solver", {"dst2d": Dst2dCosts, "tridiagonal": TridiagonalCosts})

@@ -4,45 +4,12 @@ import json
 import pytest
 
 from fastac.gateware.cycle_model import multipliers
-from fastac.gateware.datapath import Datapath
 from fastac.models.random_bundle import random_bundle, scene
-from fastac.synth import resources
+from fastac.synth.estimates import resources
+from fastac.synth.estimates.stages import stage_names
 from fastac.synth.fits import random_pipeline
 
 SAMPLES = json.loads(resources.SAMPLES.read_text())["samples"]
-
-
-@pytest.mark.parametrize(
-    ("width", "depth", "expected"),
-    [
-        (1, 1, 0.5),
-        (36, 512, 0.5),
-        (72, 512, 1),
-        (36, 1024, 1),
-        (32, 16384, 16),
-        (2, 16384, 1),
-        (17 * 63, 126, 15),
-    ],
-)
-def test_blocks(width, depth, expected):
-    assert resources.blocks(width, depth) == expected
-
-
-@pytest.mark.parametrize(
-    ("instance", "stage"),
-    [
-        ("mlp.fc0_lane1", "normals"),
-        ("mlp (own logic)", "normals"),
-        ("solver.column_inverse", "transforms"),
-        ("solver.source", "source"),
-        ("force_stream.patches", "force"),
-        ("registers", "control"),
-        ("depth_tags", "control"),
-        ("top (own logic)", "control"),
-    ],
-)
-def test_stages_by_instance(instance, stage):
-    assert resources.stage_of(instance) == stage
 
 
 def test_a_stage_that_no_sample_has():
@@ -51,7 +18,7 @@ def test_a_stage_that_no_sample_has():
 
 
 def test_the_committed_samples_cover_every_stage():
-    assert {stage for s in SAMPLES for stage in s["features"]} == set(resources.stage_names())
+    assert {stage for s in SAMPLES for stage in s["features"]} == set(stage_names())
 
 
 @pytest.mark.parametrize(
@@ -96,21 +63,6 @@ def test_products_are_dsp_slices():
         assert sample["dsp48e2"] == sum(stage["dsp48e2"] for stage in sample["counted"].values())
 
 
-@pytest.mark.parametrize("weights", ["loadable", "baked"])
-def test_tables_are_as_wide_as_in_hardware(tmp_path, weights):
-    """A loadable table holds what any calibration may need, a baked one its own values."""
-    bundle = random_bundle(
-        tmp_path / "difference", scene(("depth", "force_z"), size=34, mode="difference", weights=weights)
-    )
-    table = Datapath(bundle.pipeline).solver.source.table
-    found = [found for found in resources.memories(bundle.pipeline) if found[0] == "source"]
-    assert found == [("source", 1, table.fields * table.bits, table.depth)]
-    bundle = random_bundle(tmp_path / "absolute", scene(("force_z",), size=34, weights=weights))
-    table = Datapath(bundle.pipeline).displacement.table
-    found = [found for found in resources.memories(bundle.pipeline) if found[0] == "depth"]
-    assert found == [("depth", 1, table.fields * table.bits, table.depth)]
-
-
 @pytest.mark.parametrize(
     ("outputs", "settings", "stages"),
     [
@@ -128,7 +80,7 @@ def test_features_of_dots_where_they_are_wanted(tmp_path, outputs, settings, sta
 
     pipeline, found = features()
     assert found.keys() & {"bridge", "dots"} == stages
-    assert set(resources.stage_names()) >= stages
+    assert set(stage_names()) >= stages
     if "dots" not in stages:
         return
     followed = "dots" in settings
@@ -142,18 +94,6 @@ def test_features_of_dots_where_they_are_wanted(tmp_path, outputs, settings, sta
     for stage in stages:
         for name in ("pixel_bits", "choice_bits"):
             assert wide[stage].get(name) == (2 * found[stage][name] if name in found[stage] else None)
-
-
-def test_a_row_of_windows_and_the_dots_weights_are_memories(tmp_path):
-    made = scene(("force_xyz",), size=24, solver="adjoint", dots=True)
-    pipeline = random_bundle(tmp_path / "b", made).pipeline
-    rows, weights = [found[1:] for found in resources.memories(pipeline) if found[0] == "dots"]
-    windows = pipeline.follower.windows
-    number, width, depth = rows
-    assert (number, width) == (1, windows.mass_width + 2 * windows.moment_width)
-    assert depth % 16 == 0, "rows of 10 windows"
-    assert depth >= 16 * (2 * (windows.half + pipeline.follower.reach) + 1)
-    assert weights == (1, 3 * 2 * pipeline.dot_force.weighted.weight_width, 9)
 
 
 def test_an_estimate_says_where_it_is_from(tiny_scene, make_scene):

@@ -3,12 +3,11 @@
 
 Each stage's look-up tables are a sum of a few counts that follow from its words, such as the bits of its
 adders, with non-negative factors. The factors are fitted to designs that Yosys has counted, and kept with the
-counts (`fastac/synth/resource_samples.py`, `resource_fit.py`, `resource_samples.json`). Block RAM follows
-from each memory's words in the same way; DSP slices are the products of the architecture.
+counts (`resource_samples.py`, `resource_fit.py`, `resource_samples.json`). Block RAM follows from the words
+of the memories (`memories.py`) in the same way; DSP slices are the products of the architecture.
 """
 
 import json
-from collections.abc import Iterable, Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -16,45 +15,24 @@ from pathlib import Path
 import numpy as np
 
 from fastac.gateware.cycle_model import multipliers
-from fastac.gateware.dots.dot_stream import DotStream
-from fastac.gateware.dots.follower import dot_layout
 from fastac.gateware.force.bent_product import offset_adders
 from fastac.gateware.force.weighted_sum import rom_width
 from fastac.gateware.raster_outputs import scene_outputs
-from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
 from fastac.gateware.target.device import device_of
 from fastac.models.integer.dot_windows import CELL
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
-from fastac.synth import folded
-from fastac.synth.energy import normals_works
-from fastac.synth.solvers import SOLVERS
-from fastac.synth.work import Frame, Work
+from fastac.synth.estimates import folded
+from fastac.synth.estimates.energy import normals_works
+from fastac.synth.estimates.memories import block_rams, memories
+from fastac.synth.estimates.solvers import SOLVERS
+from fastac.synth.estimates.work import Frame, Work
 
 SAMPLES = Path(__file__).with_name("resource_samples.json")
 FOLDED_SAMPLES = SAMPLES.with_name("folded_samples.json")
 COUNTED = ("lut", "ramb36", "dsp48e2")
 FITTED = ("lut", "ramb36")
-BEFORE_SOLVER = {
-    "background": "background",
-    "mlp": "normals",
-    "divider": "gradients",
-    "solver.source": "source",
-    "solver.row_forward": "transforms",
-    "solver.row_inverse": "transforms",
-}
-BEHIND_SOLVER = {
-    "depth_output": "depth",
-    "displacement": "depth",
-    "force_stream": "force",
-    "bridge": "bridge",
-    "darkness": "dots",
-    "dots": "dots",
-    "slip_stream": "slip",
-}
-"""Stages of every design by the names that instances begin with."""
 PACKET_LUTS = {
     "one": 355,
     "axes": 80,
@@ -74,106 +52,10 @@ measures that wait in queues, of each axis, and of weights that can be loaded. Y
 component alone of one and two axes with baked weights, 728 of three axes with loadable ones, and in the last
 32 more in the registers of each axis and 11 in the loader: the sums are 577, 665 and 835. Not fitted with the
 stages, as no sample has an interval."""
-BLOCK_SHAPES = ((72, 512, 1), (36, 1024, 1), (18, 2048, 1), (9, 4096, 1), (4, 8192, 1), (2, 16384, 1))
-HALF_SHAPES = ((36, 512, 0.5), (18, 1024, 0.5), (9, 2048, 0.5), (4, 4096, 0.5), (2, 8192, 0.5))
-"""Bits and words of a RAMB36E2, and of a RAMB18E2, which is half of one (Xilinx UG573); those of the 7 series
-have the same (UG473)."""
 DSP48E1_ORIGIN = (
     "estimated: products of the architecture (gateware/cycle_model.py), two where they are packed, each of as"
     " many DSP48E1 as its operands take on 25 × 18 bits; tests compare small designs with Yosys's counts"
 )
-
-
-def stages() -> dict[str, str]:
-    """Stages by the names that instances begin with, of all solvers; what is not here is "control"."""
-    of_solvers = {
-        f"solver.{name}": stage for costs in SOLVERS.values() for name, stage in costs.instances.items()
-    }
-    return BEFORE_SOLVER | of_solvers | BEHIND_SOLVER
-
-
-def stage_names() -> tuple[str, ...]:
-    """Each stage that a design of any solver may have, once."""
-    return (*dict.fromkeys(("control", *stages().values())),)
-
-
-def stage_of(instance: str) -> str:
-    """The stage that an instance of the elaborated design belongs to."""
-    name = instance.removesuffix(" (own logic)")
-    for prefix, stage in stages().items():
-        if name == prefix or name.startswith(f"{prefix}."):
-            return stage
-    return "control"
-
-
-def blocks(width: int, depth: int) -> float:
-    """RAMB36 that hold `depth` words of `width` bits, in the narrowest shape that needs the fewest."""
-    return min(
-        -(-width // bits) * -(-depth // words) * size for bits, words, size in BLOCK_SHAPES + HALF_SHAPES
-    )
-
-
-def kernel_memory(scene: Scene) -> Iterator[tuple[str, int, int, int]]:
-    """As `memories`, of a force's kernels at every pixel, if the scene has them."""
-    if scene.force_from_displacement and scene.force.kernel == "patch":
-        lanes, size = scene.lanes, scene.inner_px
-        words = len(scene.force_axes) * scene.force.kernel_size**2
-        yield "force", 1, lanes * words * scene.numbers.kernel_bits, size * -(-size // lanes)
-
-
-def block_rams(found: Iterable[tuple[str, int, int, int]]) -> dict[str, float]:
-    """RAMB36 by stage that hold such `memories`."""
-    needed: dict[str, float] = {}
-    for stage, number, width, depth in found:
-        needed[stage] = needed.get(stage, 0.0) + number * blocks(width, depth)
-    return needed
-
-
-def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
-    """(stage, number, bits of a word, words) of the memories that are deep enough for block RAM."""
-    scene, frame, solver = pipeline.scene, Frame(pipeline), pipeline.solver
-    lanes, beats = frame.lanes, frame.pixels // frame.lanes
-    loadable = pipeline.layers[0].loadable
-    yield "background", 1, 8 * frame.channels * lanes, beats
-    if solver is not None:
-        source, difference = pipeline.source, scene.poisson.mode == "difference"
-        own = signed_width(int(np.abs(source.offset).max()))
-        if frame.deep:
-            yield "source", 1, lanes * (source.width if loadable and difference else own), frame.inner_beats
-        yield from SOLVERS[scene.poisson.solver].memories(frame, solver)
-        half, transforms = (frame.size + 1) // 2, SOLVERS[scene.poisson.solver].transforms(solver)
-        if frame.fold > 1:
-            yield from folded.transform_memories(transforms, frame.fold)
-        else:
-            for transform in transforms:
-                yield "transforms", 1, lanes * half * transform.coefficient_width, frame.row_beats
-        rest = signed_width(int(np.abs(pipeline.depth.rest).max()))
-        if "depth" in scene.outputs and difference and rest > 1:
-            yield "depth", 1, lanes * rest, frame.inner_beats
-        if scene.force_from_displacement and not difference:
-            yield "depth", 1, lanes * (pipeline.depth.width if loadable else rest), frame.inner_beats
-    if scene.wants_dots:
-        yield from dot_memories(pipeline)
-    force = pipeline.force
-    yield from kernel_memory(scene)
-    if force is not None and not isinstance(force, PatchForce):
-        axes, rows, columns, terms = force.weight.shape
-        if frame.fold > 1:
-            yield folded.weight_memory(force)
-            return
-        width = rom_width(force, pipeline.bends)
-        yield "force", 1, lanes * axes * terms * width, rows * -(-columns // lanes)
-
-
-def dot_memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
-    """As `memories`, of what follows the dots: rows of windows, weights and, for slip, the shifts kept."""
-    stream = DotStream(pipeline.follower, lanes=pipeline.scene.lanes, fold=pipeline.scene.fold).dots
-    window = stream.i.payload.shape().size
-    yield "dots", 1, window, stream.kept_rows << (stream.row_beats - 1).bit_length()
-    axes, count, _, terms = pipeline.dot_force.weighted.weight.shape
-    yield "dots", 1, axes * terms * pipeline.dot_force.weighted.weight_width, count
-    if pipeline.spread is not None:
-        yield "slip", 1, dot_layout(pipeline.follower).size, KEPT_FRAMES << (count - 1).bit_length()
 
 
 def _bits(works: list[Work], kind: str, frame: Frame) -> float:
@@ -317,8 +199,8 @@ def model(*, is_folded: bool = False) -> tuple[dict, dict[str, str]]:
         errors = np.array(content["left_out_errors_percent"][name])
         origins[name] = (
             f"estimated: sums of adder bits and memories, fitted to Yosys {content['yosys']}'s counts of"
-            f" {len(samples)} designs (fastac/synth/resource_samples.json); leave-one-out error: mean"
-            f" {np.abs(errors).mean():.1f}%, largest {np.abs(errors).max():.1f}%"
+            f" {len(samples)} designs (fastac/synth/estimates/resource_samples.json); leave-one-out error:"
+            f" mean {np.abs(errors).mean():.1f}%, largest {np.abs(errors).max():.1f}%"
         )
     products = np.array([100 * (s["dsp48e2"] / max(_counted(s, "dsp48e2"), 1) - 1) for s in samples])
     origins["dsp48e2"] = (
@@ -340,8 +222,8 @@ def model(*, is_folded: bool = False) -> tuple[dict, dict[str, str]]:
         error = np.abs(content["left_out_errors_percent"]["lut"])
         origins["lut"] += (
             f"; folded stages: fitted to Yosys's counts of those of {len(content['samples'])} designs"
-            f" (fastac/synth/folded_samples.json), leave-one-out error: mean {error.mean():.1f}%, largest"
-            f" {error.max():.1f}%"
+            f" (fastac/synth/estimates/folded_samples.json), leave-one-out error: mean {error.mean():.1f}%,"
+            f" largest {error.max():.1f}%"
         )
     return factors, origins
 
