@@ -18,6 +18,7 @@ from fastac.sim.mutate.netlist import Mutant, MutatedDesign
 from fastac.store.evidence import Evidence, Table
 from fastac.store.files import content_hash, digest_file, read_json, write_json
 from fastac.store.progress import progress_bar
+from fastac.store.references import parsed
 
 FOLDER = Path("build/mutate")
 SEED = 18
@@ -70,7 +71,7 @@ def sources_of(paths: Iterable[Path]) -> list[Path]:
         found.add(path)
         text = path.read_text()
         names = set(NAME.findall(text))
-        for node in ast.walk(ast.parse(text)):
+        for node in ast.walk(parsed(text)):
             if isinstance(node, ast.ImportFrom) and node.module:
                 names |= {f"{node.module}.{alias.name}" for alias in node.names}
         files = (ROOT / f"{name.replace('.', '/')}.py" for name in names if name.startswith("fastac."))

@@ -59,9 +59,10 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
     if true["train"] is not None:
         found["true"] = true
     weights, models, start = {}, {}, None
-    last, known = {"with_validation": fits_validation(scene)}, groups(data)
+    known = groups(data)
     together = {split: known[index] for split, index in splits.items()}
-    fit_smooth = partial(smooth_weights.fit, **last, together=together, progress=progress)
+    last = {"with_validation": fits_validation(scene), "together": together}
+    fit_smooth = partial(smooth_weights.fit, **last, progress=progress)
     for name, change in found.items():
         weights["slopes", name], *_ = fit_smooth(change, truth)
         pressed = {s: displacement_mm(x.astype(np.float64), divergence, pitch_mm) for s, x in change.items()}

@@ -117,6 +117,7 @@ def refit_last_layer(
         for split, frames in pressed.items()
     }
     ridge.check(force_n)
+    # Not over all frames: the other layers have learned from those of the train split.
     history = ridge.held_out_errors(x, force_n, together)
     found = ridge.fit_known(x, force_n, ridge.strongest(history), with_validation=with_validation)
     found, of_dots = ridge.parted(found, hidden.shape[1] * k * k)

@@ -4,7 +4,7 @@ F = Σ_pixels Σ_t w_t · x_t for images x_t, such as the terms of a displacemen
 Each field w_t is a polynomial of the pixel's normalised coordinates x, y and z on the skin at rest, z its
 depth: on a curved skin, what a displacement presses with follows from where the pixel is and how steep the
 skin is. On a flat skin z is the same everywhere and drops out. The regularisation is the strongest that is as
-good as the best on frames held out, by cross-validation over whole presses where all may be known.
+good as the best on frames held out (`ridge.held_out_errors`).
 """
 
 from itertools import product

@@ -14,7 +14,8 @@ LARGEST_SVD = 1024
 quarter of the time, and what its squared condition loses, 1e-16 of the largest eigenvalue, is little beside
 the weakest regularisation."""
 HELD_OUT = 5
-"""Without a validation split, one of this many training frames is held out to choose the regularisation."""
+"""Without a validation split and without groups, one of this many training frames is held out to choose the
+regularisation."""
 FOLDS = 10
 """Into so many parts groups of frames are divided for `cross_validation_errors`."""
 FEWEST_GROUPS = 5
@@ -63,8 +64,8 @@ def check(force_n: dict[str, np.ndarray]) -> None:
 
 def validation_errors(x: dict[str, np.ndarray], force_n: dict[str, np.ndarray]) -> list[dict]:
     """The error of every regularisation on the frames of the validation split or, without one, on every fifth
-    training frame, as [{"regularisation": …, "validation_mae_n":
-    …, "standard_error_n": …}]; the last is the standard error of the difference from the smallest one.
+    training frame, as [{"regularisation": …, "validation_mae_n": …, "standard_error_n": …}]; the last is the
+    standard error of the difference from the smallest one.
 
     x (frames, features) and force_n (frames, axes) by split name. The forces of some axes may be zero in
     every frame. Call `check` first.
@@ -82,13 +83,15 @@ def held_out_errors(
     """The errors that choose a regularisation: `cross_validation_errors` where the validation split will be
     fitted as well (with_validation) or is missing, else `validation_errors`.
 
-    together : as in `cross_validation_errors`; without it, or with fewer than FEWEST_GROUPS groups, the
-        errors are `validation_errors` all the same
+    together : as in `cross_validation_errors`; without it, or with fewer than FEWEST_GROUPS groups that have
+        some force, the errors are `validation_errors` all the same
     """
-    whole = with_validation or "validation" not in x
-    if whole and together and len(np.unique(known(together, with_validation=True))) >= FEWEST_GROUPS:
-        return cross_validation_errors(x, force_n, together)
-    return validation_errors(x, force_n)
+    if together is None or not (with_validation or "validation" not in x):
+        return validation_errors(x, force_n)
+    groups, forces = (known(samples, with_validation=True) for samples in (together, force_n))
+    if len(np.unique(groups[forces.any(axis=1)])) < FEWEST_GROUPS:
+        return validation_errors(x, force_n)
+    return cross_validation_errors(x, force_n, together)
 
 
 def cross_validation_errors(

@@ -3,7 +3,7 @@
 F = Σ_pixels Σ_t w_t · x_t for images x_t, such as the slopes less those of the background frame (a·Δp + b·Δq)
 or the displacement. The fields w_t, sums of the lowest m × m cosines (DCT-II), are fitted by ridge regression
 (models/training/force/ridge.py), together with two weights for each marker dot where there are any; m and the
-regularisation are those of the smallest error on held-out frames, by cross-validation where all may be known.
+regularisation are those of the smallest error on held-out frames (`ridge.held_out_errors`).
 Fitted to what a pipeline finds, the weights take its noise and errors into account, which those that
 models/floating/adjoint.py derives do not.
 
@@ -145,8 +145,8 @@ class SmoothWeights:
         """Validation errors of all sizes and strengths, [{"cosines": …, "regularisation": …,
         "validation_mae_n": …}].
 
-        together, with_validation : as in `ridge.held_out_errors`. Where there are moved copies, which tell of
-            their frame, those of the split validation are held out all the same.
+        together, with_validation : as in `ridge.held_out_errors`. With moved copies, which tell of their
+            frame, the validation split is held out as a whole.
         patience : how many m in a row, from the smallest on, may not lower the error before no larger one is
             tried; None: all are tried. The largest take nearly all of the time.
         """

@@ -163,6 +163,15 @@ def test_groups_are_held_out_in_turn_where_all_are_fitted_and_there_are_five(gro
         assert history == ridge.validation_errors(x, force)
 
 
+def test_groups_without_force_are_none_to_hold_out():
+    """One press and many frames without contact: nothing would tell of the press."""
+    x, force = splits(noise=0.5)
+    force = {split: values * (np.arange(len(values)) < 9)[:, None] for split, values in force.items()}
+    together = {split: np.maximum(np.arange(len(values)) - 8, 0) for split, values in x.items()}
+    history = ridge.held_out_errors(x, force, together, with_validation=True)
+    assert history == ridge.validation_errors(x, force)
+
+
 @pytest.mark.parametrize("with_validation", [True, False])
 def test_what_is_known_is_fitted(with_validation):
     x, force = splits(noise=0.5)
