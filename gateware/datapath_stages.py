@@ -32,7 +32,7 @@ def last_row_first(stage):
     if isinstance(stage, PatchForce):
         return replace(stage, kernel=stage.kernel[:, ::-1, :, ::-1])
     if isinstance(stage, WeightedSum):
-        return replace(stage, weight=stage.weight[:, ::-1])
+        return stage.reversed_rows()
     return replace(stage, rest=stage.rest[::-1])
 
 

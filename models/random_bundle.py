@@ -59,6 +59,7 @@ def scene(
     dots: bool = False,
     band_mm: float | None = None,
     deep_mm: float | tuple[float, ...] | None = None,
+    block_px: int = 1,
     bridge_dots: bool = False,
     streams: str = "video",
     part: str = DEFAULT_PART,
@@ -91,6 +92,7 @@ def scene(
                 "max_displacement_mm": 0.01,
                 "dots": dots,
                 "coverage": coverage,
+                "block_px": block_px,
             }
             | ({"band_mm": band_mm, "deep_mm": deep_mm, "fit": "weights"} if band_mm else {}),
             "slip": {"contact_mm": 0.001, "limit_px": 0.04},

@@ -6,7 +6,7 @@ import numpy as np
 
 from fastac.models.integer.dot_follower import DotFollower
 from fastac.models.integer.features import integer_features, scales
-from fastac.models.integer.force import terms
+from fastac.models.integer.force import block_means, terms
 from fastac.models.integer.force_interval import (
     BASE_BITS,
     LOAD,
@@ -75,7 +75,7 @@ def force_weights(
         shape = (scene.sensor.height_px, scene.sensor.width_px, 2)
     elif scene.force_of_weights:
         shape = (inner, inner, terms(np.zeros(()), scene.force.bends_mm).size)
-    weights = rng.normal(size=(axes, *shape))
+    weights = block_means(rng.normal(size=(axes, *shape)), scene.force.block_px)
     if not scene.wants_dots:
         return (weights,)
     return weights, rng.normal(scale=10, size=(axes, len(follower.rest), 2))

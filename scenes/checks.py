@@ -139,7 +139,7 @@ def _check_solver(scene) -> None:
 
 
 def _check_weights(scene) -> None:
-    """Raise ValueError unless the force can be a sum of one weight a pixel where it is to be one."""
+    """Raise ValueError unless the force can be a sum of weights of the pixels where it is to be one."""
     force, of_weights = scene.force, scene.fit_facts.of_weights
     finds_displacement = scene.solver_facts.finds_depth and force.source != "slopes"
     if of_weights and not (force.kernel == "collapsed" and finds_displacement):
@@ -151,6 +151,11 @@ def _check_weights(scene) -> None:
         raise ValueError(f"force.band_mm: {force.band_mm:g} needs force.fit 'weights' or 'polynomials'")
     if force.deep_mm and not (force.band_mm and force.band_mm < force.depths_mm[0]):
         raise ValueError(f"force.deep_mm: {force.depths_mm[0]:g} needs a force.band_mm that is smaller")
+    if force.block_px > 1 and not (of_weights or scene.force_from_slopes):
+        raise ValueError(
+            f"force.block_px: {force.block_px} needs force.fit 'weights' or 'polynomials', or a force of"
+            " slopes"
+        )
 
 
 def _check_dots(scene) -> None:

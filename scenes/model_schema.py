@@ -147,6 +147,10 @@ class Force(Strict):
     deep_mm: Depths | None = None
     """What is pressed deeper than this has one more weight, beside those of `band_mm`; of several depths, in
     ascending order, each has one. A model that knows it finds the force of objects of other shapes better."""
+    block_px: Literal[1, 2, 4, 8] = Field(1, exclude_if=lambda value: value == 1)
+    """Side of the squares whose pixels share their weights, so that the memory of the weights is that much
+    smaller each way. With a force of slopes, or with fit 'weights' or 'polynomials', whose weights change
+    slowly from pixel to pixel."""
     dots: bool = False
     """Whether the shifts of the marker dots are a part of the force, beside displacement or slopes: without
     them little shows how the skin is dragged."""

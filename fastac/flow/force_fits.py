@@ -155,6 +155,7 @@ class PolynomialFit(WeightFit):
             samples.shifts_px,
             with_validation=fits_validation(scene),
             together=samples.together,
+            block_px=scene.force.block_px,
         )
 
 

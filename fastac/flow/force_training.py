@@ -9,6 +9,7 @@ from fastac.flow.training import curve, dots_at_rest, float_pipeline, integer_pi
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.floating.pipeline import FloatPipeline
+from fastac.models.integer.force import block_means
 from fastac.models.training.force.light import under_other_light
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
@@ -80,6 +81,7 @@ def _fit_force(
     name: str, scene: Scene, start: HyperForce | None, samples: ForceSamples, *, progress: bool
 ) -> dict[str, np.ndarray]:
     fitted, of_dots, history = FITS[scene.force.fit].fit(scene, start, samples, progress=progress)
+    fitted = block_means(fitted, scene.force.block_px)
     weights = {f"force.{name}_weights": fitted.astype(np.float32)}
     if of_dots is not None:
         weights[f"force.{name}_dot_weights"] = of_dots.astype(np.float32)

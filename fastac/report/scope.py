@@ -46,7 +46,7 @@ class Scope:
         content["outputs"] = ["normals", "depth", "force_xyz", "force_map"]
         content["poisson"]["solver"] = "dst2d"
         content["force"] |= {"source": None, "kernel": "patch", "clamp": True, "fit": "displacement"}
-        content["force"] |= {"dots": False, "band_mm": None, "deep_mm": None}
+        content["force"] |= {"dots": False, "band_mm": None, "deep_mm": None, "block_px": 1}
         content["training"]["labels"] = "geometry"
         return Scene.model_validate(content)
 

@@ -6,6 +6,7 @@ from amaranth import Module, Mux
 from amaranth.lib import wiring
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
+from fastac.gateware.force.block_address import BlockAddress
 from fastac.gateware.force.shared_accumulator import SharedAccumulator
 from fastac.gateware.force.shared_products import (
     SharedProducts,
@@ -95,9 +96,13 @@ class FoldedWeightedSum(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         weighted = self.weighted
-        by_pixel = np.moveaxis(weighted.weight, 0, 2).reshape(-1, self.axes, self.terms)
         m.submodules.products = products = SharedProducts(
-            by_pixel, self._terms(), shape=self.pixel.value, limit=weighted.input_limit, fold=self.fold
+            np.moveaxis(weighted.block_weight, 0, 2).reshape(-1, self.axes, self.terms),
+            self._terms(),
+            shape=self.pixel.value,
+            limit=weighted.input_limit,
+            fold=self.fold,
+            squares=BlockAddress.of(weighted, 1) if weighted.block_px > 1 else None,
         )
         parts = products.latency + SharedAccumulator.latency
         assert parts == self.latency, f"latency {parts}: stated {self.latency}"

@@ -12,6 +12,7 @@ from fastac.gateware.arithmetic.dsp_slice import DspSlice
 from fastac.gateware.arithmetic.frame_sum import adder_tree, tree_levels
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
+from fastac.gateware.force.block_address import BlockAddress
 from fastac.gateware.force.weight_rom import WeightRom
 from fastac.gateware.stream.handshake import check_folded
 from fastac.models.integer.words import signed_width
@@ -87,8 +88,9 @@ def _chosen(words: list, place):
 class SharedProducts(wiring.Component):
     """Multiply the values of a pixel with its weights, a part of one axis' products in each clock.
 
-    Parameters: `weight` (pixels, axes, terms); `terms`, for each value the terms whose weights it has: one,
-    or two of which `second` chooses; `shape` and `limit` of a value, |value| <= limit.
+    Parameters: `weight` (pixels, axes, terms) or, with `squares`, of each square of pixels; `terms`, for each
+    value the terms whose weights it has: one, or two of which `second` chooses; `shape` and `limit` of a
+    value, |value| <= limit.
 
     Members
     -------
@@ -105,9 +107,17 @@ class SharedProducts(wiring.Component):
     """
 
     def __init__(
-        self, weight: np.ndarray, terms: list[tuple[int, ...]], *, shape: Shape, limit: int, fold: int
+        self,
+        weight: np.ndarray,
+        terms: list[tuple[int, ...]],
+        *,
+        shape: Shape,
+        limit: int,
+        fold: int,
+        squares: BlockAddress | None = None,
     ):
         check_folded(fold)
+        self.squares = squares
         self.weight, self.terms, self.shape, self.limit, self.fold = weight, terms, shape, limit, fold
         self.axes, self.values = weight.shape[1], len(terms)
         self.shares = shares_of(self.axes, self.values, fold)
@@ -154,8 +164,10 @@ class SharedProducts(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        pixels, _, terms = self.weight.shape
-        m.submodules.weights = weights = WeightRom(self.weight.reshape(pixels, self.axes * terms))
+        count, _, terms = self.weight.shape
+        m.submodules.weights = weights = WeightRom(
+            self.weight.reshape(count, self.axes * terms), self.squares
+        )
         slot, busy = Signal(range(self.fold)), Signal()
         second, ends_frame = Signal(reset_less=True), Signal(reset_less=True)
         pixel = Signal(self.i.payload.shape(), reset_less=True)

@@ -1,5 +1,5 @@
 # amaranth: UnusedElaboratable=no
-"""The weights of a frame in block RAM, a word a pixel, each weight of the bits that its own pixels need."""
+"""The weights of a frame in block RAM, a word a beat, each weight of the bits that its own values need."""
 
 import numpy as np
 from amaranth import Module, Mux, Signal, signed, unsigned
@@ -7,21 +7,24 @@ from amaranth.lib import data, wiring
 from amaranth.lib.memory import Memory
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.force.block_address import BlockAddress
 from fastac.models.integer.words import signed_width
 
 
 class WeightRom(wiring.Component):
-    """Table in block RAM that is read a word a pixel, and starts again after the last one.
+    """Table in block RAM that is read a word a beat, and starts again after a frame's last one.
 
-    Parameters: `table`, integers (pixels, fields). In the memory a field has the bits that its own values
-    need, so a word has Σ `field_widths` bits: of 36-Kbit blocks they take about pixels · bits · 8/9 / 2**15.
+    Parameters: `table`, integers (words, fields). In the memory a field has the bits that its own values
+    need, so a word has Σ `field_widths` bits: of 36-Kbit blocks they take about words · bits · 8/9 / 2**15.
+    `squares`, where words count for squares of pixels, says which word a beat uses; without it each is used
+    once.
 
     Members
     -------
     advance : clock enable of the pipeline beside the table
-    take : a pixel enters the pipeline and uses the next word; counts only while `advance` is high
+    take : a beat enters the pipeline and uses the next word; counts only while `advance` is high
     word : the fields, signed(width) each
-    last : the word that `take` uses is the frame's last
+    last : the beat that `take` takes is the frame's last
 
     `latency` = 2 clocks with `advance` high from `take` to the word at `word`: the memory's read register
     and its output register.
@@ -29,8 +32,10 @@ class WeightRom(wiring.Component):
 
     latency = 2
 
-    def __init__(self, table: np.ndarray):
-        self.table = table
+    def __init__(self, table: np.ndarray, squares: BlockAddress | None = None):
+        if squares is not None and squares.words != len(table):
+            raise ValueError(f"table of {len(table)} words: expected {squares.words}")
+        self.table, self.squares = table, squares
         fields = table.shape[1]
         self.width = max(self.field_widths)
         super().__init__(
@@ -57,10 +62,15 @@ class WeightRom(wiring.Component):
     def elaborate(self, platform):
         m = Module()
         depth, words = len(self.table), self._words()
-        address = Signal(range(depth))
-        m.d.comb += self.last.eq(address == depth - 1)
-        with m.If(self.advance & self.take):
-            m.d.sync += address.eq(Mux(self.last, 0, address + 1))
+        if self.squares is not None:
+            m.submodules.squares = squares = self.squares
+            address = squares.address
+            m.d.comb += [squares.take.eq(self.advance & self.take), self.last.eq(squares.last)]
+        else:
+            address = Signal(range(depth))
+            m.d.comb += self.last.eq(address == depth - 1)
+            with m.If(self.advance & self.take):
+                m.d.sync += address.eq(Mux(self.last, 0, address + 1))
 
         m.submodules.memory = memory = Memory(
             shape=unsigned(sum(self.field_widths)), depth=depth, init=words, attrs={"rom_style": "block"}

@@ -1,7 +1,8 @@
+# amaranth: UnusedElaboratable=no
 """Force as a weighted sum over the frame of displacements or slopes, or of lines that bend in them."""
 
 import numpy as np
-from amaranth import Cat, Module, Signal
+from amaranth import Cat, Module, Mux, Signal, Value
 from amaranth.lib import wiring
 
 from fastac.gateware.arithmetic.dsp_slice import DSP48E2, DspSlice
@@ -9,6 +10,8 @@ from fastac.gateware.arithmetic.frame_sum import FrameAccumulator, beats_per_fra
 from fastac.gateware.arithmetic.product import LATENCY as PRODUCT_LATENCY
 from fastac.gateware.arithmetic.product import product
 from fastac.gateware.force.bent_product import bent_product
+from fastac.gateware.force.block_address import BlockAddress
+from fastac.gateware.force.weight_rom import WeightRom
 from fastac.gateware.force.weighted_pixel import WeightedPixel
 from fastac.gateware.stream.handshake import check_lanes
 from fastac.gateware.stream.tables import RasterRom, raster_beats
@@ -18,9 +21,10 @@ from fastac.models.integer.words import signed_width
 
 
 def rom_table(weighted: WeightedSum, bends: tuple[int, ...]) -> np.ndarray:
-    """What the ROM of `WeightedSumStream` holds, (axes, rows, columns, terms): the weights or, with bends,
-    the slopes of their segments."""
-    return segment_slopes(weighted.weight) if bends else weighted.weight
+    """What the ROM of `WeightedSumStream` holds, (axes, rows, columns, terms), of each square of
+    `weighted.block_px`: the weights or, with bends, the slopes of their segments."""
+    weight = weighted.block_weight
+    return segment_slopes(weight) if bends else weight
 
 
 def rom_width(weighted: WeightedSum, bends: tuple[int, ...]) -> int:
@@ -50,7 +54,8 @@ class WeightedSumStream(wiring.Component):
     back-pressure: 2 for the ROM of the weights, 3 for the products, an adder tree over lanes and a pixel's
     values, 1 for the accumulator. `values` = terms, but 1 with `bends`: between them the terms' sum is a
     straight line, so that a pixel takes one product with its segment's slope, which the ROM holds in place of
-    the weights. Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per frame, without gaps.
+    the weights; of a square of pixels with the same weights (`weighted.block_px`) it holds one word.
+    Initiation interval: `interval` = rows · ceil(columns/lanes) clocks per frame, without gaps.
     A force that is not taken stalls the whole pipeline before it.
     """
 
@@ -106,13 +111,13 @@ class WeightedSumStream(wiring.Component):
 
     def elaborate(self, platform):
         m = Module()
-        words = beat_words(rom_table(self.weighted, self.bends), self.lanes)
+        weights, factors = self._weights()
         if self.bends:
             reached = largest(self.weighted.weight, self.bends, self.weighted.input_limit)[..., None]
         else:
             reached = np.abs(self.weighted.weight) * self.weighted.input_limit
         bounds = beat_words(reached, self.lanes).reshape(self.interval, self.axes, -1)
-        m.submodules.weights = weights = RasterRom(words, rom_width(self.weighted, self.bends))
+        m.submodules.weights = weights
         m.submodules.accumulator = accumulator = FrameAccumulator(
             bounds, self.weighted.constant, loadable=self.loadable, width=self.weighted.width
         )
@@ -136,18 +141,20 @@ class WeightedSumStream(wiring.Component):
         wiring.connect(m, accumulator.o, wiring.flipped(self.o))
 
         inputs = self.i.payload
+        if self.weighted.block_px > 1:
+            inputs = self._inside(m, weights.squares.ends_row)
         for stage in range(RasterRom.latency):
             delayed = Signal(inputs.shape(), reset_less=True, name=f"inputs_{stage}")
             with m.If(advance):
                 m.d.sync += delayed.eq(inputs)
             inputs = delayed
-        for axis, factors in enumerate(weights.word):
+        for axis, of_axis in enumerate(factors):
             for k, bound in enumerate(bounds[:, axis].max(axis=0)):
                 lane, value = divmod(k, self.values)
-                pixel, factor, name = inputs[lane], factors[lane], f"product_{axis}_{k}"
+                pixel, factor, name = inputs[lane], of_axis[lane], f"product_{axis}_{k}"
                 if self.bends:
                     whole = bent_product(
-                        m, platform, advance, pixel, list(factor), self.bends, bound=int(bound), name=name
+                        m, platform, advance, pixel, factor, self.bends, bound=int(bound), name=name
                     )
                 else:
                     x = pixel if self.terms == 1 else pixel[value]
@@ -155,3 +162,25 @@ class WeightedSumStream(wiring.Component):
                 width = signed_width(int(bound))
                 m.d.comb += products.payload[axis][k].eq(whole[:width].as_signed())
         return m
+
+    def _inside(self, m: Module, ends_row: Signal) -> Signal:
+        """The pixels of a beat, 0 in lanes beyond the row: the weights there are those of the last square."""
+        inside = Signal(self.i.payload.shape())
+        last = (self.columns - 1) % self.lanes
+        for lane in range(self.lanes):
+            given = Value.cast(self.i.payload[lane])
+            m.d.comb += Value.cast(inside[lane]).eq(Mux(ends_row, 0, given) if lane > last else given)
+        return inside
+
+    def _weights(self) -> tuple[RasterRom | WeightRom, list[list[list]]]:
+        """The ROM, and of its word the values by axis and lane."""
+        table, side = rom_table(self.weighted, self.bends), self.weighted.block_px
+        if side == 1:
+            words = beat_words(table, self.lanes)
+            rom = RasterRom(words, rom_width(self.weighted, self.bends))
+            return rom, [[list(of_lane) for of_lane in of_axis] for of_axis in rom.word]
+        words = beat_words(table, max(self.lanes // side, 1))
+        rom = WeightRom(words.reshape(len(words), -1), BlockAddress.of(self.weighted, self.lanes))
+        places = np.arange(words[0].size).reshape(words[0].shape)
+        of_lanes = places[:, np.arange(self.lanes) // side]
+        return rom, [[[rom.word[k] for k in of_lane] for of_lane in of_axis] for of_axis in of_lanes.tolist()]

@@ -156,7 +156,8 @@ def with_force(
 
     weights : HyperForce's kernels (axes, N, N, K, K) or one weight a pixel and term (axes, N, N, terms), in
         N per mm of displacement; for the adjoint the weights of the slopes (axes, H, W, 2), in N. Every axis
-        has a scale of its own.
+        has a scale of its own. With `force.block_px` above 1 the same in each square, as `block_means` has
+        them.
     dot_weights : (axes, M, 2) in N per px of the dots' shifts, where the scene wants them
     """
     found = _with_skin_force(pipeline, weights)
@@ -179,12 +180,19 @@ def _with_skin_force(pipeline: IntegerPipeline, weights: np.ndarray) -> IntegerP
             pipeline.ratio.width,
             input_signed=True,
             loadable=scene.hardware.weights == "loadable",
+            block_px=scene.force.block_px,
         )
         return pipeline.replace(force=force, force_n_per_unit=2.0**-pipeline.ratio.fraction / scale)
     words, scale = quantise_weights(weights, numbers.kernel_bits)
     if scene.force_of_weights:
         constant = np.zeros(len(words), np.int64)
-        force = WeightedSum(words, constant, numbers.displacement_bits, scene.force.signed)
+        force = WeightedSum(
+            words,
+            constant,
+            numbers.displacement_bits,
+            scene.force.signed,
+            block_px=scene.force.block_px,
+        )
         return pipeline.replace(force=force, force_n_per_unit=pipeline.displacement_mm_per_unit / scale)
     force = PatchForce(words, numbers.kernel_bits, numbers.displacement_bits, not scene.force.clamp)
     if scene.force.kernel == "collapsed":

@@ -1,6 +1,6 @@
 """The force in integers: position-dependent K×K kernels, or one weight for each value."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,22 @@ def terms(displacement: np.ndarray, bends: tuple[float, ...]) -> np.ndarray:
     band, *deep = bends
     beyond = np.maximum(displacement - band, 0), np.minimum(displacement + band, 0)
     return np.stack([displacement, *beyond, *(np.maximum(displacement - d, 0) for d in deep)], axis=-1)
+
+
+def block_means(weights: np.ndarray, block_px: int) -> np.ndarray:
+    """Images (axes, rows, columns, …) in which all pixels of a square of block_px × block_px have its mean.
+
+    Squares begin at the first row and column; those at the other borders may be cut.
+    """
+    if block_px == 1:
+        return weights
+    found = weights
+    for axis in (1, 2):
+        first = np.arange(0, weights.shape[axis], block_px)
+        count = np.diff(first, append=weights.shape[axis])
+        sums = np.moveaxis(np.add.reduceat(found, first, axis=axis), axis, -1) / count
+        found = np.moveaxis(np.repeat(sums, count, axis=-1), -1, axis)
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +124,11 @@ class WeightedSum:
     input_signed: bool
     loadable: bool = False
     """Whether the hardware may be loaded with other constants, any sum of other inputs."""
+    block_px: int = 1
+    """Side of the squares whose pixels have the same weights, a power of two: hardware keeps one word for
+    each. Squares at the right border may be cut, too."""
+    cut_rows: int = 0
+    """Rows that the uppermost squares lack, where rows come last row first; others are cut below."""
 
     def __post_init__(self):
         if self.weight.ndim != 4 or self.constant.shape != self.weight.shape[:1]:
@@ -115,6 +136,29 @@ class WeightedSum:
                 f"weight {self.weight.shape}, constant {self.constant.shape}:"
                 " expected (axes, rows, columns, terms) and (axes,)"
             )
+        if self.block_px > 1 and not np.array_equal(self._spread(self.block_weight), self.weight):
+            raise ValueError(f"weight: not the same in all squares of block_px = {self.block_px}")
+
+    @property
+    def _blocks(self) -> tuple[np.ndarray, np.ndarray]:
+        """The square of each row and of each column."""
+        rows, columns = self.weight.shape[1:3]
+        return (np.arange(rows) + self.cut_rows) // self.block_px, np.arange(columns) // self.block_px
+
+    def _spread(self, of_blocks: np.ndarray) -> np.ndarray:
+        rows, columns = self._blocks
+        return of_blocks[:, rows][:, :, columns]
+
+    @property
+    def block_weight(self) -> np.ndarray:
+        """The weights of each square, (axes, rows of squares, columns of squares, terms)."""
+        first = [np.unique(of_line, return_index=True)[1] for of_line in self._blocks]
+        return self.weight[:, first[0]][:, :, first[1]]
+
+    def reversed_rows(self) -> "WeightedSum":
+        """The sum of a frame whose rows come last row first."""
+        below = -(self.weight.shape[1] + self.cut_rows) % self.block_px
+        return replace(self, weight=self.weight[:, ::-1], cut_rows=below)
 
     @property
     def input_limit(self) -> int:

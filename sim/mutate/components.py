@@ -152,6 +152,15 @@ COMPONENTS = (
         ),
         designs=2,
     ),
+    Component(
+        "force/block_address",
+        ("force/test_weight_rom.py::test_words_of_squares_are_read_again",),
+        datapath=False,
+        allowed=(
+            Allowed("row.eq(row + 1)", ANOTHER_ORDER),
+            Allowed("beat.eq(Mux(ends_row, 0, beat + 1))", ANOTHER_ORDER),
+        ),
+    ),
     Component("force/weight_rom", ("force/test_weight_rom.py",)),
     Component(
         "force/weighted_sum",

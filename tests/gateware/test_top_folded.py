@@ -42,6 +42,7 @@ DESIGNS = {
         "dots": True,
         "band_mm": 0.001,
         "deep_mm": (0.003, 0.006),
+        "block_px": 4,
     },
     "interval and levelled light": {
         "outputs": ("depth", "force_xyz"),
@@ -53,7 +54,13 @@ DESIGNS = {
         "coverage": 0.9,
         "level_light": True,
     },
-    "baked slopes": {"outputs": ("force_xyz",), "solver": "adjoint", "lanes": "1/16", "weights": "baked"},
+    "baked slopes": {
+        "outputs": ("force_xyz",),
+        "solver": "adjoint",
+        "lanes": "1/16",
+        "weights": "baked",
+        "block_px": 2,
+    },
     "baked patches": {"outputs": ("depth", "force_xyz"), "lanes": "1/16", "weights": "baked"},
     "floor": {
         "outputs": ("depth", "force_z"),

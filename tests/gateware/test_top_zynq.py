@@ -112,6 +112,7 @@ def test_force_of_displacement_beyond_bends_and_dots(tmp_path):
         bridge_dots=True,
         band_mm=0.001,
         deep_mm=(0.003, 0.006),
+        block_px=4,
     )
     assert hardware.top.datapath.stages["dots"] == ForceSum.latency
     check_frames(hardware)

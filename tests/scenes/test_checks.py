@@ -145,6 +145,11 @@ def test_dots_belong_to_their_places(keys, message):
             "force.deep_mm: 0.1 needs a force.band_mm that is smaller",
         ),
         (
+            {'fit = "weights"\nband_mm = 0.004': "block_px = 2"},
+            "force.block_px: 2 needs force.fit 'weights' or 'polynomials', or a force of slopes",
+        ),
+        ({"band_mm = 0.004": "block_px = 3"}, "force.block_px = 3: Input should be 1, 2, 4 or 8"),
+        (
             {'["depth", "force_z"]': '["depth", "slip"]', "dots = true\nkernel": "kernel"},
             "outputs: slip needs a force beside it and a poisson.solver with depth",
         ),

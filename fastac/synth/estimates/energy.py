@@ -16,6 +16,7 @@ import numpy as np
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.dots.axis import quotient_bits
 from fastac.gateware.force.bent_product import offset_adders
+from fastac.gateware.force.block_address import BlockAddress
 from fastac.gateware.force.folded_sum import products_of
 from fastac.gateware.force.weighted_sum import rom_width
 from fastac.gateware.mlp_mvm import accumulator_ranges, input_ranges, layer_graph
@@ -29,7 +30,7 @@ from fastac.models.integer.dot_force import DotForce
 from fastac.models.integer.dot_spread import DotSpread
 from fastac.models.integer.dot_windows import CELL, DotWindows
 from fastac.models.integer.features import WIDTH
-from fastac.models.integer.force import PatchForce
+from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.force_interval import WEIGHT_BITS, ForceInterval
 from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.network import Layer
@@ -157,18 +158,25 @@ def patch_force_works(frame: Frame, force: PatchForce) -> Iterator[Work]:
 def weighted_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
     force = pipeline.force
     axes, rows, columns, terms = force.weight.shape
-    beats, values = rows * -(-columns // frame.lanes), rows * columns * terms
-    yield memory(beats, frame.lanes * axes * terms * force.weight_width, beats)
+    values = rows * columns * terms
+    yield weight_reads(force, frame.lanes, force.weight_width)
     yield multiplication(values * axes, force.input_width + (not force.input_signed), force.weight_width)
     yield addition(values * axes, force.width)
+
+
+def weight_reads(force: WeightedSum, lanes: int, width: int) -> Work:
+    """A frame's reads of its weights of `width` bits: each beat the word of its pixels or their squares."""
+    axes, rows, columns, terms = force.weight.shape
+    squares, words = max(lanes // force.block_px, 1), BlockAddress.of(force, lanes).words
+    return memory(rows * -(-columns // lanes), squares * axes * terms * width, words)
 
 
 def bent_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
     """A folded sum takes a product an axis of each pixel and one for each bend; others take one product with
     the slope of the pixel's segment, and additions for the offset."""
     force, bends = pipeline.force, pipeline.bends
-    axes, rows, columns, terms = force.weight.shape
-    beats, values = rows * -(-columns // frame.lanes), rows * columns * axes
+    axes, rows, columns, _ = force.weight.shape
+    values = rows * columns * axes
     if frame.fold > 1:
         values *= products_of(len(bends))
         width = force.weight_width
@@ -176,7 +184,7 @@ def bent_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
         width = rom_width(force, bends)
         for count, bits in offset_adders(width, bends):
             yield addition(values * count, bits)
-    yield memory(beats, frame.lanes * axes * terms * width, beats)
+    yield weight_reads(force, frame.lanes, width)
     yield multiplication(values, force.input_width, width)
     yield addition(values, force.width)
 

@@ -9,10 +9,9 @@ from fastac.gateware.cycle_model import CycleModel
 from fastac.gateware.network.folded_layer import FoldedLayer
 from fastac.gateware.network.folded_output import FoldedOutput
 from fastac.gateware.poisson.folded_transform import FoldedDst1
-from fastac.models.integer.force import PatchForce, WeightedSum
+from fastac.models.integer.force import PatchForce
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.sine_transform import SineTransform
-from fastac.models.integer.words import signed_width
 
 STAGES = ("normals", "gradients", "transforms", "force")
 """The stages that are folded."""
@@ -79,10 +78,3 @@ def transform_memories(transforms: list[SineTransform], fold: int) -> Iterator[t
     for transform in transforms:
         products = FoldedDst1.products_of(transform.size, fold)
         yield "transforms", -(-products // 2), transform.coefficient_width, 2 * (transform.size + 1)
-
-
-def weight_memory(force: WeightedSum) -> tuple[str, int, int, int]:
-    """The same of the weights of a sum: each has the bits that its own values need."""
-    rows, columns = force.weight.shape[1:3]
-    largest = abs(force.weight).max(axis=(1, 2)).ravel()
-    return "force", 1, sum(signed_width(int(bound)) for bound in largest), rows * columns

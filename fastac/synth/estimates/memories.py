@@ -7,9 +7,10 @@ import numpy as np
 
 from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.dots.follower import dot_layout
-from fastac.gateware.force.weighted_sum import rom_width
+from fastac.gateware.force.block_address import BlockAddress
+from fastac.gateware.force.weighted_sum import rom_table, rom_width
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
-from fastac.models.integer.force import PatchForce
+from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.words import signed_width
 from fastac.scenes.schema import Scene
@@ -74,12 +75,20 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
     force = pipeline.force
     yield from kernel_memory(scene)
     if force is not None and not isinstance(force, PatchForce):
-        axes, rows, columns, terms = force.weight.shape
-        if frame.fold > 1:
-            yield folded.weight_memory(force)
-            return
-        width = rom_width(force, pipeline.bends)
-        yield "force", 1, lanes * axes * terms * width, rows * -(-columns // lanes)
+        yield weight_memory(force, lanes, () if frame.fold > 1 else pipeline.bends, folded=frame.fold > 1)
+
+
+def weight_memory(
+    force: WeightedSum, lanes: int, bends: tuple[int, ...], *, folded: bool
+) -> tuple[str, int, int, int]:
+    """As `memories`, of the weights of a sum; in a folded one, or of squares of pixels, each has the bits
+    that its own values need."""
+    table, squares = rom_table(force, bends), max(lanes // force.block_px, 1)
+    if folded or force.block_px > 1:
+        bits = sum(signed_width(int(bound)) for bound in np.abs(table).max(axis=(1, 2)).ravel())
+    else:
+        bits = table.shape[0] * table.shape[3] * rom_width(force, bends)
+    return "force", 1, squares * bits, BlockAddress.of(force, lanes).words
 
 
 def dot_memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:

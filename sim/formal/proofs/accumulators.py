@@ -13,6 +13,7 @@ import numpy as np
 from amaranth import Array, Cat, Const, Mux, Signal, Value, signed
 
 from fastac.gateware.arithmetic.frame_sum import FrameAccumulator
+from fastac.gateware.force.block_address import BlockAddress
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.mlp_mvm import MvmCore
 from fastac.models.integer.force import WeightedSum
@@ -130,17 +131,44 @@ def _terms(x: Value, bends: tuple[int, ...]) -> list[Value]:
     return [x, *beyond, *(Mux(x > bend, x - bend, 0) for bend in deep)]
 
 
+def _place_of_square(bench: FormalBench, weighted: WeightedSum, place: Value):
+    """Assert that the beat at `place` of a frame reads the word of its square, and what that follows from."""
+    squares = BlockAddress.of(weighted, 2)
+    row, beat = np.indices((squares.rows, squares.beats)).reshape(2, -1)
+    row_start = (row + squares.cut_rows) // squares.side * squares.row_words
+    for name, values in {
+        "address": row_start + beat // squares.width,
+        "row_start": row_start,
+        "row": row + squares.cut_rows,
+        "beat": beat,
+    }.items():
+        found = bench.probe(f"weights.squares.{name}", range(int(values.max()) + 1))
+        expected = Array(Const(int(value), 8) for value in values)[place]
+        bench.always(f"the weights' square: {name}", found == expected)
+
+
 def weighted(
-    component: type, weight: np.ndarray, constant: int, bits: int, bends: tuple[int, ...] = ()
+    component: type,
+    weight: np.ndarray,
+    constant: int,
+    bits: int,
+    bends: tuple[int, ...] = (),
+    **squares: int,
 ) -> FormalBench:
-    """The sum of a frame is constant + Σ weight · x, for all x; weight (rows, columns, terms)."""
-    given = WeightedSum(weight[None], np.array([constant]), bits, True)
+    """The sum of a frame is constant + Σ weight · x, for all x; weight (rows, columns, terms).
+
+    squares : `block_px` and `cut_rows` of the sum
+    """
+    given = WeightedSum(weight[None], np.array([constant]), bits, True, **squares)
     dut = component(given, lanes=2, **({"bends": bends} if bends else {}))
     bench = FormalBench(dut)
     m, beats, weights = bench.m, dut.interval, weight.reshape(-1, 2, weight.shape[2])
     entered, arrives, place = weighted_flow(bench)
     _one_stall(bench, dut.o.ready)
-    bench.always("the weights' place", bench.probe("weights.address", range(beats)) == entered.place)
+    if squares:
+        _place_of_square(bench, given, entered.place)
+    else:
+        bench.always("the weights' place", bench.probe("weights.address", range(beats)) == entered.place)
 
     total = Const(0, WIDE)
     for k, x in enumerate(dut.i.payload):
@@ -201,6 +229,8 @@ def tile(component: type, loadable: bool) -> FormalBench:
 PATTERN = [[[1, -1, 1, 2], [0, 1, -1, 0]], [[-1, 2, 0, -1], [1, 0, 1, -2]]]
 BENT_WEIGHTS = np.array(PATTERN * 4).reshape(4, 4, 4)
 """A weight for a value of 3 bits, one for what is beyond 1 on either side, and one for what is beyond 2."""
+SQUARE_WEIGHTS = np.repeat([[1, -1], [0, 1], [0, 1], [-1, 0]], 2, axis=1)[..., None]
+"""The same in squares of 2 × 2 pixels, of which the uppermost and the lowest are cut in half."""
 ONE_STALL = "stalls of one clock; in a longer one nothing moves any more"
 
 FRAMES = tuple(
@@ -250,8 +280,17 @@ PROOFS = (
         depth=16,
         breaks=(
             ("signed_width(int(bound))", "signed_width(int(bound)) - 1"),
-            ("list(factor)", "list(factor)[::-1]"),
+            ("[list(of_lane) for", "[list(of_lane)[::-1] for"),
         ),
+        broken_depth=20,
+    ),
+    Proof(
+        "weighted_sum_squares",
+        WeightedSumStream,
+        f"frames of 4 × 4 values of 3 bits, two a beat, the same weights in squares of 2 × 2; {ONE_STALL}",
+        partial(weighted, weight=SQUARE_WEIGHTS, constant=-2, bits=3, block_px=2, cut_rows=1),
+        depth=16,
+        breaks=(("words.reshape(len(words), -1)", "words[::-1].reshape(len(words), -1)"),),
         broken_depth=20,
     ),
     *(

@@ -11,11 +11,13 @@ from fastac.models.integer.force import PatchForce, WeightedSum, terms
 from fastac.sim.amaranth_simulator import run_streams
 from fastac.sim.check_stream import check, pack
 from tests.gateware.force.test_weighted_sum import (
+    SQUARES,
     WithConstant,
     beats,
     bent_sum,
     displacements,
     frames_of,
+    in_squares,
     weighted_sum,
 )
 
@@ -134,6 +136,27 @@ def test_bends(fold, bends):
         dut = FoldedWeightedSum(weighted, fold=fold, bends=bends)
         assert dut.multipliers == -(-axes * (1 + len(bends)) // fold)
         payloads, taken = run_streams(dut, inputs, {"o": len(x)}, stall=stall)
+        assert payloads["o"] == pack(expected, weighted.width)
+        if not stall:
+            assert_timing(dut, taken)
+
+
+@pytest.mark.parametrize(("block_px", "cut_rows"), SQUARES)
+@pytest.mark.parametrize("bends", [(), (9, 20)], ids=["", "bends"])
+@pytest.mark.quick("-4-0", "-4-3", "-8-5", "bends-2-1")
+def test_squares_of_pixels_that_share_their_weights(block_px, cut_rows, bends):
+    rng = np.random.default_rng(block_px)
+    if bends:
+        weighted = in_squares(bent_sum(3, 7, 6, rng, bends=2), block_px, cut_rows)
+        given = displacements(weighted, bends, rng, count=2)
+        x, expected = given[..., None], weighted(terms(given, bends))
+    else:
+        weighted = in_squares(weighted_sum(3, 5, 7, 2, 6, True, 5, rng), block_px, cut_rows)
+        x = frames_of(weighted, rng)
+        expected = weighted(x)
+    for stall in (0, 0.4):
+        dut = FoldedWeightedSum(weighted, fold=4, bends=bends)
+        payloads, taken = run_streams(dut, beats(x, 1, 6, rng), {"o": len(x)}, stall=stall)
         assert payloads["o"] == pack(expected, weighted.width)
         if not stall:
             assert_timing(dut, taken)

@@ -1,9 +1,11 @@
 # amaranth: UnusedElaboratable=no
 import numpy as np
+import pytest
 from amaranth import Module, Signal
 from amaranth.lib import stream, wiring
 from amaranth.lib.wiring import In, Out
 
+from fastac.gateware.force.block_address import BlockAddress
 from fastac.gateware.force.weight_rom import WeightRom
 from fastac.gateware.stream.handshake import pipeline_handshake
 from fastac.sim.check_stream import check, pack
@@ -33,6 +35,26 @@ class Words(wiring.Component):
             self.o.payload.eq(rom.word.as_value() | (last << (self.bits - 1))),
         ]
         return m
+
+
+def test_words_of_squares_are_read_again(tmp_path):
+    table = np.random.default_rng(2).integers(-64, 64, (21, 2))
+    squares = BlockAddress(rows=25, beats=5, side=4, width=2, cut_rows=1)
+    rom = WeightRom(table, squares)
+    dut = Words(rom)
+    first, *others = ([3 * k, 3 * k, 3 * k + 1, 3 * k + 1, 3 * k + 2] for k in range(7))
+    order = first * 3 + [word for row in others[:-1] for word in row * 4] + others[-1] * 2
+    words = pack(table[order * 3], rom.width)
+    check(
+        dut,
+        "weight_rom_squares",
+        tmp_path,
+        inputs=[0] * len(words),
+        expected=[word | (k % 125 == 124) << (dut.bits - 1) for k, word in enumerate(words)],
+        latencies=[(k, k, WeightRom.latency) for k in range(len(words))],
+    )
+    with pytest.raises(ValueError, match="table of 3 words: expected 21"):
+        WeightRom(table[:3], squares)
 
 
 def test_a_word_a_pixel_with_fields_as_wide_as_they_need(tmp_path):

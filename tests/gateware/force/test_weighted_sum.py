@@ -235,6 +235,55 @@ def test_bends(lanes, bends):
             assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(x) - 1)
 
 
+SQUARES = [(2, 0), (2, 1), (4, 0), (4, 3), (8, 5)]
+
+
+def in_squares(weighted, block_px, cut_rows):
+    """The sum with the weights of each square's first pixel for all of its pixels."""
+    rows, columns = weighted.weight.shape[1:3]
+    first_row = np.maximum((np.arange(rows) + cut_rows) // block_px * block_px - cut_rows, 0)
+    first_column = np.arange(columns) // block_px * block_px
+    weight = weighted.weight[:, first_row][:, :, first_column]
+    return replace(weighted, weight=weight, block_px=block_px, cut_rows=cut_rows)
+
+
+@pytest.mark.parametrize("lanes", [1, 2, 4])
+@pytest.mark.parametrize(("block_px", "cut_rows"), SQUARES)
+@pytest.mark.quick("2-1-4", "4-0-4", "4-3-1", "8-5-2", "2-0-2")
+def test_squares_of_pixels_that_share_their_weights(lanes, block_px, cut_rows):
+    """The sum and its timing are those of the same weights pixel by pixel; the ROM has a word a square."""
+    rng = np.random.default_rng(lanes)
+    weighted = in_squares(weighted_sum(2, 5, 7, 2, 6, True, 5, rng), block_px, cut_rows)
+    x = frames_of(weighted, rng)
+    expected = weighted(x)
+    assert np.abs(expected).max() == weighted.bound
+    inputs = beats(x, lanes, 6, rng)
+    for stall in (0, 0.4):
+        dut = WeightedSumStream(weighted, lanes=lanes)
+        plain = WeightedSumStream(replace(weighted, block_px=1, cut_rows=0), lanes=lanes)
+        assert (dut.latency, dut.interval, dut.multipliers) == (
+            plain.latency,
+            plain.interval,
+            plain.multipliers,
+        )
+        payloads, taken = run_streams(dut, inputs, {"o": len(x)}, stall=stall)
+        assert payloads["o"] == pack(expected, weighted.width)
+        if not stall:
+            last = taken["i"][dut.interval - 1 :: dut.interval]
+            assert [t - s for s, t in zip(last, taken["o"], strict=True)] == [dut.latency] * len(x)
+            assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(x) - 1)
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+def test_squares_with_bends(lanes):
+    rng, bends = np.random.default_rng(lanes), (9, 20)
+    weighted = in_squares(bent_sum(2, 7, 6, rng, bends=2), 4, 1)
+    x = displacements(weighted, bends, rng)
+    dut = WeightedSumStream(weighted, lanes=lanes, bends=bends)
+    payloads, _ = run_streams(dut, beats(x[..., None], lanes, 6, rng), {"o": len(x)}, stall=0.3)
+    assert payloads["o"] == pack(weighted(terms(x, bends)), weighted.width)
+
+
 @pytest.mark.parametrize("lanes", [4, 1])
 @pytest.mark.quick("4")
 def test_bends_in_verilator(tmp_path, lanes):

@@ -35,7 +35,10 @@ DOTTED = {
     "bridge by slopes": ((Z,), {"solver": "adjoint", "bridge_dots": True}),
     "bridge alone": ((DEPTH,), {"bridge_dots": True, "divergence": "backward"}),
     "band": ((XYZ,), {"kernel": "collapsed", "band_mm": 0.002}),
-    "bends": ((XYZ,), {"kernel": "collapsed", "band_mm": 0.001, "deep_mm": (0.003, 0.005, 0.008)}),
+    "bends": (
+        (XYZ,),
+        {"kernel": "collapsed", "band_mm": 0.001, "deep_mm": (0.003, 0.005, 0.008), "block_px": 2},
+    ),
     "dots, patches, clamp": ((DEPTH, Z), {"dots": True, "mode": "difference", "channels": "bgr+nir"}),
     "slip": ((Z, SLIP), {"solver": "tridiagonal", "clamp": False, "dots": True, "size": 36}),
     "all": (

@@ -5,7 +5,7 @@ import pytest
 
 from fastac.models.floating.hyperforce import collapse
 from fastac.models.integer.depth import DisplacementQuantiser
-from fastac.models.integer.force import PatchForce, WeightedSum, terms
+from fastac.models.integer.force import PatchForce, WeightedSum, block_means, terms
 
 
 def force_by_loop(kernel: np.ndarray, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -182,3 +182,43 @@ class TestTerms:
         assert terms(q, (0,)).dtype == np.int64
         assert np.abs(terms(q, (0,))).max() == force.input_limit
         assert force.bound / 4 < np.abs(force(terms(q, (0,)))).max() <= force.bound
+
+
+class TestSquares:
+    """Weights that all pixels of a square have in common."""
+
+    @pytest.mark.parametrize("block_px", [1, 2, 4, 8])
+    def test_means_of_squares(self, block_px):
+        weights = np.random.default_rng(1).normal(size=(2, 6, 9, 3))
+        found = block_means(weights, block_px)
+        for row, column in product(range(6), range(9)):
+            rows, columns = (
+                slice(k // block_px * block_px, k // block_px * block_px + block_px) for k in (row, column)
+            )
+            expected = weights[:, rows, columns].mean(axis=(1, 2))
+            np.testing.assert_allclose(found[:, row, column], expected, rtol=1e-12)
+        np.testing.assert_array_equal(
+            WeightedSum(np.rint(found), np.zeros(2), 8, True).weight, np.rint(found)
+        )
+        np.testing.assert_allclose(block_means(found, block_px), found, rtol=1e-12)
+
+    def test_a_weight_for_each_square(self):
+        of_squares = np.arange(12).reshape(1, 2, 3, 2)
+        weight = of_squares.repeat(4, axis=1)[:, :6].repeat(4, axis=2)[:, :, :9]
+        weighted = WeightedSum(weight, np.zeros(1, int), 8, True, block_px=4)
+        np.testing.assert_array_equal(weighted.block_weight, of_squares)
+        reversed_ = weighted.reversed_rows()
+        assert reversed_.cut_rows == 2
+        np.testing.assert_array_equal(reversed_.block_weight, of_squares[:, ::-1])
+        again = reversed_.reversed_rows()
+        assert again.cut_rows == 0
+        np.testing.assert_array_equal(again.weight, weight)
+        x = np.random.default_rng(2).integers(-127, 128, (6, 9, 2))
+        assert weighted(x) == reversed_(x[::-1]) == WeightedSum(weight, np.zeros(1, int), 8, True)(x)
+
+    @pytest.mark.parametrize("place", [(0, 1), (3, 0), (5, 8)])
+    def test_refuses_squares_whose_pixels_differ(self, place):
+        weight = np.ones((1, 6, 9, 1), int)
+        weight[0, *place] = 2
+        with pytest.raises(ValueError, match="weight: not the same in all squares of block_px = 4"):
+            WeightedSum(weight, np.zeros(1, int), 8, True, block_px=4)

@@ -53,10 +53,3 @@ def test_every_folded_stage_has_samples():
     counted = {stage for sample in content["samples"] for stage in sample["counted"]}
     assert counted == set(folded.STAGES)
     assert np.abs(content["left_out_errors_percent"]["lut"]).max() < 40
-
-
-def test_weights_take_the_bits_that_their_values_need(by_pace):
-    force = by_pace[0].force
-    stage, number, bits, words = folded.weight_memory(force)
-    assert (stage, number, words) == ("force", 1, 32 * 32)
-    assert bits <= 6 * force.weight_width

@@ -1,6 +1,7 @@
 # amaranth: UnusedElaboratable=no
 import pytest
 
+from fastac.gateware import datapath_stages
 from fastac.gateware.datapath import Datapath
 from fastac.models.random_bundle import random_bundle, scene
 from fastac.synth.estimates.memories import blocks, memories
@@ -47,3 +48,23 @@ def test_a_row_of_windows_and_the_dots_weights_are_memories(tmp_path):
     assert depth % 16 == 0, "rows of 10 windows"
     assert depth >= 16 * (2 * (windows.half + pipeline.follower.reach) + 1)
     assert weights == (1, 3 * 2 * pipeline.dot_force.weighted.weight_width, 9)
+
+
+@pytest.mark.parametrize("lanes", [1, 4, "1/4"])
+@pytest.mark.parametrize("block_px", [1, 2, 8])
+def test_weights_of_squares_take_a_word_each(tmp_path, block_px, lanes):
+    bends = {"band_mm": 0.001, "deep_mm": 0.003, "kernel": "collapsed", "clamp": False}
+    made = scene(("depth", "force_xyz"), size=32, lanes=lanes, block_px=block_px, **bends)
+    pipeline = random_bundle(tmp_path / "b", made).pipeline
+    [(_, number, bits, words)] = [found for found in memories(pipeline) if found[0] == "force"]
+    assert number == 1
+    if lanes == "1/4":
+        assert words == (-(-30 // block_px)) ** 2
+        assert bits <= 3 * 4 * pipeline.force.weight_width
+        return
+    rom, _ = datapath_stages.force(pipeline)._weights()
+    assert words == len(rom.table)
+    if block_px == 1:
+        assert bits == len(rom.word.as_value())
+    else:
+        assert 0.9 * bits < sum(rom.field_widths) <= bits
