@@ -21,7 +21,7 @@ from fastac.gateware.datapath import Datapath
 from fastac.gateware.target.device import device_of, on_part
 from fastac.models.integer.assemble import order_of_dots, with_force_of, with_loadable
 from fastac.models.integer.bounds import Stage
-from fastac.models.integer.bundle import Bundle, save
+from fastac.models.integer.bundle import LATER, Bundle, save
 from fastac.models.integer.constant_neurons import with_hidden
 from fastac.models.integer.depth import Depth
 from fastac.models.integer.dot_follower import DotFollower
@@ -104,9 +104,9 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 def hardware_identifier(pipeline: IntegerPipeline) -> int:
     """32-bit identifier of the hardware: hash of everything that a calibration cannot change.
 
-    Rounding to nearest, dots, bends and an interval that are not there, and DSP48E2, for which weights are
-    packed as they always were, are left out, so that hardware older than the choice of them keeps its
-    identifier.
+    Rounding to nearest, dots, bends and an interval that are not there, weights of single pixels, and
+    DSP48E2, for which weights are packed as they always were, are left out, so that hardware older than the
+    choice of them keeps its identifier.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     dsp = device_of(pipeline.scene).dsp
@@ -114,6 +114,8 @@ def hardware_identifier(pipeline: IntegerPipeline) -> int:
         digest.update(f"packed for {dsp.name}".encode())
     for name, value in fixed_content(pipeline):
         if name.endswith(".rounding") and value == NEAREST:
+            continue
+        if name.endswith((".block_px", ".cut_rows")) and value == LATER[name.rpartition(".")[2]]:
             continue
         if name in ("validity.dots", "bends.length", *OF_DOTS, "interval") and not value:
             continue

@@ -17,7 +17,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.adjoint import displacement_mm, slope_weights
 from fastac.models.floating.hyperforce import HyperForce, collapse, coordinates
 from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.integer.force import terms
+from fastac.models.integer.force import block_means, terms
 from fastac.models.training.force import hyperforce, polynomial_weights, press_symmetry, smooth_weights
 from fastac.scenes.schema import Scene
 from fastac.sensor.samples import FORCE_AXES
@@ -67,9 +67,19 @@ def found_displacement_mm(
 def displacement_terms(
     pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
 ) -> np.ndarray:
-    """What one weight a pixel each is multiplied with, (frames, N, N, terms) in mm."""
+    """What one weight a pixel each is multiplied with, (frames, N, N, terms) in mm; in squares that share
+    their weights, the means."""
+    force = pipeline.scene.force
     found = found_displacement_mm(pipeline, frames, background, progress=progress)
-    return terms(found, pipeline.scene.force.bends_mm)
+    return block_means(terms(found, force.bends_mm), force.block_px)
+
+
+def changes_in_squares(
+    pipeline: FloatPipeline | Emulator, frames: np.ndarray, background: np.ndarray, *, progress: bool
+) -> np.ndarray:
+    """`slope_changes`; in squares that share their weights, the means."""
+    change = slope_changes(pipeline, frames, background, progress=progress)
+    return block_means(change, pipeline.scene.force.block_px)
 
 
 def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
@@ -155,14 +165,13 @@ class PolynomialFit(WeightFit):
             samples.shifts_px,
             with_validation=fits_validation(scene),
             together=samples.together,
-            block_px=scene.force.block_px,
         )
 
 
 class SlopeFit(WeightFit):
     """Weights of the slopes (axes, H, W, 2), without a model to start from."""
 
-    force_input = staticmethod(slope_changes)
+    force_input = staticmethod(changes_in_squares)
 
     @staticmethod
     def fit(

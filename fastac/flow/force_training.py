@@ -81,6 +81,7 @@ def _fit_force(
     name: str, scene: Scene, start: HyperForce | None, samples: ForceSamples, *, progress: bool
 ) -> dict[str, np.ndarray]:
     fitted, of_dots, history = FITS[scene.force.fit].fit(scene, start, samples, progress=progress)
+    # What squares make of these weights is what the fit has seen: Σ w · mean(x) = Σ mean(w) · x.
     fitted = block_means(fitted, scene.force.block_px)
     weights = {f"force.{name}_weights": fitted.astype(np.float32)}
     if of_dots is not None:

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 
@@ -23,9 +24,9 @@ FOLDER = Path(__file__).resolve().parents[1] / "__pycache__" / "loops"
 """Where the code is kept, unless the environment variable NUMBA_CACHE_DIR says another place; where it cannot
 be written, in the user's folder of caches."""
 KEPT_DAYS = 7
-"""How long the code of an earlier state of the files is kept: branches take turns, and processes may still
-write it."""
-_IMPORT = re.compile(r"^(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]+)|import\s+([\w.]+))", re.MULTILINE)
+"""How long the code of a state of the files is kept after its last use: branches take turns."""
+_IMPORT = re.compile(r"^(?:from\s+([\w.]+)\s+import\s+(\([^)]*\)|[^\n]+)|import\s+([^\n]+))", re.MULTILINE)
+_STARTED_S = time.time()
 
 _lock = threading.Lock()
 
@@ -37,10 +38,10 @@ def compiled(**options) -> Callable[[Callable], Dispatcher]:
     def decorate(loop: Callable) -> Dispatcher:
         with _lock:
             before = config.CACHE_DIR
-            base = _base(before)
-            if base is None:
+            folder = _folder(_base(before), loop.__module__)
+            if folder is None:
                 return njit(nogil=True, **options)(loop)
-            config.CACHE_DIR = str(_folder(base, loop.__module__))  # read where `njit` is applied
+            config.CACHE_DIR = str(folder)  # read where `njit` is applied
             try:
                 return njit(nogil=True, cache=True, **options)(loop)
             finally:
@@ -52,11 +53,12 @@ def compiled(**options) -> Callable[[Callable], Dispatcher]:
 @cache
 def _base(wanted: str) -> Path | None:
     """The first folder that can be written: that of NUMBA_CACHE_DIR, if any, this project's, the user's."""
-    of_user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "fastac" / "loops"
-    for folder in (Path(wanted) if wanted else FOLDER, of_user):
+    of_user = os.environ.get("XDG_CACHE_HOME") or "~/.cache"
+    for place in (wanted or str(FOLDER), f"{of_user}/fastac/loops"):
         try:
+            folder = Path(place).expanduser()
             folder.mkdir(parents=True, exist_ok=True)
-        except OSError:
+        except (OSError, RuntimeError):  # it cannot be made, or there is no home
             continue
         if os.access(folder, os.W_OK):
             return folder
@@ -64,52 +66,51 @@ def _base(wanted: str) -> Path | None:
 
 
 @cache
-def _folder(base: Path, module: str) -> Path:
-    """The folder for the loops of a module in its present state; those of much earlier states are removed."""
+def _folder(base: Path | None, module: str) -> Path | None:
+    """The folder for the loops of a module in its present state; those of states that were not used for long
+    are removed. None where nothing can be kept."""
+    digest = _digest(module)
+    if base is None or digest is None:
+        return None
     place = hashlib.sha256(str(sys.modules[module].__file__).encode()).hexdigest()[:8]
-    name = f"{module}-{place}-"
-    folder = base / f"{name}{_digest(module)}"
-    if not folder.exists():
-        for old in base.glob(f"{name}*"):
-            if _age_s(old) > KEPT_DAYS * 86_400:
+    folder = base / f"{module}-{place}-{digest}"
+    with suppress(OSError):
+        folder.mkdir(exist_ok=True)
+        os.utime(folder)
+        for old in base.glob(f"{module}-{place}-*"):
+            if time.time() - old.stat().st_mtime > KEPT_DAYS * 86_400:
                 shutil.rmtree(old, ignore_errors=True)
     return folder
 
 
-def _age_s(folder: Path) -> float:
-    """Since something was written there; 0 where it is gone."""
-    try:
-        return time.time() - folder.stat().st_mtime
-    except OSError:
-        return 0.0
-
-
-def _digest(module: str) -> str:
-    """Of the files of a module and of all modules of its package that it imports at its top, and they in
-    turn."""
-    package, found, waiting = module.partition(".")[0], {}, [module]
+def _digest(module: str) -> str | None:
+    """Of the files of a module and of all modules of this project, and of its own package, that it imports at
+    its top, and they in turn. None where one has no file that can be read, or one that was written since this
+    process began: it may run what the file held before."""
+    packages = {module.partition(".")[0], __name__.partition(".")[0]}
+    found, waiting = {}, [module]
     while waiting:
         name = waiting.pop()
-        path = getattr(sys.modules.get(name), "__file__", None)
-        if name in found or path is None or name.partition(".")[0] != package:
+        if name in found or name not in sys.modules or name.partition(".")[0] not in packages:
             continue
-        found[name], imported = _read(path)
-        waiting += imported
+        try:
+            path = Path(sys.modules[name].__file__)
+            text = path.read_text(encoding="utf-8")
+            if path.stat().st_mtime > _STARTED_S:
+                return None
+        except (AttributeError, TypeError, OSError, UnicodeDecodeError):
+            return None
+        found[name] = hashlib.sha256(text.encode()).hexdigest()
+        waiting += imports_at_top(text)
     return hashlib.sha256("\n".join(map(str, sorted(found.items()))).encode()).hexdigest()[:16]
 
 
-@cache
-def _read(path: str) -> tuple[str, tuple[str, ...]]:
-    """The digest of a module's file, and what it imports."""
-    text = Path(path).read_text(encoding="utf-8")
-    return hashlib.sha256(text.encode()).hexdigest(), (*_imports(text),)
-
-
-def _imports(text: str) -> Iterator[str]:
-    """Modules that statements at the top of a source name, and names in them that may be modules too."""
-    for base, names, alone in _IMPORT.findall(text):
-        if alone:
-            yield alone
-            continue
-        yield base
-        yield from (f"{base}.{name}" for name in re.findall(r"\w+", names))
+def imports_at_top(text: str) -> Iterator[str]:
+    """Modules that statements at the top of a source name, and names in them that may be modules too; not
+    relative ones, nor those of other statements."""
+    for base, names, several in _IMPORT.findall(text):
+        if several:
+            yield from re.findall(r"[\w.]+", several)
+        else:
+            yield base
+            yield from (f"{base}.{name}" for name in re.findall(r"\w+", names))

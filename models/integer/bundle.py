@@ -75,9 +75,9 @@ CLASSES = {
     )
 }
 """What every bundle may hold, by the names in bundle.json; the solver's classes come from its table."""
-LATER = ("interval",)
-"""Fields of the pipeline that are younger than the format: a bundle without them does not name them, so that
-it has the hash that it always had."""
+LATER = {"interval": None, "block_px": 1, "cut_rows": 0}
+"""Fields that are younger than the format, with what they were before there was a choice: of such a bundle
+they are not written, so that it has the hash that it always had."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -109,7 +109,7 @@ def _flatten(value, name: str, arrays: dict[str, np.ndarray]):
         fields = {
             f.name: _flatten(getattr(value, f.name), f"{name}.{f.name}".removeprefix("."), arrays)
             for f in dataclasses.fields(value)
-            if f.name not in LATER or getattr(value, f.name) is not None
+            if f.name not in LATER or getattr(value, f.name) != LATER[f.name]
         }
         return {"class": type(value).__name__, "fields": fields}
     if isinstance(value, tuple):

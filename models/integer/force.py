@@ -24,19 +24,20 @@ def terms(displacement: np.ndarray, bends: tuple[float, ...]) -> np.ndarray:
     return np.stack([displacement, *beyond, *(np.maximum(displacement - d, 0) for d in deep)], axis=-1)
 
 
-def block_means(weights: np.ndarray, block_px: int) -> np.ndarray:
-    """Images (axes, rows, columns, …) in which all pixels of a square of block_px × block_px have its mean.
+def block_means(images: np.ndarray, block_px: int) -> np.ndarray:
+    """Images (count, rows, columns, …) of floats in which all pixels of a square have its mean.
 
+    block_px : side of the squares
     Squares begin at the first row and column; those at the other borders may be cut.
     """
     if block_px == 1:
-        return weights
-    found = weights
+        return images
+    found = images
     for axis in (1, 2):
-        first = np.arange(0, weights.shape[axis], block_px)
-        count = np.diff(first, append=weights.shape[axis])
-        sums = np.moveaxis(np.add.reduceat(found, first, axis=axis), axis, -1) / count
-        found = np.moveaxis(np.repeat(sums, count, axis=-1), -1, axis)
+        first = np.arange(0, images.shape[axis], block_px)
+        count = np.diff(first, append=images.shape[axis])
+        sums = np.moveaxis(np.add.reduceat(found, first, axis=axis), axis, -1)
+        found = np.moveaxis(np.repeat(sums / count.astype(images.dtype), count, axis=-1), -1, axis)
     return found
 
 
@@ -135,6 +136,11 @@ class WeightedSum:
             raise ValueError(
                 f"weight {self.weight.shape}, constant {self.constant.shape}:"
                 " expected (axes, rows, columns, terms) and (axes,)"
+            )
+        if self.block_px < 1 or self.block_px & (self.block_px - 1) or not 0 <= self.cut_rows < self.block_px:
+            raise ValueError(
+                f"block_px = {self.block_px}, cut_rows = {self.cut_rows}: expected a power of two, and fewer"
+                " rows than that"
             )
         if self.block_px > 1 and not np.array_equal(self._spread(self.block_weight), self.weight):
             raise ValueError(f"weight: not the same in all squares of block_px = {self.block_px}")

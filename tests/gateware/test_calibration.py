@@ -4,6 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from fastac.gateware import calibration
 from fastac.gateware.calibration import (
     CalibrationError,
     calibration_words,
@@ -261,6 +262,18 @@ def test_slip_is_of_the_hardware(tmp_path):
 
 def test_identifiers_of_different_hardware_differ(bundles):
     assert len({hardware_identifier(own.pipeline) for own, _ in bundles.values()}) == len(WANTED)
+
+
+def test_hardware_of_single_pixels_keeps_the_identifier_that_it_had_before_squares(bundles, monkeypatch):
+    pipeline = bundles["adjoint"][0].pipeline
+    before = hardware_identifier(pipeline)
+    everything = calibration.fixed_content
+    told = [name for name, _ in everything(pipeline) if name.endswith((".block_px", ".cut_rows"))]
+    assert told == ["force.block_px", "force.cut_rows"]
+    monkeypatch.setattr(
+        calibration, "fixed_content", lambda of: (item for item in everything(of) if item[0] not in told)
+    )
+    assert hardware_identifier(pipeline) == before
 
 
 def test_fields_that_only_document_may_differ(bundles):

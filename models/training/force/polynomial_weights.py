@@ -11,7 +11,6 @@ from itertools import product
 
 import numpy as np
 
-from fastac.models.integer.force import block_means
 from fastac.models.training.force import ridge
 
 DEGREE = 3
@@ -46,7 +45,6 @@ def fit(
     *,
     with_validation: bool = False,
     together: dict[str, np.ndarray] | None = None,
-    block_px: int = 1,
 ) -> tuple[np.ndarray, np.ndarray | None, list[dict]]:
     """Fit the weights of the images, (axes, N, N, terms) in N per their unit, and of the dots' shifts, (axes,
     M, 2) in N per px; returns them, None without shifts, and the errors as `ridge.validation_errors`.
@@ -58,12 +56,9 @@ def fit(
         train split
     together : which frames belong together; with it the regularisation is chosen as by
         `ridge.held_out_errors`
-    block_px : side of the squares whose pixels share a weight, the polynomial's mean over them
     """
     ridge.check(force_n)
     of_place, without = monomials(coordinate), hardly_shown(images["train"])
-    squares = block_means(of_place.reshape(1, *coordinate.shape[:2], -1), block_px)
-    of_place = squares.reshape(of_place.shape)
 
     def moments(frame: np.ndarray) -> np.ndarray:
         return (of_place.T @ np.where(without, 0, frame).reshape(len(of_place), -1)).ravel()

@@ -1,9 +1,13 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from fastac.flow.force_fits import FITS, ForceSamples, fits_validation
+from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import coordinates
+from fastac.models.integer.force import block_means
+from fastac.models.random_bundle import random_bundle, scene
 from fastac.models.training.force import polynomial_weights
 from tests.models.training.force.test_press_symmetry import recordings
 
@@ -67,3 +71,19 @@ def test_polynomials_are_those_of_the_skin_at_rest(make_scene):
     )
     np.testing.assert_array_equal(weights, expected)
     assert (of_dots, history) == (None, errors)
+
+
+@pytest.mark.parametrize("fit", ["polynomials", "weights", "slopes"])
+def test_weights_of_squares_are_fitted_to_means_in_squares(tmp_path, fit):
+    """So that the errors that choose a fit are those of the weights that the hardware will have."""
+    made = scene(("force_z",), size=24, **({"solver": "adjoint"} if fit == "slopes" else {"clamp": False}))
+    pipeline = random_bundle(tmp_path / "b", made).pipeline
+    frames = np.random.default_rng(1).integers(60, 200, (2, *pipeline.background.shape)).astype(np.uint8)
+
+    def found(block_px):
+        force = made.force.model_copy(update={"block_px": block_px})
+        emulator = Emulator(pipeline.replace(scene=made.model_copy(update={"force": force})))
+        return FITS[fit].force_input(emulator, frames, pipeline.background, progress=False)
+
+    np.testing.assert_allclose(found(4), block_means(found(1), 4))
+    assert np.abs(found(4) - found(1)).max() > 0

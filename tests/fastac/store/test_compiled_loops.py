@@ -1,8 +1,10 @@
+import ast
 import os
 import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -135,7 +137,10 @@ def test_code_of_much_earlier_states_is_removed(project):
     project.run()
     assert first.exists()
     long_ago = time.time() - (compiled_loops.KEPT_DAYS + 1) * 86_400
-    os.utime(first, (long_ago, long_ago))
+    [second] = {*project.cache.glob("project.loop-*")} - {first}
+    for state in (first, second):
+        os.utime(state, (long_ago, long_ago))
+    project.run()  # which uses the second one
     project.write({"loop": SOURCES["loop"].replace("1000", "3000")})
     project.run()
     assert not first.exists()
@@ -152,6 +157,41 @@ def test_without_a_folder_that_can_be_written_the_user_s_is_taken_or_none(projec
     assert len([*(user / "fastac" / "loops").iterdir()]) == 3
     assert project.run(**given | {"XDG_CACHE_HOME": wrong}) == (FOUND, 0)
     assert project.run(**given | {"XDG_CACHE_HOME": wrong}) == (FOUND, 0)
+
+
+def test_nothing_is_kept_of_files_that_were_written_since_the_process_began(project):
+    """It may run what they held before."""
+    soon = time.time() + 1000
+    os.utime(project.folder / "project" / "seventh.py", (soon, soon))
+    assert project.run() == (FOUND, 0)
+    assert project.run() == (FOUND, 0)
+    assert project.states() == ["project.middle", "project.parts"]
+
+
+def test_a_loop_without_a_file_is_compiled_all_the_same():
+    code = "from fastac.store.compiled_loops import compiled; print(compiled()(lambda x: x + 1)(2))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout == "3\n"
+
+
+ROOT = Path(compiled_loops.__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize("folder", ["models", "sensor", "scenes", "fastac/store"])
+def test_all_imports_of_the_project_at_the_top_of_its_files_are_seen(folder):
+    for path in (ROOT / folder).rglob("*.py"):
+        text, known = path.read_text(), set()
+        for node in ast.parse(text).body:
+            match node:
+                case ast.ImportFrom():
+                    assert node.level == 0, path
+                    known |= {node.module, *(f"{node.module}.{alias.name}" for alias in node.names)}
+                case ast.Import():
+                    known |= {alias.name for alias in node.names}
+                case ast.Try() | ast.With() | ast.For():
+                    inner = [n.module for n in ast.walk(node) if isinstance(n, ast.ImportFrom)]
+                    assert not any(name.startswith("fastac") for name in inner), path
+        assert known <= {*compiled_loops.imports_at_top(text)}, path
 
 
 def test_loops_may_be_made_in_several_threads(tmp_path, monkeypatch):

@@ -85,6 +85,19 @@ class TestRoundTrip:
         assert "coverage" not in fields["scene"]["scene"]["force"]
         assert bundle.load(tmp_path / "b").pipeline.interval is None
 
+    def test_without_squares_nothing_tells_of_them(self, tmp_path):
+        settings = {"solver": "tridiagonal", "kernel": "collapsed", "band_mm": 0.002}
+        made = random_bundle.scene(("force_xyz",), size=32, **settings)
+        random_bundle.random_bundle(tmp_path / "b", made)
+        content = json.loads((tmp_path / "b" / "bundle.json").read_text())["pipeline"]["fields"]
+        assert not {"block_px", "cut_rows"} & content["force"]["fields"].keys()
+        assert "block_px" not in content["scene"]["scene"]["force"]
+        made = random_bundle.scene(("force_xyz",), size=32, block_px=4, **settings)
+        random_bundle.random_bundle(tmp_path / "c", made)
+        content = json.loads((tmp_path / "c" / "bundle.json").read_text())["pipeline"]["fields"]
+        assert content["force"]["fields"]["block_px"] == 4
+        assert bundle.load(tmp_path / "c").pipeline.force.block_px == 4
+
     def test_bundles_from_before_there_was_a_choice_round_to_the_nearest(self, tiny_bundle, folder):
         content = json.loads((folder / "bundle.json").read_text())
         del content["sha256"], content["pipeline"]["fields"]["scene"]["scene"]["numbers"]["rounding"]

@@ -202,6 +202,13 @@ class TestSquares:
         )
         np.testing.assert_allclose(block_means(found, block_px), found, rtol=1e-12)
 
+    def test_means_of_the_weights_find_what_the_weights_find_in_means(self):
+        rng = np.random.default_rng(3)
+        weights, images = (rng.normal(size=(count, 6, 9, 3)) for count in (2, 4))
+        found = np.einsum("aijt,nijt->na", block_means(weights, 4), images)
+        np.testing.assert_allclose(found, np.einsum("aijt,nijt->na", weights, block_means(images, 4)))
+        assert block_means(images.astype(np.float32), 4).dtype == np.float32
+
     def test_a_weight_for_each_square(self):
         of_squares = np.arange(12).reshape(1, 2, 3, 2)
         weight = of_squares.repeat(4, axis=1)[:, :6].repeat(4, axis=2)[:, :, :9]
@@ -215,6 +222,14 @@ class TestSquares:
         np.testing.assert_array_equal(again.weight, weight)
         x = np.random.default_rng(2).integers(-127, 128, (6, 9, 2))
         assert weighted(x) == reversed_(x[::-1]) == WeightedSum(weight, np.zeros(1, int), 8, True)(x)
+
+    @pytest.mark.parametrize(("block_px", "cut_rows"), [(0, 0), (3, 0), (-2, 0), (4, 4), (4, -1), (1, 1)])
+    def test_refuses_squares_that_are_none(self, block_px, cut_rows):
+        message = f"block_px = {block_px}, cut_rows = {cut_rows}: expected a power of two, and fewer rows"
+        with pytest.raises(ValueError, match=message):
+            WeightedSum(
+                np.ones((1, 6, 9, 1), int), np.zeros(1, int), 8, True, block_px=block_px, cut_rows=cut_rows
+            )
 
     @pytest.mark.parametrize("place", [(0, 1), (3, 0), (5, 8)])
     def test_refuses_squares_whose_pixels_differ(self, place):

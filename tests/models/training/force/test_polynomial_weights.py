@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from fastac.models.floating.hyperforce import coordinates
-from fastac.models.integer.force import block_means
 from fastac.models.training.force import polynomial_weights, ridge
 
 N = 11
@@ -51,16 +50,6 @@ def test_weights_that_are_polynomials_are_found(coordinate, validation):
     np.testing.assert_allclose(found, truth, atol=1e-5 * np.abs(truth).max())
     assert of_dots is None
     assert [entry["regularisation"] for entry in history] == ridge.REGULARISATION.tolist()
-
-
-def test_in_squares_weights_are_the_means_of_polynomials():
-    truth = block_means(weights(DOME), 4)
-    images, force_n = problem(truth)
-    found, _, _ = polynomial_weights.fit(DOME, images, force_n, block_px=4)
-    np.testing.assert_allclose(found, truth, atol=1e-5 * np.abs(truth).max())
-    np.testing.assert_allclose(found, block_means(found, 4), rtol=1e-12)
-    alone, _, _ = polynomial_weights.fit(DOME, images, force_n)
-    assert np.abs(alone - truth).max() > 0.01
 
 
 def test_shifts_of_dots_are_weighed_beside_the_images():
