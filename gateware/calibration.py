@@ -104,9 +104,9 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 def hardware_identifier(pipeline: IntegerPipeline) -> int:
     """32-bit identifier of the hardware: hash of everything that a calibration cannot change.
 
-    Rounding to nearest, dots, bends and an interval that are not there, weights of single pixels, and
-    DSP48E2, for which weights are packed as they always were, are left out, so that hardware older than the
-    choice of them keeps its identifier.
+    Rounding to nearest, dots and bends that are not there, fields younger than bundles (`LATER`) as they were
+    before, and DSP48E2, for which weights are packed as they always were, are left out, so that hardware
+    older than the choice of them keeps its identifier.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     dsp = device_of(pipeline.scene).dsp
@@ -115,9 +115,10 @@ def hardware_identifier(pipeline: IntegerPipeline) -> int:
     for name, value in fixed_content(pipeline):
         if name.endswith(".rounding") and value == NEAREST:
             continue
-        if name.endswith((".block_px", ".cut_rows")) and value == LATER[name.rpartition(".")[2]]:
+        field = name.rpartition(".")[2]
+        if field in LATER and value == LATER[field]:
             continue
-        if name in ("validity.dots", "bends.length", *OF_DOTS, "interval") and not value:
+        if name in ("validity.dots", "bends.length", *OF_DOTS) and not value:
             continue
         if isinstance(value, np.ndarray):
             digest.update(f"{name} {value.shape}".encode() + value.astype("<i8").tobytes())

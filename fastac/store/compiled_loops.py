@@ -93,16 +93,25 @@ def _digest(module: str) -> str | None:
         name = waiting.pop()
         if name in found or name not in sys.modules or name.partition(".")[0] not in packages:
             continue
-        try:
-            path = Path(sys.modules[name].__file__)
-            text = path.read_text(encoding="utf-8")
-            if path.stat().st_mtime > _STARTED_S:
-                return None
-        except (AttributeError, TypeError, OSError, UnicodeDecodeError):
+        read = _read(getattr(sys.modules[name], "__file__", None))
+        if read is None:
             return None
-        found[name] = hashlib.sha256(text.encode()).hexdigest()
-        waiting += imports_at_top(text)
+        found[name], imported = read
+        waiting += imported
     return hashlib.sha256("\n".join(map(str, sorted(found.items()))).encode()).hexdigest()[:16]
+
+
+@cache
+def _read(file: str | None) -> tuple[str, tuple[str, ...]] | None:
+    """The digest of a module's file and what it imports; None as in `_digest`."""
+    try:
+        path = Path(file)
+        text = path.read_text(encoding="utf-8")
+        if path.stat().st_mtime > _STARTED_S:
+            return None
+    except (TypeError, OSError, UnicodeDecodeError):
+        return None
+    return hashlib.sha256(text.encode()).hexdigest(), (*imports_at_top(text),)
 
 
 def imports_at_top(text: str) -> Iterator[str]:

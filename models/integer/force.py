@@ -142,7 +142,8 @@ class WeightedSum:
                 f"block_px = {self.block_px}, cut_rows = {self.cut_rows}: expected a power of two, and fewer"
                 " rows than that"
             )
-        if self.block_px > 1 and not np.array_equal(self._spread(self.block_weight), self.weight):
+        rows, columns = self._blocks
+        if self.block_px > 1 and (self.block_weight[:, rows][:, :, columns] != self.weight).any():
             raise ValueError(f"weight: not the same in all squares of block_px = {self.block_px}")
 
     @property
@@ -150,10 +151,6 @@ class WeightedSum:
         """The square of each row and of each column."""
         rows, columns = self.weight.shape[1:3]
         return (np.arange(rows) + self.cut_rows) // self.block_px, np.arange(columns) // self.block_px
-
-    def _spread(self, of_blocks: np.ndarray) -> np.ndarray:
-        rows, columns = self._blocks
-        return of_blocks[:, rows][:, :, columns]
 
     @property
     def block_weight(self) -> np.ndarray:

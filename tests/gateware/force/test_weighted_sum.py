@@ -85,6 +85,13 @@ def test_force_of_every_frame(tmp_path, axes, rows, columns, terms, lanes, bits,
     )
 
 
+def assert_timing(dut, taken):
+    """Each force comes `latency` clocks after its last beat, `interval` clocks after the one before."""
+    last = taken["i"][dut.interval - 1 :: dut.interval]
+    assert [t - s for s, t in zip(last, taken["o"], strict=True)] == [dut.latency] * len(last)
+    assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(last) - 1)
+
+
 @pytest.mark.parametrize("columns", [6, 7])
 @pytest.mark.parametrize("lanes", [1, 2, 4])
 @pytest.mark.parametrize("terms", [1, 2])
@@ -118,9 +125,7 @@ def test_every_shape_with_stalls(columns, lanes, terms, axes, signed):
         payloads, taken = run_streams(dut, inputs, {"o": len(x)}, stall=stall)
         assert payloads["o"] == pack(expected, weighted.width)
         if not stall:
-            last = taken["i"][dut.interval - 1 :: dut.interval]
-            assert [t - s for s, t in zip(last, taken["o"], strict=True)] == [dut.latency] * len(x)
-            assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(x) - 1)
+            assert_timing(dut, taken)
 
 
 def test_back_pressure_stalls_without_loss():
@@ -230,9 +235,7 @@ def test_bends(lanes, bends):
         payloads, taken = run_streams(dut, inputs, {"o": len(x)}, stall=stall)
         assert payloads["o"] == pack(expected, weighted.width)
         if not stall:
-            last = taken["i"][dut.interval - 1 :: dut.interval]
-            assert [t - s for s, t in zip(last, taken["o"], strict=True)] == [dut.latency] * len(x)
-            assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(x) - 1)
+            assert_timing(dut, taken)
 
 
 SQUARES = [(2, 0), (2, 1), (4, 0), (4, 3), (8, 5)]
@@ -269,9 +272,7 @@ def test_squares_of_pixels_that_share_their_weights(lanes, block_px, cut_rows):
         payloads, taken = run_streams(dut, inputs, {"o": len(x)}, stall=stall)
         assert payloads["o"] == pack(expected, weighted.width)
         if not stall:
-            last = taken["i"][dut.interval - 1 :: dut.interval]
-            assert [t - s for s, t in zip(last, taken["o"], strict=True)] == [dut.latency] * len(x)
-            assert np.diff(taken["o"]).tolist() == [dut.interval] * (len(x) - 1)
+            assert_timing(dut, taken)
 
 
 @pytest.mark.parametrize("lanes", [1, 4])
