@@ -22,6 +22,7 @@ OF_NORMALS = (
     "huber_delta",
     "rounding_noise",
 )
+SHARES_OF_PIXELS = ("normals_share", "still_share")
 """Keys of `training` for networks that learn from normals."""
 
 
@@ -195,7 +196,6 @@ def _check_force_alone(scene) -> None:
         for key in ("press_symmetry", "press_reach"):
             if value := getattr(scene.training, key):
                 raise ValueError(f"training.{key}: {str(value).lower()} needs force.dots = false")
-    if scene.training.still_share < 1:
-        raise ValueError(
-            f"training.still_share: {scene.training.still_share} needs training.labels 'geometry'"
-        )
+    for key in SHARES_OF_PIXELS:
+        if (share := getattr(scene.training, key)) < 1:
+            raise ValueError(f"training.{key}: {share} needs training.labels 'geometry'")

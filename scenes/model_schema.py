@@ -203,6 +203,10 @@ class Training(Strict):
     in the validation split: all epochs."""
     normals_epochs: Count = 30
     normals_batch_px: Count = 8192
+    normals_share: Annotated[float, Field(gt=0, le=1)] = Field(1.0, exclude_if=lambda value: value == 1)
+    """Share of the labelled pixels that the pixel network learns from, chosen by chance, with labels
+    'geometry'. The force gains from more presses long after the network has stopped to; with a share of the
+    pixels they do not lengthen its training."""
     teachers: Annotated[int, Field(ge=0, le=32)] = 0
     """Wide networks whose mean teaches the small one; 0: it learns from the labels itself."""
     teacher_width: Count = 32

@@ -26,6 +26,7 @@ def labelled_pixels(
     flat_fraction: float = 0.0,
     circle_margin: float = 0.0,
     flat_beyond: float | None = None,
+    share: float = 1.0,
     seed: int = 0,
 ) -> Pixels:
     """All pixels of a split whose normal is known.
@@ -35,6 +36,7 @@ def labelled_pixels(
     circle_margin : share of a contact circle's radius, inside its rim, that is left out
     flat_beyond : distance from a circle's centre, in radii, beyond which the skin counts as at rest; half of
         `flat_fraction` is then taken there
+    share : of the labelled pixels of each frame that are kept, chosen at random with `seed`
     Raises ValueError where the split has no labelled pixel in contact, and where `flat_beyond` is given and
     no circle or no frame at rest is known.
     """
@@ -42,6 +44,7 @@ def labelled_pixels(
         raise ValueError("normals: missing, so there is nothing to train the pixel network on")
     contact, flat, around, rests = [], [], [], data.at_rest
     resting = None if flat_beyond is None else at_rest(data)
+    rng = np.random.default_rng(seed)
     for index in data.indices(split):
         known = np.ones(data.frames.shape[1:3], bool) if data.valid is None else data.valid[index]
         features = integer_features(data.frames[index], data.background)
@@ -51,6 +54,8 @@ def labelled_pixels(
             if resting is not None:
                 beyond = resting[0] & (radii > flat_beyond)
                 around.append((features[beyond], resting[1][beyond]))
+        if share < 1:
+            known = known & (rng.random(known.shape) < share)
         (flat if rests[index] else contact).append(
             (features[known], data.normals[index][known].astype(np.float32))
         )
@@ -84,6 +89,7 @@ def training_pixels(data: Dataset, settings: Training) -> Pixels:
         flat_fraction=settings.flat_fraction,
         circle_margin=settings.circle_margin,
         flat_beyond=settings.flat_beyond,
+        share=settings.normals_share,
         seed=settings.seed,
     )
 

@@ -43,6 +43,11 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             '"force" }',
+            '"force", normals_share = 0.5 }',
+            "training.normals_share: 0.5 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
             '"force", still_share = 0.1 }',
             "training.still_share: 0.1 needs training.labels 'geometry'",
         ),

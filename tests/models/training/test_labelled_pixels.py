@@ -43,6 +43,23 @@ def test_what_is_not_valid_is_left_out(tiny_data):
     np.testing.assert_array_equal(x, expected)
 
 
+def test_a_share_is_drawn_from_every_frame_by_the_seed(tiny_data):
+    every, _ = labelled_pixels(tiny_data, "train")
+    x, y = labelled_pixels(tiny_data, "train", share=0.25, seed=3)
+    assert len(x) / len(every) == pytest.approx(0.25, abs=0.02)
+    frames = len(tiny_data.indices("train"))
+    whole = every.reshape(frames, -1, every.shape[-1])
+    known = {tuple(pixel) for frame in whole for pixel in frame.tolist()}
+    assert {tuple(pixel) for pixel in x.tolist()} <= known
+    # Each frame has its own pixels: places differ, and all parts of the image are there.
+    assert len(np.unique(x[:, 4:], axis=0)) > 0.9 * len(np.unique(every[:, 4:], axis=0))
+    same, _ = labelled_pixels(tiny_data, "train", share=0.25, seed=3)
+    other, _ = labelled_pixels(tiny_data, "train", share=0.25, seed=4)
+    np.testing.assert_array_equal(x, same)
+    assert x.shape != other.shape or (x != other).any()
+    assert len(x) == len(y)
+
+
 @pytest.mark.parametrize("fraction", [0.05, 0.2, 0.5])
 def test_flat_fraction_is_a_share_of_the_result(tiny_data, fraction):
     valid = np.ones((len(tiny_data) + 1, 16, 16), bool)
