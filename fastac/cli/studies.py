@@ -117,7 +117,7 @@ def slip(bundle, output, store, progress):
 def identities(folders, progress):
     """Measure how far fixed-point arithmetic departs from the three identities of docs/mathematics.md.
 
-    Uses the held-out frames of each build folder's dataset.
+    Uses 192 held-out frames of each build folder's dataset, or all where there are fewer.
 
     \b
     Example: fastac study identities build/fast

@@ -2,7 +2,8 @@
 
     fastac study identities BUILD_FOLDER...
 
-measures on the held-out frames of each build folder's data.h5; `make identities` trains a bundle first.
+measures on 192 held-out frames of each build folder's data.h5, or on all where there are fewer; `make
+identities` trains a bundle first.
 """
 
 from collections.abc import Iterator
@@ -22,11 +23,14 @@ from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.models.integer.laplacian import boundary_term
 from fastac.report.tables import text_table
 from fastac.scenes import solvers as scene_solvers
+from fastac.sensor.samples import evenly_spaced
 from fastac.store.progress import progress_bar
 from fastac.studies.equivalence import adjoint_fits
 from fastac.studies.equivalence.variants import integer_variant, slope_words, variant
 
 SOLVERS = ("dst2d", "tridiagonal")
+FRAMES = 192
+"""Held-out frames that are measured on, evenly spaced."""
 
 
 @dataclass(frozen=True)
@@ -139,7 +143,7 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     scene = bundle.scene
     data = read(file, scene)
     training.require(data, scene, file)
-    frames = data.frames[data.indices("test")]
+    frames = data.frames[evenly_spaced(data.indices("test"), FRAMES)]
     size = "×".join(str(side) for side in frames.shape[1:3])
     yield (
         f"{folder}: bundle {bundle.digest[:16]}, {len(frames)} held-out frames of {size} px,"
