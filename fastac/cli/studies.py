@@ -114,6 +114,29 @@ def slip(bundle, output, store, progress):
 @study.command()
 @click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
 @progress_option
+def attenuation(folders, progress):
+    """Measure how much of gentle slopes is found, what the depth loses by it, and what gains would give back.
+
+    Noise hides gentle slopes, and a pixel network's best guess is less than the slope. Printed for each build
+    folder, on 192 held-out frames of its dataset or all where there are fewer: what share of the slopes'
+    change from rest is found, by its size; the gain of each wavelength that brings the integers' displacement
+    nearest to the truth on training frames; and the displacement's error without and with these gains, of any
+    kind and of one that a tridiagonal solver could have. The scene must find depth, and the dataset know it
+    everywhere.
+
+    \b
+    Example: fastac study attenuation build/fast
+    """
+    from fastac.studies.depth import attenuation as experiment
+
+    for folder in folders:
+        for line in experiment.measure(folder, progress=progress):
+            click.echo(line)
+
+
+@study.command()
+@click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
+@progress_option
 def identities(folders, progress):
     """Measure how far fixed-point arithmetic departs from the three identities of docs/mathematics.md.
 

@@ -16,7 +16,6 @@ import numpy as np
 from fastac.gateware.arithmetic.packed_products import best_packing
 from fastac.gateware.dots.axis import quotient_bits
 from fastac.gateware.force.bent_product import offset_adders
-from fastac.gateware.force.block_address import BlockAddress
 from fastac.gateware.force.folded_sum import products_of
 from fastac.gateware.force.weighted_sum import rom_width
 from fastac.gateware.mlp_mvm import accumulator_ranges, input_ranges, layer_graph
@@ -37,6 +36,7 @@ from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.integer.words import signed_width
+from fastac.synth.estimates.memories import weight_memory
 from fastac.synth.estimates.solvers import SOLVERS
 from fastac.synth.estimates.work import (
     Frame,
@@ -159,16 +159,16 @@ def weighted_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Wo
     force = pipeline.force
     axes, rows, columns, terms = force.weight.shape
     values = rows * columns * terms
-    yield weight_reads(force, frame.lanes, force.weight_width)
+    yield weight_reads(frame, force, ())
     yield multiplication(values * axes, force.input_width + (not force.input_signed), force.weight_width)
     yield addition(values * axes, force.width)
 
 
-def weight_reads(force: WeightedSum, lanes: int, width: int) -> Work:
-    """A frame's reads of its weights of `width` bits: each beat the word of its pixels or their squares."""
-    axes, rows, columns, terms = force.weight.shape
-    squares, words = max(lanes // force.block_px, 1), BlockAddress.of(force, lanes).words
-    return memory(rows * -(-columns // lanes), squares * axes * terms * width, words)
+def weight_reads(frame: Frame, force: WeightedSum, bends: tuple[int, ...]) -> Work:
+    """A frame's reads of its weights: each beat the word of its pixels or their squares."""
+    _, rows, columns, _ = force.weight.shape
+    _, _, bits, words = weight_memory(force, frame.lanes, bends, folded=frame.fold > 1)
+    return memory(rows * -(-columns // frame.lanes), bits, words)
 
 
 def bent_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
@@ -179,12 +179,12 @@ def bent_force_works(frame: Frame, pipeline: IntegerPipeline) -> Iterator[Work]:
     values = rows * columns * axes
     if frame.fold > 1:
         values *= products_of(len(bends))
-        width = force.weight_width
+        width, bends = force.weight_width, ()
     else:
         width = rom_width(force, bends)
         for count, bits in offset_adders(width, bends):
             yield addition(values * count, bits)
-    yield weight_reads(force, frame.lanes, width)
+    yield weight_reads(frame, force, bends)
     yield multiplication(values, force.input_width, width)
     yield addition(values, force.width)
 
