@@ -99,7 +99,7 @@ def _choice(axis, curves: dict[str, np.ndarray]) -> None:
     """The validation error of each regularisation that ridge regression tried, a line for each basis.
 
     A ring marks the choice. Weights are called symmetric where models/training/force/press_symmetry.py made
-    them so.
+    them so, and polynomials where polynomial_weights.py beside it did.
     """
     strengths, errors = curves["regularisation"], curves["validation_mae_n"]
     sizes = curves.get("cosines", np.zeros(len(strengths)))
@@ -114,6 +114,8 @@ def _choice(axis, curves: dict[str, np.ndarray]) -> None:
     axis.plot(strengths[chosen], errors[chosen], "o", fillstyle="none", color="#888888", markersize=9)
     axis.lines[-1].set_label(f"{why}: {errors[chosen]:.3g} N at {strengths[chosen]:.1g}")
     kind = ", symmetric weights" if curves.get("symmetric", np.zeros(1))[0] else ""
+    if "degree" in curves:
+        kind = f", polynomials of degree {curves['degree'][0]:.0f}"
     axis.set_xlabel(f"strength of the regularisation{kind}")
     axis.set_ylabel(UNITS["mae_n"])
     readable_scale(axis.xaxis, strengths.min(), strengths.max())

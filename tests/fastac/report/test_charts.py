@@ -54,6 +54,12 @@ def test_symmetric_weights_are_called_so():
         assert ("strength of the regularisation, symmetric weights" in found) == symmetric
 
 
+def test_polynomials_say_their_degree():
+    curves = CURVES | {"history.force_integer.degree": np.full(10, 4)}
+    found = texts(charts.curve_charts(curves)[1])
+    assert "strength of the regularisation, polynomials of degree 4" in found
+
+
 def test_fine_tuning_says_what_it_is_against():
     curves = {key.replace("normals", "finetune"): value for key, value in CURVES.items()}
     assert "train, against the floats' normals".replace("'", "'") in texts(charts.curve_charts(curves)[0])

@@ -12,9 +12,11 @@ DOME = coordinates(ROW**2 + ROW[:, None] ** 2 + ROW)
 """Of a curved skin: z is no polynomial of x and y of a lower degree than 2."""
 
 
-def weights(coordinate: np.ndarray, *, axes: int = 2, terms: int = 3, seed: int = 1) -> np.ndarray:
+def weights(
+    coordinate: np.ndarray, *, degree: int = 3, axes: int = 2, terms: int = 3, seed: int = 1
+) -> np.ndarray:
     """Random weight fields (axes, N, N, terms) that are polynomials of the place."""
-    of_place = polynomial_weights.monomials(coordinate)
+    of_place = polynomial_weights.monomials(coordinate, degree)
     coefficients = np.random.default_rng(seed).normal(size=(of_place.shape[1], axes, terms))
     return np.einsum("pm,mat->apt", of_place, coefficients).reshape(axes, N, N, terms)
 
@@ -52,6 +54,27 @@ def test_weights_that_are_polynomials_are_found(coordinate, validation):
     assert [entry["regularisation"] for entry in history] == ridge.REGULARISATION.tolist()
 
 
+@pytest.mark.parametrize("degree", [1, 2, 4])
+def test_the_degree_is_that_with_the_smallest_error_on_presses_held_out(degree):
+    truth = weights(DOME, degree=degree)
+    images, force_n = problem(truth)
+    rng = np.random.default_rng(3)
+    noise = 0.1 * np.std(force_n["train"])
+    force_n = {split: values + noise * rng.normal(size=values.shape) for split, values in force_n.items()}
+    together = {split: np.arange(len(v)) // 3 for split, v in images.items()}
+    found, _, history = polynomial_weights.fit(DOME, images, force_n, with_validation=True, together=together)
+    assert {entry["degree"] for entry in history} == {degree}
+    assert np.abs(found - truth).mean() < 0.2 * np.abs(truth).mean()
+
+
+def test_lower_degrees_come_first():
+    every = polynomial_weights.powers(4)
+    for degree in range(5):
+        lower = polynomial_weights.powers(degree)
+        np.testing.assert_array_equal(every[: len(lower)], lower)
+        assert lower.sum(axis=1).max() == degree
+
+
 def test_shifts_of_dots_are_weighed_beside_the_images():
     truth, of_shifts = weights(DOME), np.random.default_rng(3).normal(size=(2, 4, 2))
     images, force_n = problem(truth)
@@ -75,11 +98,11 @@ def test_both_splits_are_fitted_where_both_may_be_known():
     np.testing.assert_allclose(more, truth, atol=1e-4 * np.abs(truth).max())
     expected = ridge.cross_validation_errors({s: _features(v) for s, v in images.items()}, force_n, together)
     for a, b in zip(history, expected, strict=True):
-        assert a == pytest.approx(b, abs=1e-9)
+        assert a == pytest.approx({"degree": 3} | b, abs=1e-9)
 
 
 def _features(images: np.ndarray) -> np.ndarray:
-    of_place = polynomial_weights.monomials(DOME)
+    of_place = polynomial_weights.monomials(DOME, 3)
     return np.einsum("pm,fpt->fmt", of_place, images.reshape(len(images), N * N, -1)).reshape(len(images), -1)
 
 
