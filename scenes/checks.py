@@ -22,8 +22,9 @@ OF_NORMALS = (
     "huber_delta",
     "rounding_noise",
 )
-SHARES_OF_PIXELS = ("normals_share", "still_share")
 """Keys of `training` for networks that learn from normals."""
+SHARES_OF_PIXELS = ("normals_share", "still_share")
+"""The same, but 1 is what they are where they are not given."""
 
 
 def check_scene(scene) -> None:

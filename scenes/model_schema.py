@@ -205,8 +205,9 @@ class Training(Strict):
     normals_batch_px: Count = 8192
     normals_share: Annotated[float, Field(gt=0, le=1)] = Field(1.0, exclude_if=lambda value: value == 1)
     """Share of the labelled pixels that the pixel network learns from, chosen by chance, with labels
-    'geometry'. The force gains from more presses long after the network has stopped to; with a share of the
-    pixels they do not lengthen its training."""
+    'geometry'. A force with many weights gains from more presses long after the network has stopped gaining;
+    with a share of the pixels they do not lengthen its training. Recordings are thinned too, but for
+    `fastac adapt`."""
     teachers: Annotated[int, Field(ge=0, le=32)] = 0
     """Wide networks whose mean teaches the small one; 0: it learns from the labels itself."""
     teacher_width: Count = 32

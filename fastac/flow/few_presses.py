@@ -51,6 +51,10 @@ def read(path: Path, scene: Scene, *, store: Path, progress: bool = False) -> Da
 
 
 def pixels_of(data: Dataset, scene: Scene, chosen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Features (pixels, inputs) and normals (pixels, 3) of the labelled pixels of `chosen` frames, a mask."""
+    """Features (pixels, inputs) and normals (pixels, 3) of the labelled pixels of `chosen` frames, a mask.
+
+    Of few presses all pixels count, whatever `training.normals_share` is.
+    """
     split = np.where(chosen, "train", "test")
-    return training_pixels(replace(data, split=split), scene.training)
+    settings = scene.training.model_copy(update={"normals_share": 1.0})
+    return training_pixels(replace(data, split=split), settings)

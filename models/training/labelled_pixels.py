@@ -36,7 +36,7 @@ def labelled_pixels(
     circle_margin : share of a contact circle's radius, inside its rim, that is left out
     flat_beyond : distance from a circle's centre, in radii, beyond which the skin counts as at rest; half of
         `flat_fraction` is then taken there
-    share : of the labelled pixels of each frame that are kept, chosen at random with `seed`
+    share : of the pixels of each frame that are kept, chosen at random with `seed`
     Raises ValueError where the split has no labelled pixel in contact, and where `flat_beyond` is given and
     no circle or no frame at rest is known.
     """
@@ -47,15 +47,15 @@ def labelled_pixels(
     rng = np.random.default_rng(seed)
     for index in data.indices(split):
         known = np.ones(data.frames.shape[1:3], bool) if data.valid is None else data.valid[index]
+        kept = rng.random(known.shape) < share if share < 1 else np.ones_like(known)
         features = integer_features(data.frames[index], data.background)
         radii = circle_radii(data, index)
         if radii is not None:
             known = known & (radii <= 1 - circle_margin) if circle_margin else known
             if resting is not None:
-                beyond = resting[0] & (radii > flat_beyond)
+                beyond = kept & resting[0] & (radii > flat_beyond)
                 around.append((features[beyond], resting[1][beyond]))
-        if share < 1:
-            known = known & (rng.random(known.shape) < share)
+        known = known & kept
         (flat if rests[index] else contact).append(
             (features[known], data.normals[index][known].astype(np.float32))
         )
@@ -63,7 +63,8 @@ def labelled_pixels(
         raise ValueError(f"split: no frame in contact is in {split!r}")
     found = _joined(contact)
     if not len(found[0]):
-        raise ValueError(f"valid: no pixel of a frame in contact is labelled in {split!r}")
+        of_these = "" if share == 1 else f", or training.normals_share = {share} leaves none of them"
+        raise ValueError(f"valid: no pixel of a frame in contact is labelled in {split!r}{of_these}")
     if resting is not None and not around:
         raise ValueError(f"indenter/radius_px: no circle is in {split!r}, and training.flat_beyond needs one")
     pools = [_joined(pool) for pool in (flat, around) if pool]

@@ -18,7 +18,7 @@ def moved_or_chosen(data: Dataset, sensor: Sensor, share: float, seed: int) -> n
     most pixels are at rest, that is no change of slope, and gentle slopes are found too small.
     """
     rest = normals_from_slopes(*rest_slopes(sensor)).astype(np.float32)
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng((seed, 1))  # other draws than those of training.normals_share
     return np.stack(
         [
             (np.abs(normals - rest).max(axis=-1) > LEAST_CHANGE) | (rng.random(rest.shape[:2]) < share)

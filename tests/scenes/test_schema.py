@@ -44,6 +44,13 @@ def test_what_the_shipped_scenes_say():
     for other in (paper, gelsight, load(SCENES / "force.toml")):
         assert (other.wants_dots, other.wants_bridge, other.wants_darkness) == (False, False, False)
         assert (other.force_of_weights, other.force.band_mm) == (False, None)
+    for name in ("fast", "kria"):
+        known = load(SCENES / f"{name}.toml")
+        assert (known.force.fit, known.force.block_px) == ("polynomials", 4)
+        assert known.force.bends_mm == (0.03125, 0.125, 0.25, 0.5)
+    fast, small = load(SCENES / "fast.toml"), load(SCENES / "small.toml")
+    assert (fast.protocol.train_grid, fast.training.normals_share) == (16, 0.25)  # 768 presses, pixels of 192
+    assert (small.force_from_slopes, small.force.block_px, small.numbers.slope_weight_bits) == (True, 4, 16)
     assert paper.sensor.elastomer.mechanics == "layer"
     assert paper.sensor.frames == "channels"
 

@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.fft import dstn
 
+from fastac.flow import training
 from fastac.flow.frames import read
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import load_bundle
@@ -45,6 +46,11 @@ class Attenuation:
     high: float
     share: float
     found: float
+
+    @property
+    def percent(self) -> str:
+        """`found` in percent, – where there is no such pixel."""
+        return f"{100 * self.found:.0f}" if np.isfinite(self.found) else "–"
 
 
 def attenuation(found: np.ndarray, true: np.ndarray) -> list[Attenuation]:
@@ -119,15 +125,16 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
             f"{folder}: outputs: {', '.join(scene.outputs)} find no depth, which this study is of"
         )
     data = read(file, scene)
-    if data.depth_mm is None or data.rest_depth_mm is None or not np.isfinite(data.depth_mm).all():
+    training.require(data, scene, file)
+    if data.depth_mm is None or not np.isfinite(data.depth_mm).all():
         raise ValueError(f"{file}: depth_mm: not known everywhere, and this study compares with it")
-    emulator, pitch = Emulator(bundle.pipeline), scene.sensor.pitch_mm
+    emulator, pitch, rest_mm = Emulator(bundle.pipeline), scene.sensor.pitch_mm, training.rest_depth_mm(data)
 
     def pressed(index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacement found and true, (frames, N, N) in mm, both lower where pressed."""
         found = emulator.run(data.frames[index], wanted=["depth_mm"], progress=progress).depth_mm
         rest = emulator.run(data.background[None], wanted=["depth_mm"]).depth_mm
-        true = data.depth_mm[index] - data.rest_depth_mm
+        true = data.depth_mm[index] - rest_mm
         return (found - rest)[:, 1:-1, 1:-1].astype(np.float64), true[:, 1:-1, 1:-1].astype(np.float64)
 
     known, test = pressed(_selected(data, "train")), _selected(data, "test")
@@ -139,13 +146,13 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
 
     slopes = emulator.run(data.frames[test], wanted=["slopes"], progress=progress).slopes
     slopes = slopes - emulator.run(data.background[None], wanted=["slopes"]).slopes
-    true_mm = data.depth_mm[test] - data.rest_depth_mm
+    true_mm = data.depth_mm[test] - rest_mm
     change = np.stack(np.gradient(true_mm.astype(np.float64), pitch, axis=(2, 1)), axis=-1)
     yield "\nslopes: change from rest, share of the pixels, and how much of it is found"
     yield text_table(
         ["from", "to", "pixels, %", "found, %"],
         [
-            [f"{row.low:g}", f"{row.high:g}", f"{100 * row.share:.1f}", f"{100 * row.found:.0f}"]
+            [f"{row.low:g}", f"{row.high:g}", f"{100 * row.share:.1f}", row.percent]
             for row in attenuation(slopes.astype(np.float64), change)
         ],
     )
@@ -156,7 +163,7 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     yield "\nwavelengths: the gain that brings what is found nearest to the true displacement"
     longest = 2 * (size + 1) * pitch / np.sqrt(2)
     yield text_table(
-        ["from, mm", "gain"],
+        ["up to, mm", "gain"],
         [
             [f"{longest / 2 ** (k / PER_OCTAVE):.2f}", f"{gains[classes == k][0]:.2f}"]
             for k in np.unique(classes)

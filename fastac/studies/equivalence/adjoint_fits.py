@@ -126,10 +126,10 @@ class Accuracy:
 
 
 def accuracies(
-    bundle: Bundle, data: Dataset, fits: Fits, words: np.ndarray, *, progress: bool
+    bundle: Bundle, data: Dataset, index: np.ndarray, fits: Fits, words: np.ndarray, *, progress: bool
 ) -> Iterator[Accuracy]:
-    """Accuracy of every fit on the test frames; `words` (frames, H, W, 2) are their integer slopes."""
-    scene, index = variant(bundle.scene, solver="adjoint"), data.indices("test")
+    """Accuracy of every fit on the frames `index`; `words` (frames, H, W, 2) are their integer slopes."""
+    scene = variant(bundle.scene, solver="adjoint")
     upto, frames = integer_variant(bundle, scene), data.frames[index]
     again, true = with_more_noise(frames, scene), true_change(scene, data, index)
     rest = slope_words(upto, bundle.pipeline.background[None], progress=False)[0]

@@ -143,7 +143,8 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     scene = bundle.scene
     data = read(file, scene)
     training.require(data, scene, file)
-    frames = data.frames[evenly_spaced(data.indices("test"), FRAMES)]
+    index = evenly_spaced(data.indices("test"), FRAMES)
+    frames = data.frames[index]
     size = "×".join(str(side) for side in frames.shape[1:3])
     yield (
         f"{folder}: bundle {bundle.digest[:16]}, {len(frames)} held-out frames of {size} px,"
@@ -174,7 +175,7 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     yield text_table(["mode", "difference"], [[mode, f"{error:.1e}"] for mode, error in found.items()])
 
     bits, axes = scene.numbers.slope_weight_bits, ["xyz"[axis] for axis in scene.force_axes]
-    rows = list(adjoint_fits.accuracies(bundle, data, fits, words, progress=progress))
+    rows = list(adjoint_fits.accuracies(bundle, data, index, fits, words, progress=progress))
     yield f"\ninteger adjoint ({bits}-bit weights) from its float weights, same integer slopes"
     errors = [(row.fit, row.rounding) for row in rows]
     yield text_table(

@@ -39,6 +39,9 @@ def test_pixels_of_chosen_frames(tiny_data, tiny_scene):
     x, y = pixels_of(tiny_data, tiny_scene, chosen)
     assert x.shape == (2 * 256, 6)
     np.testing.assert_array_equal(y, tiny_data.normals[[0, 4]].reshape(-1, 3))
+    thinned = tiny_scene.training.model_copy(update={"normals_share": 0.25})
+    again, _ = pixels_of(tiny_data, tiny_scene.model_copy(update={"training": thinned}), chosen)
+    np.testing.assert_array_equal(again, x)  # few presses are not thinned
 
 
 def test_what_cannot_be_learned_from(tiny_data, tiny_scene, make_scene, tmp_path):

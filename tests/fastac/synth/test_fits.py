@@ -125,7 +125,7 @@ def test_the_scene_for_the_kria_leaves_room_for_the_rest_of_a_block_design():
     baked = kria.model_copy(update={"hardware": hardware})
     found = area(random_pipeline(baked))
     assert found.fits
-    assert (sum(found.multipliers.values()), sum(found.block_rams.values())) == (196, 94)
+    assert (sum(found.multipliers.values()), sum(found.block_rams.values())) == (196, 81.5)
     short = baked.model_copy(update={"numbers": kria.numbers.model_copy(update={"data_bits": 24})})
     assert sum(area(random_pipeline(short)).multipliers.values()) == 131
 

@@ -83,6 +83,7 @@ class TestRoundTrip:
         fields = json.loads((tmp_path / "b" / "bundle.json").read_text())["pipeline"]["fields"]
         assert "interval" not in fields
         assert "coverage" not in fields["scene"]["scene"]["force"]
+        assert "normals_share" not in fields["scene"]["scene"]["training"]
         assert bundle.load(tmp_path / "b").pipeline.interval is None
 
     def test_without_squares_nothing_tells_of_them(self, tmp_path):

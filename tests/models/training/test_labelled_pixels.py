@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fastac.models.integer.features import integer_features
-from fastac.models.training.labelled_pixels import labelled_pixels
+from fastac.models.training.labelled_pixels import labelled_pixels, labelled_splits
 
 
 def with_background(data, split: str = "train"):
@@ -60,6 +60,30 @@ def test_a_share_is_drawn_from_every_frame_by_the_seed(tiny_data):
     assert len(x) == len(y)
 
 
+def test_the_scene_s_share_thins_what_is_trained_on_and_not_what_judges(tiny_data, tiny_scene):
+    whole = labelled_splits(tiny_data, tiny_scene.training)
+    thinned = labelled_splits(tiny_data, tiny_scene.training.model_copy(update={"normals_share": 0.25}))
+    assert len(thinned["train"][0]) / len(whole["train"][0]) == pytest.approx(0.25, abs=0.02)
+    np.testing.assert_array_equal(thinned["validation"][0], whole["validation"][0])
+
+
+def test_a_share_keeps_the_share_at_rest(tiny_data):
+    data = with_background(tiny_data)
+    x, y = labelled_pixels(data, "train", share=0.5, flat_fraction=0.2, seed=3)
+    flat = (x[:, :4] == 0).all(axis=1) & (y == (0, 0, 1)).all(axis=1)
+    whole, _ = labelled_pixels(data, "train", share=0.5, seed=3)
+    contact = len(whole) - 128  # of the frame at rest about half of 256 pixels
+    assert flat.sum() == pytest.approx(min(0.25 * contact, 128), abs=20)
+
+
+def test_a_share_that_leaves_nothing_is_named(tiny_data):
+    message = (
+        "valid: no pixel .* is labelled in 'train', or training.normals_share = 1e-09 leaves none of them"
+    )
+    with pytest.raises(ValueError, match=message):
+        labelled_pixels(tiny_data, "train", share=1e-9)
+
+
 @pytest.mark.parametrize("fraction", [0.05, 0.2, 0.5])
 def test_flat_fraction_is_a_share_of_the_result(tiny_data, fraction):
     valid = np.ones((len(tiny_data) + 1, 16, 16), bool)
@@ -99,6 +123,10 @@ def test_margins_and_the_skin_beyond_circles(tiny_data):
     assert (y[-len(corners) :] == (0, 0, 1)).all()
     expected = integer_features(data.frames[circled[0]], data.background)[distance > 8]
     np.testing.assert_array_equal(corners[:beyond], expected)
+
+    x, _ = labelled_pixels(data, "train", circle_margin=0.25, flat_beyond=2.0, share=0.5)
+    thinned = (np.abs(x[:, -2:]) > 60).all(axis=1).sum() / (np.abs(corners[:, -2:]) > 60).all(axis=1).sum()
+    assert thinned == pytest.approx(0.5, abs=0.1)
 
     x, y = labelled_pixels(data, "train", flat_fraction=0.2, flat_beyond=2.0, seed=3)
     flat = (y == (0, 0, 1)).all(axis=1)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from fastac.flow.training import skin_alone
+from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.sensor.geometry import normals_from_slopes, rest_slopes
 
@@ -40,3 +41,12 @@ def test_the_share_is_the_scenes_and_pixels_without_a_label_stay_out(pressed, ma
     np.testing.assert_array_equal(skin_alone(data, none_at_rest).valid, moved)
     known = skin_alone(replace(data, valid=valid), none_at_rest)
     np.testing.assert_array_equal(known.valid, moved & valid)
+
+
+def test_shares_of_pixels_are_drawn_each_by_itself(pressed, make_scene):
+    data, moved = pressed
+    both = make_scene(training={"still_share": 0.4, "normals_share": 0.5})
+    x, _ = training_pixels(skin_alone(data, both), both.training)
+    train = data.indices("train")
+    expected = 0.5 * (moved[train].sum() + 0.4 * (~moved[train]).sum())
+    assert len(x) == pytest.approx(expected, rel=0.05)

@@ -6,6 +6,8 @@ from click.testing import CliRunner
 
 from fastac.cli.main import main
 from fastac.models.integer.laplacian import eigenvalues
+from fastac.models.random_bundle import random_bundle, scene
+from fastac.sensor.dataset import write
 from fastac.studies.depth.attenuation import (
     SLOPE_EDGES,
     attenuation,
@@ -101,3 +103,34 @@ def test_the_command(folder):
         "a gain and a screening for each mode along the rows",
     ]
     assert errors["a gain for each wavelength"] < errors["as found"]
+    first = lines.index(next(line for line in lines if line.startswith("slopes: ")))
+    rows = [line.split() for line in lines[first + 2 : first + 10]]
+    assert [row[0] for row in rows] == [f"{edge:g}" for edge in SLOPE_EDGES[:-1]]
+    steepest = [row for row in rows if row[3] != "–"][-1]
+    assert 50 < float(steepest[3]) < 120  # steep flanks are found, with their sign and direction
+    assert sum(float(row[2]) for row in rows) == pytest.approx(100, abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ("missing", "message"),
+    [("depth_mm", "depth_mm: not known everywhere"), ("test", "split: no frame is in 'test'")],
+)
+def test_what_it_cannot_be_told_from(folder, tiny_data, tmp_path, missing, message):
+    shutil.copytree(folder / "bundle", tmp_path / "bundle")
+    content = dict(vars(tiny_data))
+    if missing == "test":
+        content["split"] = np.where(tiny_data.split == "test", "train", tiny_data.split)
+    else:
+        del content[missing]
+    write(tmp_path / "data.h5", **content)
+    found = CliRunner().invoke(main, ["study", "attenuation", str(tmp_path)])
+    assert found.exit_code == 1
+    assert message in found.output
+    assert found.output.count("\n") == 1
+
+
+def test_a_scene_without_depth_is_refused(tmp_path):
+    random_bundle(tmp_path / "bundle", scene(("force_z",), solver="adjoint"))
+    found = CliRunner().invoke(main, ["study", "attenuation", str(tmp_path)])
+    assert found.exit_code == 1
+    assert "outputs: force_z find no depth" in found.output

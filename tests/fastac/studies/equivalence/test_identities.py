@@ -173,7 +173,10 @@ def test_noise_is_the_camera_s(make_scene):
 
 def test_accuracies(tiny_bundle, tiny_data, fits, words, frames):
     rows = {
-        row.fit: row for row in adjoint_fits.accuracies(tiny_bundle, tiny_data, fits, words, progress=False)
+        row.fit: row
+        for row in adjoint_fits.accuracies(
+            tiny_bundle, tiny_data, tiny_data.indices("test"), fits, words, progress=False
+        )
     }
     assert set(rows) == set(adjoint_fits.FITS)
     scene, index = variant(tiny_bundle.scene, solver="adjoint"), tiny_data.indices("test")
@@ -199,6 +202,12 @@ class TestCommand:
         for text in ("8 held-out frames of 16×16 px", "(a)", "(b)", "(c)", "8 accumulators, 0 mismatches"):
             assert text in result.output
         assert "nan" not in result.output
+
+    def test_of_many_frames_some_are_measured_on(self, folder, monkeypatch):
+        monkeypatch.setattr(identities, "FRAMES", 4)
+        result = self.run(folder)
+        assert result.exit_code == 0, result.output
+        assert "4 held-out frames of 16×16 px" in result.output
 
     def test_without_force_only_the_solvers(self, make_scene, tiny_bundle, folder, tmp_path):
         from fastac.models.integer import bundle

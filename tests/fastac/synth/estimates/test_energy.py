@@ -292,6 +292,20 @@ class TestDots:
         assert [count for count, _ in multiples] == [pixels * count for count in digits]
         assert total == (pixels, force.width)
 
+    @pytest.mark.parametrize(
+        ("lanes", "reads", "squares"), [(1, 22 * 22, 1), (4, 22 * 6, 2), ("1/4", 22 * 22, 1)]
+    )
+    def test_squares_are_read_by_the_beat_in_the_bits_that_each_weight_needs(
+        self, make, lanes, reads, squares
+    ):
+        pipeline = make(
+            kernel="collapsed", solver="tridiagonal", band_mm=0.002, deep_mm=0.004, block_px=2, lanes=lanes
+        )
+        force = pipeline.force
+        table = force.block_weight if lanes == "1/4" else segment_slopes(force.block_weight)
+        bits = sum(signed_width(int(bound)) for bound in np.abs(table).max(axis=(1, 2)).ravel())
+        assert counts(energy.works(pipeline)["force"], "memory") == [(reads, squares * bits)]
+
     def test_a_folded_bent_force_takes_a_product_for_itself_and_for_each_bend(self, make):
         """A displacement is beyond the band on one side or on none."""
         pipeline = make(kernel="collapsed", solver="tridiagonal", band_mm=0.002, deep_mm=0.004, lanes="1/4")
