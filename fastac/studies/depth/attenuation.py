@@ -17,6 +17,7 @@ import numpy as np
 from scipy.fft import dstn
 
 from fastac.flow import training
+from fastac.flow.force_fits import slope_changes
 from fastac.flow.frames import read
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import load_bundle
@@ -96,10 +97,9 @@ def gains_of_recurrences(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     size = found.shape[-1]
     eigen = -eigenvalues(size)
     product, power = (found * true).sum(axis=0), np.square(found).sum(axis=0)
-    gains = np.ones((size, size))
+    gains, strengths = np.ones((size, size)), np.geomspace(1e-5, 1, SCREENINGS)
     for mode in range(size):
         own = eigen[:, mode]
-        strengths = np.geomspace(1e-5, 1, SCREENINGS)
         screening = np.concatenate([[0], strengths, -0.95 * own[0] * strengths])  # λ + s stays positive
         shape = own / (own + screening[:, None])
         fit, energy = shape @ product[:, mode], np.square(shape) @ power[:, mode]
@@ -129,13 +129,13 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     if data.depth_mm is None or not np.isfinite(data.depth_mm).all():
         raise ValueError(f"{file}: depth_mm: not known everywhere, and this study compares with it")
     emulator, pitch, rest_mm = Emulator(bundle.pipeline), scene.sensor.pitch_mm, training.rest_depth_mm(data)
+    resting = emulator.run(data.background[None], wanted=["depth_mm"]).depth_mm
 
     def pressed(index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Displacement found and true, (frames, N, N) in mm, both lower where pressed."""
         found = emulator.run(data.frames[index], wanted=["depth_mm"], progress=progress).depth_mm
-        rest = emulator.run(data.background[None], wanted=["depth_mm"]).depth_mm
         true = data.depth_mm[index] - rest_mm
-        return (found - rest)[:, 1:-1, 1:-1].astype(np.float64), true[:, 1:-1, 1:-1].astype(np.float64)
+        return (found - resting)[:, 1:-1, 1:-1].astype(np.float64), true[:, 1:-1, 1:-1].astype(np.float64)
 
     known, test = pressed(_selected(data, "train")), _selected(data, "test")
     found, true = pressed(test)
@@ -144,8 +144,7 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
         f" {len(found)} held out, {data.source}"
     )
 
-    slopes = emulator.run(data.frames[test], wanted=["slopes"], progress=progress).slopes
-    slopes = slopes - emulator.run(data.background[None], wanted=["slopes"]).slopes
+    slopes = slope_changes(emulator, data.frames[test], data.background, progress=progress)
     true_mm = data.depth_mm[test] - rest_mm
     change = np.stack(np.gradient(true_mm.astype(np.float64), pitch, axis=(2, 1)), axis=-1)
     yield "\nslopes: change from rest, share of the pixels, and how much of it is found"

@@ -83,15 +83,6 @@ def test_gains_of_recurrences_undo_a_screened_equation(true):
     assert (gains_of_recurrences(0 * true, true) == 1).all()
 
 
-@pytest.fixture(scope="module")
-def folder(tiny_folder, tiny_file, tmp_path_factory):
-    """A build folder that has made its own frames."""
-    path = tmp_path_factory.mktemp("attenuation") / "tiny"
-    shutil.copytree(tiny_folder, path)
-    shutil.copy(tiny_file, path / "data.h5")
-    return path
-
-
 def test_the_command(folder):
     found = CliRunner().invoke(main, ["study", "attenuation", str(folder)])
     assert found.exit_code == 0, found.output

@@ -19,15 +19,6 @@ from fastac.studies.equivalence.variants import float_variant, integer_variant, 
 
 
 @pytest.fixture(scope="module")
-def folder(tiny_folder, tiny_file, tmp_path_factory):
-    """A build folder that has made its own frames."""
-    path = tmp_path_factory.mktemp("identities") / "tiny"
-    shutil.copytree(tiny_folder, path)
-    shutil.copy(tiny_file, path / "data.h5")
-    return path
-
-
-@pytest.fixture(scope="module")
 def frames(tiny_data):
     return tiny_data.frames[tiny_data.indices("test")]
 

@@ -15,15 +15,6 @@ from fastac.studies.robustness import frames as extreme_frames
 
 
 @pytest.fixture(scope="module")
-def folder(tiny_folder, tiny_file, tmp_path_factory):
-    """A build folder that has made its own frames."""
-    path = tmp_path_factory.mktemp("extremes") / "tiny"
-    shutil.copytree(tiny_folder, path)
-    shutil.copy(tiny_file, path / "data.h5")
-    return path
-
-
-@pytest.fixture(scope="module")
 def content(folder):
     """What the command writes, without the hardware."""
     kept = ["--store", str(folder.parent / "store")]
