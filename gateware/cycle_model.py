@@ -23,6 +23,7 @@ from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.fz_stream import PatchForceStream
 from fastac.gateware.mlp_mvm import tile_multipliers
 from fastac.gateware.network.background import BackgroundSubtraction
+from fastac.gateware.network.feature_smoothing import FeatureSmoothing
 from fastac.gateware.network.folded_network import FoldedMlp
 from fastac.gateware.network.folded_ratio import FoldedDivider
 from fastac.gateware.network.gradient_ratio import GradientDivider
@@ -116,6 +117,10 @@ class CycleModel(FrameCycles):
         self.guard = FrameGuard
         levels = scene.sensor.level_light
         self.background = Figures(BackgroundSubtraction.latency_of(level_light=levels))
+        self.smoothing = None
+        if window_px := scene.network.smoothing_px:
+            width = scene.sensor.width_px
+            self.smoothing = Figures(FeatureSmoothing.latency_of(window_px, width, self.lanes, self.fold))
         self.mlp = self._network(sizes)
         if scene.wants_slopes:
             self.divider = Figures(self._divider_latency(scene.numbers.slope_bits))

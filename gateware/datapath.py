@@ -14,6 +14,7 @@ from fastac.gateware.force.force_interval import ForceIntervalStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.loadable_parameters import LoadableParameters
 from fastac.gateware.network.background import BackgroundSubtraction
+from fastac.gateware.network.feature_smoothing import FeatureSmoothing
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.stream.fork import fan_out
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, TIMEOUT_BITS, FrameGuard
@@ -83,6 +84,16 @@ class Datapath(FrameCycles, LoadableParameters, wiring.Component):
             lanes=lanes,
             level_light=sensor.level_light,
         )
+        self.smoothing = None
+        if scene.network.smoothing_px:
+            self.smoothing = FeatureSmoothing(
+                scene.network.smoothing_px,
+                channels,
+                coordinate_codes(width),
+                coordinate_codes(height),
+                lanes=lanes,
+                fold=scene.fold,
+            )
         self.mlp = stages.pixel_network(pipeline)
         normal_width = pipeline.layers[-1].accumulator_width
         self.loadable = pipeline.layers[0].loadable
@@ -201,7 +212,12 @@ class Datapath(FrameCycles, LoadableParameters, wiring.Component):
         m.submodules.normals_buffer = normals = SkidBuffer(self.normal_layout)
         connect(m, wiring.flipped(self.axis), guard.axis)
         connect(m, guard.tag, wiring.flipped(self.tag))
-        connect(m, background.o, mlp.i)
+        features = background.o
+        if self.smoothing is not None:
+            m.submodules.smoothing = smoothing = self.smoothing
+            connect(m, features, smoothing.i)
+            features = smoothing.o
+        connect(m, features, mlp.i)
         connect(m, mlp.o, normals.i)
         m.d.comb += [
             guard.enable.eq(self.enable),

@@ -27,16 +27,15 @@ RESULTS_WORD_BYTES = 4
 class FrameCycles:
     """Mixin that adds up its stages' latencies, intervals and multipliers, for Datapath and CycleModel.
 
-    The inheriting class has `scene`, `lanes`, `fold` and, as far as the scene needs them, `guard`,
-    `background`, `mlp`, `divider`, `solver` (with `stages` instead of `latency`), `depth_output`,
-    `displacement`, `force_stream`, `bridge`, `darkness`, `dots`, `slip_stream` and `interval_stream`, each
-    with `latency`, `interval` and `multipliers`; `dots` is as `DotForceStream`, which also has `followed`,
-    the force of a map has its `map_latency`, and `interval_stream` has `products`. `wants_interval`: whether
-    there is the last one.
+    The inheriting class has `scene`, `lanes`, `fold`, `smoothing`, which may be None, and, as far as the
+    scene needs them, `guard`, `background`, `mlp`, `divider`, `solver` (with `stages` instead of `latency`),
+    `depth_output`, `displacement`, `force_stream`, `bridge`, `darkness`, `dots`, `slip_stream` and
+    `interval_stream`, each with `latency`, `interval` and `multipliers`; `dots` is as `DotForceStream`, which
+    also has `followed`, the force of a map has its `map_latency`, and `interval_stream` has `products`.
+    `wants_interval`: whether there is the last one.
 
     All times are in clocks, without back-pressure and with no other frame in the way; beats enter `fold`
-    clocks apart. `stages` has each
-    stage's share of the time from a frame's first pixel to its last result.
+    clocks apart. `stages` has each stage's share of the time from a frame's first pixel to its last result.
     """
 
     scene: Scene
@@ -122,6 +121,8 @@ class FrameCycles:
     def first_pixel_to_normals(self) -> int:
         """Clocks from a frame's first accepted pixel to its last beat of normals."""
         first = self.guard.latency + self.background.latency + self.mlp.latency + SkidBuffer.latency
+        if self.smoothing is not None:
+            first += self.smoothing.latency
         return first + self.input_clocks
 
     @property

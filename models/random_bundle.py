@@ -65,6 +65,7 @@ def scene(
     part: str = DEFAULT_PART,
     coverage: float | None = None,
     level_light: bool = False,
+    smoothing_px: int = 0,
 ) -> Scene:
     """A curved fingertip of `size` × `size` pixels; short words unless `numbers` says otherwise."""
     if clamp is None:
@@ -81,7 +82,7 @@ def scene(
                 "level_light": level_light,
             }
             | ({"markers": DOTS} if dots or bridge_dots else {}),
-            "network": {"bridge_dots": bridge_dots},
+            "network": {"bridge_dots": bridge_dots, "smoothing_px": smoothing_px},
             "numbers": (NUMBERS if numbers is None else numbers) | {"rounding": rounding},
             "poisson": {"mode": mode, "divergence": divergence, "solver": solver},
             "force": {

@@ -63,6 +63,10 @@ class Network(Strict):
     """Largest relative growth of the slopes' error, on the validation frames, for which hidden neurons are
     removed after training, and digits of baked weights. 0: only what makes no error larger. Not given: the
     network keeps its width. With `train_width`: of the digits alone, for neurons follow from the widths."""
+    smoothing_px: Literal[0, 2, 4, 8] = Field(0, exclude_if=lambda value: not value)
+    """Side of the square window over which the differences from the background are averaged before the
+    network sees them; 0: none. Takes noise away, and with it what is finer than the window. In hardware it
+    costs additions, memory for so many rows, and the time of half as many until a result."""
     bridge_dots: bool = False
     """Whether pixels under the marker dots take the slopes of the skin beside them. The network is then
     trained on skin alone."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fastac.export.graph import FRAMES, Graph
-from fastac.export.pixel_stages import bridge_columns, bridged, divergence, force_map, terms
+from fastac.export.pixel_stages import bridge_columns, bridged, divergence, force_map, smoothed, terms
 from fastac.models.floating.pipeline import KERNELS_NDIM, FloatPipeline
 from fastac.models.floating.poisson import source_of
 from fastac.models.integer.features import coordinate_codes, scales
@@ -26,8 +26,9 @@ def add_floats(graph: Graph, pipeline: FloatPipeline, frames: str, background: s
     def output(value: str, name: str, dtype: type, shape: tuple, text: str) -> None:
         graph.output(value, prefix + name, dtype, shape, f"{text}; float models")
 
-    difference = graph.cast(graph.node("Sub", frames, background), np.float32)
-    normals = _network(graph, pipeline, difference)
+    difference = graph.node("Sub", frames, background)
+    seen = smoothed(graph, difference, pipeline.scene.network.smoothing_px, pipeline.background.shape)
+    normals = _network(graph, pipeline, graph.cast(seen, np.float32))
     squares = graph.node("ReduceSum", graph.node("Mul", normals, normals), np.array([3]), keepdims=1)
     length = graph.node("Max", graph.node("Sqrt", squares), SHORTEST)
     output(graph.node("Div", normals, length), "normals", np.float32, (*image, 3), "unit normals, 1")

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fastac.export.graph import FRAMES, Graph, require_room
-from fastac.export.pixel_stages import bridge_columns, bridged, divergence, force_map, terms
+from fastac.export.pixel_stages import bridge_columns, bridged, divergence, force_map, smoothed, terms
 from fastac.export.solver_stages import solution
 from fastac.models.integer.features import coordinate_codes
 from fastac.models.integer.force import PatchForce
@@ -31,7 +31,8 @@ def add_integers(graph: Graph, pipeline: IntegerPipeline, frames: str, backgroun
     height, width, _ = pipeline.background.shape
     image, inner, scene = (FRAMES, height, width), (FRAMES, height - 2, width - 2), pipeline.scene
     difference = graph.node("Sub", frames, background)
-    normals = network(graph, pipeline, difference)
+    seen = smoothed(graph, difference, scene.network.smoothing_px, pipeline.background.shape)
+    normals = network(graph, pipeline, seen)
     graph.output(normals, "normal_words", np.int32, (*image, 3), "normals of any length, in words")
     graph.output(_unit(graph, normals), "normals", np.float32, (*image, 3), "unit normals, 1")
     slopes, saturated = slopes_of(graph, pipeline.ratio, normals)
@@ -62,7 +63,7 @@ def add_integers(graph: Graph, pipeline: IntegerPipeline, frames: str, backgroun
 
 
 def network(graph: Graph, pipeline: IntegerPipeline, difference: str) -> str:
-    """The pixel network's outputs (frames, H, W, 3) from differences (frames, H, W, C) int32."""
+    """The pixel network's outputs (frames, H, W, 3) from differences (frames, H, W, C), smoothed or not."""
     height, width, channels = pipeline.background.shape
     codes = np.empty((height, width, 2), np.int64)
     codes[..., 0], codes[..., 1] = coordinate_codes(width), coordinate_codes(height)[:, None]

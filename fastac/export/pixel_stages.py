@@ -1,11 +1,37 @@
-"""Stages that integers and floats share as ONNX: divergence, bridged slopes, terms and force maps."""
+"""Stages that integers and floats share as ONNX: smoothing, divergence, bridged slopes, terms, force maps."""
 
 import numpy as np
 
 from fastac.export.graph import Graph
 from fastac.models.integer.dot_windows import BLOCK
+from fastac.models.integer.features import limits
 from fastac.models.integer.laplacian import STENCILS
 from fastac.models.integer.slope_bridge import SlopeBridge
+from fastac.models.integer.smoothing import shift
+from fastac.models.integer.words import NEAREST
+
+
+def smoothed(graph: Graph, difference: str, window_px: int, shape: tuple[int, int, int]) -> str:
+    """`smoothing.smoothed` of ΔI (frames, H, W, C) int32, words of that shape.
+
+    window_px : 0: ΔI stays as it is; shape : (H, W, C)
+    """
+    if not window_px:
+        return difference
+    height, width, channels = shape
+    half = window_px // 2
+    around = np.array([0, half, half, 0, 0, half, half, 0], np.int64)
+    total = graph.node("Pad", difference, around, mode="edge")
+    # The weights 1, 2, …, 2, 1 are those of pairs of neighbours, summed over a window by doubling it.
+    steps = [1, *(1 << k for k in range(window_px.bit_length() - 1))]
+    for axis, length in ((1, height), (2, width)):
+        count = length + window_px
+        for step in steps:
+            count -= step
+            earlier, later = (graph.axis_slices(total, {axis: (at, at + count)}) for at in (0, step))
+            total = graph.node("Add", earlier, later)
+    bound = int(limits(channels)[0]) << shift(window_px)
+    return graph.round_shift(graph.cast(total, np.int64), shift(window_px), NEAREST, bound)
 
 
 def divergence(graph: Graph, slopes: str, kind: str, height: int, width: int) -> str:

@@ -57,4 +57,4 @@ def pixels_of(data: Dataset, scene: Scene, chosen: np.ndarray) -> tuple[np.ndarr
     """
     split = np.where(chosen, "train", "test")
     settings = scene.training.model_copy(update={"normals_share": 1.0})
-    return training_pixels(replace(data, split=split), settings)
+    return training_pixels(replace(data, split=split), settings, scene.network.smoothing_px)

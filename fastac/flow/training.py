@@ -99,6 +99,7 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
             skin,
             scene.training,
             scene.network.trained,
+            smoothing_px=scene.network.smoothing_px,
             rounding_bits=scene.felt_rounding_bits,
             progress=progress,
         )
@@ -113,7 +114,7 @@ def pruned(
     allow; `skin` is what `skin_alone` leaves of the dataset."""
     if scene.network.train_width is None and scene.network.prune is None:
         return network
-    pixels = labelled_splits(skin, scene.training)
+    pixels = labelled_splits(skin, scene.training, scene.network.smoothing_px)
     if scene.network.train_width is not None:
         return prune_to_width(
             network,
@@ -220,9 +221,11 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     """Quantise the pixel network and fine-tune it bit-true; writes the integer layers."""
     network = PixelNetwork.from_arrays(load_arrays(weights))
     if scene.training.labels == "force":
-        split = from_forces.distillation_pixels(network, data, seed=scene.training.seed)
+        split = from_forces.distillation_pixels(
+            network, data, smoothing_px=scene.network.smoothing_px, seed=scene.training.seed
+        )
     else:
-        split = labelled_splits(skin_alone(data, scene), scene.training)
+        split = labelled_splits(skin_alone(data, scene), scene.training, scene.network.smoothing_px)
     x, _ = split["train"]
     layers = quantised(network, x, scene)
     layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)

@@ -31,7 +31,8 @@ def solve(solver: IntegerSolver, source: np.ndarray) -> np.ndarray:
 
 def find(pipeline: IntegerPipeline, frame: np.ndarray) -> dict[str, np.ndarray]:
     """Everything that the scene wants of a frame (H, W, C) uint8, by name, as in `pipeline.Result`."""
-    x = integer_features(frame, pipeline.background).astype(np.int64)
+    smoothing_px = pipeline.scene.network.smoothing_px
+    x = integer_features(frame, pipeline.background, smoothing_px).astype(np.int64)
     for layer in pipeline.layers:
         x = x @ layer.weight.T.astype(np.int64) + layer.bias
         if layer.requantisation is not None:

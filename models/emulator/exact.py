@@ -39,7 +39,12 @@ class ExactTables:
             largest = max(largest, int(reach.max()), top, int(step.multiplier.max()))
         real = np.float32 if largest < EXACT_FLOAT32 else np.float64
         tables = [_layer_table(layer, real) for layer in hidden] + [_layer_table(last, np.float64)]
-        self.network = FrameNetwork(tables, pipeline.background, requantise=requantise)
+        self.network = FrameNetwork(
+            tables,
+            pipeline.background,
+            requantise=requantise,
+            smoothing_px=pipeline.scene.network.smoothing_px,
+        )
         normal = int((np.abs(last.weight) @ limit + np.abs(last.bias)).max())
         require_exact("layer", normal)
         require_exact("slopes", (normal << (pipeline.ratio.fraction + 1)) + 3 * normal)

@@ -39,7 +39,7 @@ def find_slopes(board, member, bell, k, before):
     """Phase PIXELS: from a frame to its slopes, and to what else follows from its pixels alone.
 
     k : the frame's number; the others are in `before`, in this order:
-    frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same
+    frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same; seen : `FrameNetwork.seen` of them
     background : (H · W · C) uint8; network : `FrameNetwork.tables`; dots : `FollowedDots.tables`
     settings : 2**−f of the slopes' fraction f; their largest word; rows of a task; whether slopes, measures
         and dots are wanted; whether no other phase follows
@@ -47,7 +47,7 @@ def find_slopes(board, member, bell, k, before):
     slopes : (2, H · W); weight : (axes, 2, H · W) of the force of slopes; without one, no elements
     found : `counts` and `shares`, and the places of normals, their words, and slopes
     """
-    frames, flat, background, network, dots, settings, bridged, slopes, weight, found = before
+    frames, flat, seen, background, network, dots, settings, bridged, slopes, weight, found = before
     unit, limit, each, wants_slopes, wants_measures, wants_dots, is_last = settings
     threshold, reach = bridged
     counts, shares, normals, normal_words, slopes_found = found
@@ -69,7 +69,7 @@ def find_slopes(board, member, bell, k, before):
             if wants_measures:
                 measure(flat[k], background, width, channels, first, rows, counts[task, MEASURES:])
             if wants_slopes or normals.size or normal_words.size:
-                forward(flat[k], *network, memory, start, stop, normal)
+                forward(seen[k], *network, memory, start, stop, normal)
                 if normal_words.size:
                     interleave_normals(normal, normal_words[k, 3 * start : 3 * stop])
                 if normals.size:

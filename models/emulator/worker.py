@@ -143,7 +143,8 @@ class Worker:
             out = self._measured(count) | out
         rows = {name: array.reshape(count, -1) for name, array in out.items()}
         own, places = (self.counts, self.shares), UNWANTED | rows
-        before = (frames, flat, *self.before, own + tuple(places[name] for name in OF_PIXELS))
+        seen = self.tables.network.seen(frames)
+        before = (frames, flat, seen, *self.before, own + tuple(places[name] for name in OF_PIXELS))
         behind = None
         if self.behind is not None:
             behind = (*self.behind, own + tuple(places[name] for name in OF_SOLUTION))

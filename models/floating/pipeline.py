@@ -82,7 +82,7 @@ class FloatPipeline:
             bias = layer.bias.detach().numpy()
             tables.append(np.column_stack([weight, bias]).astype(np.float32))
             scale = 1
-        return FrameNetwork(tables, self.background)
+        return FrameNetwork(tables, self.background, smoothing_px=self.scene.network.smoothing_px)
 
     @property
     def pixel_weights(self) -> np.ndarray:

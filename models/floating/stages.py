@@ -30,7 +30,7 @@ def find_slopes(board, member, bell, k, before):
     """Phase PIXELS: from a frame to its slopes, and to what else follows from its pixels alone.
 
     k : the frame's number; the others are in `before`, in this order:
-    frames : (frames, H, W, C) uint8; flat : (frames, H · W · C), the same
+    frames : (frames, H, W, C) uint8; seen : `FrameNetwork.seen` of them
     network : `FrameNetwork.tables`
     settings : the largest slope; rows of a task; whether slopes are wanted; whether no other phase follows
     bridged : thresholds of darkness, and how far a bridge reaches, or 0
@@ -38,7 +38,7 @@ def find_slopes(board, member, bell, k, before):
     force : slopes at rest (2, H · W), and weights (axes, 2, H · W) of their change; without them, no elements
     found : `shares`, and the places of normals and slopes
     """
-    frames, flat, network, settings, bridged, slopes, force, found = before
+    frames, seen, network, settings, bridged, slopes, force, found = before
     begin(board, member, bell)
     limit, each, wants_slopes, is_last = settings
     threshold, reach = bridged
@@ -54,7 +54,7 @@ def find_slopes(board, member, bell, k, before):
         first = task * each
         rows = min(each, height - first)
         start, stop = first * width, (first + rows) * width
-        forward(flat[k], *network, memory, start, stop, normal)
+        forward(seen[k], *network, memory, start, stop, normal)
         if normals.size:
             unit_normals(normal, SHORTEST, normals[k, 3 * start : 3 * stop])
         if wants_slopes:

@@ -11,6 +11,7 @@ import torch
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.laplacian import STENCILS, divergence_of, eigenvalues, sine_matrix
+from fastac.models.integer.smoothing import shift, weights
 
 
 class TorchPipeline:
@@ -38,7 +39,11 @@ class TorchPipeline:
         at_rest = integer_features(background, background)
         self.places = here(at_rest[..., channels:] * unit[channels:]).reshape(-1, 2)
         self.background = here(background)
-        self.unit = here(unit[:channels])
+        self.unit, self.window = here(unit[:channels]), None
+        if window_px := scene.network.smoothing_px:
+            taps = weights(window_px)
+            window = np.outer(taps, taps) * 2.0 ** -shift(window_px)
+            self.window = here(np.broadcast_to(window, (channels, 1, *window.shape)))
         self.layers = [
             (layer.weight.detach().to(self.device), layer.bias.detach().to(self.device))
             for layer in pipeline.network.linear_layers
@@ -55,7 +60,7 @@ class TorchPipeline:
     @torch.inference_mode()
     def normals(self, frame: torch.Tensor) -> torch.Tensor:
         """Frame (H, W, C) uint8 on the device to slopes (H, W, 2)."""
-        x = (frame.to(torch.float32) - self.background) * self.unit
+        x = self._smoothed(frame.to(torch.float32) - self.background) * self.unit
         x = torch.cat([x.reshape(-1, x.shape[-1]), self.places], dim=1)
         for weight, bias in self.layers[:-1]:
             x = torch.relu(torch.addmm(bias, x, weight.T))
@@ -66,6 +71,15 @@ class TorchPipeline:
             normal[:, 2:] > 0, -normal[:, :2] / normal[:, 2:], -torch.sign(normal[:, :2]) * self.limit
         )
         return torch.nan_to_num(slopes).clamp(-self.limit, self.limit).reshape(*self.shape, 2)
+
+    def _smoothed(self, difference: torch.Tensor) -> torch.Tensor:
+        """ΔI (H, W, C), integers, as `integer.smoothing.smoothed` where the scene wants it."""
+        if self.window is None:
+            return difference
+        half = self.window.shape[-1] // 2
+        planes = torch.nn.functional.pad(difference.permute(2, 0, 1)[None], [half] * 4, mode="replicate")
+        means = torch.nn.functional.conv2d(planes, self.window, groups=len(self.window))
+        return torch.floor(means[0] + 0.5).permute(1, 2, 0)
 
     @torch.inference_mode()
     def depth(self, slopes: torch.Tensor) -> torch.Tensor:

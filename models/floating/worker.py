@@ -83,11 +83,11 @@ class Worker:
         """Fill the places `out` (frames, …) of frames (frames, H, W, C) uint8, each by so many threads."""
         if not (frames.flags.c_contiguous and frames.flags.writeable):
             frames = frames.copy()  # so that nothing is compiled for other kinds of arrays
-        flat = frames.reshape(len(frames), -1)
+        pixels = self.pipeline.frame_network.seen(frames)
         places = UNWANTED | {
             name: out[name].reshape(len(frames), -1) for name in UNWANTED.keys() & out.keys()
         }
-        before = (frames, flat, *self.before, (self.shares, *(places[name] for name in OF_PIXELS)))
+        before = (frames, pixels, *self.before, (self.shares, *(places[name] for name in OF_PIXELS)))
         behind = None
         if self.behind is not None:
             found = (self.shares, *(places[name] for name in OF_SOLUTION), self.counted_mm.reshape(-1))

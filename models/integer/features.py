@@ -6,6 +6,8 @@ Integer features are the contract between camera and network: ΔI in −255 … 
 
 import numpy as np
 
+from fastac.models.integer.smoothing import smoothed
+
 DIFFERENCE_SCALE = 1 / 64
 COORDINATE_SCALE = 1 / 127
 HIDDEN = (16, 16, 16)
@@ -19,14 +21,23 @@ def coordinate_codes(size: int) -> np.ndarray:
     return np.rint(np.linspace(-127, 127, size)).astype(np.int64)
 
 
-def integer_features(frames: np.ndarray, background: np.ndarray) -> np.ndarray:
+def differences(frames: np.ndarray, background: np.ndarray, smoothing_px: int = 0) -> np.ndarray:
+    """ΔI of frames (..., H, W, C) uint8 from a background (H, W, C) uint8, (..., H, W, C) int16.
+
+    smoothing_px : side of the window over which they are averaged, see `smoothing.smoothed`; 0: none
+    """
+    found = np.subtract(frames, background, dtype=np.int16)
+    return smoothed(found, smoothing_px) if smoothing_px else found
+
+
+def integer_features(frames: np.ndarray, background: np.ndarray, smoothing_px: int = 0) -> np.ndarray:
     """Frames (..., H, W, C) uint8 and background (H, W, C) uint8 to features (..., H, W, C + 2) int16.
 
-    Order: ΔI of each channel, then the coordinate code of u, then of v.
+    Order: ΔI of each channel as `differences`, then the coordinate code of u, then of v.
     """
     height, width, channels = background.shape
     features = np.empty((*frames.shape[:-1], channels + 2), dtype=np.int16)
-    np.subtract(frames, background, out=features[..., :channels], dtype=np.int16)
+    features[..., :channels] = differences(frames, background, smoothing_px)
     features[..., channels] = coordinate_codes(width)
     features[..., channels + 1] = coordinate_codes(height)[:, None]
     return features

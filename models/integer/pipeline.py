@@ -103,7 +103,7 @@ class IntegerPipeline:
 
     def normals(self, frames: np.ndarray) -> np.ndarray:
         """Frames (..., H, W, C) uint8 to the network's three outputs, (..., H, W, 3) int64."""
-        x = integer_features(frames, self.background)
+        x = integer_features(frames, self.background, self.scene.network.smoothing_px)
         shape = x.shape[:-1]
         x = x.reshape(-1, x.shape[-1])
         for layer in self.layers:

@@ -88,7 +88,7 @@ def block_memory(rest, hidden, tops, last, out):
 def forward(frame, rest, hidden, neurons, tops, requantised, last, memory, start, stop, out):
     """Run the network on the pixels from `start` to before `stop` of one frame.
 
-    frame : (pixels · C) uint8, the C = 3 or 4 channels of a pixel side by side
+    frame : (pixels · C), bytes or int16, the C = 3 or 4 channels of a pixel side by side
     rest : (C + 2, pixels) float32, planes of the background's channels and of the two coordinate codes
     hidden : (layers, tiles, rows, NEURONS), each hidden layer's `packed` table, padded to a common shape
     neurons : (layers,) number of neurons of each hidden layer

@@ -27,6 +27,7 @@ def labelled_pixels(
     circle_margin: float = 0.0,
     flat_beyond: float | None = None,
     share: float = 1.0,
+    smoothing_px: int = 0,
     seed: int = 0,
 ) -> Pixels:
     """All pixels of a split whose normal is known.
@@ -37,6 +38,7 @@ def labelled_pixels(
     flat_beyond : distance from a circle's centre, in radii, beyond which the skin counts as at rest; half of
         `flat_fraction` is then taken there
     share : of the pixels of each frame that are kept, chosen at random with `seed`
+    smoothing_px : as in `integer_features`
     Raises ValueError where the split has no labelled pixel in contact, and where `flat_beyond` is given and
     no circle or no frame at rest is known.
     """
@@ -48,7 +50,7 @@ def labelled_pixels(
     for index in data.indices(split):
         known = np.ones(data.frames.shape[1:3], bool) if data.valid is None else data.valid[index]
         kept = rng.random(known.shape) < share if share < 1 else np.ones_like(known)
-        features = integer_features(data.frames[index], data.background)
+        features = integer_features(data.frames[index], data.background, smoothing_px)
         radii = circle_radii(data, index)
         if radii is not None:
             known = known & (radii <= 1 - circle_margin) if circle_margin else known
@@ -82,8 +84,9 @@ def _drawn(pixels: Pixels, count: int, rng: np.random.Generator) -> Pixels:
     return x[chosen], y[chosen]
 
 
-def training_pixels(data: Dataset, settings: Training) -> Pixels:
-    """The pixels of the split train that the scene's settings choose."""
+def training_pixels(data: Dataset, settings: Training, smoothing_px: int = 0) -> Pixels:
+    """The pixels of the split train that the scene's settings choose; `smoothing_px` as in
+    `integer_features`."""
     return labelled_pixels(
         data,
         "train",
@@ -91,19 +94,21 @@ def training_pixels(data: Dataset, settings: Training) -> Pixels:
         circle_margin=settings.circle_margin,
         flat_beyond=settings.flat_beyond,
         share=settings.normals_share,
+        smoothing_px=smoothing_px,
         seed=settings.seed,
     )
 
 
-def labelled_splits(data: Dataset, settings: Training) -> dict[str, Pixels]:
+def labelled_splits(data: Dataset, settings: Training, smoothing_px: int = 0) -> dict[str, Pixels]:
     """Features and normals of the labelled pixels for training, as {"train": (x, y), "validation": (x, y)}.
 
+    smoothing_px : as in `integer_features`
     The validation pixels are a fixed random sample; the key is absent where the dataset has no such split.
     """
     seed, margin = settings.seed, settings.circle_margin
-    found = {"train": training_pixels(data, settings)}
+    found = {"train": training_pixels(data, settings, smoothing_px)}
     if len(data.indices("validation")):
-        x, y = labelled_pixels(data, "validation", circle_margin=margin)
+        x, y = labelled_pixels(data, "validation", circle_margin=margin, smoothing_px=smoothing_px)
         chosen = np.random.default_rng(seed).permutation(len(x))[:VALIDATION_PX]
         found["validation"] = x[chosen], y[chosen]
     return found

@@ -28,7 +28,8 @@ def found_depth_mm(
     pitch, divergence = scene.sensor.pitch_mm, scene.poisson.divergence
 
     def source(images: np.ndarray) -> np.ndarray:
-        normals = predict(network, integer_features(images, data.background))
+        features = integer_features(images, data.background, scene.network.smoothing_px)
+        normals = predict(network, features)
         slopes = slopes_of(normals, scene.numbers.slope_limit)
         if bridge is not None:
             slopes = bridge(slopes, bridge.dark(images))

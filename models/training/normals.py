@@ -170,17 +170,19 @@ def train(
     settings: Training,
     hidden: tuple[int, ...] = HIDDEN,
     *,
+    smoothing_px: int = 0,
     rounding_bits: int | None = None,
     progress: bool = False,
 ) -> tuple[PixelNetwork, list[dict]]:
     """Fit the float network to a dataset's train split; returns the network and its learning curve.
 
     hidden : neurons of each hidden layer
+    smoothing_px : as in `integer_features`
     rounding_bits : bits of the activations whose rounding is felt as noise; None: there is none
     With `settings.teachers` an ensemble of wide networks is trained first, and the network learns from it.
     Raises ValueError where there is nothing to train on.
     """
-    pixels = labelled_splits(data, settings)
+    pixels = labelled_splits(data, settings, smoothing_px)
     x, y = pixels["train"]
     unit = scales(x.shape[1] - 2)
     validation = _tensors(pixels)

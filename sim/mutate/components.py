@@ -185,6 +185,7 @@ COMPONENTS = (
             ),
         ),
     ),
+    Component("network/feature_smoothing", ("network/test_feature_smoothing.py",), designs=2),
     Component("network/folded_layer", ("network/test_folded_layer.py",), designs=4),
     Component("network/folded_output", ("network/test_folded_output.py",), designs=2),
     Component("network/folded_requantise", ("network/test_folded_requantise.py",), designs=2),

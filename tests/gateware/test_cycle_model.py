@@ -45,6 +45,7 @@ OPTIONS = {
         {**NUMBERS, "activation_bits": 10, "weight_bits": 8, "last_weight_bits": 16, "slope_limit": 8},
         {**NUMBERS, "displacement_bits": 16, "kernel_bits": 12, "slope_weight_bits": 18},
     ),
+    "smoothing_px": (0, 0, 2, 4, 8),
     "hidden": ((4,), (5, 3)),
 }
 

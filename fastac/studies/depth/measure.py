@@ -24,10 +24,16 @@ PARTS = {
 SHOULDER_RADII = 2.5
 
 
-def found_slopes(network: PixelNetwork, data: Dataset, k: int, limit: float) -> np.ndarray:
-    """Slopes (H, W, 2) of frame k less those of the background, as difference mode solves them."""
+def found_slopes(
+    network: PixelNetwork, data: Dataset, k: int, limit: float, smoothing_px: int = 0
+) -> np.ndarray:
+    """Slopes (H, W, 2) of frame k less those of the background, as difference mode solves them.
+
+    smoothing_px : as in `integer_features`
+    """
     frames = np.stack([data.frames[k], data.background])
-    pressed, rest = slopes_of(predict(network, integer_features(frames, data.background)), limit)
+    features = integer_features(frames, data.background, smoothing_px)
+    pressed, rest = slopes_of(predict(network, features), limit)
     return pressed - rest
 
 

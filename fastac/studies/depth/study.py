@@ -60,7 +60,11 @@ def train(
         normals[labelled] = load_arrays(skins)["normals"][labelled]
         data = replace(data, normals=normals, valid=np.ones_like(data.valid))
     network, _ = train_normals.train(
-        data, scene.training, scene.network.trained, rounding_bits=scene.felt_rounding_bits
+        data,
+        scene.training,
+        scene.network.trained,
+        smoothing_px=scene.network.smoothing_px,
+        rounding_bits=scene.felt_rounding_bits,
     )
     save_arrays(folder / NETWORK, network_arrays(network))
 
@@ -83,7 +87,7 @@ def measure(
     for k in data.indices("test"):
         at_mm, radius_mm = known.at_mm[k], known.radius_mm[k]
         errors = errors_of(
-            found_slopes(model, data, k, limit),
+            found_slopes(model, data, k, limit, scene.network.smoothing_px),
             data,
             k,
             in_contact=known.in_contact[k],

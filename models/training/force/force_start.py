@@ -11,7 +11,7 @@ import numpy as np
 import torch
 
 from fastac.models.floating.network import PixelNetwork
-from fastac.models.integer.features import DIFFERENCE_SCALE, HIDDEN
+from fastac.models.integer.features import DIFFERENCE_SCALE, HIDDEN, differences
 from fastac.models.training.force import ridge, smooth_weights
 from fastac.models.training.force.force_from_pixels import ForceFromPixels
 from fastac.models.training.force.integrability import integrable_mixtures
@@ -25,9 +25,9 @@ WORSE = 1.25
 means that the image is not that of a smooth surface: markers that move have edges which no slope has."""
 
 
-def background_differences(data: Dataset, index: np.ndarray) -> np.ndarray:
-    """Frames `index` less the background, (frames, H, W, C) float32."""
-    return data.frames[index].astype(np.float32) - data.background
+def background_differences(data: Dataset, index: np.ndarray, smoothing_px: int = 0) -> np.ndarray:
+    """Frames `index` less the background as `features.differences`, (frames, H, W, C) float32."""
+    return differences(data.frames[index], data.background, smoothing_px).astype(np.float32)
 
 
 def linear_fields(

@@ -80,7 +80,8 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
     torch.manual_seed(settings.seed)
     generator = torch.Generator().manual_seed(settings.seed)
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}
-    change = {split: background_differences(data, index) for split, index in splits.items()}
+    smoothing_px = scene.network.smoothing_px
+    change = {split: background_differences(data, index, smoothing_px) for split, index in splits.items()}
     force = {split: data.forces_n(index, scene.force_axes) for split, index in splits.items()}
     start = linear_start(change, force, scene, progress=progress)
     model = initial_model(start, data, scene)
@@ -170,10 +171,11 @@ def _error(model: ForceFromPixels, change: dict, force: dict) -> float:
 
 
 def distillation_pixels(
-    network: PixelNetwork, data: Dataset, *, limit: int | None = None, seed: int = 0
+    network: PixelNetwork, data: Dataset, *, smoothing_px: int = 0, limit: int | None = None, seed: int = 0
 ) -> dict[str, tuple[np.ndarray, np.ndarray]]:
     """Features (pixels, inputs) and the float network's unit normals (pixels, 3), by split name.
 
+    smoothing_px : as in `integer_features`
     At most `limit` random pixels of a split, equally many from each frame; None: DISTILLED_PX. They are the
     targets of the integers' fine-tuning where there are no labelled normals.
     """
@@ -188,7 +190,8 @@ def distillation_pixels(
         each = max(min((limit or DISTILLED_PX[split]) // len(index), height * width), 1)
         chosen = []
         for frame in index:
-            features = integer_features(data.frames[frame], data.background).reshape(height * width, -1)
+            features = integer_features(data.frames[frame], data.background, smoothing_px)
+            features = features.reshape(height * width, -1)
             chosen.append(features[rng.choice(height * width, each, replace=False)])
         x = np.concatenate(chosen)
         with torch.inference_mode():

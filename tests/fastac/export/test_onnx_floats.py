@@ -53,6 +53,8 @@ SCENES = {
     "adjoint": random_bundle.scene(("force_xyz",), solver="adjoint", kernel="collapsed"),
     "slopes beside depth": random_bundle.scene(("depth", "force_xyz"), source="slopes"),
     "bridged": random_bundle.scene(("depth",), bridge_dots=True),
+    "smoothed over 4 px": random_bundle.scene(("depth", "force_z"), smoothing_px=4),
+    "smoothed over 8 px": random_bundle.scene(("normals",), channels="bgr+nir", lanes=2, smoothing_px=8),
 }
 
 

@@ -14,8 +14,10 @@ from fastac.export import onnx_check
 from fastac.export.graph import Graph
 from fastac.export.integer_graph import slopes_of
 from fastac.export.onnx_file import ExportError, model_of
+from fastac.export.pixel_stages import smoothed
 from fastac.models import random_bundle
 from fastac.models.emulator.pipeline import Emulator
+from fastac.models.integer import smoothing
 from fastac.models.integer.network import GradientRatio
 from fastac.models.integer.words import FLOOR, NEAREST, round_shift
 
@@ -53,6 +55,10 @@ SCENES = {
     "bridged slopes": random_bundle.scene((DEPTH, Z), bridge_dots=True),
     "bridged slopes, adjoint": random_bundle.scene(
         (Z,), solver="adjoint", kernel="collapsed", bridge_dots=True
+    ),
+    "smoothed over 4 px": random_bundle.scene((DEPTH, Z), smoothing_px=4),
+    "smoothed over 8 px": random_bundle.scene(
+        ("normals", XYZ), solver="tridiagonal", channels="bgr+nir", size=20, lanes=4, smoothing_px=8
     ),
 }
 
@@ -170,6 +176,27 @@ def test_a_bundle_without_float_models_has_none_in_onnx(tmp_path):
     bundle = random_bundle.random_bundle(tmp_path / "b", SCENES["normals"])
     with pytest.raises(ExportError, match="has no float models"):
         model_of(bundle, arithmetic="both")
+
+
+@pytest.mark.parametrize("window_px", smoothing.WINDOWS_PX)
+@pytest.mark.parametrize("shape", [(6, 11, 3), (3, 2, 4)])
+def test_smoothing_of_extreme_differences(window_px, shape):
+    """Sums at their bounds, and small ones of both signs, whose means often end in a half; the smaller image
+    lies inside the larger windows."""
+    rng = np.random.default_rng(1)
+    differences = np.concatenate(
+        [
+            rng.integers(-255, 256, (4, *shape)),
+            rng.integers(-1, 2, (4, *shape)),
+            np.full((1, *shape), 255),
+            np.full((1, *shape), -255),
+        ]
+    ).astype(np.int32)
+    graph = Graph()
+    given = graph.input("x", np.int32, differences.shape)
+    graph.output(smoothed(graph, given, window_px, shape), "y", np.int64, differences.shape)
+    (found,) = run(graph, x=differences)
+    np.testing.assert_array_equal(found, smoothing.smoothed(differences, window_px))
 
 
 def test_slopes_of_every_kind_of_normal():

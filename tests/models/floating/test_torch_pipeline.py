@@ -34,6 +34,16 @@ def test_every_stage_is_the_float_pipeline_s(pipelines, tiny_data, divergence, c
     there.synchronise()
 
 
+@pytest.mark.parametrize("smoothing_px", [2, 4, 8])
+def test_smoothed_differences_are_the_float_pipeline_s(pipelines, smoothing_px):
+    """With noise, whose means often end in a half; a mean rounded otherwise would be far off."""
+    whole, there = pipelines(network={"smoothing_px": smoothing_px})
+    noise = np.random.default_rng(1).integers(-9, 10, whole.background.shape)
+    frame = np.clip(whole.background + noise, 0, 255).astype(np.uint8)
+    found = there.normals(there.to_device(frame)).numpy()
+    np.testing.assert_allclose(found, whole.run(frame[None], wanted=["slopes"]).slopes[0], atol=1e-5)
+
+
 def test_normals_that_face_away_are_as_steep_as_slopes_can_be(tiny_bundle, tiny_data):
     whole = FloatPipeline.from_bundle(tiny_bundle)
     with torch.no_grad():
