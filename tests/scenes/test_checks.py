@@ -112,6 +112,10 @@ def test_dots_belong_to_their_places(keys, message):
             "sensor.height_px: 90: network.bridge_dots needs a multiple of 4",
         ),
         (
+            {"[network]\n": "[network]\nsmoothing_px = 4\n"},
+            "network.smoothing_px: 4 needs network.bridge_dots = false",
+        ),
+        (
             {'["depth", "force_z"]': '["normals"]'},
             "network.bridge_dots: True needs an output that follows from slopes",
         ),

@@ -120,6 +120,23 @@ def test_few_bits_cost_less_where_training_felt_their_rounding(tiny_data, make_s
     assert errors[True] < 0.9 * errors[False]
 
 
+def test_network_and_integers_learn_from_smoothed_differences(tiny_data, make_scene, tmp_path):
+    """They are best on frames that are smoothed as in training."""
+    scene = make_scene(outputs=["normals"], network={"smoothing_px": 2})
+    paths = [tmp_path / name for name in ("normals.npz", "integers.npz")]
+    training.normals(tiny_data, scene, paths[0], progress=False)
+    training.integers(tiny_data, scene, *paths, progress=False)
+    arrays = [load_arrays(path) for path in paths]
+    pipeline = training.assemble(tiny_data, scene, *arrays, {}, tmp_path / "bundle").pipeline
+    index, errors = tiny_data.indices("test"), {}
+    for window_px in (0, 2, 4, 8):
+        network = scene.network.model_copy(update={"smoothing_px": window_px})
+        other = pipeline.replace(scene=scene.model_copy(update={"network": network}))
+        found = Emulator(other).run(tiny_data.frames[index]).normals
+        errors[window_px] = np.abs(found - tiny_data.normals[index]).mean()
+    assert min(errors, key=errors.get) == 2, errors
+
+
 def test_learning_curves_become_arrays():
     history = [{"epoch": 1, "train_loss": 0.5}, {"epoch": 2, "train_loss": 0.25}]
     found = training.curve(history, "normals")

@@ -28,7 +28,7 @@ def test_texts_that_say_no_axis(tiny_scene, text):
 
 def test_unknown_keys(tiny_scene):
     with pytest.raises(
-        TuneError, match=r"^--keep 'training.seed': is not searched; there are sensor.level_light, training.i"
+        TuneError, match=r"^--keep 'training.seed': is not searched; there are sensor.level_light, network.s"
     ):
         axes_of(tiny_scene, keep=["training.seed"])
     with pytest.raises(TuneError, match=r"^nowhere.width = 8: a scene has no such key"):

@@ -42,6 +42,8 @@ CASES = {
     "adjoint": ((Z,), {"solver": "adjoint"}),
     "slopes beside depth": ((DEPTH, XYZ), {"solver": "tridiagonal", "source": "slopes"}),
     "slopes beside depth, difference": ((DEPTH, Z), {"mode": "difference", "source": "slopes"}),
+    "smoothed": ((DEPTH, Z), {"smoothing_px": 4}),
+    "smoothed, four channels": ((XYZ,), {"smoothing_px": 8, "channels": "bgr+nir", "solver": "adjoint"}),
     "adjoint, three axes, backward": ((XYZ,), {"solver": "adjoint", "divergence": "backward"}),
 }
 

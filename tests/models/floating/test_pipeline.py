@@ -99,6 +99,16 @@ def test_normals_and_slopes_are_the_network_s(pair, tiny_data):
     np.testing.assert_allclose(found.slopes, -normal[..., :2] / normal[..., 2:], atol=1e-6)
 
 
+@pytest.mark.parametrize("window_px", [2, 8])
+def test_the_network_sees_smoothed_differences(pair, tiny_data, window_px):
+    pipeline, _ = pair(network={"smoothing_px": window_px})
+    found = pipeline.run(tiny_data.frames[:2])
+    seen = integer_features(tiny_data.frames[:2], tiny_data.background, window_px)
+    normal = predict(pipeline.network, seen)
+    np.testing.assert_allclose(found.slopes, -normal[..., :2] / normal[..., 2:], atol=1e-6)
+    assert np.abs(found.slopes - pair()[0].run(tiny_data.frames[:2]).slopes).max() > 0.01
+
+
 @MODES
 @DIVERGENCES
 def test_float_and_integer_agree(pair, tiny_data, mode, divergence):

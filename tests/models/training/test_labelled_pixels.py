@@ -32,6 +32,14 @@ def test_all_pixels_of_the_split(tiny_data):
     assert len(x) == 8 * 16 * 16
 
 
+def test_differences_are_smoothed_before_pixels_are_chosen(tiny_data):
+    index = tiny_data.indices("train")
+    expected = integer_features(tiny_data.frames[index], tiny_data.background, 4).reshape(-1, 6)
+    x, _ = labelled_pixels(tiny_data, "train", smoothing_px=4)
+    np.testing.assert_array_equal(x, expected)
+    assert (x != labelled_pixels(tiny_data, "train")[0]).any()
+
+
 def test_what_is_not_valid_is_left_out(tiny_data):
     valid = np.random.default_rng(1).random(tiny_data.frames.shape[:3]) < 0.1
     normals = np.where(valid[..., None], tiny_data.normals, np.nan)

@@ -162,13 +162,17 @@ def test_without_validation_the_last_is_kept(forces_only, scene):
     assert [set(entry) for entry in history] == [{"epoch", "train_mae_n"}] * 3
 
 
-def test_integers_learn_from_what_the_network_finds(forces_only):
+@pytest.mark.parametrize("smoothing_px", [0, 4])
+def test_integers_learn_from_what_the_network_finds(forces_only, smoothing_px):
     torch.manual_seed(1)
     network = linear_network(np.random.default_rng(1).normal(size=(2, 3)).astype(np.float32))
-    pixels = distillation_pixels(network, forces_only, limit=100 * 50)
+    pixels = distillation_pixels(network, forces_only, smoothing_px=smoothing_px, limit=100 * 50)
     assert set(pixels) == {"train", "validation"}
     x, y = pixels["train"]
     assert x.shape == (100 * 50, 5)
+    frame = forces_only.frames[forces_only.indices("train")[0]]
+    seen = integer_features(frame, forces_only.background, smoothing_px).reshape(-1, 5).tolist()
+    assert {tuple(pixel) for pixel in x[:50].tolist()} <= {tuple(pixel) for pixel in seen}
     found = predict(network, x)
     np.testing.assert_allclose(y, found / np.linalg.norm(found, axis=1, keepdims=True), atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(pixels["validation"][1], axis=1), 1, atol=1e-6)
