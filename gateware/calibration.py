@@ -38,9 +38,10 @@ from fastac.models.integer.words import NEAREST
 FORMAT_VERSION = 2
 """Version of the image format; part of the hardware identifier."""
 
-
 OF_REST = "dots.rest_px"
 """Of a bundle's floats: where its dots are at rest, in the order of the integers'."""
+LEVEL_LIGHT, SMOOTHING_PX = "scene.sensor.level_light", "scene.network.smoothing_px"
+"""Names of what is done to pixels before the network."""
 OF_DOTS = ("bridge", "follower", "dot_force", "spread")
 """Stages that only scenes with dots have."""
 
@@ -72,6 +73,8 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
     yield "scene.outputs", sorted(scene.outputs)
     for name in ("height_px", "width_px", "pitch_mm", "channels"):
         yield f"scene.sensor.{name}", getattr(scene.sensor, name)
+    yield LEVEL_LIGHT, scene.sensor.level_light
+    yield SMOOTHING_PX, scene.network.smoothing_px
     for name in ("mode", "solver"):
         yield f"scene.poisson.{name}", getattr(scene.poisson, name)
     yield "scene.hardware.weights", scene.hardware.weights
@@ -104,21 +107,21 @@ def fixed_content(pipeline: IntegerPipeline) -> Iterator[tuple[str, object]]:
 def hardware_identifier(pipeline: IntegerPipeline) -> int:
     """32-bit identifier of the hardware: hash of everything that a calibration cannot change.
 
-    Rounding to nearest, dots and bends that are not there, fields younger than bundles (`LATER`) as they were
-    before, and DSP48E2, for which weights are packed as they always were, are left out, so that hardware
-    older than the choice of them keeps its identifier.
+    Rounding to nearest, dots, bends and smoothing that are not there, fields younger than bundles (`LATER`)
+    as they were before, and DSP48E2, for which weights are packed as they always were, are left out, so that
+    hardware older than the choice of them keeps its identifier; levelled light never had a part in it.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     dsp = device_of(pipeline.scene).dsp
     if dsp is not DSP48E2:
         digest.update(f"packed for {dsp.name}".encode())
     for name, value in fixed_content(pipeline):
-        if name.endswith(".rounding") and value == NEAREST:
+        if name == LEVEL_LIGHT or (name.endswith(".rounding") and value == NEAREST):
             continue
         field = name.rpartition(".")[2]
         if field in LATER and value == LATER[field]:
             continue
-        if name in ("validity.dots", "bends.length", *OF_DOTS) and not value:
+        if name in (SMOOTHING_PX, "validity.dots", "bends.length", *OF_DOTS) and not value:
             continue
         if isinstance(value, np.ndarray):
             digest.update(f"{name} {value.shape}".encode() + value.astype("<i8").tobytes())

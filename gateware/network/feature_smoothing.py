@@ -93,8 +93,9 @@ class FeatureSmoothing(wiring.Component):
         ]
         # Where the pixels are whose means are due: in the middle of the rows, and of the columns, and summed.
         middle = 1 + self.levels + self.reach
-        places, waiting = self._places(m, step, step & self.i.valid & ~within, steps=middle + 1 + self.levels)
-        m.d.comb += pending.eq(waiting | Cat(place.valid for place in places).any())
+        places = self._places(m, step, step & self.i.valid & ~within, steps=middle + 1 + self.levels)
+        # A frame is longer than half a window: once it has entered, its first beat is at the middle of the rows.
+        m.d.comb += pending.eq(Cat(place.valid for place in places).any())
 
         sums = self._row_sums(m, step, self._rows(m, step), places[0].row)
         beats = [sums]  # the newest first
@@ -132,9 +133,8 @@ class FeatureSmoothing(wiring.Component):
             m.d.sync += entered.eq(Mux(entered == count - 1, 0, entered + 1))
         return within
 
-    def _places(self, m: Module, step, begins, *, steps: int) -> tuple[list[data.View], Signal]:
-        """The place of the beat in the middle of the rows, and of those 1 to `steps` steps before it; and
-        whether a frame has begun whose first beat is not there yet."""
+    def _places(self, m: Module, step, begins, *, steps: int) -> list[data.View]:
+        """The place of the beat in the middle of the rows, and of those 1 to `steps` steps before it."""
         layout = data.StructLayout({"valid": 1, "row": range(self.height), "beat": range(self.beats)})
         places = [Signal(layout, name=f"place_{k}") for k in range(steps + 1)]
         left = Signal(range(self.half * self.beats + 1))  # steps until the frame's first beat is there
@@ -152,7 +152,7 @@ class FeatureSmoothing(wiring.Component):
                 m.d.sync += left.eq(left - 1)
             with m.If(left == 1):
                 m.d.sync += [middle.valid.eq(1), middle.row.eq(0), middle.beat.eq(0)]
-        return places, left != 0
+        return places
 
     def _rows(self, m: Module, step) -> list[list]:
         """The differences of `window_px` + 1 beats at the same place of successive rows, the newest first."""

@@ -260,6 +260,26 @@ def test_slip_is_of_the_hardware(tmp_path):
     assert hardware_identifier(own.replace(scene=without)) != hardware_identifier(own)
 
 
+def test_what_comes_before_the_network_is_of_the_hardware(bundles, monkeypatch):
+    """Smoothing and levelled light cannot be loaded. Hardware from before smoothing keeps its identifier."""
+    own = bundles["difference"][0].pipeline
+
+    def other(table: str, **changes):
+        changed = getattr(own.scene, table).model_copy(update=changes)
+        return own.replace(scene=own.scene.model_copy(update={table: changed}))
+
+    smoothed, levelled = other("network", smoothing_px=4), other("sensor", level_light=True)
+    assert first_difference(smoothed, own) == "scene.network.smoothing_px = 4: the hardware's is 0"
+    assert first_difference(levelled, own) == "scene.sensor.level_light = True: the hardware's is False"
+    assert hardware_identifier(smoothed) != hardware_identifier(own)
+    before, everything = hardware_identifier(own), calibration.fixed_content
+    younger = (calibration.SMOOTHING_PX, calibration.LEVEL_LIGHT)
+    monkeypatch.setattr(
+        calibration, "fixed_content", lambda of: (item for item in everything(of) if item[0] not in younger)
+    )
+    assert hardware_identifier(own) == before
+
+
 def test_identifiers_of_different_hardware_differ(bundles):
     assert len({hardware_identifier(own.pipeline) for own, _ in bundles.values()}) == len(WANTED)
 

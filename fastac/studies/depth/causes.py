@@ -19,6 +19,7 @@ class Cause:
     conditions : other values of `presses.Conditions`; training : of the scene's keys of training
     everywhere : whether the whole skin is labelled; slope_limit : another limit behind the same network
     level_light : whether frames are levelled, as with the scene key sensor.level_light
+    smoothing_px : the window over which the network's input is averaged, as with network.smoothing_px
     """
 
     name: str
@@ -27,6 +28,7 @@ class Cause:
     everywhere: bool = False
     slope_limit: int | None = None
     level_light: bool = False
+    smoothing_px: int = 0
 
 
 CAUSES = (
@@ -41,6 +43,13 @@ CAUSES = (
         "light levelled, circle_margin 0.1, flat_fraction 0.05",
         training={"circle_margin": 0.1, "flat_fraction": 0.05},
         level_light=True,
+    ),
+    Cause("smoothed over 8 px", smoothing_px=8),
+    Cause(
+        "light levelled, circle_margin 0.1, flat_fraction 0.05, smoothed over 8 px",
+        training={"circle_margin": 0.1, "flat_fraction": 0.05},
+        level_light=True,
+        smoothing_px=8,
     ),
     Cause("exact circles", {"circle_noise_mm": 0.0}),
     Cause("circles a pixel too large", {"circle_bias_mm": PIXEL_MM}),

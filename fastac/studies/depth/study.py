@@ -103,7 +103,8 @@ def measure(
 def errors(scene: Scene, cause: Cause, seed: int, counts: dict[str, int], store: Store) -> list[dict]:
     """Errors of all presses to test with after one training; kept in the store."""
     training = scene.training.model_copy(update={"seed": seed, **cause.training})
-    own = scene.model_copy(update={"training": training})
+    sees = scene.network.model_copy(update={"smoothing_px": cause.smoothing_px})
+    own = scene.model_copy(update={"training": training, "network": sees})
     conditions = Conditions(**cause.conditions)
     pressed = Step("depth-skins", write_skins, {"scene": own, "counts": counts, "seed": 1}, (SKINS,))
     skins = {"scene": own, "skins": pressed.output(SKINS)}

@@ -7,10 +7,12 @@ import pytest
 from click.testing import CliRunner
 
 from fastac.cli.main import main
+from fastac.models.floating.network import PixelNetwork, predict, slopes_of
+from fastac.models.integer.features import integer_features
 from fastac.scenes import schema
 from fastac.sensor.protocol import FingertipError
 from fastac.studies.depth import causes, presses, study
-from fastac.studies.depth.measure import PARTS, errors_of, true_slopes
+from fastac.studies.depth.measure import PARTS, errors_of, found_slopes, true_slopes
 from fastac.studies.depth.presses import BALL_MM, SKINS, Conditions, read_skins, recorded, virtual
 
 SCENE = """\
@@ -92,6 +94,14 @@ def test_errors_by_origin_add_up(scene, skins):
         assert found["depth"] == pytest.approx(sum(found[part] for part in PARTS), abs=2)
 
 
+def test_slopes_are_found_as_the_network_was_trained(skins, scene):
+    data, network = recorded(skins, virtual(scene), Conditions(), 1), PixelNetwork(5, hidden=(4,))
+    smoothed = slopes_of(predict(network, integer_features(data.frames[3], data.background, 8)), 4)
+    at_rest = slopes_of(predict(network, integer_features(data.background, data.background)), 4)
+    np.testing.assert_array_equal(found_slopes(network, data, 3, 4, 8), smoothed - at_rest)
+    assert (found_slopes(network, data, 3, 4) != smoothed - at_rest).any()
+
+
 def test_what_is_no_flat_gel_is_refused(tiny_scene):
     with pytest.raises(FingertipError, match="tiny: expected a flat gel"):
         virtual(tiny_scene)
@@ -107,11 +117,13 @@ def test_command(tmp_path, monkeypatch):
     path.write_text(SCENE)
     monkeypatch.setattr(study, "COUNTS", COUNTS)
     monkeypatch.setitem(study.SHORT, "normals_epochs", 2)
-    arguments = ["study", "depth", str(path), "--seeds", "1", "--cause", "slope_limit 1", "--no-progress"]
+    arguments = ["study", "depth", str(path), "--seeds", "1", "--no-progress"]
+    arguments += ["--cause", "slope_limit 1", "--cause", "smoothed over 8 px"]
     found = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "out")], catch_exceptions=False)
     assert "slope_limit 1" in found.output
     assert "as recorded: error at the deepest point by its origin" in found.output
     content = json.loads((tmp_path / "out" / "depth.json").read_text())
     assert content["seeds"] == [1]
     assert [len(seed) for seed in content["errors"]["as recorded"]] == [8]
+    assert content["errors"]["smoothed over 8 px"] != content["errors"]["as recorded"]
     assert (tmp_path / "out" / "depth.png").stat().st_size
