@@ -16,7 +16,7 @@ from fastac.scenes.schema import Scene
 from fastac.store.record import read_record
 from fastac.synth import fits
 from fastac.synth.estimates import resources
-from fastac.synth.estimates.stages import stage_names
+from fastac.synth.estimates.stages import BESIDE_SAMPLES, stage_names
 from fastac.synth.fits import random_pipeline
 
 ABSENT = "–"
@@ -107,7 +107,7 @@ class Scope:
         """Look-up tables by stage."""
         return {
             name: f"{self.stages[name]['lut']:,.0f}" if name in self.stages else ABSENT
-            for name in (*stage_names(), *(("packets",) if "packets" in self.stages else ()))
+            for name in (*stage_names(), *(name for name in BESIDE_SAMPLES if name in self.stages))
         }
 
     def verified(self) -> dict[str, str]:
@@ -180,7 +180,8 @@ def table(scopes: Sequence[Scope]) -> str:
         with threadpool_limits(1):  # more are slower: all products are small
             columns = [section(scope) for scope in scopes]
         rows.append([f"**{title}**", *("" for _ in names)])
-        rows += [[key, *(column[key] for column in columns)] for key in columns[0]]
+        keys = dict.fromkeys(key for column in columns for key in column)  # a stage of one scene alone, too
+        rows += [[key, *(column.get(key, ABSENT) for column in columns)] for key in keys]
     return "\n\n".join([markdown_table(["", *names], rows), *notes()])
 
 

@@ -35,7 +35,7 @@ class FeatureSmoothing(wiring.Component):
     that over columns; beyond the image its outermost pixels go on.
 
     All registers move by steps, one for each beat that comes in. A frame's last `delay` steps are those of
-    the next frame's beats or, while none is offered, are taken without one: no frame waits for another.
+    the next frame's beats or, until its first one comes, are taken without one: none waits for a next frame.
     `latency` = `delay` · fold + 1 clocks from a beat at `i` to the same beat at `o`, while beats come `fold`
     clocks apart and `o` is ready; initiation interval: `fold` clocks a beat, also from frame to frame.
     """
@@ -94,7 +94,7 @@ class FeatureSmoothing(wiring.Component):
         # Where the pixels are whose means are due: in the middle of the rows, and of the columns, and summed.
         middle = 1 + self.levels + self.reach
         places = self._places(m, step, step & self.i.valid & ~within, steps=middle + 1 + self.levels)
-        # A frame is longer than half a window: once it has entered, its first beat is at the middle of the rows.
+        # A frame that has entered whole has its first beat among them, as it is longer than half a window.
         m.d.comb += pending.eq(Cat(place.valid for place in places).any())
 
         sums = self._row_sums(m, step, self._rows(m, step), places[0].row)
@@ -127,7 +127,8 @@ class FeatureSmoothing(wiring.Component):
     def _frame_under_way(self, m: Module, enters) -> Signal:
         """High from the step after a frame's first beat to the one of its last."""
         count = self.height * self.beats
-        entered, within = Signal(range(count)), Signal()
+        entered = Signal(range(count))
+        within = Signal()
         m.d.comb += within.eq(entered != 0)
         with m.If(enters):
             m.d.sync += entered.eq(Mux(entered == count - 1, 0, entered + 1))
@@ -164,7 +165,8 @@ class FeatureSmoothing(wiring.Component):
             attrs={"ram_style": "distributed" if self.beats <= DISTRIBUTED_BEATS else "block"},
         )
         write, read = memory.write_port(), memory.read_port()
-        address, following = Signal(range(self.beats)), Signal(range(self.beats))
+        address = Signal(range(self.beats))
+        following = Signal(range(self.beats))
         rows = [Signal(difference, reset_less=True, name=f"row_{k}") for k in range(self.window_px + 1)]
         entering = Cat(vector[c] for vector in self.i.payload for c in range(self.channels))
         m.d.comb += [

@@ -17,6 +17,7 @@ from fastac.sim.formal.proofs import (
     divider,
     dots,
     engines,
+    feature_smoothing,
     frame_guard,
     frame_validity,
     packets,
@@ -39,7 +40,7 @@ from fastac.store.files import content_hash, read_json, write_json
 MODULES = (
     *(streams, frame_guard, raster_port, packets, frame_validity),
     *(axi_lite, registers, registers_packets, result_fifo, calibration_loader),
-    *(pipelines, engines, reordering, patches, read_ahead, dots, slip),
+    *(pipelines, feature_smoothing, engines, reordering, patches, read_ahead, dots, slip),
     *(products, divider, accumulators),
 )
 CACHE = Path("build/cache/formal")

@@ -30,12 +30,10 @@ DESIGNS = {
     },
     "normals": {"outputs": ("normals",), "lanes": 2, "smoothing_px": 8},
 }
-QUICK = ("one pixel",)
 
 
-@pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.full) for n in DESIGNS]
-)
+@pytest.mark.parametrize("name", DESIGNS)
+@pytest.mark.full
 def test_frames(tmp_path, name):
     hardware = Hardware(tmp_path, **DESIGNS[name])
     pipeline = hardware.pipeline

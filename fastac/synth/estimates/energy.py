@@ -65,6 +65,24 @@ def background_works(frame: Frame) -> Iterator[Work]:
     yield addition(frame.pixels * frame.channels, WIDTH)
 
 
+def smoothing_works(frame: Frame, window_px: int) -> Iterator[Work]:
+    """Rows kept, read and written in each beat; the words of a row's and of a column's window, each in a
+    register as it comes and as it is chosen, their sums, and the rounding."""
+    beats, row_beats = frame.pixels // frame.lanes, frame.width // frame.lanes
+    values, words = frame.pixels * frame.channels, window_px + 1
+    of_rows = signed_width(255 * 2 * window_px)
+    of_columns = signed_width(255 * (2 * window_px) ** 2)
+    yield memory(2 * beats, window_px * frame.lanes * frame.channels * WIDTH, row_beats)
+    yield memory(beats, WIDTH * frame.lanes, row_beats)  # coordinates of the columns
+    yield memory(beats, WIDTH, frame.height)
+    yield register(values * 2 * words, WIDTH)
+    beats_held = 2 * -(-window_px // 2 // frame.lanes)
+    yield register(values * (beats_held + words), of_rows)
+    yield addition(values * window_px, of_rows)
+    yield addition(values * window_px, of_columns)
+    yield addition(values, of_columns)
+
+
 def layer_works(frame: Frame, layer: Layer, input_width: int, *, input_signed: bool) -> Iterator[Work]:
     """A layer of the pixel network; `input_width` of an input with its sign. Weights are registers or
     constants, so none are read from a memory."""
@@ -247,7 +265,10 @@ def with_registers(works: list[Work]) -> list[Work]:
 def works(pipeline: IntegerPipeline) -> dict[str, list[Work]]:
     """What a frame takes, stage by stage; only the stages that the scene wants."""
     frame, scene, solver = Frame(pipeline), pipeline.scene, pipeline.solver
-    stages = {"background": background_works(frame), "normals": normals_works(frame, pipeline.layers)}
+    stages = {"background": background_works(frame)}
+    if scene.network.smoothing_px:
+        stages["smoothing"] = smoothing_works(frame, scene.network.smoothing_px)
+    stages["normals"] = normals_works(frame, pipeline.layers)
     if scene.wants_slopes:
         stages["gradients"] = gradients_works(frame, pipeline.ratio)
     if scene.wants_solver:

@@ -9,7 +9,9 @@ from fastac.gateware.dots.dot_stream import DotStream
 from fastac.gateware.dots.follower import dot_layout
 from fastac.gateware.force.block_address import BlockAddress
 from fastac.gateware.force.weighted_sum import rom_table, rom_width
+from fastac.gateware.network.feature_smoothing import DISTRIBUTED_BEATS
 from fastac.gateware.slip.rigid_sums import KEPT_FRAMES
+from fastac.models.integer.features import WIDTH
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.words import signed_width
@@ -53,6 +55,9 @@ def memories(pipeline: IntegerPipeline) -> Iterator[tuple[str, int, int, int]]:
     lanes, beats = frame.lanes, frame.pixels // frame.lanes
     loadable = pipeline.layers[0].loadable
     yield "background", 1, 8 * frame.channels * lanes, beats
+    if scene.network.smoothing_px and frame.width // lanes > DISTRIBUTED_BEATS:
+        window = scene.network.smoothing_px
+        yield "smoothing", 1, window * WIDTH * frame.channels * lanes, frame.width // lanes
     if solver is not None:
         source, difference = pipeline.source, scene.poisson.mode == "difference"
         own = signed_width(int(np.abs(source.offset).max()))

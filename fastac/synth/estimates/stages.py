@@ -4,6 +4,7 @@ from fastac.synth.estimates.solvers import SOLVERS
 
 BEFORE_SOLVER = {
     "background": "background",
+    "smoothing": "smoothing",
     "mlp": "normals",
     "divider": "gradients",
     "solver.source": "source",
@@ -20,6 +21,8 @@ BEHIND_SOLVER = {
     "slip_stream": "slip",
 }
 """Stages of every design by the names that instances begin with."""
+BESIDE_SAMPLES = ("smoothing", "interval", "packets")
+"""Stages of few designs, and of none of the samples: their look-up tables are counted by themselves."""
 
 
 def stages() -> dict[str, str]:
@@ -31,8 +34,9 @@ def stages() -> dict[str, str]:
 
 
 def stage_names() -> tuple[str, ...]:
-    """Each stage that a design of any solver may have, once."""
-    return (*dict.fromkeys(("control", *stages().values())),)
+    """Each stage that a design of any solver may have, once, but `BESIDE_SAMPLES`."""
+    names = dict.fromkeys(("control", *stages().values()))
+    return tuple(name for name in names if name not in BESIDE_SAMPLES)
 
 
 def stage_of(instance: str) -> str:

@@ -69,6 +69,16 @@ def test_everything_has_all_there_is(make_scene, tmp_path):
     assert found.everything.sensor == found.scene.sensor
 
 
+def test_a_stage_that_one_scene_alone_has(make_scene, tmp_path):
+    smoothed = scope(make_scene, tmp_path, name="smoothed", network={"smoothing_px": 4}, outputs=["normals"])
+    assert list(smoothed.elaborated())[-1] == "smoothing"
+    for columns in ([scope(make_scene, tmp_path), smoothed], [smoothed, scope(make_scene, tmp_path)]):
+        [row] = [line for line in table(columns).splitlines() if line.startswith("| smoothing")]
+        cells = [cell.strip() for cell in row.split("|")[2:4]]
+        assert sorted(cell == ABSENT for cell in cells) == [False, True]
+        assert cells[columns.index(smoothed)] == smoothed.elaborated()["smoothing"]
+
+
 def test_a_column_for_each_scene(make_scene, tmp_path):
     lines = table(
         [scope(make_scene, tmp_path), scope(make_scene, tmp_path, name="two", outputs=["normals"])]

@@ -78,6 +78,23 @@ class TestCounts:
         assert counts(stage["background"], "memory") == [(64, 128), (64, 36), (64, 9)]
         assert counts(stage["background"], "addition") == [(PIXELS * 4, 9)]
 
+    @pytest.mark.parametrize(("lanes", "held"), [(1, 4), (2, 2), (4, 2)])
+    def test_smoothing(self, make_pipeline, lanes, held):
+        """A window of 4: 5 words of 9 bits down the rows, 5 sums of 12 along the columns, four channels."""
+        changes = {"outputs": ["normals"], "hardware": {"pixels_per_clock": lanes}}
+        stages = energy.works(make_pipeline(network={"smoothing_px": 4}, **changes))
+        assert list(stages) == ["background", "smoothing", "normals"]
+        stage, values = stages["smoothing"], PIXELS * 4
+        beats = PIXELS // lanes
+        assert counts(stage, "memory") == [(2 * beats, 4 * 36 * lanes), (beats, 9 * lanes), (beats, 9)]
+        additions = [(values * 4, 12), (values * 4, 15), (values, 15)]
+        assert counts(stage, "addition") == additions
+        # Each word as it comes and as it is chosen; a lane's sums as far as the window reaches into beats.
+        assert counts(stage, "register") == [(values * 10, 9), (values * (held + 5), 12), *additions]
+        without = energy.works(make_pipeline(**changes))
+        assert list(without) == ["background", "normals"]
+        assert without["normals"] == stages["normals"]
+
     @pytest.mark.parametrize("loadable", [True, False])
     def test_weights(self, make_pipeline, loadable):
         """Three neurons of two inputs: two share their multipliers, or all are shifts and additions."""

@@ -57,6 +57,34 @@ def test_intervals_cost_what_was_counted(tmp_path, settings, counted):
     assert found == without
 
 
+@pytest.mark.parametrize(
+    ("window", "channels", "lanes", "size", "luts", "ramb36"),
+    [
+        (2, "bgr", 1, 128, 317, 1.0),
+        (2, "bgr+nir", 4, 128, 1402, 0),
+        (4, "bgr", 1, 128, 664, 1.5),
+        (4, "bgr", "1/4", 128, 668, 1.5),
+        (4, "bgr", 1, 32, 725, 0),
+        (4, "bgr", 1, 96, 699, 1.5),
+        (4, "bgr+nir", 2, 64, 1583, 0),
+        (8, "bgr", 2, 128, 2608, 0),
+        (8, "bgr+nir", 1, 128, 1647, 4.0),
+        (8, "bgr+nir", 4, 128, 5549, 0),
+    ],
+)
+def test_smoothing_costs_what_was_counted(tmp_path, window, channels, lanes, size, luts, ramb36):
+    """Look-up tables and block RAM of the component alone, by Yosys."""
+    settings = {"size": size, "channels": channels, "lanes": lanes, "smoothing_px": window}
+    pipeline = random_bundle(tmp_path / "bundle", scene(("normals",), **settings)).pipeline
+    stages = resources.predict(resources.model_of(pipeline.scene)[0], resources.features(pipeline))
+    found = stages.pop("smoothing")
+    assert found["lut"] == pytest.approx(luts, rel=0.09)
+    assert found["ramb36"] == ramb36
+    plain = pipeline.scene.network.model_copy(update={"smoothing_px": 0})
+    pipeline = pipeline.replace(scene=pipeline.scene.model_copy(update={"network": plain}))
+    assert stages == resources.predict(resources.model_of(pipeline.scene)[0], resources.features(pipeline))
+
+
 def test_products_are_dsp_slices():
     """Of every sample: the architecture has as many products as Yosys finds DSP48E2."""
     for sample in SAMPLES:

@@ -6,6 +6,7 @@ from fastac.synth.estimates.stages import stage_of
 @pytest.mark.parametrize(
     ("instance", "stage"),
     [
+        ("smoothing", "smoothing"),
         ("mlp.fc0_lane1", "normals"),
         ("mlp (own logic)", "normals"),
         ("solver.column_inverse", "transforms"),
