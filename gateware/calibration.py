@@ -41,7 +41,7 @@ FORMAT_VERSION = 2
 OF_REST = "dots.rest_px"
 """Of a bundle's floats: where its dots are at rest, in the order of the integers'."""
 LEVEL_LIGHT, SMOOTHING_PX = "scene.sensor.level_light", "scene.network.smoothing_px"
-"""Names of what is done to pixels before the network."""
+"""Names in `fixed_content` of what is done to pixels before the network."""
 OF_DOTS = ("bridge", "follower", "dot_force", "spread")
 """Stages that only scenes with dots have."""
 
@@ -109,7 +109,8 @@ def hardware_identifier(pipeline: IntegerPipeline) -> int:
 
     Rounding to nearest, dots, bends and smoothing that are not there, fields younger than bundles (`LATER`)
     as they were before, and DSP48E2, for which weights are packed as they always were, are left out, so that
-    hardware older than the choice of them keeps its identifier; levelled light never had a part in it.
+    hardware older than the choice of them keeps its identifier. Levelled light is left out, too: hardware
+    with it is older than its comparison.
     """
     digest = hashlib.sha256(f"calibration {FORMAT_VERSION}".encode())
     dsp = device_of(pipeline.scene).dsp

@@ -177,10 +177,10 @@ def _check_dots(scene) -> None:
         raise ValueError("network.bridge_dots: True needs an output that follows from slopes")
     if scene.force.dots and not scene.wants_force:
         raise ValueError("force.dots: True needs a force among outputs")
-    if scene.network.smoothing_px and scene.wants_bridge:
+    if scene.network.smoothing_px and scene.wants_darkness:
         raise ValueError(
-            f"network.smoothing_px: {scene.network.smoothing_px} needs network.bridge_dots = false: a window"
-            " that holds a dot would darken the skin beside it"
+            f"network.smoothing_px: {scene.network.smoothing_px} needs network.bridge_dots and force.dots to"
+            " be false: a window that holds a dot darkens the skin beside it"
         )
     if scene.force.dots and scene.wants_force_map:
         raise ValueError("force.dots: True: dots' shifts belong to no pixel; leave out output force_map")

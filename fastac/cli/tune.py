@@ -62,9 +62,9 @@ from fastac.scenes import schema as scenes
 @click.option("--force", is_flag=True, help="Replace the output folder's files if it exists.")
 @progress_option
 def tune(scene_file, data, output, jobs, scheduler, store, force, progress, **options):
-    """Choose how SCENE is trained from the data alone: light, noise, teachers, epochs, batches, rates.
+    """Choose how SCENE is trained from the data alone: light, smoothing, noise, teachers, epochs, rates.
 
-    Candidates differ from SCENE in keys that cost the hardware next to nothing, and are compared by
+    Candidates differ from SCENE in keys that cost the hardware no multiplier, and are compared by
     cross-validation over whole groups or presses, never over frames of one. Those that do worse on a few
     pairs of folds drop out early. The nested error says what the choice is worth: for each fold a choice was
     made without it. The split test is looked at once, at the end. Trainings are kept in the step store, so

@@ -45,6 +45,8 @@ def check(data: Dataset, scene: Scene, path: Path) -> list[str]:
 def linear_force_n(data: Dataset, axes: tuple[int, ...], patience: int | None = None) -> np.ndarray:
     """Forces (test frames, axes) of a ridge on the pixels' differences, its weights smooth over the image.
 
+    The differences are those of single pixels, whatever the scene's network sees.
+
     patience : as in `smooth_weights.fit`
     """
     splits = {split: index for split in ("train", "validation") if len(index := data.indices(split))}

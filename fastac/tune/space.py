@@ -1,4 +1,4 @@
-"""The scenes that are compared: the scene itself, and others that cost the hardware next to nothing more."""
+"""The scenes that are compared: the scene itself, and others that cost the hardware no multiplier more."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -12,7 +12,7 @@ from fastac.tune.groups import TuneError
 
 GEOMETRY = {
     "sensor.level_light": [False, True],
-    "network.smoothing_px": [0, 2, 4, 8],
+    "network.smoothing_px": [0, 2, 4],
     "training.input_noise": [0.0, 0.02, 0.04, 0.08],
     "training.position_noise": [0.0, 0.04, 0.08, 0.16],
     "training.teachers": [0, 4, 8],

@@ -34,8 +34,8 @@ class FeatureSmoothing(wiring.Component):
     A memory holds the `window_px` rows before the one that comes in. The sum over rows is taken first, then
     that over columns; beyond the image its outermost pixels go on.
 
-    All registers move by steps, one for each beat that comes in. A frame's last `delay` steps are those of
-    the next frame's beats or, until its first one comes, are taken without one: none waits for a next frame.
+    All registers move by steps, one for each beat that comes in. Between frames steps are taken without a
+    beat, so that a frame's last `delay` steps need no next frame; once it has begun, they need its beats.
     `latency` = `delay` · fold + 1 clocks from a beat at `i` to the same beat at `o`, while beats come `fold`
     clocks apart and `o` is ready; initiation interval: `fold` clocks a beat, also from frame to frame.
     """
@@ -184,8 +184,8 @@ class FeatureSmoothing(wiring.Component):
 
     def _row_sums(self, m: Module, step, rows: list[list], row) -> list:
         """The weighted sums over the rows, of each lane and channel; `row`: of the one in the middle."""
-        older = [Signal(name=f"is_row_{k}") for k in range(1, self.half + 1)]
-        newer = [Signal(name=f"before_row_{k}") for k in range(1, self.half + 1)]
+        older = [Signal(name=f"has_row_before_{k}") for k in range(1, self.half + 1)]
+        newer = [Signal(name=f"has_row_after_{k}") for k in range(1, self.half + 1)]
         for k in range(self.half):
             m.d.comb += [older[k].eq(row > k), newer[k].eq(row < self.height - 1 - k)]
         return [

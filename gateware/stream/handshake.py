@@ -5,7 +5,8 @@ A pipeline has one of two handshakes. `pipeline_handshake` costs a gate, and its
 of all registers: for pipelines of few registers (background, darkness, depth, recurrence), and where the last
 register is a sum that stays until it is taken (the weighted sums). `credit_handshake` costs a queue as deep
 as the pipeline, and no register has a clock enable: for the long and wide ones (network, divider, division
-by eigenvalues, responses of patches).
+by eigenvalues, responses of patches). FeatureSmoothing has its own: beats that it holds are in a memory of
+rows, and leave only as others enter, or by themselves between frames.
 """
 
 from amaranth import Cat, Const, Module, Signal, Value, unsigned

@@ -113,7 +113,7 @@ def test_dots_belong_to_their_places(keys, message):
         ),
         (
             {"[network]\n": "[network]\nsmoothing_px = 4\n"},
-            "network.smoothing_px: 4 needs network.bridge_dots = false",
+            "network.smoothing_px: 4 needs network.bridge_dots and force.dots to be false",
         ),
         (
             {'["depth", "force_z"]': '["normals"]'},

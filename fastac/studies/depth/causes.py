@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
+from fastac.models.integer.smoothing import WINDOWS_PX
+
 AS_RECORDED = "as recorded"
 MENDED = "circle_margin and flat_beyond"
 PIXEL_MM = 0.13
@@ -44,12 +46,14 @@ CAUSES = (
         training={"circle_margin": 0.1, "flat_fraction": 0.05},
         level_light=True,
     ),
-    Cause("smoothed over 8 px", smoothing_px=8),
-    Cause(
-        "light levelled, circle_margin 0.1, flat_fraction 0.05, smoothed over 8 px",
-        training={"circle_margin": 0.1, "flat_fraction": 0.05},
-        level_light=True,
-        smoothing_px=8,
+    *(
+        Cause(
+            f"light levelled, circle_margin 0.1, flat_fraction 0.05, smoothed over {px} px",
+            training={"circle_margin": 0.1, "flat_fraction": 0.05},
+            level_light=True,
+            smoothing_px=px,
+        )
+        for px in WINDOWS_PX
     ),
     Cause("exact circles", {"circle_noise_mm": 0.0}),
     Cause("circles a pixel too large", {"circle_bias_mm": PIXEL_MM}),

@@ -38,9 +38,12 @@ def test_extremes(window_px):
     assert spread[10, 10] == round(255 / window_px**2)
     reached = np.argwhere(spread)
     assert np.abs(reached - 10).max() <= window_px // 2
-    # On an edge of bright and dark the mean is in the middle, and rounded up.
-    edge = np.where(np.arange(20)[:, None] < 10, -1, 1)[None].repeat(20, axis=0)
-    assert smoothed(edge, window_px)[10, :, 0].tolist() == by_definition(edge, window_px)[10, :, 0].tolist()
+    # Between dark and bright halves the means beside the edge are off by the pixel that they are centred on.
+    edge = np.where(np.arange(20)[:, None] < 10, -window_px, window_px)[None].repeat(20, axis=0)
+    assert smoothed(edge, window_px)[10, 9:11, 0].tolist() == [-1, 1]
+    half = np.where(np.arange(20)[:, None] < 10, 0, window_px)[None].repeat(20, axis=0)
+    middle = window_px // 2  # of half a window, and a half pixel more or less, rounded up
+    assert smoothed(half, window_px)[10, 9:11, 0].tolist() == [middle, middle + 1]
     slope = np.arange(-20, 20)[None, :, None].repeat(20, axis=0)
     inner = slice(window_px, -window_px)
     np.testing.assert_array_equal(smoothed(slope, window_px)[:, inner], slope[:, inner])

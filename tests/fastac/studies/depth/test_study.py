@@ -118,12 +118,13 @@ def test_command(tmp_path, monkeypatch):
     monkeypatch.setattr(study, "COUNTS", COUNTS)
     monkeypatch.setitem(study.SHORT, "normals_epochs", 2)
     arguments = ["study", "depth", str(path), "--seeds", "1", "--no-progress"]
-    arguments += ["--cause", "slope_limit 1", "--cause", "smoothed over 8 px"]
+    smoothed, less_smoothed = (next(c.name for c in causes.CAUSES if c.smoothing_px == px) for px in (8, 2))
+    arguments += ["--cause", "slope_limit 1", "--cause", smoothed, "--cause", less_smoothed]
     found = CliRunner().invoke(main, [*arguments, "-o", str(tmp_path / "out")], catch_exceptions=False)
     assert "slope_limit 1" in found.output
     assert "as recorded: error at the deepest point by its origin" in found.output
     content = json.loads((tmp_path / "out" / "depth.json").read_text())
     assert content["seeds"] == [1]
     assert [len(seed) for seed in content["errors"]["as recorded"]] == [8]
-    assert content["errors"]["smoothed over 8 px"] != content["errors"]["as recorded"]
+    assert content["errors"][smoothed] != content["errors"][less_smoothed]
     assert (tmp_path / "out" / "depth.png").stat().st_size
