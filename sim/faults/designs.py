@@ -24,7 +24,13 @@ DESIGNS = {
         "mode": "difference",
         "weights": "baked",
     },
-    "depth_2": {"outputs": ("normals", "depth"), "lanes": 2, "mode": "difference", "channels": "bgr+nir"},
+    "depth_2": {
+        "outputs": ("normals", "depth"),
+        "lanes": 2,
+        "mode": "difference",
+        "channels": "bgr+nir",
+        "smoothing_px": 4,
+    },
     "tridiagonal_1": {
         "outputs": ("normals", "depth", "force_x", "force_z", "force_map"),
         "solver": "tridiagonal",
@@ -75,7 +81,7 @@ DESIGNS = {
         "size": 24,
     },
     "normals_1": {"outputs": ("normals",), "weights": "baked", "bus_errors": "respond"},
-    "normals_4": {"outputs": ("normals",), "lanes": 4, "weights": "baked"},
+    "normals_4": {"outputs": ("normals",), "lanes": 4, "weights": "baked", "smoothing_px": 8},
 }
 """Arguments of `models.random_bundle.scene`; the name says the solver, or the last output, and the lanes."""
 KEPT_THROUGH_RESETS = {

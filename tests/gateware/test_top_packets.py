@@ -51,6 +51,7 @@ CASES = {
         "outputs": ("normals", "depth", "force_xyz"),
         "mode": "difference",
         "source": "slopes",
+        "smoothing_px": 4,
     },
     "at a fold": {"outputs": ("depth", "force_z"), "mode": "difference", "lanes": "1/4", "source": "slopes"},
     "force map": {
