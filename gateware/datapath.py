@@ -14,7 +14,6 @@ from fastac.gateware.force.force_interval import ForceIntervalStream
 from fastac.gateware.frame_cycles import FrameCycles
 from fastac.gateware.loadable_parameters import LoadableParameters
 from fastac.gateware.network.background import BackgroundSubtraction
-from fastac.gateware.network.feature_smoothing import FeatureSmoothing
 from fastac.gateware.poisson.depth import DepthOutput, Displacement
 from fastac.gateware.stream.fork import fan_out
 from fastac.gateware.stream.frame_guard import EVENTS, FRAME_FAULTS, TIMEOUT_BITS, FrameGuard
@@ -84,16 +83,7 @@ class Datapath(FrameCycles, LoadableParameters, wiring.Component):
             lanes=lanes,
             level_light=sensor.level_light,
         )
-        self.smoothing = None
-        if scene.network.smoothing_px:
-            self.smoothing = FeatureSmoothing(
-                scene.network.smoothing_px,
-                channels,
-                coordinate_codes(width),
-                coordinate_codes(height),
-                lanes=lanes,
-                fold=scene.fold,
-            )
+        self.smoothing = stages.smoothing(pipeline)
         self.mlp = stages.pixel_network(pipeline)
         normal_width = pipeline.layers[-1].accumulator_width
         self.loadable = pipeline.layers[0].loadable

@@ -7,13 +7,14 @@ from fastac.gateware.force.folded_patch import FoldedPatchForce
 from fastac.gateware.force.folded_sum import FoldedWeightedSum
 from fastac.gateware.force.weighted_sum import WeightedSumStream
 from fastac.gateware.fz_stream import PatchForceStream
+from fastac.gateware.network.feature_smoothing import FeatureSmoothing
 from fastac.gateware.network.folded_network import FoldedMlp
 from fastac.gateware.network.folded_ratio import FoldedDivider
 from fastac.gateware.network.gradient_ratio import GradientDivider
 from fastac.gateware.network.pixel_network import NormalMlp
 from fastac.gateware.poisson.solvers import SOLVERS
 from fastac.gateware.target.device import device_of
-from fastac.models.integer.features import WIDTH
+from fastac.models.integer.features import WIDTH, coordinate_codes
 from fastac.models.integer.force import PatchForce, WeightedSum
 from fastac.models.integer.pipeline import IntegerPipeline
 
@@ -34,6 +35,15 @@ def last_row_first(stage):
     if isinstance(stage, WeightedSum):
         return stage.reversed_rows()
     return replace(stage, rest=stage.rest[::-1])
+
+
+def smoothing(pipeline: IntegerPipeline) -> FeatureSmoothing | None:
+    """From features to their means over a window, where the scene wants them."""
+    scene, (height, width, channels) = pipeline.scene, pipeline.background.shape
+    if not scene.network.smoothing_px:
+        return None
+    codes = coordinate_codes(width), coordinate_codes(height)
+    return FeatureSmoothing(scene.network.smoothing_px, channels, *codes, lanes=scene.lanes, fold=scene.fold)
 
 
 def pixel_network(pipeline: IntegerPipeline) -> NormalMlp | FoldedMlp:

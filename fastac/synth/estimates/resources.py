@@ -59,7 +59,7 @@ stages, as no sample has an interval."""
 SMOOTHING_LUTS = {"one": 74, "adder_bits": 0.74, "choice_bits": 1.17, "row_luts": 1, "code_bits": 0.024}
 """Look-up tables of the mean of ΔI over a window: of the design; of each bit of its adders, and of the
 choices of what lies beyond the image; those that hold rows; of each bit of the coordinates' codes, where the
-image has no power of two of them. Yosys counts 317 to 5,549 in the component alone, in 30 designs with
+image has no power of two of them. Yosys counts 316 to 5,551 in the component alone, in 30 designs with
 windows of 2 to 8 pixels, 3 and 4 channels, 1 to 4 lanes and 32 to 640 pixels a row, from which the sums
 differ by up to 9%. Not fitted with the stages, as no sample has it."""
 RAM_BITS = {32: 14, 64: 7}
