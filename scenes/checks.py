@@ -20,6 +20,7 @@ OF_NORMALS = (
     "circle_margin",
     "flat_beyond",
     "huber_delta",
+    "depth_weight",
     "rounding_noise",
 )
 """Keys of `training` for networks that learn from normals."""
@@ -43,6 +44,7 @@ def check_scene(scene) -> None:
     if scene.training.labels == "force":
         _check_force_alone(scene)
     else:
+        _check_depth_weight(scene)
         for key in ("light_noise", "curl_weight", "press_reach", "press_symmetry"):
             if (value := getattr(scene.training, key)) is not None:
                 shown = str(value).lower()  # of true and false, as TOML writes them
@@ -184,6 +186,18 @@ def _check_dots(scene) -> None:
         )
     if scene.force.dots and scene.wants_force_map:
         raise ValueError("force.dots: True: dots' shifts belong to no pixel; leave out output force_map")
+
+
+def _check_depth_weight(scene) -> None:
+    """Raise ValueError where a network cannot learn from the depth of whole frames."""
+    weight, sensor = scene.training.depth_weight, scene.sensor
+    if not weight:
+        return
+    if scene.network.bridge_dots:
+        raise ValueError(f"training.depth_weight: {weight} needs network.bridge_dots = false")
+    if sensor.height_px != sensor.width_px:
+        shape = f"{sensor.height_px} x {sensor.width_px}"
+        raise ValueError(f"training.depth_weight: {weight} needs square images, and sensor has {shape} px")
 
 
 def _check_force_alone(scene) -> None:

@@ -228,6 +228,14 @@ class Training(Strict):
     pixels are at rest, and where noise leaves two slopes possible the smallest absolute error is that of the
     likelier one: gentle slopes come out too small, and with them depth and force, which are sums over many
     pixels. The smallest squared error is that of their mean."""
+    depth_weight: Annotated[float, Field(ge=0)] = Field(0.0, exclude_if=lambda value: not value)
+    """Weight of the depth's mean squared error, in pixels squared, beside the normals' loss, while the
+    network is trained on at the end (models/training/depth_loss.py), with labels 'geometry'; 0: it is not.
+    Slopes that noise hides are too flat where normals alone count, and the depth lacks what all of them
+    lack. The larger the weight, the better the depth, and the noisier single normals. Needs frames whose
+    depth is known at every pixel."""
+    depth_epochs: Count = Field(8, exclude_if=lambda value: value == 8)
+    """Of that training, on whole frames."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""

@@ -20,7 +20,7 @@ from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.training import bit_true
+from fastac.models.training import bit_true, depth_loss
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
 from fastac.models.training.force import from_forces
@@ -62,6 +62,11 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
             raise TrainingError(
                 f"{path}: force_n: no {'xyz'[axis]} axis, and scene {scene.name} wants {scene.outputs}"
             )
+    if scene.training.depth_weight:
+        try:
+            depth_loss.require_depth(data)
+        except ValueError as error:
+            raise TrainingError(f"{path}: {error}") from None
     curved = scene.sensor.geometry == "fingertip"
     if by_geometry and curved and scene.wants_slopes and data.rest_depth_mm is None:
         raise TrainingError(f"{path}: rest_depth_mm: missing, and a curved skin needs its boundary prior")
@@ -89,8 +94,9 @@ def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
 
 
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
-    """Train the float pixel network, and prune it where the scene asks; writes its arrays and learning
-    curve."""
+    """Train the float pixel network, prune it and train it on with depth where the scene asks; writes its
+    arrays and learning curves."""
+    with_depth: list[dict] = []
     if scene.training.labels == "force":
         network, history = from_forces.train(data, scene, progress=progress)
     else:
@@ -104,7 +110,11 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
             progress=progress,
         )
         network = pruned(network, skin, data, scene, progress=progress)
-    save_arrays(output, network_arrays(network) | curve(history, "normals"))
+        if scene.training.depth_weight:
+            rest_mm = rest_depth_mm(data)
+            with_depth = depth_loss.train(network, data, skin, scene, rest_mm, progress=progress)
+    curves = curve(history, "normals") | curve(with_depth, "depth")
+    save_arrays(output, network_arrays(network) | curves)
 
 
 def pruned(

@@ -12,6 +12,7 @@ SERIES = {"float": ("o", "#3f83c5"), "integer": ("x", "#e07b28")}
 """Marker and colour of each pipeline; readable on light and on dark pages."""
 TITLES = {
     "normals": "pixel network, in floats",
+    "depth": "pixel network, with depth",
     "finetune": "pixel network, in integers",
     "force": "force model",
     "force_float": "force, last fit for the floats",
@@ -19,6 +20,8 @@ TITLES = {
 }
 UNITS = {"loss": "error of unit normals, sum of components", "mae_n": "force error, sum of the axes, N"}
 COLOURS = {"train": "#3f83c5", "validation": "#e07b28"}
+OF_STEP = {"depth": "error of normals and depth together"}
+"""What a curve shows where its `UNITS` would say something else."""
 AGAINST = {("finetune", "train"): "train, against the floats' normals"}
 """Curves whose targets are not the true values."""
 LINES = ("#e07b28", "#3f83c5", "#4a9d5b", "#a05fb4", "#8a6d4f", "#6f7b87")
@@ -92,7 +95,7 @@ def _epochs(axis, curves: dict[str, np.ndarray], name: str) -> None:
     axis.xaxis.get_major_locator().set_params(integer=True, nbins=6)
     axis.set_xlabel("epoch")
     measure = next(iter(shown)).split("_", 1)[-1]
-    axis.set_ylabel(UNITS.get(measure, measure.replace("_", " ")))
+    axis.set_ylabel(OF_STEP.get(name) or UNITS.get(measure, measure.replace("_", " ")))
 
 
 def _choice(axis, curves: dict[str, np.ndarray]) -> None:

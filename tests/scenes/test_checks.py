@@ -38,6 +38,11 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             '"force" }',
+            '"force", depth_weight = 0.5 }',
+            "training.depth_weight: 0.5 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
             '"force", rounding_noise = true }',
             "training.rounding_noise: true needs training.labels 'geometry'",
         ),
@@ -200,3 +205,21 @@ def test_dots_belong_to_their_places(keys, message):
 )
 def test_dots_and_bands_that_cannot_be_are_named_in_one_line(changes, message):
     assert error(replaced(DOTTED, changes)).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (DOTTED + "[training]\n", "training.depth_weight: 0.5 needs network.bridge_dots = false"),
+        (
+            'name = "x"\noutputs = ["normals"]\nsensor = { geometry = "fingertip", height_px = 64 }\n[training]\n',
+            "training.depth_weight: 0.5 needs square images, and sensor has 64 x 128 px",
+        ),
+    ],
+)
+def test_depth_is_learned_on_whole_square_frames_of_bare_skin(text, message):
+    assert error(text + "depth_weight = 0.5\n") == message
+
+
+def test_a_scene_does_not_name_a_depth_that_is_not_learned():
+    assert "depth_weight" not in parse(DOTTED, origin="x").training.model_dump()
