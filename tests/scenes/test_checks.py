@@ -212,7 +212,7 @@ def test_dots_and_bands_that_cannot_be_are_named_in_one_line(changes, message):
     [
         (DOTTED + "[training]\n", "training.depth_weight: 0.5 needs network.bridge_dots = false"),
         (
-            'name = "x"\noutputs = ["normals"]\nsensor = { geometry = "fingertip", height_px = 64 }\n[training]\n',
+            'name = "x"\noutputs = ["normals"]\nsensor = { geometry = "flat", height_px = 64 }\n[training]\n',
             "training.depth_weight: 0.5 needs square images, and sensor has 64 x 128 px",
         ),
     ],
