@@ -16,7 +16,7 @@ import numpy as np
 
 from fastac.export.card import ADAPTED_FROM
 from fastac.flow import training
-from fastac.flow.few_presses import known_presses, pixels_of, presses, read
+from fastac.flow.few_presses import known_presses, pixels_of, presses, read, whole_frames
 from fastac.flow.force_scale import with_force_scale
 from fastac.flow.intervals import widened
 from fastac.gateware import calibration
@@ -64,8 +64,8 @@ def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path,
     What tunes the fewest numbers is chosen of all that are no worse than the best by more than one standard
     error of the difference between presses. Too few presses are not held out at all.
     """
-    known = bundles.load_for(bundle, scene)
-    few = training.skin_alone(read(data, scene, store=store, progress=progress), scene)
+    known, shown = bundles.load_for(bundle, scene), read(data, scene, store=store, progress=progress)
+    few = training.skin_alone(shown, scene)
     press, names = presses(few), known_presses(few)
     if len(names) < FEWEST_TO_CHOOSE:
         return {"presses": len(names), "tune": DEFAULT, "errors": None}
@@ -74,13 +74,16 @@ def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path,
     bar = progress_bar(total=FOLDS * len(transfer.TUNES), desc="choice", unit="tuning", enabled=progress)
     for fold in range(FOLDS):
         held = [names[k] for k in order[fold::FOLDS]]
-        x, y = pixels_of(few, scene, (few.split != "test") & ~np.isin(press, held))
+        seen = (few.split != "test") & ~np.isin(press, held)
+        x, y = pixels_of(few, scene, seen)
+        keys = {
+            "whole": whole_frames(known, shown, few, seen),
+            "rounding_bits": scene.felt_rounding_bits,
+        }
         begun = start(known, x, y)
         networks = {NOT_ADAPTED: begun}
         for what in transfer.TUNES:
-            networks[what], _ = transfer.tune(
-                copy.deepcopy(begun), x, y, scene.training, what, rounding_bits=scene.felt_rounding_bits
-            )
+            networks[what], _ = transfer.tune(copy.deepcopy(begun), x, y, scene.training, what, **keys)
             bar.update()
         for name in held:
             truth = pixels_of(few, scene, (few.split != "test") & (press == name))
@@ -105,15 +108,17 @@ def tuned(
     folder: Path, scene: Scene, bundle: Path, data: Path, tune: str, *, store: Path, progress: bool
 ) -> None:
     """A step: the float network, tuned on all presses, and its learning curve."""
-    known = bundles.load_for(bundle, scene)
-    few = training.skin_alone(read(data, scene, store=store, progress=progress), scene)
-    x, y = pixels_of(few, scene, few.split != "test")
+    known, shown = bundles.load_for(bundle, scene), read(data, scene, store=store, progress=progress)
+    few = training.skin_alone(shown, scene)
+    seen = few.split != "test"
+    x, y = pixels_of(few, scene, seen)
     network, history = transfer.tune(
         start(known, x, y),
         x,
         y,
         scene.training,
         tune,
+        whole=whole_frames(known, shown, few, seen),
         rounding_bits=scene.felt_rounding_bits,
         progress=progress,
     )

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import frames
+from fastac.models.integer.bundle import Bundle
+from fastac.models.training.depth_loss import WholeFrames, unknown_depth
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.scenes.schema import Scene
 from fastac.sensor import groups
@@ -58,3 +60,16 @@ def pixels_of(data: Dataset, scene: Scene, chosen: np.ndarray) -> tuple[np.ndarr
     split = np.where(chosen, "train", "test")
     settings = scene.training.model_copy(update={"normals_share": 1.0})
     return training_pixels(replace(data, split=split), settings, scene.network.smoothing_px)
+
+
+def whole_frames(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarray) -> WholeFrames | None:
+    """The `chosen` frames, a mask, for a network that learns from the depth, too; None where the bundle's
+    scene has no `training.depth_weight`, or the depth of some pixels is not known.
+
+    data, skin : the new unit's, without and with what `training.skin_alone` leaves out
+    """
+    if not known.scene.training.depth_weight or unknown_depth(data):
+        return None
+    rest_mm = known.pipeline.rest_depth_mm if data.rest_depth_mm is None else data.rest_depth_mm
+    split = np.where(chosen, "train", "test")
+    return WholeFrames(replace(data, split=split), replace(skin, split=split), known.scene, rest_mm)

@@ -62,11 +62,8 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
             raise TrainingError(
                 f"{path}: force_n: no {'xyz'[axis]} axis, and scene {scene.name} wants {scene.outputs}"
             )
-    if scene.training.depth_weight:
-        try:
-            depth_loss.require_depth(data)
-        except ValueError as error:
-            raise TrainingError(f"{path}: {error}") from None
+    if scene.training.depth_weight and (lack := depth_loss.unknown_depth(data)):
+        raise TrainingError(f"{path}: {lack}")
     curved = scene.sensor.geometry == "fingertip"
     if by_geometry and curved and scene.wants_slopes and data.rest_depth_mm is None:
         raise TrainingError(f"{path}: rest_depth_mm: missing, and a curved skin needs its boundary prior")
@@ -111,8 +108,8 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
         )
         network = pruned(network, skin, data, scene, progress=progress)
         if scene.training.depth_weight:
-            rest_mm = rest_depth_mm(data)
-            with_depth = depth_loss.train(network, data, skin, scene, rest_mm, progress=progress)
+            whole = depth_loss.WholeFrames(data, skin, scene, rest_depth_mm(data))
+            with_depth = depth_loss.train(network, whole, progress=progress)
     curves = curve(history, "normals") | curve(with_depth, "depth")
     save_arrays(output, network_arrays(network) | curves)
 

@@ -70,8 +70,8 @@ class Surface:
 class WholeFrames:
     """Frames, one by one, with what a network should find in them.
 
-    rest_depth_mm : (H, W); data : with depth of every pixel; skin : the same frames, with those normals
-        valid that are learned from
+    data : with the depth of every pixel (`unknown_depth`); skin : the same frames, with those normals valid
+        that are learned from; rest_depth_mm : (H, W)
     """
 
     data: Dataset
@@ -101,84 +101,107 @@ class WholeFrames:
         return torch.from_numpy(inner.astype(np.float32))
 
 
-def require_depth(data: Dataset) -> None:
-    """Raise ValueError, with the key at fault, where the depth of some pixels is not known."""
+def unknown_depth(data: Dataset) -> str | None:
+    """What a dataset lacks for the depth of every pixel, with the key at fault; None: nothing."""
     if data.depth_mm is None:
-        raise ValueError("depth_mm: missing, and training.depth_weight needs the depth of every pixel")
+        return "depth_mm: missing, and training.depth_weight needs the depth of every pixel"
     if data.valid is not None and not data.valid.all():
-        raise ValueError("valid: not every pixel is, and training.depth_weight needs the depth of each")
+        return "valid: not every pixel is, and training.depth_weight needs the depth of each"
+    return None
+
+
+def loss(model: torch.nn.Module, frames: WholeFrames, surface: Surface, index: np.ndarray) -> torch.Tensor:
+    """L_n + w · mean((d − d_true)²) of the frames `index`.
+
+    L_n is `normal_loss`, w `training.depth_weight`, d the depth in pixels.
+    model : from scaled features (pixels, inputs) to normals (pixels, 3)
+    """
+    settings, limit = frames.scene.training, frames.scene.numbers.slope_limit
+    features = frames.features(np.concatenate([frames.data.frames[index], frames.data.background[None]]))
+    found = model(features.reshape(-1, features.shape[-1])).reshape(*features.shape[:3], 3)
+    truth, known = frames.normals(index)
+    of_normals = normal_loss(found[:-1].reshape(-1, 3)[known], truth, settings.huber_delta)
+    slopes = slopes_of(found, limit)
+    error = surface(slopes[:-1], slopes[-1]) - frames.depth_px(index)
+    return of_normals + settings.depth_weight * error.square().mean()
+
+
+def _batches(index: np.ndarray) -> list[np.ndarray]:
+    return np.split(index, range(BATCH_FRAMES, len(index), BATCH_FRAMES))
 
 
 @single_thread()
-def train(
-    network: PixelNetwork,
-    data: Dataset,
-    skin: Dataset,
-    scene: Scene,
-    rest_depth_mm: np.ndarray,
+def fit(
+    model: torch.nn.Module,
+    frames: WholeFrames,
+    index: np.ndarray,
     *,
+    validation: np.ndarray | None = None,
+    share: float = 1.0,
+    epochs: int,
+    rate: float,
     progress: bool = False,
 ) -> list[dict]:
-    """Train `network` on with L_n + w · mean((d − d_true)²) for `training.depth_epochs`; returns the learning
-    curve.
+    """Train on, in place, what of `model` may change, with `loss`; returns the learning curve.
 
-    L_n is `normal_loss`, w `training.depth_weight`, d the depth in pixels. The network itself is changed, and
-    ends with the weights of the smallest error on the validation split or, without one, with the last. An
-    epoch sees a share `training.normals_share` of the frames, chosen by chance.
-    data, skin, rest_depth_mm : as in `WholeFrames`. Raises ValueError as `require_depth`.
+    index, validation : the frames to learn from, and those to judge by, if any: the model then ends with the
+        weights of the smallest error on them, the initial ones included; without them with the last
+    share : of the frames that an epoch sees, chosen by chance
     """
-    require_depth(data)
-    settings = scene.training
-    frames, surface = WholeFrames(data, skin, scene, rest_depth_mm), Surface(scene, rest_depth_mm)
-    at_rest = frames.features(data.background[None])
+    settings, surface = frames.scene.training, Surface(frames.scene, frames.rest_depth_mm)
     torch.manual_seed(settings.seed)
     rng = np.random.default_rng((settings.seed, 2))  # other draws than those of the normals' training
-    felt = with_rounding_noise(network, scene.felt_rounding_bits)
-
-    def loss(index: np.ndarray) -> torch.Tensor:
-        features = torch.cat([frames.features(data.frames[index]), at_rest])
-        found = felt(features.reshape(-1, features.shape[-1])).reshape(*features.shape[:3], 3)
-        truth, known = frames.normals(index)
-        normals = normal_loss(found[:-1].reshape(-1, 3)[known], truth, settings.huber_delta)
-        slopes = slopes_of(found, scene.numbers.slope_limit)
-        error = surface(slopes[:-1], slopes[-1]) - frames.depth_px(index)
-        return normals + settings.depth_weight * error.square().mean()
-
-    def validation() -> float:
-        felt.eval()
-        index = data.indices("validation")
-        parts = np.split(index, range(BATCH_FRAMES, len(index), BATCH_FRAMES))
-        with torch.inference_mode():
-            total = sum(loss(part).item() * len(part) for part in parts)
-        felt.train()
-        return total / len(index)
-
-    train_index = data.indices("train")
-    count = max(1, round(settings.normals_share * len(train_index)))
-    steps = settings.depth_epochs * -(-count // BATCH_FRAMES)
-    rate = settings.normals_learning_rate
-    optimiser = torch.optim.AdamW(network.parameters(), lr=rate, weight_decay=0.0, fused=True)
+    count = max(1, round(share * len(index)))
+    steps = epochs * -(-count // BATCH_FRAMES)
+    parameters = [values for values in model.parameters() if values.requires_grad]
+    optimiser = torch.optim.AdamW(parameters, lr=rate, weight_decay=0.0, fused=True)
     schedule = one_cycle(optimiser, rate, steps)
-    judged, best, history = bool(len(data.indices("validation"))), BestEpoch(), []
-    if judged:  # what it starts from counts too
-        best.tell(validation(), network)
+    judged, best, history = validation is not None and bool(len(validation)), BestEpoch(), []
+
+    def error() -> float:
+        model.eval()
+        with torch.inference_mode():
+            parts = [(part, loss(model, frames, surface, part).item()) for part in _batches(validation)]
+        model.train()
+        return sum(len(part) * value for part, value in parts) / len(validation)
+
+    if judged:
+        best.tell(error(), model)
     bar = progress_bar(total=steps, desc="normals, with depth", unit="step", enabled=progress)
-    for epoch in range(settings.depth_epochs):
-        total, chosen = 0.0, rng.permutation(train_index)[:count]
-        for index in np.split(chosen, range(BATCH_FRAMES, count, BATCH_FRAMES)):
-            error = loss(index)
+    for epoch in range(epochs):
+        total = 0.0
+        for part in _batches(rng.permutation(index)[:count]):
+            found = loss(model, frames, surface, part)
             optimiser.zero_grad(set_to_none=True)
-            error.backward()
+            found.backward()
             optimiser.step()
             schedule.step()
-            total += error.item() * len(index)
+            total += found.item() * len(part)
             bar.update()
         entry = {"epoch": epoch + 1, "train_loss": total / count}
         if judged:
-            entry["validation_loss"] = validation()
-            best.tell(entry["validation_loss"], network)
+            entry["validation_loss"] = error()
+            best.tell(entry["validation_loss"], model)
         history.append(entry)
         bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
     bar.close()
-    best.restore(network)
+    best.restore(model)
     return history
+
+
+def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False) -> list[dict]:
+    """Train the float network on with `loss`, for the scene's `training.depth_epochs`; it is changed itself.
+
+    Returns the learning curve. An epoch sees a share `training.normals_share` of the frames.
+    """
+    settings = frames.scene.training
+    return fit(
+        with_rounding_noise(network, frames.scene.felt_rounding_bits),
+        frames,
+        frames.data.indices("train"),
+        validation=frames.data.indices("validation"),
+        share=settings.normals_share,
+        epochs=settings.depth_epochs,
+        rate=settings.normals_learning_rate,
+        progress=progress,
+    )

@@ -4,7 +4,8 @@
     last    the last layer: how the features become a normal
     all     everything
 
-The fewer numbers are tuned, the fewer presses they need.
+The fewer numbers are tuned, the fewer presses they need. A network that has learned from the depth, too,
+does so again after the normals: they alone would make its slopes flat (depth_loss.py).
 """
 
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import scales
+from fastac.models.training import depth_loss
 from fastac.models.training.hidden_neurons import candidates, widths
 from fastac.models.training.normals import Fit, ScaledNetwork
 from fastac.models.training.prune import gradient_error
@@ -24,6 +26,8 @@ TUNES = ("gains", "last", "all")
 """What can be tuned, the fewest numbers first."""
 STEPS = 800
 """Steps of a tuning, whatever number of presses there is."""
+DEPTH_STEPS = 150
+"""The same of that with the depth."""
 RATE_SHARES = {"gains": 4.0, "last": 1.0, "all": 1.0}
 """Initial learning rates, as shares of the float network's in the scene."""
 
@@ -74,12 +78,14 @@ def tune(
     settings: Training,
     what: str,
     *,
+    whole: depth_loss.WholeFrames | None = None,
     rounding_bits: int | None = None,
     progress: bool = False,
 ) -> tuple[PixelNetwork, list[dict]]:
     """Train on, in place, what TUNES calls `what`; returns the network and its learning curve.
 
     x, y : features (pixels, inputs) and unit normals (pixels, 3) of the new unit
+    whole : of the new unit, if the network shall learn from the depth, too; its split train counts
     rounding_bits : bits of the activations whose rounding layers that are tuned feel as noise; None: there
         is none
     """
@@ -89,13 +95,14 @@ def tune(
     if what == "last":
         for parameter in network.linear_layers[-1].parameters():
             parameter.requires_grad = True
-    fit = Fit.of(
-        settings,
-        f"normals, {what}",
-        epochs=max(1, STEPS // -(-len(x) // settings.normals_batch_px)),
-        rate=settings.normals_learning_rate * RATE_SHARES[what],
-    )
+    rate = settings.normals_learning_rate * RATE_SHARES[what]
+    epochs = max(1, STEPS // -(-len(x) // settings.normals_batch_px))
+    fit = Fit.of(settings, f"normals, {what}", epochs=epochs, rate=rate)
     history = fit(ScaledNetwork(tuned, scales(x.shape[1] - 2)), x, y, progress=progress)
+    if whole is not None:
+        shown = whole.data.indices("train")
+        epochs = max(1, DEPTH_STEPS // -(-len(shown) // depth_loss.BATCH_FRAMES))
+        depth_loss.fit(tuned, whole, shown, epochs=epochs, rate=rate, progress=progress)
     for parameter in network.parameters():
         parameter.requires_grad = True
     return (tuned.folded() if what == "gains" else network), history

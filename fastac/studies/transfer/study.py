@@ -66,7 +66,7 @@ def anew(scene: Scene, share: float) -> Scene:
     training = scene.training
     epochs = {
         name: round(getattr(training, name) * more)
-        for name in ("normals_epochs", "finetune_epochs", "force_epochs")
+        for name in ("normals_epochs", "depth_epochs", "finetune_epochs", "force_epochs")
     }
     return scene.model_copy(update={"training": training.model_copy(update=epochs)})
 

@@ -61,7 +61,7 @@ def test_depth_gets_better_on_frames_that_were_held_out(tiny_data, make_scene, t
     scene = make_scene(poisson={"mode": mode}, training=training)
     rest, test = rest_depth_mm(scene.sensor), tiny_data.indices("test")
     network = copy.deepcopy(trained)
-    history = depth_loss.train(network, tiny_data, tiny_data, scene, rest)
+    history = depth_loss.train(network, WholeFrames(tiny_data, tiny_data, scene, rest))
     assert len(history) == 20
     before, after = (
         depth_mae_mm(model, tiny_data, scene, test, rest_depth_mm=rest) for model in (trained, network)
@@ -74,7 +74,7 @@ def test_the_same_seed_gives_the_same_network(tiny_data, make_scene, trained):
     rest, found = rest_depth_mm(scene.sensor), []
     for _ in range(2):
         network = copy.deepcopy(trained)
-        depth_loss.train(network, tiny_data, tiny_data, scene, rest)
+        depth_loss.train(network, WholeFrames(tiny_data, tiny_data, scene, rest))
         found.append(torch.cat([values.flatten() for values in network.parameters()]))
     assert torch.equal(*found)
     assert not torch.equal(found[0], torch.cat([values.flatten() for values in trained.parameters()]))
@@ -84,7 +84,7 @@ def test_a_training_that_loses_leaves_the_network_as_it_was(tiny_data, make_scen
     training = {"depth_weight": 1.0, "depth_epochs": 1, "normals_learning_rate": 100.0}
     scene = make_scene(training=training)
     network = copy.deepcopy(trained)
-    depth_loss.train(network, tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
+    depth_loss.train(network, WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor)))
     for found, expected in zip(network.parameters(), trained.parameters(), strict=True):
         assert torch.equal(found, expected)
 
@@ -98,7 +98,7 @@ def test_normals_that_are_not_learned_from_do_not_count(tiny_data, make_scene, t
     found = []
     for normals in (tiny_data.normals, wrong):
         skin, network = replace(tiny_data, normals=normals, valid=valid), copy.deepcopy(trained)
-        depth_loss.train(network, tiny_data, skin, scene, rest)
+        depth_loss.train(network, WholeFrames(tiny_data, skin, scene, rest))
         found.append(torch.cat([values.flatten() for values in network.parameters()]))
     assert torch.equal(*found)
 

@@ -6,9 +6,13 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.training import transfer
+from fastac.models.training.depth_loss import WholeFrames
 from fastac.models.training.hidden_neurons import widths
+from fastac.models.training.labelled_pixels import training_pixels
+from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import gradient_error
 from fastac.scenes.model_schema import Training
+from fastac.sensor.geometry import rest_depth_mm
 
 SETTINGS = Training(normals_batch_px=64)
 
@@ -79,3 +83,20 @@ def test_contacts_elsewhere(pixels):
     np.testing.assert_array_equal(found[256:, :4], pixels[:, :4])
     assert (found[256:, 4:] != pixels[:, 4:]).any()
     assert sorted(map(tuple, found[256:, 4:])) == sorted(map(tuple, pixels[:, 4:]))
+
+
+def test_a_network_learns_from_the_depth_again(tiny_data, make_scene, monkeypatch):
+    """And changes what is tuned only."""
+    monkeypatch.setattr(transfer, "STEPS", 40)
+    monkeypatch.setattr(transfer, "DEPTH_STEPS", 100)
+    scene = make_scene(training={"depth_weight": 10.0})
+    torch.manual_seed(1)
+    begun, rest = PixelNetwork(6, (8, 8)), rest_depth_mm(scene.sensor)
+    x, y = training_pixels(tiny_data, scene.training)
+    errors = {}
+    for whole in (None, WholeFrames(tiny_data, tiny_data, scene, rest)):
+        network, _ = transfer.tune(copy.deepcopy(begun), x, y, scene.training, "last", whole=whole)
+        assert torch.equal(network.linear_layers[0].weight, begun.linear_layers[0].weight)
+        test = tiny_data.indices("test")
+        errors[whole is None] = depth_mae_mm(network, tiny_data, scene, test, rest_depth_mm=rest)
+    assert errors[False] < 0.9 * errors[True]
