@@ -16,7 +16,7 @@ import numpy as np
 
 from fastac.export.card import ADAPTED_FROM
 from fastac.flow import training
-from fastac.flow.few_presses import known_presses, pixels_of, presses, read, whole_frames
+from fastac.flow.few_presses import known_presses, pixels_of, pressed_skins, presses, read
 from fastac.flow.force_scale import with_force_scale
 from fastac.flow.intervals import widened
 from fastac.gateware import calibration
@@ -77,7 +77,7 @@ def choice(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path,
         seen = (few.split != "test") & ~np.isin(press, held)
         x, y = pixels_of(few, scene, seen)
         keys = {
-            "whole": whole_frames(known, shown, few, seen),
+            "pressed": pressed_skins(known, shown, few, seen),
             "rounding_bits": scene.felt_rounding_bits,
         }
         begun = start(known, x, y)
@@ -118,7 +118,7 @@ def tuned(
         y,
         scene.training,
         tune,
-        whole=whole_frames(known, shown, few, seen),
+        pressed=pressed_skins(known, shown, few, seen),
         rounding_bits=scene.felt_rounding_bits,
         progress=progress,
     )

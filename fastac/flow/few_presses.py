@@ -7,7 +7,7 @@ import numpy as np
 
 from fastac.flow import frames
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training.depth_loss import WholeFrames, unknown_depth
+from fastac.models.training.known_depth import WholeSkins, known_depth, unknown_depth
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.scenes.schema import Scene
 from fastac.sensor import groups
@@ -62,7 +62,7 @@ def pixels_of(data: Dataset, scene: Scene, chosen: np.ndarray) -> tuple[np.ndarr
     return training_pixels(replace(data, split=split), settings, scene.network.smoothing_px)
 
 
-def whole_frames(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarray) -> WholeFrames | None:
+def pressed_skins(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarray) -> WholeSkins | None:
     """The `chosen` frames, a mask, for a network that learns from the depth, too; None where the bundle's
     scene has no `training.depth_weight`, or the depth of some pixels is not known.
 
@@ -72,4 +72,4 @@ def whole_frames(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarray
         return None
     rest_mm = known.pipeline.rest_depth_mm if data.rest_depth_mm is None else data.rest_depth_mm
     split = np.where(chosen, "train", "test")
-    return WholeFrames(replace(data, split=split), replace(skin, split=split), known.scene, rest_mm)
+    return known_depth(replace(data, split=split), replace(skin, split=split), known.scene, rest_mm)

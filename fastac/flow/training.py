@@ -24,6 +24,7 @@ from fastac.models.training import bit_true, depth_loss
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
 from fastac.models.training.force import from_forces
+from fastac.models.training.known_depth import known_depth, unknown_depth
 from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.network_depth import depth_mae_mm
@@ -62,7 +63,7 @@ def require(data: Dataset, scene: Scene, path: Path) -> None:
             raise TrainingError(
                 f"{path}: force_n: no {'xyz'[axis]} axis, and scene {scene.name} wants {scene.outputs}"
             )
-    if scene.training.depth_weight and (lack := depth_loss.unknown_depth(data)):
+    if scene.training.depth_weight and (lack := unknown_depth(data)):
         raise TrainingError(f"{path}: {lack}")
     curved = scene.sensor.geometry == "fingertip"
     if by_geometry and curved and scene.wants_slopes and data.rest_depth_mm is None:
@@ -107,11 +108,20 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
             progress=progress,
         )
         network = pruned(network, skin, data, scene, progress=progress)
-        if scene.training.depth_weight:
-            whole = depth_loss.WholeFrames(data, skin, scene, rest_depth_mm(data))
-            with_depth = depth_loss.train(network, whole, progress=progress)
+        with_depth = learn_depth(network, data, skin, scene, progress=progress)
     curves = curve(history, "normals") | curve(with_depth, "depth")
     save_arrays(output, network_arrays(network) | curves)
+
+
+def learn_depth(
+    network: PixelNetwork, data: Dataset, skin: Dataset, scene: Scene, *, progress: bool = False
+) -> list[dict]:
+    """Train the network on for the depth, too, where the scene has `training.depth_weight`; it is changed
+    itself. Returns the learning curve. `skin` is what `skin_alone` leaves of the dataset."""
+    if not scene.training.depth_weight:
+        return []
+    known = known_depth(data, skin, scene, rest_depth_mm(data))
+    return depth_loss.train(network, known, progress=progress)
 
 
 def pruned(

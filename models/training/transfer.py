@@ -17,6 +17,7 @@ from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import scales
 from fastac.models.training import depth_loss
 from fastac.models.training.hidden_neurons import candidates, widths
+from fastac.models.training.known_depth import WholeSkins
 from fastac.models.training.normals import Fit, ScaledNetwork
 from fastac.models.training.prune import gradient_error
 from fastac.models.training.rounding_noise import with_rounding_noise
@@ -78,14 +79,14 @@ def tune(
     settings: Training,
     what: str,
     *,
-    whole: depth_loss.WholeFrames | None = None,
+    pressed: WholeSkins | None = None,
     rounding_bits: int | None = None,
     progress: bool = False,
 ) -> tuple[PixelNetwork, list[dict]]:
     """Train on, in place, what TUNES calls `what`; returns the network and its learning curve.
 
     x, y : features (pixels, inputs) and unit normals (pixels, 3) of the new unit
-    whole : of the new unit, if the network shall learn from the depth, too; its split train counts
+    pressed : of the new unit, if the network shall learn from the depth, too; its split train counts
     rounding_bits : bits of the activations whose rounding layers that are tuned feel as noise; None: there
         is none
     """
@@ -99,10 +100,9 @@ def tune(
     epochs = max(1, STEPS // -(-len(x) // settings.normals_batch_px))
     fit = Fit.of(settings, f"normals, {what}", epochs=epochs, rate=rate)
     history = fit(ScaledNetwork(tuned, scales(x.shape[1] - 2)), x, y, progress=progress)
-    if whole is not None:
-        shown = whole.data.indices("train")
+    if pressed is not None and len(shown := pressed.index("train")):
         epochs = max(1, DEPTH_STEPS // -(-len(shown) // depth_loss.BATCH_FRAMES))
-        depth_loss.fit(tuned, whole, shown, epochs=epochs, rate=rate, progress=progress)
+        depth_loss.fit(tuned, pressed, shown, epochs=epochs, rate=rate, progress=progress)
     for parameter in network.parameters():
         parameter.requires_grad = True
     return (tuned.folded() if what == "gains" else network), history

@@ -46,6 +46,16 @@ CAUSES = (
         training={"circle_margin": 0.1, "flat_fraction": 0.05},
         level_light=True,
     ),
+    Cause(
+        "light levelled, circle_margin 0.1, flat_fraction 0.05, depth_weight 0.005",
+        training={
+            "circle_margin": 0.1,
+            "flat_fraction": 0.05,
+            "depth_weight": 0.005,
+            "depth_epochs": 30,
+        },
+        level_light=True,
+    ),
     *(
         Cause(
             f"light levelled, circle_margin 0.1, flat_fraction 0.05, smoothed over {px} px",

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.flow.training import network_arrays
+from fastac.flow.training import learn_depth, network_arrays
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.light_level import levelled
 from fastac.models.training import normals as train_normals
@@ -37,8 +37,9 @@ from fastac.studies.depth.presses import (
 )
 
 NETWORK = "network.npz"
-PLAIN = {"circle_margin": 0.0, "flat_beyond": None, "flat_fraction": 0.2}
-"""Keys of a training on whole circles and, a fifth, the untouched gel; a cause may set them."""
+PLAIN = {"circle_margin": 0.0, "flat_beyond": None, "flat_fraction": 0.2, "depth_weight": 0.0}
+"""Keys of a training on whole circles and, a fifth, the untouched gel, for normals alone; a cause may set
+them."""
 SHORT = {"teachers": 0, "normals_epochs": 60, "normals_batch_px": 1024, "normals_learning_rate": 6e-3}
 """Keys of a training that takes seconds, in place of the scene's."""
 
@@ -66,6 +67,7 @@ def train(
         smoothing_px=scene.network.smoothing_px,
         rounding_bits=scene.felt_rounding_bits,
     )
+    learn_depth(network, data, data, scene)
     save_arrays(folder / NETWORK, network_arrays(network))
 
 

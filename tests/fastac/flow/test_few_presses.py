@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from fastac.flow.few_presses import AdaptError, known_presses, pixels_of, presses, read, whole_frames
+from fastac.flow.few_presses import AdaptError, known_presses, pixels_of, pressed_skins, presses, read
 from fastac.sensor import dataset
 
 
@@ -35,19 +35,19 @@ def test_frames_without_contact_are_of_no_press(tiny_data):
 
 def test_depth_is_learned_where_the_bundle_learned_it_and_all_of_it_is_known(tiny_data, tiny_bundle):
     chosen = np.arange(len(tiny_data)) < 5
-    assert whole_frames(tiny_bundle, tiny_data, tiny_data, chosen) is None
+    assert pressed_skins(tiny_bundle, tiny_data, tiny_data, chosen) is None
     scene = tiny_bundle.scene
     scene = scene.model_copy(update={"training": scene.training.model_copy(update={"depth_weight": 1.0})})
     bundle = replace(tiny_bundle, pipeline=tiny_bundle.pipeline.replace(scene=scene))
     assert bundle.scene == scene
-    found = whole_frames(bundle, tiny_data, tiny_data, chosen)
+    found = pressed_skins(bundle, tiny_data, tiny_data, chosen)
     assert found.data.indices("train").tolist() == found.skin.indices("train").tolist() == list(range(5))
     np.testing.assert_array_equal(found.rest_depth_mm, tiny_data.rest_depth_mm)
     without = replace(tiny_data, rest_depth_mm=None)
-    rest_mm = whole_frames(bundle, without, without, chosen).rest_depth_mm
+    rest_mm = pressed_skins(bundle, without, without, chosen).rest_depth_mm
     np.testing.assert_array_equal(rest_mm, bundle.pipeline.rest_depth_mm)
     unknown = replace(tiny_data, depth_mm=None)
-    assert whole_frames(bundle, unknown, unknown, chosen) is None
+    assert pressed_skins(bundle, unknown, unknown, chosen) is None
 
 
 def test_pixels_of_chosen_frames(tiny_data, tiny_scene):

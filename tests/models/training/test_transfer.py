@@ -6,8 +6,8 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.training import transfer
-from fastac.models.training.depth_loss import WholeFrames
 from fastac.models.training.hidden_neurons import widths
+from fastac.models.training.known_depth import WholeSkins
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import gradient_error
@@ -94,9 +94,9 @@ def test_a_network_learns_from_the_depth_again(tiny_data, make_scene, monkeypatc
     begun, rest = PixelNetwork(6, (8, 8)), rest_depth_mm(scene.sensor)
     x, y = training_pixels(tiny_data, scene.training)
     errors = {}
-    for whole in (None, WholeFrames(tiny_data, tiny_data, scene, rest)):
-        network, _ = transfer.tune(copy.deepcopy(begun), x, y, scene.training, "last", whole=whole)
+    for pressed in (None, WholeSkins(tiny_data, tiny_data, scene, rest)):
+        network, _ = transfer.tune(copy.deepcopy(begun), x, y, scene.training, "last", pressed=pressed)
         assert torch.equal(network.linear_layers[0].weight, begun.linear_layers[0].weight)
         test = tiny_data.indices("test")
-        errors[whole is None] = depth_mae_mm(network, tiny_data, scene, test, rest_depth_mm=rest)
+        errors[pressed is None] = depth_mae_mm(network, tiny_data, scene, test, rest_depth_mm=rest)
     assert errors[False] < 0.9 * errors[True]

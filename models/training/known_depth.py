@@ -1,0 +1,170 @@
+"""Frames whose depth is known, and the loss of a pixel network on them: normals and depth together.
+
+Of a virtual sensor the whole skin is known; of a recorded ball press the shape of the skin under the ball.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from fastac.models.integer.features import COORDINATE_SCALE, integer_features, scales
+from fastac.models.training.depth_of_slopes import DepthOfSlopes, slopes_of
+from fastac.models.training.labelled_pixels import training_pixels
+from fastac.models.training.normals import normal_loss
+from fastac.scenes.schema import Scene
+from fastac.sensor.contact_circle import contact_circle
+from fastac.sensor.dataset import Dataset
+
+Model = Callable[[torch.Tensor], torch.Tensor]
+"""A network from scaled features (pixels, inputs) to normals (pixels, 3) of any length."""
+DRAWN_PX = 8192
+"""Labelled pixels of a step, beside the frames whose depth is learned from."""
+
+
+@dataclass(frozen=True, eq=False)
+class WholeSkins:
+    """Frames with the depth of every pixel.
+
+    data : with all depths; skin : the same frames, with those normals valid that are learned from;
+    rest_depth_mm : (H, W)
+    """
+
+    data: Dataset
+    skin: Dataset
+    scene: Scene
+    rest_depth_mm: np.ndarray
+
+    def index(self, split: str) -> np.ndarray:
+        """The frames of a split that have something to learn from."""
+        return self.data.indices(split)
+
+    @cached_property
+    def _depth(self) -> DepthOfSlopes:
+        return DepthOfSlopes(self.scene, self.rest_depth_mm)
+
+    def _found(self, model: Model, index: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+        """Normals (frames, H, W, 3) and depth (frames, N, N) that the model finds in frames, the latter as
+        `_true`."""
+        frames = np.concatenate([self.data.frames[index], self.data.background[None]])
+        features = integer_features(frames, self.data.background, self.scene.network.smoothing_px)
+        x = torch.from_numpy(features.astype(np.float32)) * _unit(features)
+        normals = model(x.reshape(-1, x.shape[-1])).reshape(*x.shape[:3], 3)
+        slopes = slopes_of(normals, self.scene.numbers.slope_limit)
+        return normals[:-1], self._depth(slopes[:-1], slopes[-1])
+
+    def _true(self, depth_mm: np.ndarray) -> torch.Tensor:
+        """Depth (..., H, W) in mm as that of inner pixels (..., N, N) in pixels, in difference mode less that
+        at rest."""
+        depth_mm = depth_mm.astype(np.float64)
+        if self.scene.poisson.mode == "difference":
+            depth_mm = depth_mm - self.rest_depth_mm
+        found = depth_mm[..., 1:-1, 1:-1] / self.scene.sensor.pitch_mm
+        return torch.from_numpy(found.astype(np.float32))
+
+    def _normals_loss(self, model: Model, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
+        """`normal_loss` of the pixels of the frames that are learned from."""
+        known = np.ones(normals.shape[:3], bool) if self.skin.valid is None else self.skin.valid[index]
+        truth = torch.from_numpy(self.skin.normals[index][known].astype(np.float32))
+        return normal_loss(normals[torch.from_numpy(known)], truth, self.scene.training.huber_delta)
+
+    def _depth_error(self, depth_px: torch.Tensor, index: np.ndarray) -> torch.Tensor:
+        """The mean squared error of depth, px²."""
+        return (depth_px - self._true(self.data.depth_mm[index])).square().mean()
+
+    def loss(self, model: Model, index: np.ndarray) -> torch.Tensor:
+        """L_n + w · L_d of the frames `index`: `normal_loss` and, weighted by `training.depth_weight`, the
+        mean squared error of depth in pixels."""
+        normals, depth_px = self._found(model, index)
+        of_normals = self._normals_loss(model, index, normals)
+        return of_normals + self.scene.training.depth_weight * self._depth_error(depth_px, index)
+
+
+class BallContacts(WholeSkins):
+    """Frames of ball presses, of which the depth is known up to a constant, and inside contact circles alone.
+
+    Where the skin lies against a ball of radius R its height is −√(R² − r²) plus what was not measured. Of
+    each frame the mean difference over the circle, less `training.circle_margin`, is taken away before errors
+    are squared, as `accuracy.contact_depth_mae_mm` does.
+    """
+
+    def index(self, split: str) -> np.ndarray:
+        """The frames of a split that show a ball's contact."""
+        found = self.data.indices(split)
+        return found[[bool(self._shape(sample)[1].any()) for sample in found]]
+
+    def _shape(self, sample: int) -> tuple[np.ndarray, np.ndarray]:
+        """The ball's surface (H, W) in mm, and where the skin lies against it, (H, W) bool; the border is
+        left out."""
+        circle, radius_mm = contact_circle(self.data, sample), self.data.indenter["ball_mm"][sample] / 2
+        known = np.zeros(self.rest_depth_mm.shape, bool)
+        if circle is None or not np.isfinite(radius_mm):
+            return np.zeros(known.shape), known
+        distance_px, radius_px = circle
+        under = radius_mm**2 - (distance_px * self.scene.sensor.pitch_mm) ** 2
+        within = (distance_px <= radius_px * (1 - self.scene.training.circle_margin)) & (under > 0)
+        known[1:-1, 1:-1] = within[1:-1, 1:-1]
+        if self.data.valid is not None:
+            known &= self.data.valid[sample]
+        return -np.sqrt(np.maximum(under, 0)), known
+
+    def _depth_error(self, depth_px: torch.Tensor, index: np.ndarray) -> torch.Tensor:
+        """The mean over frames of the variance of the error in the circle, px²."""
+        errors = []
+        for found, sample in zip(depth_px, index, strict=True):
+            surface_mm, known = self._shape(sample)
+            inside = torch.from_numpy(known[1:-1, 1:-1])
+            errors.append((found - self._true(surface_mm))[inside].var(correction=0))
+        return torch.stack(errors).mean()
+
+    @cached_property
+    def _labelled(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Features and normals of the pixels that the network has learned from, and the noise added to
+        features."""
+        settings = self.scene.training
+        x, y = training_pixels(self.skin, settings, self.scene.network.smoothing_px)
+        noise = x.std(axis=0) * settings.input_noise
+        noise[-2:] = settings.position_noise / COORDINATE_SCALE
+        return torch.from_numpy(x), torch.from_numpy(y), torch.from_numpy(noise.astype(np.float32))
+
+    def _normals_loss(self, model: Model, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
+        """While the model is trained, of labelled pixels of all frames, disturbed as before; else of the
+        labelled pixels of the frames."""
+        if not getattr(model, "training", False):
+            return super()._normals_loss(model, index, normals)
+        x, y, noise = self._labelled
+        drawn = torch.randint(len(x), (DRAWN_PX,))
+        seen = x[drawn].float()
+        seen = (seen + noise * torch.randn(seen.shape)) * _unit(x)
+        return normal_loss(model(seen), y[drawn], self.scene.training.huber_delta)
+
+
+def _unit(features) -> torch.Tensor:
+    """The scales of features (..., inputs), (inputs,)."""
+    return torch.from_numpy(scales(features.shape[-1] - 2).astype(np.float32))
+
+
+def unknown_depth(data: Dataset) -> str | None:
+    """What a dataset lacks for `known_depth`, with the key at fault; None: nothing."""
+    if data.depth_mm is not None and (data.valid is None or data.valid.all()):
+        return None
+    known = data.indenter or {}
+    balls = np.isfinite(known["ball_mm"]) if "ball_mm" in known else np.zeros(len(data), bool)
+    if any(balls[k] and contact_circle(data, k) is not None for k in data.indices("train")):
+        return None
+    lack = "depth_mm: missing" if data.depth_mm is None else "valid: not every pixel is"
+    return (
+        f"{lack}, and training.depth_weight needs the depth of every pixel, or contact circles of balls"
+        " (indenter/radius_px, indenter/ball_mm); 0 does without"
+    )
+
+
+def known_depth(data: Dataset, skin: Dataset, scene: Scene, rest_depth_mm: np.ndarray) -> WholeSkins:
+    """The frames of a dataset that lacks nothing (`unknown_depth`), to learn depth from.
+
+    skin : the dataset with those normals valid that are learned from; rest_depth_mm : (H, W)
+    """
+    whole = data.depth_mm is not None and (data.valid is None or data.valid.all())
+    return (WholeSkins if whole else BallContacts)(data, skin, scene, rest_depth_mm)
