@@ -208,7 +208,7 @@ def recorded(skins: Skins, scene: Scene, conditions: Conditions, seed: int) -> D
         normals=normals,
         depth_mm=np.concatenate([skins.depth_mm, np.zeros((1, *image), np.float32)]),
         valid=valid,
-        indenter={"center_px": centre_px, "radius_px": radius_px},
+        indenter={"center_px": centre_px, "radius_px": radius_px, "ball_mm": np.full(count, BALL_MM)},
     )
     lit = under_other_light(data, conditions.light_noise, seed).frames
     lit[-1] = untouched
