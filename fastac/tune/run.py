@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from fastac.models.training.known_depth import unknown_depth
 from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle
 from fastac.sweep import pools, scene_file
@@ -52,7 +53,7 @@ def tune(
             " or more, for models to be compared on what they have not seen"
         )
     circles = any(contact_circle(known, index) is not None for index in range(len(known)))
-    axes = space.axes_of(scene, vary, keep, circles=circles)
+    axes = space.axes_of(scene, vary, keep, circles=circles, depth=unknown_depth(known) is None)
     points = space.candidates(scene, axes, candidates, seed)
     parts = folds_of(units, min(folds, len(names_of(units))), seed)
     if scheduler:

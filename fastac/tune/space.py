@@ -23,6 +23,8 @@ GEOMETRY = {
 """Where the network learns from normals. Axes as in the specification of a sweep."""
 CIRCLES = {"training.circle_margin": [0.0, 0.05, 0.1, 0.15]}
 """Where these are the normals of balls inside labelled contact circles, besides."""
+DEPTH = {"training.depth_weight, training.depth_epochs": [[0.0, 30], [0.005, 30], [0.02, 30]]}
+"""Where the depth of presses is known, or its shape under balls, besides."""
 FORCE = {
     "sensor.level_light": [False, True],
     "training.input_noise": [0.0, 0.01, 0.02, 0.05],
@@ -40,15 +42,23 @@ DRAWS = 64
 
 
 def axes_of(
-    scene: Scene, vary: Sequence[str] = (), keep: Sequence[str] = (), *, circles: bool = False
+    scene: Scene,
+    vary: Sequence[str] = (),
+    keep: Sequence[str] = (),
+    *,
+    circles: bool = False,
+    depth: bool = False,
 ) -> dict[str, list]:
     """The axes that are searched: those of the scene's kind of labels without the keys `keep`, and those of
     `vary`, texts such as "network.width=12,16", which replace axes of the same name.
 
-    circles : whether the data have contact circles
+    circles : whether the data have contact circles; depth: whether depth can be learned from them
     Raises TuneError for texts that say no axis.
     """
-    axes = dict(FORCE if scene.training.labels == "force" else GEOMETRY | (CIRCLES if circles else {}))
+    if scene.training.labels == "force":
+        axes = dict(FORCE)
+    else:
+        axes = GEOMETRY | (CIRCLES if circles else {}) | (DEPTH if depth and scene.wants_solver else {})
     for text in vary:
         key, equals, values = text.partition("=")
         try:

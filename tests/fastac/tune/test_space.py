@@ -1,7 +1,7 @@
 import pytest
 
 from fastac.tune.groups import TuneError
-from fastac.tune.space import CIRCLES, FORCE, GEOMETRY, axes_of, candidates
+from fastac.tune.space import CIRCLES, DEPTH, FORCE, GEOMETRY, axes_of, candidates
 
 
 def test_axes_follow_the_labels(make_scene, tiny_scene):
@@ -14,7 +14,9 @@ def test_axes_follow_the_labels(make_scene, tiny_scene):
     assert axes_of(from_force) == FORCE
     assert axes_of(tiny_scene) == GEOMETRY
     assert axes_of(tiny_scene, circles=True) == GEOMETRY | CIRCLES
-    assert axes_of(from_force, circles=True) == FORCE
+    assert axes_of(tiny_scene, circles=True, depth=True) == GEOMETRY | CIRCLES | DEPTH
+    assert axes_of(make_scene(outputs=["normals"]), depth=True) == GEOMETRY
+    assert axes_of(from_force, circles=True, depth=True) == FORCE
     found = axes_of(tiny_scene, ["network.width=8, 12", "training.teachers=0"], ["training.input_noise"])
     assert (found["network.width"], found["training.teachers"]) == ([8, 12], [0])
     assert "training.input_noise" not in found
