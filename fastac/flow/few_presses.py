@@ -68,8 +68,9 @@ def pressed_skins(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarra
 
     data, skin : the new unit's, without and with what `training.skin_alone` leaves out
     """
+    split = np.where(chosen, "train", "test")
+    data, skin = replace(data, split=split), replace(skin, split=split)
     if not known.scene.training.depth_weight or unknown_depth(data):
         return None
     rest_mm = known.pipeline.rest_depth_mm if data.rest_depth_mm is None else data.rest_depth_mm
-    split = np.where(chosen, "train", "test")
-    return known_depth(replace(data, split=split), replace(skin, split=split), known.scene, rest_mm)
+    return known_depth(data, skin, known.scene, rest_mm)
