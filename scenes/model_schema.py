@@ -233,7 +233,7 @@ class Training(Strict):
     network is trained on at the end (models/training/depth_loss.py), with labels 'geometry'; 0: it is not.
     Slopes that noise hides are too flat where normals alone count, and the depth lacks what all of them
     lack. The larger the weight, the better the depth, and the noisier single normals. Needs frames whose
-    depth is known at every pixel."""
+    depth is known at every pixel, or contact circles of balls, inside which its shape is known."""
     depth_epochs: Count = Field(8, exclude_if=lambda value: value == 8)
     """Of that training, on whole frames."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)

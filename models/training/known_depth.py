@@ -3,7 +3,6 @@
 Of a virtual sensor the whole skin is known; of a recorded ball press the shape of the skin under the ball.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -18,8 +17,6 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle
 from fastac.sensor.dataset import Dataset
 
-Model = Callable[[torch.Tensor], torch.Tensor]
-"""A network from scaled features (pixels, inputs) to normals (pixels, 3) of any length."""
 DRAWN_PX = 8192
 """Labelled pixels of a step, beside the frames whose depth is learned from."""
 
@@ -45,7 +42,7 @@ class WholeSkins:
     def _depth(self) -> DepthOfSlopes:
         return DepthOfSlopes(self.scene, self.rest_depth_mm)
 
-    def _found(self, model: Model, index: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
+    def _found(self, model: torch.nn.Module, index: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
         """Normals (frames, H, W, 3) and depth (frames, N, N) that the model finds in frames, the latter as
         `_true`."""
         frames = np.concatenate([self.data.frames[index], self.data.background[None]])
@@ -64,7 +61,7 @@ class WholeSkins:
         found = depth_mm[..., 1:-1, 1:-1] / self.scene.sensor.pitch_mm
         return torch.from_numpy(found.astype(np.float32))
 
-    def _normals_loss(self, model: Model, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
+    def _normals_loss(self, model: torch.nn.Module, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
         """`normal_loss` of the pixels of the frames that are learned from."""
         known = np.ones(normals.shape[:3], bool) if self.skin.valid is None else self.skin.valid[index]
         truth = torch.from_numpy(self.skin.normals[index][known].astype(np.float32))
@@ -74,9 +71,12 @@ class WholeSkins:
         """The mean squared error of depth, px²."""
         return (depth_px - self._true(self.data.depth_mm[index])).square().mean()
 
-    def loss(self, model: Model, index: np.ndarray) -> torch.Tensor:
+    def loss(self, model: torch.nn.Module, index: np.ndarray) -> torch.Tensor:
         """L_n + w · L_d of the frames `index`: `normal_loss` and, weighted by `training.depth_weight`, the
-        mean squared error of depth in pixels."""
+        mean squared error of depth in pixels.
+
+        model : from scaled features (pixels, inputs) to normals (pixels, 3) of any length
+        """
         normals, depth_px = self._found(model, index)
         of_normals = self._normals_loss(model, index, normals)
         return of_normals + self.scene.training.depth_weight * self._depth_error(depth_px, index)
@@ -129,10 +129,10 @@ class BallContacts(WholeSkins):
         noise[-2:] = settings.position_noise / COORDINATE_SCALE
         return torch.from_numpy(x), torch.from_numpy(y), torch.from_numpy(noise.astype(np.float32))
 
-    def _normals_loss(self, model: Model, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
+    def _normals_loss(self, model: torch.nn.Module, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
         """While the model is trained, of labelled pixels of all frames, disturbed as before; else of the
         labelled pixels of the frames."""
-        if not getattr(model, "training", False):
+        if not model.training:
             return super()._normals_loss(model, index, normals)
         x, y, noise = self._labelled
         drawn = torch.randint(len(x), (DRAWN_PX,))
@@ -146,9 +146,14 @@ def _unit(features) -> torch.Tensor:
     return torch.from_numpy(scales(features.shape[-1] - 2).astype(np.float32))
 
 
+def _whole(data: Dataset) -> bool:
+    """Whether the depth of every pixel is known."""
+    return data.depth_mm is not None and (data.valid is None or bool(data.valid.all()))
+
+
 def unknown_depth(data: Dataset) -> str | None:
     """What a dataset lacks for `known_depth`, with the key at fault; None: nothing."""
-    if data.depth_mm is not None and (data.valid is None or data.valid.all()):
+    if _whole(data):
         return None
     known = data.indenter or {}
     balls = np.isfinite(known["ball_mm"]) if "ball_mm" in known else np.zeros(len(data), bool)
@@ -166,5 +171,4 @@ def known_depth(data: Dataset, skin: Dataset, scene: Scene, rest_depth_mm: np.nd
 
     skin : the dataset with those normals valid that are learned from; rest_depth_mm : (H, W)
     """
-    whole = data.depth_mm is not None and (data.valid is None or data.valid.all())
-    return (WholeSkins if whole else BallContacts)(data, skin, scene, rest_depth_mm)
+    return (WholeSkins if _whole(data) else BallContacts)(data, skin, scene, rest_depth_mm)

@@ -14,6 +14,10 @@ WHOLE_EPOCHS = 4
 """Of a training on the whole skin, which has 15 times as many pixels: about as many steps as on circles."""
 
 
+LIKE_GELSIGHT = {"circle_margin": 0.1, "flat_fraction": 0.05}
+"""Keys of training that scenes/gelsight.toml has, too, beside levelled light."""
+
+
 @dataclass(frozen=True)
 class Cause:
     """A training, and what is evaluated of it.
@@ -43,23 +47,18 @@ CAUSES = (
     Cause("light levelled, flat_fraction 0.05", training={"flat_fraction": 0.05}, level_light=True),
     Cause(
         "light levelled, circle_margin 0.1, flat_fraction 0.05",
-        training={"circle_margin": 0.1, "flat_fraction": 0.05},
+        training=LIKE_GELSIGHT,
         level_light=True,
     ),
     Cause(
         "light levelled, circle_margin 0.1, flat_fraction 0.05, depth_weight 0.005",
-        training={
-            "circle_margin": 0.1,
-            "flat_fraction": 0.05,
-            "depth_weight": 0.005,
-            "depth_epochs": 30,
-        },
+        training={**LIKE_GELSIGHT, "depth_weight": 0.005, "depth_epochs": 30},
         level_light=True,
     ),
     *(
         Cause(
             f"light levelled, circle_margin 0.1, flat_fraction 0.05, smoothed over {px} px",
-            training={"circle_margin": 0.1, "flat_fraction": 0.05},
+            training=LIKE_GELSIGHT,
             level_light=True,
             smoothing_px=px,
         )
