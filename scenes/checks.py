@@ -193,8 +193,6 @@ def _check_depth_weight(scene) -> None:
     weight, sensor = scene.training.depth_weight, scene.sensor
     if not weight:
         return
-    if scene.network.bridge_dots:
-        raise ValueError(f"training.depth_weight: {weight} needs network.bridge_dots = false")
     if sensor.height_px != sensor.width_px:
         shape = f"{sensor.height_px} x {sensor.width_px}"
         raise ValueError(f"training.depth_weight: {weight} needs square images, and sensor has {shape} px")

@@ -135,6 +135,37 @@ def attenuation(folders, progress):
 
 
 @study.command()
+@click.argument("folders", metavar="BUNDLE...", type=INPUT, nargs=-1, required=True)
+@click.option(
+    "--ball",
+    "balls_mm",
+    type=click.FloatRange(0, min_open=True),
+    multiple=True,
+    default=(12.0, 3.0),
+    show_default="12, 3",
+    metavar="MM",
+    help="Diameter of another ball, beside the scene's; repeatable.",
+)
+@store_option("presses")
+@progress_option
+def peaks(folders, balls_mm, store, progress):
+    """Compare depth with the truth for several balls and several lights, on the virtual fingertip.
+
+    Printed for each BUNDLE, of its integers: by how many percent the largest displacement is off, and the
+    mean error of the depth, for each load of the scene's protocol, at 16 places. The scene's own ball is
+    pressed under other light than the background's, too: all channels brighter by 1 and 3%, and each channel
+    of each frame by a gain of its own, with a standard deviation of 1%. The scene must find depth.
+
+    \b
+    Example: fastac study peaks build/paper build/fast
+    """
+    from fastac.studies.depth import peaks as experiment
+
+    for line in experiment.measure(folders, balls_mm, store=store, progress=progress):
+        click.echo(line)
+
+
+@study.command()
 @click.argument("folders", metavar="BUILD_FOLDER...", type=INPUT, nargs=-1, required=True)
 @progress_option
 def identities(folders, progress):

@@ -18,6 +18,8 @@ from fastac.scenes.schema import Scene
 from fastac.sensor import fingertip, samples
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import save_arrays, write_json
+from fastac.store.steps import Step
+from fastac.store.store import open_store
 from fastac.synth import synthesis, vivado_reports
 
 DATA = "data.h5"
@@ -29,6 +31,12 @@ REPORT, PAGE = "report.json", "report.html"
 def data(folder: Path, scene: Scene, *, store: Path, progress: bool) -> None:
     """Press the virtual fingertip after the scene's protocol."""
     fingertip.generate(scene, folder / DATA, store=store, progress=progress)
+
+
+def virtual_presses(scene: Scene, store: Path, *, progress: bool) -> Path:
+    """The file of the scene's virtual presses, made if need be: for studies, by the step of a build."""
+    arguments = {"store": store, "progress": progress}
+    return open_store(store).perform(Step("data", data, {"scene": scene}, (DATA,), arguments)).path(DATA)
 
 
 def training_data(path: Path, scene: Scene, store: Path, *, progress: bool = False) -> Dataset:

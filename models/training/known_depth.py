@@ -10,9 +10,11 @@ import numpy as np
 import torch
 
 from fastac.models.integer.features import COORDINATE_SCALE, integer_features, scales
+from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training.depth_of_slopes import DepthOfSlopes, slopes_of
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.normals import normal_loss
+from fastac.models.vision.dots import bridge_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle
 from fastac.sensor.dataset import Dataset
@@ -42,6 +44,11 @@ class WholeSkins:
     def _depth(self) -> DepthOfSlopes:
         return DepthOfSlopes(self.scene, self.rest_depth_mm)
 
+    @cached_property
+    def _bridge(self) -> SlopeBridge | None:
+        """Of the slopes under the background's dots, if the scene wants it."""
+        return bridge_of(self.data.background, self.scene.sensor) if self.scene.wants_bridge else None
+
     def _found(self, model: torch.nn.Module, index: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
         """Normals (frames, H, W, 3) and depth (frames, N, N) that the model finds in frames, the latter as
         `_true`."""
@@ -50,6 +57,9 @@ class WholeSkins:
         x = torch.from_numpy(features.astype(np.float32)) * _unit(features)
         normals = model(x.reshape(-1, x.shape[-1])).reshape(*x.shape[:3], 3)
         slopes = slopes_of(normals, self.scene.numbers.slope_limit)
+        if self._bridge is not None:
+            columns = torch.from_numpy(self._bridge.columns(self._bridge.dark(frames)))
+            slopes = torch.take_along_dim(slopes, columns[..., None], dim=-2)
         return normals[:-1], self._depth(slopes[:-1], slopes[-1])
 
     def _true(self, depth_mm: np.ndarray) -> torch.Tensor:

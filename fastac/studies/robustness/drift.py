@@ -15,8 +15,7 @@ matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
 from fastac.flow import frames
-from fastac.flow import steps as build_steps
-from fastac.flow.steps import DATA
+from fastac.flow.steps import virtual_presses
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer.bundle import Bundle
@@ -26,8 +25,6 @@ from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.optics import faults
-from fastac.store.steps import Step
-from fastac.store.store import open_store
 
 ERRORS = {"depth_mae_mm": "depth error, mm", "force_mae_n": "force error, N"}
 LOADS = (1.5, 2, 3, 4, 6)
@@ -121,13 +118,12 @@ def loads_n(scene: Scene) -> tuple[float, ...]:
 
 
 def presses(scene: Scene, store: Path, *, progress: bool) -> Dataset:
-    """Virtual presses at each of `loads_n`, place by place: the same step as a build's data."""
+    """Virtual presses at each of `loads_n`, place by place."""
     protocol = scene.protocol.model_copy(
         update={"train_grid": 1, "validation_grid": 1, "test_grid": 4, "loads_n": loads_n(scene)}
     )
-    pressed, quiet = scene.model_copy(update={"protocol": protocol}), {"store": store, "progress": progress}
-    step = Step("data", build_steps.data, {"scene": pressed}, (DATA,), quiet)
-    return frames.read(open_store(store).perform(step).path(DATA), scene, store=store, progress=progress)
+    pressed = virtual_presses(scene.model_copy(update={"protocol": protocol}), store, progress=progress)
+    return frames.read(pressed, scene, store=store, progress=progress)
 
 
 def _row(fault: str, unit: str, level: float, models: dict, data: Dataset, bundle: Bundle) -> dict:

@@ -13,9 +13,9 @@ import h5py
 import numpy as np
 
 from fastac.flow import adapt, few_presses, frames
-from fastac.flow import steps as build_steps
 from fastac.flow.adapt import BUNDLE
 from fastac.flow.build import Build
+from fastac.flow.steps import virtual_presses
 from fastac.models import accuracy
 from fastac.models.integer import bundle as bundles
 from fastac.models.integer.bundle import Bundle
@@ -24,22 +24,12 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import write_json
 from fastac.store.progress import progress_bar
-from fastac.store.steps import Step
-from fastac.store.store import open_store
 from fastac.studies.transfer.units import unit_of
 
 AS_IS, CHOSEN, ANEW = "as it is", "adapt chooses", "trained anew"
 WAYS = (AS_IS, *TUNES, CHOSEN, ANEW)
 MOST_EPOCHS = 20
 """How often more epochs a training anew on few presses has, at most: as many steps as on all of them."""
-
-
-def presses_of(unit: Scene, store: Path, *, progress: bool) -> Path:
-    """The file of the unit's presses: those to learn from and those of the split test."""
-    step = Step(
-        "data", build_steps.data, {"scene": unit}, (build_steps.DATA,), {"store": store, "progress": progress}
-    )
-    return open_store(store).perform(step).path(build_steps.DATA)
 
 
 def few(path: Path, data: Dataset, count: int, seed: int, output: Path) -> None:
@@ -109,7 +99,7 @@ def run(
     bar = progress_bar(total=total, desc="second units", unit="training", enabled=progress, leave=True)
     for number in range(1, units + 1):
         unit = unit_of(scene, number)
-        path = presses_of(unit, store, progress=False)
+        path = virtual_presses(unit, store, progress=False)
         data = frames.read(path, unit, store=store)
         test, places = data.indices("test"), len(few_presses.known_presses(data))
         found = errors.setdefault(str(number), {way: {} for way in WAYS})

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from fastac.flow.training import TrainingError, require
+from fastac.flow.training import TrainingError, require, skin_alone, slope_bridge
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.integer.features import integer_features
 from fastac.models.training.known_depth import BallContacts, WholeSkins, known_depth, unknown_depth
@@ -52,6 +52,25 @@ def test_normals_that_are_not_learned_from_do_not_count(tiny_data, make_scene, n
         for normals in (tiny_data.normals, wrong)
     )
     assert first.loss(network, INDEX) == second.loss(network, INDEX)
+
+
+def test_slopes_under_dots_are_bridged(dotted_data, dotted_scene, network):
+    """As the pipelines bridge them: what the network makes of a dot is no part of the depth."""
+    training = dotted_scene.training.model_copy(update={"depth_weight": 1.0})
+    scene = dotted_scene.model_copy(update={"training": training})
+    rest, bridge = rest_depth_mm(scene.sensor), slope_bridge(dotted_data, scene)
+    frames = known_depth(dotted_data, skin_alone(dotted_data, scene), scene, rest)
+    depth_mm = found_depth_mm(
+        network, dotted_data.frames[INDEX], dotted_data, scene, rest_depth_mm=rest, bridge=bridge
+    )
+    error_px = (depth_mm - dotted_data.depth_mm[INDEX][:, 1:-1, 1:-1]) / scene.sensor.pitch_mm
+    normals, depth_px = frames._found(network, INDEX)
+    found = frames._depth_error(depth_px, INDEX).item()
+    assert found == pytest.approx(np.square(error_px).mean(), rel=1e-4)
+    assert frames.loss(network, INDEX) == frames._normals_loss(network, INDEX, normals) + found
+    bare = scene.model_copy(update={"network": scene.network.model_copy(update={"bridge_dots": False})})
+    without = replace(frames, scene=bare)
+    assert without._depth_error(without._found(network, INDEX)[1], INDEX).item() != pytest.approx(found)
 
 
 @pytest.fixture
