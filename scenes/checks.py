@@ -21,6 +21,7 @@ OF_NORMALS = (
     "flat_beyond",
     "huber_delta",
     "depth_weight",
+    "force_weight",
     "rounding_noise",
 )
 """Keys of `training` for networks that learn from normals."""
@@ -44,7 +45,7 @@ def check_scene(scene) -> None:
     if scene.training.labels == "force":
         _check_force_alone(scene)
     else:
-        _check_depth_weight(scene)
+        _check_sums(scene)
         for key in ("light_noise", "curl_weight", "press_reach", "press_symmetry"):
             if (value := getattr(scene.training, key)) is not None:
                 shown = str(value).lower()  # of true and false, as TOML writes them
@@ -188,14 +189,18 @@ def _check_dots(scene) -> None:
         raise ValueError("force.dots: True: dots' shifts belong to no pixel; leave out output force_map")
 
 
-def _check_depth_weight(scene) -> None:
-    """Raise ValueError where a network cannot learn from the depth of whole frames."""
+def _check_sums(scene) -> None:
+    """Raise ValueError where a network cannot learn from the depth or the force of whole frames."""
     weight, sensor = scene.training.depth_weight, scene.sensor
-    if not weight:
-        return
-    if sensor.height_px != sensor.width_px:
+    if weight and sensor.height_px != sensor.width_px:
         shape = f"{sensor.height_px} x {sensor.width_px}"
         raise ValueError(f"training.depth_weight: {weight} needs square images, and sensor has {shape} px")
+    weight = scene.training.force_weight
+    if weight and not (scene.wants_force and scene.fit_facts.of_slopes and not scene.force.dots):
+        raise ValueError(
+            f"training.force_weight: {weight} needs a force among outputs, force.fit 'slopes' and force.dots"
+            " false"
+        )
 
 
 def _check_force_alone(scene) -> None:

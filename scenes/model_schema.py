@@ -234,8 +234,13 @@ class Training(Strict):
     Slopes that noise hides are too flat where normals alone count, and the depth lacks what all of them
     lack. The larger the weight, the better the depth, and the noisier single normals. Needs frames whose
     depth is known at every pixel, or contact circles of balls, inside which its shape is known."""
+    force_weight: Annotated[float, Field(ge=0)] = Field(0.0, exclude_if=lambda value: not value)
+    """Weight of the force's error, in N, summed over the axes, beside the normals' loss in that training: the
+    network bends its slopes until their weighted sum is the force of presses that the weights were not fitted
+    to. With labels 'geometry' and fit 'slopes', without dots. The larger the weight, the better the
+    force, and the less the network's normals are those of the skin."""
     depth_epochs: Count = Field(8, exclude_if=lambda value: value == 8)
-    """Of that training, on whole frames."""
+    """Of the training with the depth or the force, on whole frames."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""

@@ -7,8 +7,8 @@ import numpy as np
 
 from fastac.flow import frames
 from fastac.models.integer.bundle import Bundle
-from fastac.models.training.known_depth import WholeSkins, known_depth, unknown_depth
 from fastac.models.training.labelled_pixels import training_pixels
+from fastac.models.training.whole_frames import WholeFrames, unknown_depth, whole_frames
 from fastac.scenes.schema import Scene
 from fastac.sensor import groups
 from fastac.sensor.dataset import Dataset
@@ -45,6 +45,11 @@ def read(path: Path, scene: Scene, *, store: Path, progress: bool = False) -> Da
             f"scene {scene.name}: training.labels = 'force': expected 'geometry'; what such a network says"
             " is no normal, so that presses of known geometry cannot tune it"
         )
+    if scene.training.force_weight:
+        raise AdaptError(
+            f"scene {scene.name}: training.force_weight = {scene.training.force_weight:g}: expected 0; such a"
+            " network has bent its normals for the force, and presses of known geometry would straighten them"
+        )
     if data.normals is None:
         raise AdaptError(f"{path}: normals: missing, and the pixel network is tuned on them")
     if not known_presses(data):
@@ -62,7 +67,7 @@ def pixels_of(data: Dataset, scene: Scene, chosen: np.ndarray) -> tuple[np.ndarr
     return training_pixels(replace(data, split=split), settings, scene.network.smoothing_px)
 
 
-def pressed_skins(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarray) -> WholeSkins | None:
+def pressed_skins(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarray) -> WholeFrames | None:
     """The `chosen` frames, a mask, for a network that learns from the depth, too; None where the bundle's
     scene has no `training.depth_weight`, or the depth of some pixels is not known.
 
@@ -73,4 +78,4 @@ def pressed_skins(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarra
     if not known.scene.training.depth_weight or unknown_depth(data):
         return None
     rest_mm = known.pipeline.rest_depth_mm if data.rest_depth_mm is None else data.rest_depth_mm
-    return known_depth(data, skin, known.scene, rest_mm)
+    return whole_frames(data, skin, known.scene, rest_mm)

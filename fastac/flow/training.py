@@ -5,7 +5,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import torch
 
+from fastac.flow.force_fits import slope_changes
 from fastac.flow.intervals import calibrated, can_calibrate
 from fastac.models import accuracy
 from fastac.models.emulator import pipeline as emulator_pipeline
@@ -20,18 +22,20 @@ from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.training import bit_true, depth_loss
+from fastac.models.training import bit_true, sums_of_slopes
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
 from fastac.models.training.force import from_forces
-from fastac.models.training.known_depth import known_depth, unknown_depth
+from fastac.models.training.force.held_out_force import HeldOutForce
 from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import prune_neurons, prune_to_width
+from fastac.models.training.whole_frames import unknown_depth, whole_frames
 from fastac.models.vision.dots import bridge_of, detected_as, follower_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
+from fastac.sensor.groups import groups
 from fastac.store.files import load_arrays, save_arrays
 
 CALIBRATION_PX = 1 << 17
@@ -92,9 +96,9 @@ def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
 
 
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
-    """Train the float pixel network, prune it and train it on with depth where the scene asks; writes its
-    arrays and learning curves."""
-    with_depth: list[dict] = []
+    """Train the float pixel network, prune it and train it on with depth and force where the scene asks;
+    writes its arrays and learning curves."""
+    with_sums: list[dict] = []
     if scene.training.labels == "force":
         network, history = from_forces.train(data, scene, progress=progress)
     else:
@@ -108,20 +112,21 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
             progress=progress,
         )
         network = pruned(network, skin, data, scene, progress=progress)
-        with_depth = learn_depth(network, data, skin, scene, progress=progress)
-    curves = curve(history, "normals") | curve(with_depth, "depth")
+        with_sums = learn_sums(network, data, skin, scene, progress=progress)
+    curves = curve(history, "normals") | curve(with_sums, "sums")
     save_arrays(output, network_arrays(network) | curves)
 
 
-def learn_depth(
+def learn_sums(
     network: PixelNetwork, data: Dataset, skin: Dataset, scene: Scene, *, progress: bool = False
 ) -> list[dict]:
-    """Train the network on for the depth, too, where the scene has `training.depth_weight`; it is changed
-    itself. Returns the learning curve. `skin` is what `skin_alone` leaves of the dataset."""
-    if not scene.training.depth_weight:
+    """Train the network on for the depth or the force, too, where the scene has `training.depth_weight` or
+    `training.force_weight`; it is changed itself. Returns the learning curve. `skin` is what `skin_alone`
+    leaves of the dataset."""
+    if not (scene.training.depth_weight or scene.training.force_weight):
         return []
-    known = known_depth(data, skin, scene, rest_depth_mm(data))
-    return depth_loss.train(network, known, progress=progress)
+    known = whole_frames(data, skin, scene, rest_depth_mm(data))
+    return sums_of_slopes.train(network, known, progress=progress)
 
 
 def pruned(
@@ -172,17 +177,33 @@ def network_depth_error(data: Dataset, scene: Scene) -> Callable[[PixelNetwork],
     return lambda network: depth_mae_mm(network, data, scene, index, **known)
 
 
-def layers_depth_error(data: Dataset, scene: Scene) -> Callable[[Sequence[Layer]], float] | None:
-    """Of integer layers, the mean absolute depth error in mm; None as `depth_frames`."""
+def errors_of_sums(data: Dataset, scene: Scene) -> list[Callable[[Sequence[Layer]], float]]:
+    """Errors of what sums the slopes of integer layers, as far as the network has such a part in them: the
+    mean absolute depth error in mm, where `depth_frames` has frames; and that of the force in N, where the
+    network has learned from it."""
+    errors: list[Callable[[Sequence[Layer]], float]] = []
     index = depth_frames(data, scene)
-    if index is None:
-        return None
+    if index is not None:
 
-    def error(layers: Sequence[Layer]) -> float:
-        found = Emulator(layers_pipeline(tuple(layers), data, scene))
-        return accuracy.depth_mae_mm(found.run(data.frames[index], wanted=["depth_mm"]), data, index)
+        def of_depth(layers: Sequence[Layer]) -> float:
+            found = Emulator(layers_pipeline(tuple(layers), data, scene))
+            return accuracy.depth_mae_mm(found.run(data.frames[index], wanted=["depth_mm"]), data, index)
 
-    return error
+        errors.append(of_depth)
+    if scene.training.force_weight:
+        learned = data.indices("train")
+        force_n = data.forces_n(np.arange(len(data)), scene.force_axes)
+        held_out = HeldOutForce(force_n, groups(data), learned, data.frames.shape[1:3])
+
+        def of_force(layers: Sequence[Layer]) -> float:
+            found = Emulator(layers_pipeline(tuple(layers), data, scene))
+            change = slope_changes(found, data.frames[learned], data.background, progress=False)
+            features = held_out.features(torch.from_numpy(change.astype(np.float32)))
+            held_out.refit(features)
+            return held_out.error(features, learned).item()
+
+        errors.append(of_force)
+    return errors
 
 
 def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
@@ -255,7 +276,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 scene.training,
                 growth=scene.network.prune,
                 slope_limit=scene.numbers.slope_limit,
-                further_error=layers_depth_error(data, scene),
+                further_errors=errors_of_sums(data, scene),
                 progress=progress,
             )
         if scene.network.train_width is None:  # else the width stays the scene's

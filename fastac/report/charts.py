@@ -12,7 +12,7 @@ SERIES = {"float": ("o", "#3f83c5"), "integer": ("x", "#e07b28")}
 """Marker and colour of each pipeline; readable on light and on dark pages."""
 TITLES = {
     "normals": "pixel network, in floats",
-    "depth": "pixel network, with depth",
+    "sums": "pixel network, on whole frames",
     "finetune": "pixel network, in integers",
     "force": "force model",
     "force_float": "force, last fit for the floats",
@@ -20,7 +20,7 @@ TITLES = {
 }
 UNITS = {"loss": "error of unit normals, sum of components", "mae_n": "force error, sum of the axes, N"}
 COLOURS = {"train": "#3f83c5", "validation": "#e07b28"}
-OF_STEP = {"depth": "error of normals and depth together"}
+OF_STEP = {"sums": "error of normals, depth and force together"}
 """What a curve shows where its `UNITS` would say something else."""
 AGAINST = {("finetune", "train"): "train, against the floats' normals"}
 """Curves whose targets are not the true values."""

@@ -129,7 +129,7 @@ def fewer_digits(
     *,
     growth: float,
     slope_limit: float,
-    further_error: Callable[[Sequence[Layer]], float] | None = None,
+    further_errors: Sequence[Callable[[Sequence[Layer]], float]] = (),
     progress: bool = False,
 ) -> tuple[Layer, ...]:
     """Layers with as few digits of multipliers and hidden weights as the error allows, fine-tuned.
@@ -139,7 +139,7 @@ def fewer_digits(
     layers : fine-tuned; what errors are compared with
     network : the float network that the layers were quantised from, the teacher
     growth : largest relative growth of the mean slope error
-    further_error : of layers, an error that must not grow by more either
+    further_errors : of layers, errors that must not grow by more either
     """
     judged = pixels.get("validation", pixels["train"])
     rng = np.random.default_rng(settings.seed)
@@ -147,7 +147,7 @@ def fewer_digits(
 
     def errors(candidate: Sequence[Layer]) -> np.ndarray:
         found = [slope_error(candidate, *judged, slope_limit)]
-        return np.array(found if further_error is None else [*found, further_error(candidate)])
+        return np.array([*found, *(error(candidate) for error in further_errors)])
 
     def tuned(candidate: tuple[Layer, ...], epochs: int, *, multipliers: bool) -> tuple[Layer, ...]:
         found, _ = finetune(

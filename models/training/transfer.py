@@ -5,7 +5,7 @@
     all     everything
 
 The fewer numbers are tuned, the fewer presses they need. A network that has learned from the depth, too,
-does so again after the normals: they alone would make its slopes flat (depth_loss.py).
+does so again after the normals: they alone would make its slopes flat (sums_of_slopes.py).
 """
 
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import scales
-from fastac.models.training import depth_loss
+from fastac.models.training import sums_of_slopes
 from fastac.models.training.hidden_neurons import candidates, widths
-from fastac.models.training.known_depth import WholeSkins
 from fastac.models.training.normals import Fit, ScaledNetwork
 from fastac.models.training.prune import gradient_error
 from fastac.models.training.rounding_noise import with_rounding_noise
+from fastac.models.training.whole_frames import WholeFrames
 from fastac.scenes.model_schema import Training
 
 TUNES = ("gains", "last", "all")
@@ -79,7 +79,7 @@ def tune(
     settings: Training,
     what: str,
     *,
-    pressed: WholeSkins | None = None,
+    pressed: WholeFrames | None = None,
     rounding_bits: int | None = None,
     progress: bool = False,
 ) -> tuple[PixelNetwork, list[dict]]:
@@ -101,8 +101,8 @@ def tune(
     fit = Fit.of(settings, f"normals, {what}", epochs=epochs, rate=rate)
     history = fit(ScaledNetwork(tuned, scales(x.shape[1] - 2)), x, y, progress=progress)
     if pressed is not None and len(shown := pressed.index("train")):
-        epochs = max(1, DEPTH_STEPS // -(-len(shown) // depth_loss.BATCH_FRAMES))
-        depth_loss.fit(tuned, pressed, shown, epochs=epochs, rate=rate, progress=progress)
+        epochs = max(1, DEPTH_STEPS // -(-len(shown) // sums_of_slopes.BATCH_FRAMES))
+        sums_of_slopes.fit(tuned, pressed, shown, epochs=epochs, rate=rate, progress=progress)
     for parameter in network.parameters():
         parameter.requires_grad = True
     return (tuned.folded() if what == "gains" else network), history

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.flow.training import learn_depth, network_arrays
+from fastac.flow.training import learn_sums, network_arrays
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.light_level import levelled
 from fastac.models.training import normals as train_normals
@@ -67,7 +67,7 @@ def train(
         smoothing_px=scene.network.smoothing_px,
         rounding_bits=scene.felt_rounding_bits,
     )
-    learn_depth(network, data, data, scene)
+    learn_sums(network, data, data, scene)
     save_arrays(folder / NETWORK, network_arrays(network))
 
 

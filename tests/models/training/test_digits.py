@@ -107,7 +107,7 @@ def test_baked_words_have_fewer_digits_at_the_same_error(tiny_data, make_scene):
         np.testing.assert_array_equal(new.weight, same.weight)
         np.testing.assert_array_equal(new.requantisation.multiplier, same.requantisation.multiplier)
     kept = digits.fewer_digits(
-        pixels, before, network, settings, growth=0, slope_limit=4, further_error=first_is_best()
+        pixels, before, network, settings, growth=0, slope_limit=4, further_errors=[first_is_best()]
     )
     assert kept is before
 

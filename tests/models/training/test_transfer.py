@@ -7,10 +7,10 @@ import torch
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.training import transfer
 from fastac.models.training.hidden_neurons import widths
-from fastac.models.training.known_depth import WholeSkins
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import gradient_error
+from fastac.models.training.whole_frames import WholeFrames
 from fastac.scenes.model_schema import Training
 from fastac.sensor.geometry import rest_depth_mm
 
@@ -94,7 +94,7 @@ def test_a_network_learns_from_the_depth_again(tiny_data, make_scene, monkeypatc
     begun, rest = PixelNetwork(6, (8, 8)), rest_depth_mm(scene.sensor)
     x, y = training_pixels(tiny_data, scene.training)
     errors = {}
-    for pressed in (None, WholeSkins(tiny_data, tiny_data, scene, rest)):
+    for pressed in (None, WholeFrames(tiny_data, tiny_data, scene, rest)):
         network, _ = transfer.tune(copy.deepcopy(begun), x, y, scene.training, "last", pressed=pressed)
         assert torch.equal(network.linear_layers[0].weight, begun.linear_layers[0].weight)
         test = tiny_data.indices("test")

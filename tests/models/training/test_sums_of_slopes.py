@@ -1,4 +1,4 @@
-"""Training with the depth's error: the depth of frames that were held out becomes better."""
+"""Training with the error of depth or force: both become better on frames that were held out."""
 
 import copy
 
@@ -7,10 +7,11 @@ import pytest
 import torch
 
 from fastac.models.floating.network import PixelNetwork
-from fastac.models.training import depth_loss
-from fastac.models.training.known_depth import WholeSkins
+from fastac.models.training import sums_of_slopes
+from fastac.models.training.force import held_out_force
 from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.normals import train
+from fastac.models.training.whole_frames import WholeFrames
 from fastac.sensor.geometry import rest_depth_mm
 
 
@@ -23,9 +24,9 @@ def trained(tiny_data, tiny_scene) -> PixelNetwork:
 def skins(tiny_data, make_scene):
     """Of the tiny dataset: `skins(depth_weight=1.0)`, keys of `training`."""
 
-    def made(mode: str = "absolute", **training) -> WholeSkins:
+    def made(mode: str = "absolute", **training) -> WholeFrames:
         scene = make_scene(poisson={"mode": mode}, training=training)
-        return WholeSkins(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
+        return WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
 
     return made
 
@@ -38,7 +39,7 @@ def parameters(network: PixelNetwork) -> torch.Tensor:
 def test_depth_gets_better_on_frames_that_were_held_out(skins, tiny_data, trained, mode):
     frames = skins(mode, depth_weight=5.0, depth_epochs=20)
     network, test = copy.deepcopy(trained), tiny_data.indices("test")
-    history = depth_loss.train(network, frames)
+    history = sums_of_slopes.train(network, frames)
     assert [entry["epoch"] for entry in history] == list(range(1, 21))
     before, after = (
         depth_mae_mm(model, tiny_data, frames.scene, test, rest_depth_mm=frames.rest_depth_mm)
@@ -47,11 +48,33 @@ def test_depth_gets_better_on_frames_that_were_held_out(skins, tiny_data, traine
     assert after < 0.8 * before
 
 
+def test_forces_get_better_by_weights_that_have_not_seen_the_press(
+    tiny_data, make_scene, trained, monkeypatch
+):
+    """Than by the same training with hardly any weight of the force."""
+    monkeypatch.setattr(held_out_force, "SIZE", 2)  # for nine presses
+    errors, train = [], tiny_data.indices("train")
+    for weight in (1e-9, 100.0):
+        scene = make_scene(
+            outputs=["force_xyz"],
+            poisson={"solver": "adjoint"},
+            force={"fit": "slopes", "clamp": False},
+            training={"force_weight": weight},
+        )
+        frames = WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
+        network = copy.deepcopy(trained)
+        assert len(sums_of_slopes.fit(network, frames, train, epochs=30, rate=2e-3)) == 30
+        frames.prepare(network)
+        slopes, at_rest = frames._found(network, train)[1:]
+        errors.append(frames._force.error(frames._force.features(slopes - at_rest), train).item())
+    assert errors[1] < 0.8 * errors[0]
+
+
 def test_the_same_seed_gives_the_same_network(skins, trained):
     found = []
     for _ in range(2):
         network = copy.deepcopy(trained)
-        depth_loss.train(network, skins(depth_weight=1.0, depth_epochs=2, normals_share=0.5))
+        sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=2, normals_share=0.5))
         found.append(parameters(network))
     assert torch.equal(*found)
     assert not torch.equal(found[0], parameters(trained))
@@ -59,7 +82,7 @@ def test_the_same_seed_gives_the_same_network(skins, trained):
 
 def test_a_training_that_loses_leaves_the_network_as_it_was(skins, trained):
     network = copy.deepcopy(trained)
-    depth_loss.train(network, skins(depth_weight=1.0, depth_epochs=1, normals_learning_rate=100.0))
+    sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=1, normals_learning_rate=100.0))
     assert torch.equal(parameters(network), parameters(trained))
 
 
@@ -67,11 +90,11 @@ def test_the_network_feels_rounding_where_the_scene_says_so(skins, trained):
     found = []
     for noise in (False, True):
         network = copy.deepcopy(trained)
-        depth_loss.train(network, skins(depth_weight=1.0, depth_epochs=1, rounding_noise=noise))
+        sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=1, rounding_noise=noise))
         found.append(parameters(network))
     assert not torch.equal(*found)
 
 
 def test_nothing_to_learn_from_is_an_error(skins, trained):
     with pytest.raises(ValueError, match="valid: no frame to train on"):
-        depth_loss.fit(trained, skins(depth_weight=1.0), np.array([], int), epochs=1, rate=1e-3)
+        sums_of_slopes.fit(trained, skins(depth_weight=1.0), np.array([], int), epochs=1, rate=1e-3)

@@ -1,4 +1,4 @@
-"""The loss of normals and depth, where the whole skin is known and where it is under a ball alone."""
+"""The loss of normals, depth and force, where the whole skin is known and where it is under a ball alone."""
 
 import copy
 from dataclasses import replace
@@ -10,12 +10,25 @@ import torch
 from fastac.flow.training import TrainingError, require, skin_alone, slope_bridge
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.integer.features import integer_features
-from fastac.models.training.known_depth import BallContacts, WholeSkins, known_depth, unknown_depth
+from fastac.models.training.force import ridge
+from fastac.models.training.force.held_out_force import REGULARISATION
 from fastac.models.training.network_depth import found_depth_mm
 from fastac.models.training.normals import ScaledNetwork, normal_loss
+from fastac.models.training.whole_frames import (
+    BallContacts,
+    LabelledPixels,
+    WholeFrames,
+    unknown_depth,
+    whole_frames,
+)
 from fastac.sensor.geometry import rest_depth_mm
 
 INDEX = np.array([0, 3])
+OF_SLOPES = {
+    "outputs": ["force_xyz"],
+    "poisson": {"solver": "adjoint"},
+    "force": {"fit": "slopes", "clamp": False},
+}
 
 
 @pytest.fixture
@@ -30,7 +43,7 @@ def test_normals_and_depth_of_whole_skins(tiny_data, make_scene, network, mode):
     scene = make_scene(poisson={"mode": mode}, training=training)
     rest, chosen = rest_depth_mm(scene.sensor), np.ones(tiny_data.frames.shape[:3], bool)
     chosen[3, 4:9] = False
-    frames = WholeSkins(tiny_data, replace(tiny_data, valid=chosen), scene, rest)
+    frames = WholeFrames(tiny_data, replace(tiny_data, valid=chosen), scene, rest)
     found = predict(network, integer_features(tiny_data.frames[INDEX], tiny_data.background))[chosen[INDEX]]
     truth = tiny_data.normals[INDEX][chosen[INDEX]]
     expected = normal_loss(torch.from_numpy(found), torch.from_numpy(truth.astype(float)), 0.1).item()
@@ -46,7 +59,7 @@ def test_normals_that_are_not_learned_from_do_not_count(tiny_data, make_scene, n
     valid[:, 4:12, 4:12] = True
     wrong[~valid] = [1, 0, 0]
     first, second = (
-        WholeSkins(
+        WholeFrames(
             tiny_data, replace(tiny_data, normals=normals, valid=valid), scene, rest_depth_mm(scene.sensor)
         )
         for normals in (tiny_data.normals, wrong)
@@ -59,18 +72,47 @@ def test_slopes_under_dots_are_bridged(dotted_data, dotted_scene, network):
     training = dotted_scene.training.model_copy(update={"depth_weight": 1.0})
     scene = dotted_scene.model_copy(update={"training": training})
     rest, bridge = rest_depth_mm(scene.sensor), slope_bridge(dotted_data, scene)
-    frames = known_depth(dotted_data, skin_alone(dotted_data, scene), scene, rest)
+    frames = whole_frames(dotted_data, skin_alone(dotted_data, scene), scene, rest)
     depth_mm = found_depth_mm(
         network, dotted_data.frames[INDEX], dotted_data, scene, rest_depth_mm=rest, bridge=bridge
     )
     error_px = (depth_mm - dotted_data.depth_mm[INDEX][:, 1:-1, 1:-1]) / scene.sensor.pitch_mm
-    normals, depth_px = frames._found(network, INDEX)
-    found = frames._depth_error(depth_px, INDEX).item()
+    normals, slopes, at_rest = frames._found(network, INDEX)
+    found = frames._depth_error(frames._depth(slopes, at_rest), INDEX).item()
     assert found == pytest.approx(np.square(error_px).mean(), rel=1e-4)
     assert frames.loss(network, INDEX) == frames._normals_loss(network, INDEX, normals) + found
     bare = scene.model_copy(update={"network": scene.network.model_copy(update={"bridge_dots": False})})
     without = replace(frames, scene=bare)
-    assert without._depth_error(without._found(network, INDEX)[1], INDEX).item() != pytest.approx(found)
+    bare_depth_px = without._depth(*without._found(network, INDEX)[1:])
+    assert without._depth_error(bare_depth_px, INDEX).item() != pytest.approx(found)
+
+
+def test_the_force_of_presses_that_the_weights_were_not_fitted_to(tiny_data, make_scene, network):
+    """Weights follow from the model when `prepare` is called, not before."""
+    scene = make_scene(**OF_SLOPES, training={"force_weight": 2.0})
+    frames = whole_frames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
+    train, test = (tiny_data.indices(split) for split in ("train", "test"))
+    frames.prepare(network)
+    normals, slopes, at_rest = frames._found(network, test)
+    features = frames._force.features(slopes - at_rest).detach().double().numpy()
+    _, of_train, _ = frames._found(network, train)
+    known = frames._force.features(of_train - at_rest).detach().double().numpy()
+    force_n = tiny_data.forces_n(np.arange(len(tiny_data)), scene.force_axes)
+    weights = ridge.solve(known, force_n[train], REGULARISATION)[0]
+    expected = np.abs(features @ weights - force_n[test]).sum(axis=1).mean()
+    found = frames.loss(network, test) - frames._normals_loss(network, test, normals)
+    assert found.item() == pytest.approx(2 * expected, rel=1e-3)
+
+
+def test_a_force_needs_no_depth(tiny_data, make_scene, network):
+    scene = make_scene(**OF_SLOPES, training={"force_weight": 1.0, "input_noise": 0.1})
+    valid = np.ones(tiny_data.frames.shape[:3], bool)
+    valid[:, :3] = False
+    data = replace(tiny_data, depth_mm=None, valid=valid)
+    frames = whole_frames(data, data, scene, rest_depth_mm(scene.sensor))
+    assert type(frames) is LabelledPixels
+    frames.prepare(network)
+    assert np.isfinite(frames.loss(network.train(), INDEX).item())
 
 
 @pytest.fixture
@@ -98,7 +140,7 @@ def contacts(pressed, make_scene):
     def made(valid: np.ndarray | None = None, **training) -> BallContacts:
         scene = make_scene(poisson={"mode": "difference"}, training={"depth_weight": 1.0, **training})
         data = replace(pressed, valid=valid)
-        found = known_depth(data, data, scene, np.zeros(pressed.frames.shape[1:3]))
+        found = whole_frames(data, data, scene, np.zeros(pressed.frames.shape[1:3]))
         assert isinstance(found, BallContacts)
         return found
 
@@ -158,9 +200,9 @@ def test_labelled_pixels_are_drawn_while_the_network_is_trained(contacts, networ
     with torch.no_grad():
         found = frames.loss(network, INDEX).item()
         assert found == frames.loss(network, INDEX).item()
-        normals, depth_px = frames._found(network, INDEX)
+        normals, *slopes = frames._found(network, INDEX)
     truth = torch.from_numpy(frames.data.normals[INDEX].reshape(-1, 3).astype(np.float32))
-    expected = normal_loss(normals.reshape(-1, 3), truth) + frames._depth_error(depth_px, INDEX)
+    expected = normal_loss(normals.reshape(-1, 3), truth) + frames._depth_error(frames._depth(*slopes), INDEX)
     assert found == pytest.approx(expected.item(), rel=1e-5)
 
 

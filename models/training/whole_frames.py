@@ -1,6 +1,6 @@
-"""Frames whose depth is known, and the loss of a pixel network on them: normals and depth together.
+"""Frames that a pixel network is trained on as a whole, and its loss on them: normals, depth and force.
 
-Of a virtual sensor the whole skin is known; of a recorded ball press the shape of the skin under the ball.
+Of a virtual sensor the depth of the whole skin is known; of a recorded ball press its shape under the ball.
 """
 
 from dataclasses import dataclass
@@ -12,23 +12,25 @@ import torch
 from fastac.models.integer.features import COORDINATE_SCALE, integer_features, scales
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training.depth_of_slopes import DepthOfSlopes, slopes_of
+from fastac.models.training.force.held_out_force import HeldOutForce
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.normals import normal_loss
 from fastac.models.vision.dots import bridge_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle
 from fastac.sensor.dataset import Dataset
+from fastac.sensor.groups import groups
 
 DRAWN_PX = 8192
 """Labelled pixels of a step, beside the frames whose depth is learned from."""
 
 
 @dataclass(frozen=True, eq=False)
-class WholeSkins:
-    """Frames with the depth of every pixel.
+class WholeFrames:
+    """Frames with the depth of every pixel, the force, or both, as the scene learns from them.
 
-    data : with all depths; skin : the same frames, with those normals valid that are learned from;
-    rest_depth_mm : (H, W)
+    data : with all depths, or the forces; skin : the same frames, with those normals valid that are learned
+    from; rest_depth_mm : (H, W)
     """
 
     data: Dataset
@@ -49,9 +51,28 @@ class WholeSkins:
         """Of the slopes under the background's dots, if the scene wants it."""
         return bridge_of(self.data.background, self.scene.sensor) if self.scene.wants_bridge else None
 
-    def _found(self, model: torch.nn.Module, index: np.ndarray) -> tuple[torch.Tensor, torch.Tensor]:
-        """Normals (frames, H, W, 3) and depth (frames, N, N) that the model finds in frames, the latter as
-        `_true`."""
+    @cached_property
+    def _force(self) -> HeldOutForce:
+        frames = self.data.frames
+        force_n = self.data.forces_n(np.arange(len(frames)), self.scene.force_axes)
+        return HeldOutForce(force_n, groups(self.data), self.index("train"), frames.shape[1:3])
+
+    def prepare(self, model: torch.nn.Module) -> None:
+        """Fit what of the loss follows from the model, before each epoch: the weights of the force."""
+        if not self.scene.training.force_weight:
+            return
+        learned, training = self._force.learned, model.training
+        model.eval()
+        with torch.no_grad():
+            found = [self._found(model, part)[1:] for part in np.split(learned, range(8, len(learned), 8))]
+            self._force.refit(torch.cat([self._force.features(slopes - rest) for slopes, rest in found]))
+        model.train(training)
+
+    def _found(
+        self, model: torch.nn.Module, index: np.ndarray
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """What the model finds: normals (frames, H, W, 3); slopes (frames, H, W, 2), bridged where the scene
+        wants it; and slopes at rest (H, W, 2)."""
         frames = np.concatenate([self.data.frames[index], self.data.background[None]])
         features = integer_features(frames, self.data.background, self.scene.network.smoothing_px)
         x = torch.from_numpy(features.astype(np.float32)) * _unit(features)
@@ -60,7 +81,7 @@ class WholeSkins:
         if self._bridge is not None:
             columns = torch.from_numpy(self._bridge.columns(self._bridge.dark(frames)))
             slopes = torch.take_along_dim(slopes, columns[..., None], dim=-2)
-        return normals[:-1], self._depth(slopes[:-1], slopes[-1])
+        return normals[:-1], slopes[:-1], slopes[-1]
 
     def _true(self, depth_mm: np.ndarray) -> torch.Tensor:
         """Depth (..., H, W) in mm as that of inner pixels (..., N, N) in pixels, in difference mode less that
@@ -82,17 +103,48 @@ class WholeSkins:
         return (depth_px - self._true(self.data.depth_mm[index])).square().mean()
 
     def loss(self, model: torch.nn.Module, index: np.ndarray) -> torch.Tensor:
-        """L_n + w · L_d of the frames `index`: `normal_loss` and, weighted by `training.depth_weight`, the
-        mean squared error of depth in pixels.
+        """L_n + w_d · L_d + w_f · L_f of the frames `index`: `normal_loss`; weighted by
+        `training.depth_weight` the mean squared error of depth in pixels; weighted by `training.force_weight`
+        the error of the force in N, as `HeldOutForce.error`.
 
         model : from scaled features (pixels, inputs) to normals (pixels, 3) of any length
         """
-        normals, depth_px = self._found(model, index)
-        of_normals = self._normals_loss(model, index, normals)
-        return of_normals + self.scene.training.depth_weight * self._depth_error(depth_px, index)
+        settings, (normals, slopes, at_rest) = self.scene.training, self._found(model, index)
+        loss = self._normals_loss(model, index, normals)
+        if settings.depth_weight:
+            loss = loss + settings.depth_weight * self._depth_error(self._depth(slopes, at_rest), index)
+        if settings.force_weight:
+            features = self._force.features(slopes - at_rest)
+            loss = loss + settings.force_weight * self._force.error(features, index)
+        return loss
 
 
-class BallContacts(WholeSkins):
+class LabelledPixels(WholeFrames):
+    """Frames of which not every pixel is labelled: the normals that count while the model is trained are of
+    labelled pixels of all frames, disturbed as before."""
+
+    @cached_property
+    def _labelled(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Features and normals of the pixels that the network has learned from, and the noise added to
+        features."""
+        settings = self.scene.training
+        x, y = training_pixels(self.skin, settings, self.scene.network.smoothing_px)
+        noise = x.std(axis=0) * settings.input_noise
+        noise[-2:] = settings.position_noise / COORDINATE_SCALE
+        return torch.from_numpy(x), torch.from_numpy(y), torch.from_numpy(noise.astype(np.float32))
+
+    def _normals_loss(self, model: torch.nn.Module, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
+        """Of a model that is judged, of the labelled pixels of the frames."""
+        if not model.training:
+            return super()._normals_loss(model, index, normals)
+        x, y, noise = self._labelled
+        drawn = torch.randint(len(x), (DRAWN_PX,))
+        seen = x[drawn].float()
+        seen = (seen + noise * torch.randn(seen.shape)) * _unit(x)
+        return normal_loss(model(seen), y[drawn], self.scene.training.huber_delta)
+
+
+class BallContacts(LabelledPixels):
     """Frames of ball presses, of which the depth is known up to a constant, and inside contact circles alone.
 
     Where the skin lies against a ball of radius R its height is −√(R² − r²) plus what was not measured. Of
@@ -129,27 +181,6 @@ class BallContacts(WholeSkins):
             errors.append((found - self._true(surface_mm))[inside].var(correction=0))
         return torch.stack(errors).mean()
 
-    @cached_property
-    def _labelled(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Features and normals of the pixels that the network has learned from, and the noise added to
-        features."""
-        settings = self.scene.training
-        x, y = training_pixels(self.skin, settings, self.scene.network.smoothing_px)
-        noise = x.std(axis=0) * settings.input_noise
-        noise[-2:] = settings.position_noise / COORDINATE_SCALE
-        return torch.from_numpy(x), torch.from_numpy(y), torch.from_numpy(noise.astype(np.float32))
-
-    def _normals_loss(self, model: torch.nn.Module, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
-        """While the model is trained, of labelled pixels of all frames, disturbed as before; else of the
-        labelled pixels of the frames."""
-        if not model.training:
-            return super()._normals_loss(model, index, normals)
-        x, y, noise = self._labelled
-        drawn = torch.randint(len(x), (DRAWN_PX,))
-        seen = x[drawn].float()
-        seen = (seen + noise * torch.randn(seen.shape)) * _unit(x)
-        return normal_loss(model(seen), y[drawn], self.scene.training.huber_delta)
-
 
 def _unit(features) -> torch.Tensor:
     """The scales of features (..., inputs), (inputs,)."""
@@ -162,7 +193,7 @@ def _whole(data: Dataset) -> bool:
 
 
 def unknown_depth(data: Dataset) -> str | None:
-    """What a dataset lacks for `known_depth`, with the key at fault; None: nothing."""
+    """What a dataset lacks to learn depth from, with the key at fault; None: nothing."""
     if _whole(data):
         return None
     known = data.indenter or {}
@@ -176,9 +207,11 @@ def unknown_depth(data: Dataset) -> str | None:
     )
 
 
-def known_depth(data: Dataset, skin: Dataset, scene: Scene, rest_depth_mm: np.ndarray) -> WholeSkins:
-    """The frames of a dataset that lacks nothing (`unknown_depth`), to learn depth from.
+def whole_frames(data: Dataset, skin: Dataset, scene: Scene, rest_depth_mm: np.ndarray) -> WholeFrames:
+    """The frames of a dataset, to learn from what the scene says; nothing is lacking for it
+    (`unknown_depth`).
 
     skin : the dataset with those normals valid that are learned from; rest_depth_mm : (H, W)
     """
-    return (WholeSkins if _whole(data) else BallContacts)(data, skin, scene, rest_depth_mm)
+    apart = BallContacts if scene.training.depth_weight else LabelledPixels
+    return (WholeFrames if _whole(data) else apart)(data, skin, scene, rest_depth_mm)

@@ -1,9 +1,10 @@
-"""Training of the pixel network for depth as well as for normals.
+"""Training of the pixel network for what sums its slopes, depth and force, as well as for normals.
 
 Where noise hides a pixel's slope, the best guess of its normal is too flat, and the depth, which sums slopes
 over many pixels, lacks what all of them lack. What noise adds to the slopes cancels in that sum. So the
 network is trained on, with the depth's error beside that of the normals: slopes become noisier and less
-flat. The hardware stays the same.
+flat. A force that is a weighted sum of the slopes is not linear in the true ones; with its error beside that
+of the normals the network bends them. The hardware stays the same.
 """
 
 import numpy as np
@@ -12,9 +13,9 @@ import torch
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.training.best_epoch import BestEpoch
-from fastac.models.training.known_depth import WholeSkins
 from fastac.models.training.one_cycle import one_cycle
 from fastac.models.training.rounding_noise import with_rounding_noise
+from fastac.models.training.whole_frames import WholeFrames
 from fastac.store.progress import progress_bar
 
 BATCH_FRAMES = 4
@@ -29,7 +30,7 @@ def _batches(index: np.ndarray) -> list[np.ndarray]:
 @single_thread()
 def fit(
     model: torch.nn.Module,
-    frames: WholeSkins,
+    frames: WholeFrames,
     index: np.ndarray,
     *,
     validation: np.ndarray | None = None,
@@ -66,9 +67,10 @@ def fit(
         model.train()
         return sum(len(part) * value for part, value in parts) / len(validation)
 
+    frames.prepare(model)
     if judged:
         best.tell(error(), model)
-    bar = progress_bar(total=steps, desc="normals, with depth", unit="step", enabled=progress)
+    bar = progress_bar(total=steps, desc="normals, on whole frames", unit="step", enabled=progress)
     for epoch in range(epochs):
         total = 0.0
         for part in _batches(rng.permutation(index)[:count]):
@@ -79,6 +81,7 @@ def fit(
             schedule.step()
             total += found.item() * len(part)
             bar.update()
+        frames.prepare(model)
         entry = {"epoch": epoch + 1, "train_loss": total / count}
         if judged:
             entry["validation_loss"] = error()
@@ -90,10 +93,11 @@ def fit(
     return history
 
 
-def train(network: PixelNetwork, frames: WholeSkins, *, progress: bool = False) -> list[dict]:
+def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False) -> list[dict]:
     """Train the float network on for the scene's `training.depth_epochs`; it is changed itself.
 
-    Returns the learning curve. An epoch sees a share `training.normals_share` of the frames.
+    Returns the learning curve. An epoch sees a share `training.normals_share` of the frames, or all of them
+    where the force counts.
     """
     settings = frames.scene.training
     return fit(
@@ -101,7 +105,7 @@ def train(network: PixelNetwork, frames: WholeSkins, *, progress: bool = False) 
         frames,
         frames.index("train"),
         validation=frames.index("validation"),
-        share=settings.normals_share,
+        share=1.0 if settings.force_weight else settings.normals_share,
         epochs=settings.depth_epochs,
         rate=settings.normals_learning_rate,
         progress=progress,
