@@ -60,10 +60,10 @@ def mixtures(seeds, output, progress):
     """Train a small fingertip on balls and on several shapes, and print its forces on objects it never met.
 
     All ways have equally many presses: balls of three sizes with all pixels, the same with squares of small
-    errors (training.huber_delta), the same with a tenth of the pixels at rest instead (training.still_share),
-    and balls and other shapes with a tenth. Printed are the friction that the grasp's slip test finds on a
-    bottle and, as by `fastac study shapes`, errors by kind of object. Minutes of processor time; an
-    interrupted run goes on. All of it is simulated.
+    errors (training.huber_delta), with depth to learn from (training.depth_weight) or with a tenth of the
+    pixels at rest instead (training.still_share), and balls and other shapes with a tenth. Printed are the
+    friction that the grasp's slip test finds on a bottle and, as by `fastac study shapes`, errors by kind of
+    object. Minutes of processor time; an interrupted run goes on. All of it is simulated.
 
     \b
     Example: fastac study mixtures

@@ -25,6 +25,8 @@ CIRCLES = {"training.circle_margin": [0.0, 0.05, 0.1, 0.15]}
 """Where these are the normals of balls inside labelled contact circles, besides."""
 DEPTH = {"training.depth_weight, training.depth_epochs": [[0.0, 30], [0.005, 30], [0.02, 30]]}
 """Where the depth of presses is known, or its shape under balls, besides."""
+FORCE_OF_SLOPES = {"training.force_weight": [0.0, 3.0]}
+"""Where the force is a sum of slopes that are learned from normals, besides."""
 FORCE = {
     "sensor.level_light": [False, True],
     "training.input_noise": [0.0, 0.01, 0.02, 0.05],
@@ -59,6 +61,8 @@ def axes_of(
         axes = dict(FORCE)
     else:
         axes = GEOMETRY | (CIRCLES if circles else {}) | (DEPTH if depth and scene.wants_solver else {})
+        if scene.wants_force and scene.fit_facts.of_slopes and not scene.force.dots:
+            axes |= FORCE_OF_SLOPES
     for text in vary:
         key, equals, values = text.partition("=")
         try:

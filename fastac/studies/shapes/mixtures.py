@@ -1,4 +1,4 @@
-"""What another loss, fewer pixels at rest and several shapes in training are worth: forces on new objects, μ.
+"""What losses, fewer pixels at rest and several shapes in training are worth: forces on new objects, μ.
 
 A small virtual fingertip is trained in several ways on equally many presses. Each way's forces on objects
 that no way was trained on are measured (fastac/studies/shapes/study.py), and the friction that the grasp's
@@ -18,11 +18,12 @@ from fastac.studies.demos.bottle import Grasp
 from fastac.studies.demos.grasp import slip_test
 from fastac.studies.shapes import study
 
-STILL_SHARE, HUBER_DELTA = 0.1, 0.1
+STILL_SHARE, HUBER_DELTA, DEPTH_WEIGHT = 0.1, 0.1, 0.5
 SHAPES = ("cylinder", "edge", "punch", "lump")
 WAYS: Mapping[str, dict] = {
     "balls, all pixels": {},
     "balls, all pixels, huber_delta": {"training": {"huber_delta": HUBER_DELTA}},
+    "balls, all pixels, depth_weight": {"training": {"depth_weight": DEPTH_WEIGHT}},
     "balls": {"training": {"still_share": STILL_SHARE}},
     "shapes but cylinders": {
         "protocol": {"more_shapes": SHAPES[1:]},

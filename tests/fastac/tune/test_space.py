@@ -1,7 +1,7 @@
 import pytest
 
 from fastac.tune.groups import TuneError
-from fastac.tune.space import CIRCLES, DEPTH, FORCE, GEOMETRY, axes_of, candidates
+from fastac.tune.space import CIRCLES, DEPTH, FORCE, FORCE_OF_SLOPES, GEOMETRY, axes_of, candidates
 
 
 def test_axes_follow_the_labels(make_scene, tiny_scene):
@@ -12,6 +12,9 @@ def test_axes_follow_the_labels(make_scene, tiny_scene):
         training={"labels": "force"},
     )
     assert axes_of(from_force) == FORCE
+    of_slopes = from_force.training.model_copy(update={"labels": "geometry"})
+    of_slopes = from_force.model_copy(update={"training": of_slopes})
+    assert axes_of(of_slopes) == GEOMETRY | FORCE_OF_SLOPES
     assert axes_of(tiny_scene) == GEOMETRY
     assert axes_of(tiny_scene, circles=True) == GEOMETRY | CIRCLES
     assert axes_of(tiny_scene, circles=True, depth=True) == GEOMETRY | CIRCLES | DEPTH

@@ -23,9 +23,10 @@ def test_all_ways_press_equally_often():
     scenes = [mixtures.scene_of(way, 1) for way in mixtures.WAYS]
     assert len({len(stations(scene)) for scene in scenes}) == 1
     assert len({scene.name for scene in scenes}) == len(scenes)
-    assert [bool(scene.protocol.more_shapes) for scene in scenes] == [False] * 3 + [True] * 2
-    assert [scene.training.still_share for scene in scenes] == [1, 1, 0.1, 0.1, 0.1]
-    assert [scene.training.huber_delta for scene in scenes] == [0, 0.1, 0, 0, 0]
+    assert [bool(scene.protocol.more_shapes) for scene in scenes] == [False] * 4 + [True] * 2
+    assert [scene.training.still_share for scene in scenes] == [1, 1, 1, 0.1, 0.1, 0.1]
+    assert [scene.training.huber_delta for scene in scenes] == [0, 0.1, 0, 0, 0, 0]
+    assert [scene.training.depth_weight for scene in scenes] == [0, 0, 0.5, 0, 0, 0]
 
 
 @pytest.mark.full
