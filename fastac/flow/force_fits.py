@@ -94,7 +94,7 @@ def force_weights(model: HyperForce, scene: Scene) -> np.ndarray:
 def fits_validation(scene: Scene) -> bool:
     """Whether the last fit is to the validation split's presses too, after they have chosen its strength.
 
-    Not where intervals are calibrated on them, nor where the network has learned from the same forces.
+    Not where intervals are calibrated on them, nor where the network has learned from forces alone.
     """
     return not scene.wants_interval and scene.training.labels == "geometry"
 

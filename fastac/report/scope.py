@@ -47,7 +47,7 @@ class Scope:
         content["poisson"]["solver"] = "dst2d"
         content["force"] |= {"source": None, "kernel": "patch", "clamp": True, "fit": "displacement"}
         content["force"] |= {"dots": False, "band_mm": None, "deep_mm": None, "block_px": 1}
-        content["training"]["labels"] = "geometry"
+        content["training"] |= {"labels": "geometry", "force_weight": 0}
         return Scene.model_validate(content)
 
     def simulated(self) -> dict[str, str]:
@@ -87,8 +87,10 @@ class Scope:
                 force = "weights of the displacement"
             if scene.wants_dots:
                 force += " and of the dots' shifts"
+        learned = ["normals"] if training.labels == "geometry" else ["forces"]
+        learned += ["depth"] * bool(training.depth_weight) + ["forces"] * bool(training.force_weight)
         return {
-            "pixel network": f"{width}, from {'normals' if training.labels == 'geometry' else 'forces'}",
+            "pixel network": f"{width}, from {' and '.join(learned)}",
             "teachers": str(training.teachers or ABSENT),
             "bit-true epochs": str(training.finetune_epochs or ABSENT),
             "force model": force,
