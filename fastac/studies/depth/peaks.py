@@ -118,7 +118,10 @@ def measure(
     for folder, bundle in bundles.items():
         check(bundle, folder)
     for folder, bundle in bundles.items():
-        yield f"{folder}: bundle {bundle.digest[:16]}, virtual presses, in the mean of {GRID**2} places"
+        yield (
+            f"{folder}: bundle {bundle.digest[:16]}: by how many % the largest depth is off, and the depth's"
+            f" error in µm, by load; means over {GRID**2} places, simulated"
+        )
         yield _table(bundle, balls_mm, store, progress)
 
 
@@ -142,5 +145,5 @@ def _table(bundle: Bundle, balls_mm: Sequence[float], store: Path, progress: boo
                     *(f"{each.depth_um:.2f}" for each in found),
                 ]
             )
-    head = [f"{what}: {load:g} N" for what in ("largest depth, %", "error, µm") for load in loads_n]
+    head = [f"{load:g} N, {unit}" for unit in ("%", "µm") for load in loads_n]
     return text_table(["ball, mm", "light", *head], rows)

@@ -33,6 +33,7 @@ def variant(scene: Scene, *, mode: str | None = None, solver: str, **force) -> S
     of_slopes = not finds_depth and scene.fit_facts.of_slopes
     content["force"] |= {} if of_slopes else {"fit": "displacement"}
     content["force"] |= ({} if finds_depth else {"clamp": False}) | force
+    content["training"]["force_weight"] = 0.0  # the network is trained already
     content["hardware"]["pixels_per_clock"] = 1
     try:
         return Scene.model_validate(content)

@@ -53,6 +53,9 @@ def test_variants_model_what_they_must_and_no_more(tiny_scene):
         force = variant(scene, solver=solver).force
         assert (force.fit, force.bends_mm) == ("displacement", ())
     assert variant(adjoint, solver="adjoint").force.fit == "slopes"
+    learned = adjoint.training.model_copy(update={"force_weight": 3.0})
+    learned = adjoint.model_copy(update={"training": learned})
+    assert variant(learned, solver="tridiagonal") == variant(adjoint, solver="tridiagonal")
 
 
 def test_impossible_variants_end_in_one_line(make_scene):
