@@ -22,7 +22,9 @@ from fastac.sensor.dataset import Dataset
 from fastac.sensor.groups import groups
 
 DRAWN_PX = 8192
-"""Labelled pixels of a step, beside the frames whose depth is learned from."""
+"""Labelled pixels of a step, beside the frames that are learned from as a whole."""
+PREPARED_FRAMES = 8
+"""At a time, where all frames are looked at before an epoch: few take little memory."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,8 +66,11 @@ class WholeFrames:
         learned, training = self._force.learned, model.training
         model.eval()
         with torch.no_grad():
-            found = [self._found(model, part)[1:] for part in np.split(learned, range(8, len(learned), 8))]
-            self._force.refit(torch.cat([self._force.features(slopes - rest) for slopes, rest in found]))
+            features = []
+            for part in np.split(learned, range(PREPARED_FRAMES, len(learned), PREPARED_FRAMES)):
+                _, slopes, at_rest = self._found(model, part)
+                features.append(self._force.features(slopes - at_rest))
+            self._force.refit(torch.cat(features))
         model.train(training)
 
     def _found(
