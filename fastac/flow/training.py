@@ -35,7 +35,6 @@ from fastac.models.training.whole_frames import unknown_depth, whole_frames
 from fastac.models.vision.dots import bridge_of, detected_as, follower_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
-from fastac.sensor.groups import groups
 from fastac.store.files import load_arrays, save_arrays
 
 CALIBRATION_PX = 1 << 17
@@ -177,33 +176,35 @@ def network_depth_error(data: Dataset, scene: Scene) -> Callable[[PixelNetwork],
     return lambda network: depth_mae_mm(network, data, scene, index, **known)
 
 
-def errors_of_sums(data: Dataset, scene: Scene) -> list[Callable[[Sequence[Layer]], float]]:
-    """Errors of what sums the slopes of integer layers, as far as the network has such a part in them: the
-    mean absolute depth error in mm, where `depth_frames` has frames; and that of the force in N, where the
-    network has learned from it."""
-    errors: list[Callable[[Sequence[Layer]], float]] = []
+def layers_depth_error(data: Dataset, scene: Scene) -> Callable[[Sequence[Layer]], float] | None:
+    """Of integer layers, the mean absolute depth error in mm; None as `depth_frames`."""
     index = depth_frames(data, scene)
-    if index is not None:
+    if index is None:
+        return None
 
-        def of_depth(layers: Sequence[Layer]) -> float:
-            found = Emulator(layers_pipeline(tuple(layers), data, scene))
-            return accuracy.depth_mae_mm(found.run(data.frames[index], wanted=["depth_mm"]), data, index)
+    def error(layers: Sequence[Layer]) -> float:
+        found = Emulator(layers_pipeline(tuple(layers), data, scene))
+        return accuracy.depth_mae_mm(found.run(data.frames[index], wanted=["depth_mm"]), data, index)
 
-        errors.append(of_depth)
-    if scene.training.force_weight:
-        learned = data.indices("train")
-        force_n = data.forces_n(np.arange(len(data)), scene.force_axes)
-        held_out = HeldOutForce(force_n, groups(data), learned, data.frames.shape[1:3])
+    return error
 
-        def of_force(layers: Sequence[Layer]) -> float:
-            found = Emulator(layers_pipeline(tuple(layers), data, scene))
-            change = slope_changes(found, data.frames[learned], data.background, progress=False)
-            features = held_out.features(torch.from_numpy(change.astype(np.float32)))
-            held_out.refit(features)
-            return held_out.error(features, learned).item()
 
-        errors.append(of_force)
-    return errors
+def layers_force_error(data: Dataset, scene: Scene) -> Callable[[Sequence[Layer]], float] | None:
+    """Of integer layers, the error of the force in N on the train split, as `HeldOutForce.error`; None where
+    the network has not learned from the force beside normals."""
+    if not scene.training.force_weight:
+        return None
+    learned = data.indices("train")
+    held_out = HeldOutForce.of(data, scene.force_axes, learned)
+
+    def error(layers: Sequence[Layer]) -> float:
+        found = Emulator(layers_pipeline(tuple(layers), data, scene))
+        change = slope_changes(found, data.frames[learned], data.background, progress=False)
+        features = held_out.features(torch.from_numpy(change.astype(np.float32)))
+        held_out.refit(features)
+        return held_out.error(features, learned).item()
+
+    return error
 
 
 def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
@@ -269,6 +270,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
     if scene.network.prune is not None:
         if scene.hardware.weights == "baked":
+            of_sums = (layers_depth_error(data, scene), layers_force_error(data, scene))
             layers = fewer_digits(
                 split,
                 layers,
@@ -276,7 +278,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 scene.training,
                 growth=scene.network.prune,
                 slope_limit=scene.numbers.slope_limit,
-                further_errors=errors_of_sums(data, scene),
+                further_errors=[error for error in of_sums if error is not None],
                 progress=progress,
             )
         if scene.network.train_width is None:  # else the width stays the scene's

@@ -19,7 +19,6 @@ from fastac.models.vision.dots import bridge_of
 from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle
 from fastac.sensor.dataset import Dataset
-from fastac.sensor.groups import groups
 
 DRAWN_PX = 8192
 """Labelled pixels of a step, beside the frames that are learned from as a whole."""
@@ -55,9 +54,7 @@ class WholeFrames:
 
     @cached_property
     def _force(self) -> HeldOutForce:
-        frames = self.data.frames
-        force_n = self.data.forces_n(np.arange(len(frames)), self.scene.force_axes)
-        return HeldOutForce(force_n, groups(self.data), self.index("train"), frames.shape[1:3])
+        return HeldOutForce.of(self.data, self.scene.force_axes, self.index("train"))
 
     def prepare(self, model: torch.nn.Module) -> None:
         """Fit what of the loss follows from the model, before each epoch: the weights of the force."""
@@ -124,7 +121,7 @@ class WholeFrames:
         return loss
 
 
-class LabelledPixels(WholeFrames):
+class PartlyLabelled(WholeFrames):
     """Frames of which not every pixel is labelled: the normals that count while the model is trained are of
     labelled pixels of all frames, disturbed as before."""
 
@@ -149,7 +146,7 @@ class LabelledPixels(WholeFrames):
         return normal_loss(model(seen), y[drawn], self.scene.training.huber_delta)
 
 
-class BallContacts(LabelledPixels):
+class BallContacts(PartlyLabelled):
     """Frames of ball presses, of which the depth is known up to a constant, and inside contact circles alone.
 
     Where the skin lies against a ball of radius R its height is −√(R² − r²) plus what was not measured. Of
@@ -218,5 +215,5 @@ def whole_frames(data: Dataset, skin: Dataset, scene: Scene, rest_depth_mm: np.n
 
     skin : the dataset with those normals valid that are learned from; rest_depth_mm : (H, W)
     """
-    apart = BallContacts if scene.training.depth_weight else LabelledPixels
+    apart = BallContacts if scene.training.depth_weight else PartlyLabelled
     return (WholeFrames if _whole(data) else apart)(data, skin, scene, rest_depth_mm)

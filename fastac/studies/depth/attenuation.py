@@ -23,6 +23,7 @@ from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import load_bundle
 from fastac.models.integer.laplacian import eigenvalues
 from fastac.report.tables import text_table
+from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.samples import evenly_spaced
 
@@ -113,6 +114,14 @@ def _selected(data: Dataset, split: str) -> np.ndarray:
     return evenly_spaced(data.indices(split), FRAMES)
 
 
+def require_depth(scene: Scene, folder: Path) -> None:
+    """Raise ValueError where a bundle's scene finds no depth."""
+    if not scene.wants_solver:
+        raise ValueError(
+            f"{folder}: outputs: {', '.join(scene.outputs)} find no depth, which this study is of"
+        )
+
+
 def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     """Measure one build folder; yields lines of text.
 
@@ -120,10 +129,7 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     """
     bundle, file = load_bundle(folder), folder / "data.h5"
     scene = bundle.scene
-    if not scene.wants_solver:
-        raise ValueError(
-            f"{folder}: outputs: {', '.join(scene.outputs)} find no depth, which this study is of"
-        )
+    require_depth(scene, folder)
     data = read(file, scene)
     training.require(data, scene, file)
     if data.depth_mm is None or not np.isfinite(data.depth_mm).all():

@@ -21,6 +21,7 @@ from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.optics import faults
 from fastac.sensor.samples import subset
+from fastac.studies.depth.attenuation import require_depth
 
 GRID = 4
 """Places along each side at which each ball is pressed, with each load of the scene."""
@@ -100,10 +101,7 @@ def check(bundle: Bundle, folder: Path) -> None:
         raise ValueError(
             f"{folder}: sensor.source: {scene.sensor.source}, and this study presses virtual fingertips"
         )
-    if not scene.wants_solver:
-        raise ValueError(
-            f"{folder}: outputs: {', '.join(scene.outputs)} find no depth, which this study is of"
-        )
+    require_depth(scene, folder)
 
 
 def measure(

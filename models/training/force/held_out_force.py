@@ -8,11 +8,15 @@ Source of the division: Chernozhukov et al., "Double/debiased machine learning f
 parameters", The Econometrics Journal 21, 2018 (cross-fitting).
 """
 
+from typing import Self
+
 import numpy as np
 import torch
 
 from fastac.models.training.force import ridge
 from fastac.models.training.force.smooth_weights import cosine_basis
+from fastac.sensor.dataset import Dataset
+from fastac.sensor.groups import groups
 
 SIZE = 8
 """Number of cosines along each axis whose sums the weights are."""
@@ -42,6 +46,12 @@ class HeldOutForce:
             torch.from_numpy(cosine_basis(size, min(SIZE, size)).astype(np.float32)) for size in shape
         )
         self.weights = torch.empty(0)
+
+    @classmethod
+    def of(cls, data: Dataset, axes: tuple[int, ...], learned: np.ndarray) -> Self:
+        """Of a dataset's frames and their forces along `axes`."""
+        force_n = data.forces_n(np.arange(len(data)), axes)
+        return cls(force_n, groups(data), learned, data.frames.shape[1:3])
 
     def features(self, change: torch.Tensor) -> torch.Tensor:
         """Slopes less those at rest (frames, H, W, 2) to their lowest cosines (frames, cosines · 2)."""

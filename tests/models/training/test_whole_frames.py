@@ -16,7 +16,7 @@ from fastac.models.training.network_depth import found_depth_mm
 from fastac.models.training.normals import ScaledNetwork, normal_loss
 from fastac.models.training.whole_frames import (
     BallContacts,
-    LabelledPixels,
+    PartlyLabelled,
     WholeFrames,
     unknown_depth,
     whole_frames,
@@ -110,7 +110,7 @@ def test_a_force_needs_no_depth(tiny_data, make_scene, network):
     valid[:, :3] = False
     data = replace(tiny_data, depth_mm=None, valid=valid)
     frames = whole_frames(data, data, scene, rest_depth_mm(scene.sensor))
-    assert type(frames) is LabelledPixels
+    assert type(frames) is PartlyLabelled
     frames.prepare(network)
     assert np.isfinite(frames.loss(network.train(), INDEX).item())
 
