@@ -19,6 +19,7 @@ from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import terms
 from fastac.models.training import digits
+from fastac.models.training.force import held_out_force
 from fastac.models.vision.dots import follower_of, windows_of
 from fastac.store.files import load_arrays, save_arrays
 from fastac.synth.estimates import resources
@@ -209,6 +210,22 @@ def test_a_network_pruned_to_a_width_has_it_whatever_its_neurons_say(
     many = np.concatenate([layer.requantisation.multiplier for layer in layers[:-1]])
     few_digits = digits.digit_counts(many).max() <= max(digits.MULTIPLIER_DIGITS)
     assert few_digits == (weights == "baked")
+
+
+def test_digits_are_judged_by_the_force_where_the_network_learned_from_it(
+    tiny_bundle, tiny_data, make_scene, monkeypatch
+):
+    """Integers without slopes know no force: each is off by all of it, and their own slopes do better."""
+    monkeypatch.setattr(held_out_force, "SIZE", 2)  # for nine presses
+    of_slopes = {"poisson": {"solver": "adjoint"}, "force": {"fit": "slopes", "clamp": False}}
+    assert training.layers_force_error(tiny_data, make_scene(outputs=["force_z"], **of_slopes)) is None
+    scene = make_scene(outputs=["force_z"], **of_slopes, training={"force_weight": 3.0})
+    error = training.layers_force_error(tiny_data, scene)
+    *hidden, last = tiny_bundle.pipeline.layers
+    flat = [*hidden, replace(last, weight=0 * last.weight)]
+    force_n = tiny_data.forces_n(tiny_data.indices("train"), scene.force_axes)
+    assert error(flat) == pytest.approx(np.abs(force_n).mean(), rel=1e-5)
+    assert error([*hidden, last]) < 0.8 * error(flat)
 
 
 def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_data):
