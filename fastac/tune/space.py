@@ -1,9 +1,11 @@
 """The scenes that are compared: the scene itself, and others that cost the hardware no multiplier more."""
 
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 
+import numpy as np
 from scipy.stats import qmc
 
 from fastac.scenes.schema import Scene
@@ -39,6 +41,8 @@ FORCE = {
     "training.curl_weight": [0.0, 0.3, 1.0, 3.0],
 }
 """Where it learns from forces alone."""
+NEAR_CHANGES = 2
+"""Axes in which a candidate near the scene differs from it, on average."""
 DRAWS = 64
 """Points drawn for each candidate that is wanted, at most: equal and impossible ones do not count."""
 
@@ -80,10 +84,12 @@ def axes_of(
 
 
 def candidates(scene: Scene, axes: Mapping[str, list], count: int, seed: int) -> list[Point]:
-    """The scene itself, its `axes` empty, and up to `count` − 1 others, spread evenly over the axes.
+    """The scene itself, its `axes` empty, and up to `count` − 1 others: in turn one that changes few of the
+    scene's values, for a scene may be good already, and one that is drawn from all values alike.
 
-    By a scrambled Sobol sequence (Owen, "Scrambling Sobol' and Niederreiter-Xing Points", 1998), the same for
-    the same seed. Raises TuneError for a key or a value that a scene cannot have.
+    Both are spread evenly, by scrambled Sobol sequences (Owen, "Scrambling Sobol' and Niederreiter-Xing
+    Points", 1998), the same for the same seed. Raises TuneError for a key or a value that a scene cannot
+    have.
     """
     found = [Point({}, scene)]
     for axis, values in axes.items():
@@ -94,15 +100,30 @@ def candidates(scene: Scene, axes: Mapping[str, list], count: int, seed: int) ->
                 raise TuneError(f"{axis} = {value!r}: a scene has no such key or number of values") from None
     if not axes:
         return found
-    sampler = qmc.Sobol(len(axes), seed=seed)
-    for _ in range(DRAWS * count):
+    for choice in islice(_choices(axes, seed), DRAWS * count):
         if len(found) == count:
             break
-        [place] = sampler.random(1)
-        choice = {}
-        for (axis, values), at in zip(axes.items(), place, strict=True):
-            choice |= expand(axis, values[min(int(at * len(values)), len(values) - 1)])
         point = point_of(scene, choice, Path())
         if point.scene is not None and all(point.scene != other.scene for other in found):
             found.append(point)
+    return found
+
+
+def _choices(axes: Mapping[str, list], seed: int) -> Iterator[dict]:
+    """Values by key, without end: in turn of some axes, NEAR_CHANGES on average, and of all."""
+    count = len(axes)
+    near = qmc.Sobol(2 * count, rng=np.random.default_rng((seed, 1)))
+    far = qmc.Sobol(count, rng=np.random.default_rng(seed))
+    while True:
+        place, changes = np.split(near.random(1)[0], 2)
+        yield _values(axes, place, changes * count < NEAR_CHANGES)
+        yield _values(axes, far.random(1)[0], np.ones(count, bool))
+
+
+def _values(axes: Mapping[str, list], place: np.ndarray, changed: np.ndarray) -> dict:
+    """The values by key of the `changed` axes at a place of the unit cube."""
+    found: dict = {}
+    for (axis, values), at, other in zip(axes.items(), place, changed, strict=True):
+        if other:
+            found |= expand(axis, values[min(int(at * len(values)), len(values) - 1)])
     return found

@@ -1,3 +1,4 @@
+import numpy as np
 import pytest
 
 from fastac.tune.groups import TuneError
@@ -47,8 +48,19 @@ def test_candidates(tiny_scene):
     assert len({point.scene.model_dump_json() for point in found}) == 12
     assert found == candidates(tiny_scene, axes_of(tiny_scene), 12, seed=1)
     assert found != candidates(tiny_scene, axes_of(tiny_scene), 12, seed=2)
-    paired = {(p.scene.training.normals_batch_px, p.scene.training.normals_learning_rate) for p in found[1:]}
-    assert paired <= {(256, 3e-3), (1024, 6e-3), (2048, 1e-2)}
+    paired = {(p.scene.training.normals_batch_px, p.scene.training.normals_learning_rate) for p in found}
+    own = tiny_scene.training.normals_batch_px, tiny_scene.training.normals_learning_rate
+    assert paired <= {own, (256, 3e-3), (1024, 6e-3), (2048, 1e-2)}
+
+
+def test_half_of_the_candidates_are_near_the_scene(tiny_scene):
+    axes = axes_of(tiny_scene)
+    _, *others = candidates(tiny_scene, axes, 41, seed=1)
+    every = {key for axis in axes for key in axis.split(", ")}
+    near = [point for point in others if set(point.axes) != every]
+    assert 16 <= len(near) <= 20  # near ones are more often equal to one that is there
+    assert {key for point in near for key in point.axes} == every
+    assert 2 <= np.mean([len(point.axes) for point in near]) <= 3  # keys; one of the axes has two
 
 
 def test_what_there_are_no_more_of(tiny_scene):
