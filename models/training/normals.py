@@ -6,6 +6,7 @@ quantised network.
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -15,12 +16,12 @@ from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, scales
 from fastac.models.training.best_epoch import BestEpoch
+from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.labelled_pixels import Pixels, labelled_splits
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.teachers import Ensemble
 from fastac.scenes.model_schema import Training
 from fastac.sensor.dataset import Dataset
-from fastac.store.progress import progress_bar
 
 
 def normal_loss(predicted: torch.Tensor, truth: torch.Tensor, huber_delta: float = 0.0) -> torch.Tensor:
@@ -95,46 +96,40 @@ class Fit:
         optimiser = torch.optim.AdamW(
             model.parameters(), lr=self.rate, weight_decay=self.weight_decay, fused=True
         )
-        steps = self.epochs * -(-len(x) // self.batch)
-        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, steps)
+        steps = -(-len(x) // self.batch)
+        schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, self.epochs * steps)
         spread = x.std(dim=0) * self.input_noise
         spread[-2:] = self.position_noise / COORDINATE_SCALE
         noisy = bool(spread.any())
         if teacher is not None and not noisy:  # it says the same every time
             with torch.no_grad():
                 y, teacher = torch.cat([teacher(part) for part in x.split(self.batch)]), None
-        best, history = BestEpoch(self.patience), []
+
+        def step(index: torch.Tensor) -> float:
+            inputs, truth = x.index_select(0, index), y.index_select(0, index)
+            if noisy:
+                shape = (copies, *inputs.shape) if copies else inputs.shape
+                inputs = inputs + spread * torch.randn(shape, generator=generator)
+            if teacher is not None:
+                with torch.no_grad():
+                    truth = teacher(inputs)
+            return descend(normal_loss(model(inputs), truth, self.huber_delta), optimiser, schedule)
+
+        best, error = BestEpoch(self.patience), None
         if validation is not None:  # what it starts from counts too: fine-tuning must not lose it
-            best.tell(self._loss(model, *validation), model)
-        bar = progress_bar(total=steps, desc=self.label, unit="step", enabled=progress)
-        for epoch in range(self.epochs):
-            total = 0.0
-            for index in torch.randperm(len(x), generator=generator).split(self.batch):
-                inputs, truth = x.index_select(0, index), y.index_select(0, index)
-                if noisy:
-                    shape = (copies, *inputs.shape) if copies else inputs.shape
-                    inputs = inputs + spread * torch.randn(shape, generator=generator)
-                if teacher is not None:
-                    with torch.no_grad():
-                        truth = teacher(inputs)
-                loss = normal_loss(model(inputs), truth, self.huber_delta)
-                optimiser.zero_grad(set_to_none=True)
-                loss.backward()
-                optimiser.step()
-                schedule.step()
-                total += loss.item() * len(index)
-                bar.update()
-            entry = {"epoch": epoch + 1, "train_loss": total / len(x)}
-            if validation is not None:
-                entry["validation_loss"] = self._loss(model, *validation)
-                best.tell(entry["validation_loss"], model)
-            history.append(entry)
-            bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
-            if best.done:
-                break
-        bar.close()
-        best.restore(model)
-        return history
+            error = partial(self._loss, model, *validation)
+            best.tell(error(), model)
+        return train_epochs(
+            model,
+            self.epochs,
+            steps,
+            lambda: torch.randperm(len(x), generator=generator).split(self.batch),
+            step,
+            label=self.label,
+            best=best,
+            error=error,
+            progress=progress,
+        )
 
     def _loss(self, model, x: torch.Tensor, y: torch.Tensor) -> float:
         model.eval()

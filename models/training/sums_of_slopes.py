@@ -13,10 +13,10 @@ import torch
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.training.best_epoch import BestEpoch
+from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.one_cycle import one_cycle
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.whole_frames import WholeFrames
-from fastac.store.progress import progress_bar
 
 BATCH_FRAMES = 4
 """Of a step. A step of so many frames of 128 × 128 pixels sees eight times as many pixels as one of
@@ -54,43 +54,38 @@ def fit(
     torch.manual_seed(seed)
     rng = np.random.default_rng((seed, 2))  # other draws than those of the normals' training
     count = max(1, round(share * len(index)))
-    steps = epochs * -(-count // BATCH_FRAMES)
+    steps = -(-count // BATCH_FRAMES)
     parameters = [values for values in model.parameters() if values.requires_grad]
     optimiser = torch.optim.AdamW(parameters, lr=rate, weight_decay=0.0, fused=True)
-    schedule = one_cycle(optimiser, rate, steps)
-    judged, best, history = validation is not None and bool(len(validation)), BestEpoch(), []
+    schedule = one_cycle(optimiser, rate, epochs * steps)
+    judged, best = validation is not None and bool(len(validation)), BestEpoch()
+
+    def batches() -> list[np.ndarray]:
+        if not judged:  # else the error has prepared them
+            frames.prepare(model)
+        return _batches(rng.permutation(index)[:count])
 
     def error() -> float:
+        frames.prepare(model)
         model.eval()
         with torch.no_grad():  # what `frames` keeps from here is learned with, too
             parts = [(part, frames.loss(model, part).item()) for part in _batches(validation)]
         model.train()
         return sum(len(part) * value for part, value in parts) / len(validation)
 
-    frames.prepare(model)
-    if judged:
+    if judged:  # what it starts from counts too
         best.tell(error(), model)
-    bar = progress_bar(total=steps, desc="normals, on whole frames", unit="step", enabled=progress)
-    for epoch in range(epochs):
-        total = 0.0
-        for part in _batches(rng.permutation(index)[:count]):
-            found = frames.loss(model, part)
-            optimiser.zero_grad(set_to_none=True)
-            found.backward()
-            optimiser.step()
-            schedule.step()
-            total += found.item() * len(part)
-            bar.update()
-        frames.prepare(model)
-        entry = {"epoch": epoch + 1, "train_loss": total / count}
-        if judged:
-            entry["validation_loss"] = error()
-            best.tell(entry["validation_loss"], model)
-        history.append(entry)
-        bar.set_postfix(loss=f"{entry.get('validation_loss', entry['train_loss']):.4f}")
-    bar.close()
-    best.restore(model)
-    return history
+    return train_epochs(
+        model,
+        epochs,
+        steps,
+        batches,
+        lambda part: descend(frames.loss(model, part), optimiser, schedule),
+        label="normals, on whole frames",
+        best=best,
+        error=error if judged else None,
+        progress=progress,
+    )
 
 
 def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False) -> list[dict]:

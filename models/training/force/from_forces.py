@@ -14,6 +14,8 @@ validated and kept, which damps the noise of the steps as small rates would (Pol
 of Stochastic Approximation by Averaging", 1992).
 """
 
+from functools import partial
+
 import numpy as np
 import torch
 from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
@@ -22,6 +24,7 @@ from fastac.models.floating.network import PixelNetwork, UnitLength
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.training.best_epoch import BestEpoch
+from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.force.force_from_pixels import ForceFromPixels, block_averages, block_size
 from fastac.models.training.force.force_start import background_differences, initial_model, linear_start
 from fastac.models.training.force.integrability import curl_share
@@ -32,7 +35,6 @@ from fastac.models.training.one_cycle import one_cycle
 from fastac.scenes.model_schema import Training
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
-from fastac.store.progress import progress_bar
 
 WARM_UP_EPOCHS = 0.5
 """Over which rates rise that then stay."""
@@ -127,33 +129,28 @@ def train(data: Dataset, scene: Scene, *, progress: bool = False) -> tuple[Pixel
         error = _error(model, change, force)
         best.tell(error, model)
         history.append({"epoch": 0, "train_mae_n": np.nan, "validation_mae_n": error})
-    bar = progress_bar(
-        total=settings.force_epochs * steps, desc="slopes from forces", unit="step", enabled=progress
+
+    def step(index: torch.Tensor) -> float:
+        slopes = model.slope_changes(disturb(change["train"][index]))
+        error = (model.force_n(slopes) - force["train"][index]).abs().sum(dim=1).mean()
+        descend(error + of_curl_n * curl_share(slopes) if of_curl_n else error, optimiser, schedule)
+        if early:
+            averaged.update_parameters(model)
+        return error.item()
+
+    history += train_epochs(
+        model,
+        settings.force_epochs,
+        steps,
+        lambda: torch.randperm(count, generator=generator).split(settings.force_batch),
+        step,
+        label="slopes from forces",
+        best=best,
+        error=partial(_error, judged, change, force) if "validation" in change else None,
+        judged=judged,
+        quantity="mae_n",
+        progress=progress,
     )
-    for epoch in range(settings.force_epochs):
-        total = 0.0
-        for index in torch.randperm(count, generator=generator).split(settings.force_batch):
-            slopes = model.slope_changes(disturb(change["train"][index]))
-            error = (model.force_n(slopes) - force["train"][index]).abs().sum(dim=1).mean()
-            loss = error + of_curl_n * curl_share(slopes) if of_curl_n else error
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            if early:
-                averaged.update_parameters(model)
-            total += error.item() * len(index)
-            bar.update()
-        entry = {"epoch": epoch + 1, "train_mae_n": total / count}
-        if "validation" in change:
-            entry["validation_mae_n"] = _error(judged, change, force)
-            best.tell(entry["validation_mae_n"], judged)
-        history.append(entry)
-        bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
-        if best.done:
-            break
-    bar.close()
-    best.restore(model)
     return model.network, history
 
 

@@ -5,6 +5,7 @@ collapsed weight per pixel for the whole batch, see `hyperforce.collapse`.
 """
 
 import copy
+from functools import partial
 
 import numpy as np
 import torch
@@ -12,10 +13,10 @@ import torch
 from fastac.models.floating.hyperforce import HyperForce, coordinates
 from fastac.models.floating.threads import single_thread
 from fastac.models.training.best_epoch import BestEpoch
+from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.force import ridge
 from fastac.models.training.one_cycle import one_cycle
 from fastac.scenes.schema import Scene
-from fastac.store.progress import progress_bar
 
 
 def build(scene: Scene, rest_depth_mm: np.ndarray, *, axes: int = 1) -> HyperForce:
@@ -52,29 +53,26 @@ def train(
     epochs, rate = settings.force_epochs, settings.force_learning_rate
     optimiser = torch.optim.AdamW(model.parameters(), lr=rate, weight_decay=settings.force_weight_decay)
     count = len(pressed["train"])
-    steps = epochs * -(-count // settings.force_batch)
-    schedule = one_cycle(optimiser, rate, steps)
+    steps = -(-count // settings.force_batch)
+    schedule = one_cycle(optimiser, rate, epochs * steps)
     generator = torch.Generator().manual_seed(settings.seed)
-    best, history = BestEpoch(), []
-    bar = progress_bar(total=steps, desc="force", unit="step", enabled=progress)
-    for epoch in range(epochs):
-        total = 0.0
-        for index in torch.randperm(count, generator=generator).split(settings.force_batch):
-            loss = (model(pressed["train"][index]) - force["train"][index]).abs().sum(dim=1).mean()
-            optimiser.zero_grad(set_to_none=True)
-            loss.backward()
-            optimiser.step()
-            schedule.step()
-            total += loss.item() * len(index)
-            bar.update()
-        entry = {"epoch": epoch + 1, "train_mae_n": total / count}
-        if "validation" in pressed:
-            entry["validation_mae_n"] = _error(model, pressed, force, "validation")
-            best.tell(entry["validation_mae_n"], model)
-        history.append(entry)
-        bar.set_postfix(mae=f"{entry.get('validation_mae_n', entry['train_mae_n']):.4f} N")
-    bar.close()
-    best.restore(model)
+
+    def step(index: torch.Tensor) -> float:
+        error = (model(pressed["train"][index]) - force["train"][index]).abs().sum(dim=1).mean()
+        return descend(error, optimiser, schedule)
+
+    history = train_epochs(
+        model,
+        epochs,
+        steps,
+        lambda: torch.randperm(count, generator=generator).split(settings.force_batch),
+        step,
+        label="force",
+        best=BestEpoch(),
+        error=partial(_error, model, pressed, force, "validation") if "validation" in pressed else None,
+        quantity="mae_n",
+        progress=progress,
+    )
     return model, history
 
 
