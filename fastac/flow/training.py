@@ -21,7 +21,6 @@ from fastac.models.integer.features import scales
 from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
-from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training import bit_true, sums_of_slopes
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
@@ -32,7 +31,7 @@ from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import prune_neurons, prune_to_width
 from fastac.models.training.whole_frames import unknown_depth, whole_frames
-from fastac.models.vision.dots import bridge_of, detected_as, follower_of
+from fastac.models.vision.dots import detected_as, follower_of, slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import load_arrays, save_arrays
@@ -152,10 +151,14 @@ def pruned(
         scene.training,
         growth=scene.network.prune,
         slope_limit=scene.numbers.slope_limit,
-        further_error=network_depth_error(data, scene),
+        further_errors=_known(network_depth_error(data, scene)),
         rounding_bits=scene.felt_rounding_bits,
         progress=progress,
     )
+
+
+def _known(*errors: Callable | None) -> list[Callable]:
+    return [error for error in errors if error is not None]
 
 
 def depth_frames(data: Dataset, scene: Scene) -> np.ndarray | None:
@@ -172,7 +175,7 @@ def network_depth_error(data: Dataset, scene: Scene) -> Callable[[PixelNetwork],
     index = depth_frames(data, scene)
     if index is None:
         return None
-    known = {"rest_depth_mm": rest_depth_mm(data), "bridge": slope_bridge(data, scene)}
+    known = {"rest_depth_mm": rest_depth_mm(data), "bridge": slope_bridge(data.background, scene)}
     return lambda network: depth_mae_mm(network, data, scene, index, **known)
 
 
@@ -211,19 +214,14 @@ def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -
     if scene.wants_dots:
         arrays = dots_at_rest(data, scene) | arrays
     return FloatPipeline.from_arrays(
-        arrays, scene, data.background, rest_depth_mm(data), slope_bridge(data, scene)
+        arrays, scene, data.background, rest_depth_mm(data), slope_bridge(data.background, scene)
     )
-
-
-def slope_bridge(data: Dataset, scene: Scene) -> SlopeBridge | None:
-    """What bridges the slopes under the background's dots, if the scene wants it."""
-    return bridge_of(data.background, scene.sensor) if scene.wants_bridge else None
 
 
 def skin_alone(data: Dataset, scene: Scene) -> Dataset:
     """The dataset without the normals of pixels whose slopes are bridged, and of those that
     `training.still_share` leaves out."""
-    bridge, share = slope_bridge(data, scene), scene.training.still_share
+    bridge, share = slope_bridge(data.background, scene), scene.training.still_share
     if data.normals is None:
         return data
     kept = []
@@ -270,7 +268,6 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
     layers, history = bit_true.finetune(split, layers, network, scene.training, progress=progress)
     if scene.network.prune is not None:
         if scene.hardware.weights == "baked":
-            of_sums = (layers_depth_error(data, scene), layers_force_error(data, scene))
             layers = fewer_digits(
                 split,
                 layers,
@@ -278,7 +275,7 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 scene.training,
                 growth=scene.network.prune,
                 slope_limit=scene.numbers.slope_limit,
-                further_errors=[error for error in of_sums if error is not None],
+                further_errors=_known(layers_depth_error(data, scene), layers_force_error(data, scene)),
                 progress=progress,
             )
         if scene.network.train_width is None:  # else the width stays the scene's
@@ -300,7 +297,7 @@ def layers_pipeline(
     """
     return integer_assemble.assemble(
         scene,
-        bridge=slope_bridge(data, scene),
+        bridge=slope_bridge(data.background, scene),
         follower=follower_of(data.background, scene.sensor) if scene.wants_dots else None,
         layers=layers,
         background=data.background,

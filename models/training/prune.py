@@ -4,7 +4,7 @@ After each neuron the network is trained on. It ends where the error has grown t
 before that neuron is kept; or at a width that was asked for, whatever the error is then.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -96,7 +96,7 @@ def prune_neurons(
     *,
     growth: float,
     slope_limit: float,
-    further_error: Callable[[PixelNetwork], float] | None = None,
+    further_errors: Sequence[Callable[[PixelNetwork], float]] = (),
     rounding_bits: int | None = None,
     progress: bool = False,
 ) -> PixelNetwork:
@@ -104,7 +104,7 @@ def prune_neurons(
 
     pixels, slope_limit, rounding_bits : see `Pruning`
     growth : largest relative growth of the mean slope error of `network`
-    further_error : of a network, an error that must not grow by more either
+    further_errors : of a network, errors that must not grow by more either
 
     The same for the same pixels and `settings.seed`.
     """
@@ -112,8 +112,7 @@ def prune_neurons(
     fewest = (FEWEST_NEURONS,) * len(widths(network))
 
     def errors(candidate: PixelNetwork) -> np.ndarray:
-        found = [pruning.error(candidate)]
-        return np.array(found if further_error is None else [*found, further_error(candidate)])
+        return np.array([pruning.error(candidate), *(error(candidate) for error in further_errors)])
 
     # Small products are slower on several threads, and sums then depend on the machine.
     with single_thread(), threadpool_limits(1):

@@ -15,7 +15,7 @@ from fastac.models.training.depth_of_slopes import DepthOfSlopes, slopes_of
 from fastac.models.training.force.held_out_force import HeldOutForce
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.normals import normal_loss
-from fastac.models.vision.dots import bridge_of
+from fastac.models.vision.dots import slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle
 from fastac.sensor.dataset import Dataset
@@ -50,7 +50,7 @@ class WholeFrames:
     @cached_property
     def _bridge(self) -> SlopeBridge | None:
         """Of the slopes under the background's dots, if the scene wants it."""
-        return bridge_of(self.data.background, self.scene.sensor) if self.scene.wants_bridge else None
+        return slope_bridge(self.data.background, self.scene)
 
     @cached_property
     def _force(self) -> HeldOutForce:

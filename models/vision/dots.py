@@ -9,6 +9,7 @@ from fastac.models.integer.dot_windows import BLOCK, DotWindows
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.vision.expected_dots import bridge_reach, window_half, window_reach
 from fastac.models.vision.markers import DetectedDots, MarkerError, associate, skin_brightness
+from fastac.scenes.schema import Scene
 from fastac.scenes.sensor_schema import Sensor
 
 DARK_SHARE = 0.75
@@ -57,6 +58,11 @@ def windows_of(background: np.ndarray, sensor: Sensor) -> DotWindows:
 def bridge_of(background: np.ndarray, sensor: Sensor) -> SlopeBridge:
     """The bridge over the dots of frames with this background (H, W, C) uint8: half a dot's image wide."""
     return SlopeBridge(windows_of(background, sensor), bridge_reach(sensor))
+
+
+def slope_bridge(background: np.ndarray, scene: Scene) -> SlopeBridge | None:
+    """As `bridge_of`; None where the scene wants no bridge."""
+    return bridge_of(background, scene.sensor) if scene.wants_bridge else None
 
 
 def detected_as(follower: DotFollower, background: np.ndarray, sensor: Sensor) -> DetectedDots:

@@ -321,4 +321,3 @@ class TestDots:
 
     def test_without_them_a_dataset_stays_as_it_is(self, tiny_data, tiny_scene):
         assert training.skin_alone(tiny_data, tiny_scene) is tiny_data
-        assert training.slope_bridge(tiny_data, tiny_scene) is None

@@ -40,7 +40,7 @@ def test_another_error_may_not_grow_either(trained):
         settings,
         growth=0.0,
         slope_limit=4,
-        further_error=lambda candidate: 100 - sum(widths(candidate)),
+        further_errors=[lambda candidate: 100 - sum(widths(candidate))],
     )
     assert kept is network
 

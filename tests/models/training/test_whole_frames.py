@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from fastac.flow.training import TrainingError, require, skin_alone, slope_bridge
+from fastac.flow.training import TrainingError, require, skin_alone
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.integer.features import integer_features
 from fastac.models.training.force import ridge
@@ -21,6 +21,7 @@ from fastac.models.training.whole_frames import (
     unknown_depth,
     whole_frames,
 )
+from fastac.models.vision.dots import slope_bridge
 from fastac.sensor.geometry import rest_depth_mm
 
 INDEX = np.array([0, 3])
@@ -71,7 +72,7 @@ def test_slopes_under_dots_are_bridged(dotted_data, dotted_scene, network):
     """As the pipelines bridge them: what the network makes of a dot is no part of the depth."""
     training = dotted_scene.training.model_copy(update={"depth_weight": 1.0})
     scene = dotted_scene.model_copy(update={"training": training})
-    rest, bridge = rest_depth_mm(scene.sensor), slope_bridge(dotted_data, scene)
+    rest, bridge = rest_depth_mm(scene.sensor), slope_bridge(dotted_data.background, scene)
     frames = whole_frames(dotted_data, skin_alone(dotted_data, scene), scene, rest)
     depth_mm = found_depth_mm(
         network, dotted_data.frames[INDEX], dotted_data, scene, rest_depth_mm=rest, bridge=bridge

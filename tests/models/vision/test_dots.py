@@ -13,6 +13,7 @@ from fastac.models.vision.dots import (
     bridge_of,
     detected_as,
     follower_of,
+    slope_bridge,
     windows_of,
 )
 from fastac.models.vision.markers import Detector, MarkerError, associate
@@ -74,6 +75,10 @@ def test_the_bridge_reaches_over_a_dot(sensor):
     # Nothing of a dot is left, where one more or less wide would keep its own middle.
     assert not np.take_along_axis(dark, bridge.columns(dark), axis=-1).any()
     assert not bridge(shown < 100, dark).any()
+
+
+def test_no_bridge_where_the_scene_wants_none(tiny_data, tiny_scene):
+    assert slope_bridge(tiny_data.background, tiny_scene) is None
 
 
 def test_detected_dots_are_in_the_follower_s_order(sensor):
