@@ -25,7 +25,15 @@ GEOMETRY = {
 """Where the network learns from normals. Axes as in the specification of a sweep."""
 CIRCLES = {"training.circle_margin": [0.0, 0.05, 0.1, 0.15]}
 """Where these are the normals of balls inside labelled contact circles, besides."""
-DEPTH = {"training.depth_weight, training.depth_epochs": [[0.0, 30], [0.005, 30], [0.02, 30]]}
+DEPTH = {
+    "training.depth_weight, training.depth_epochs": [
+        [0.0, 30],
+        [0.005, 30],
+        [0.005, 100],
+        [0.02, 30],
+        [0.02, 100],
+    ]
+}
 """Where the depth of presses is known, or its shape under balls, besides."""
 FORCE_OF_SLOPES = {"training.force_weight": [0.0, 3.0]}
 """Where the force is a sum of slopes that are learned from normals, besides."""
