@@ -19,6 +19,7 @@ from fastac.flow import training
 from fastac.flow.few_presses import known_presses, pixels_of, pressed_skins, presses, read
 from fastac.flow.force_scale import with_force_scale
 from fastac.flow.intervals import widened
+from fastac.flow.pipelines import dots_at_rest, layers_pipeline
 from fastac.gateware import calibration
 from fastac.models.emulator.pipeline import with_limits
 from fastac.models.floating.network import PixelNetwork
@@ -147,7 +148,7 @@ def requantised(
 
 def pipeline_of(layers: tuple[Layer, ...], data: Dataset, known: Bundle) -> IntegerPipeline:
     """The integers up to the force: new layers and background, the skin at rest of the known bundle."""
-    return training.layers_pipeline(layers, data, known.scene, known.pipeline.rest_depth_mm)
+    return layers_pipeline(layers, data, known.scene, known.pipeline.rest_depth_mm)
 
 
 def loadable(made: Bundle, known: Bundle, folder: Path) -> Bundle:
@@ -179,7 +180,7 @@ def adapted(
     known, few = bundles.load_for(bundle, scene), read(data, scene, store=store, progress=progress)
     floats, integer = load_arrays(weights), load_arrays(integers)
     if scene.wants_dots:
-        floats |= training.dots_at_rest(few, scene)
+        floats |= dots_at_rest(few, scene)
     floats |= {name: values for name, values in integer.items() if name.startswith("history.")}
     pipeline = pipeline_of(quantise.layers_from_arrays(integer), few, known)
     made = loadable(Bundle(pipeline, floats, ""), known, folder / "with_force")

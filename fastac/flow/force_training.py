@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow.force_fits import FITS, ForceSamples
-from fastac.flow.training import curve, dots_at_rest, float_pipeline, integer_pipeline, rest_depth_mm
+from fastac.flow.pipelines import dots_at_rest, float_pipeline, integer_pipeline, rest_depth_mm
+from fastac.flow.training import curve
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import HyperForce
 from fastac.models.floating.pipeline import FloatPipeline

@@ -1,37 +1,29 @@
 """From a dataset to a bundle, in steps that can be resumed."""
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
-from fastac.flow.force_fits import slope_changes
+from fastac.flow import slope_sum_errors
 from fastac.flow.intervals import calibrated, can_calibrate
-from fastac.models import accuracy
+from fastac.flow.pipelines import integer_pipeline, rest_depth_mm, with_fitted_force
 from fastac.models.emulator import pipeline as emulator_pipeline
-from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.network import PixelNetwork
-from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.integer import assemble as integer_assemble
 from fastac.models.integer import bundle, quantise
 from fastac.models.integer.constant_neurons import without_constant
 from fastac.models.integer.features import scales
 from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.network import Layer
-from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.training import bit_true, sums_of_slopes
 from fastac.models.training import normals as train_normals
 from fastac.models.training.digits import fewer_digits
 from fastac.models.training.force import from_forces
-from fastac.models.training.force.held_out_force import HeldOutForce
 from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.moved_pixels import moved_or_chosen
-from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.prune import prune_neurons, prune_to_width
 from fastac.models.training.whole_frames import unknown_depth, whole_frames
-from fastac.models.vision.dots import detected_as, follower_of, slope_bridge
+from fastac.models.vision.dots import slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 from fastac.store.files import load_arrays, save_arrays
@@ -42,13 +34,6 @@ CALIBRATION_PX = 1 << 17
 
 class TrainingError(ValueError):
     """A dataset that cannot train what the scene wants."""
-
-
-def rest_depth_mm(data: Dataset) -> np.ndarray:
-    """The skin at rest, (H, W); where a dataset knows none, rest is the zero of depth, as for a flat gel."""
-    if data.rest_depth_mm is not None:
-        return data.rest_depth_mm.astype(np.float64)
-    return np.zeros(data.frames.shape[1:3])
 
 
 def require(data: Dataset, scene: Scene, path: Path) -> None:
@@ -151,70 +136,9 @@ def pruned(
         scene.training,
         growth=scene.network.prune,
         slope_limit=scene.numbers.slope_limit,
-        further_errors=_known(network_depth_error(data, scene)),
+        further_errors=slope_sum_errors.network_errors(data, scene),
         rounding_bits=scene.felt_rounding_bits,
         progress=progress,
-    )
-
-
-def _known(*errors: Callable | None) -> list[Callable]:
-    return [error for error in errors if error is not None]
-
-
-def depth_frames(data: Dataset, scene: Scene) -> np.ndarray | None:
-    """The frames whose depth pruning is judged by: those of the validation split or, without one, the
-    training's. None where the scene finds no depth, or the dataset does not know it."""
-    if not scene.wants_solver or data.depth_mm is None:
-        return None
-    index = data.indices("validation")
-    return index if len(index) else data.indices("train")
-
-
-def network_depth_error(data: Dataset, scene: Scene) -> Callable[[PixelNetwork], float] | None:
-    """Of a float network, the mean absolute depth error in mm; None as `depth_frames`."""
-    index = depth_frames(data, scene)
-    if index is None:
-        return None
-    known = {"rest_depth_mm": rest_depth_mm(data), "bridge": slope_bridge(data.background, scene)}
-    return lambda network: depth_mae_mm(network, data, scene, index, **known)
-
-
-def layers_depth_error(data: Dataset, scene: Scene) -> Callable[[Sequence[Layer]], float] | None:
-    """Of integer layers, the mean absolute depth error in mm; None as `depth_frames`."""
-    index = depth_frames(data, scene)
-    if index is None:
-        return None
-
-    def error(layers: Sequence[Layer]) -> float:
-        found = Emulator(layers_pipeline(tuple(layers), data, scene))
-        return accuracy.depth_mae_mm(found.run(data.frames[index], wanted=["depth_mm"]), data, index)
-
-    return error
-
-
-def layers_force_error(data: Dataset, scene: Scene) -> Callable[[Sequence[Layer]], float] | None:
-    """Of integer layers, the error of the force in N on the train split, as `HeldOutForce.error`; None where
-    the network has not learned from the force beside normals."""
-    if not scene.training.force_weight:
-        return None
-    learned = data.indices("train")
-    held_out = HeldOutForce.of(data, scene.force_axes, learned)
-
-    def error(layers: Sequence[Layer]) -> float:
-        found = Emulator(layers_pipeline(tuple(layers), data, scene))
-        change = slope_changes(found, data.frames[learned], data.background, progress=False)
-        features = held_out.features(torch.from_numpy(change.astype(np.float32)))
-        held_out.refit(features)
-        return held_out.error(features, learned).item()
-
-    return error
-
-
-def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
-    if scene.wants_dots:
-        arrays = dots_at_rest(data, scene) | arrays
-    return FloatPipeline.from_arrays(
-        arrays, scene, data.background, rest_depth_mm(data), slope_bridge(data.background, scene)
     )
 
 
@@ -232,12 +156,6 @@ def skin_alone(data: Dataset, scene: Scene) -> Dataset:
     if data.valid is not None:
         kept.append(data.valid)
     return replace(data, valid=np.logical_and.reduce(kept)) if kept else data
-
-
-def dots_at_rest(data: Dataset, scene: Scene) -> dict[str, np.ndarray]:
-    """Where the detector sees the dots in the background, in the order in which the hardware follows them."""
-    follower = follower_of(data.background, scene.sensor)
-    return {"dots.rest_px": detected_as(follower, data.background, scene.sensor).rest_px}
 
 
 def quantised(network: PixelNetwork, x: np.ndarray, scene: Scene) -> tuple[Layer, ...]:
@@ -275,42 +193,12 @@ def integers(data: Dataset, scene: Scene, weights: Path, output: Path, *, progre
                 scene.training,
                 growth=scene.network.prune,
                 slope_limit=scene.numbers.slope_limit,
-                further_errors=_known(layers_depth_error(data, scene), layers_force_error(data, scene)),
+                further_errors=slope_sum_errors.layers_errors(data, scene),
                 progress=progress,
             )
         if scene.network.train_width is None:  # else the width stays the scene's
             layers = without_constant(layers, x)
     save_arrays(output, quantise.layers_to_arrays(layers) | curve(history, "finetune"))
-
-
-def integer_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> IntegerPipeline:
-    """The integers up to the displacement and the dots' shifts, from what `integers` wrote."""
-    return layers_pipeline(quantise.layers_from_arrays(arrays), data, scene)
-
-
-def layers_pipeline(
-    layers: tuple[Layer, ...], data: Dataset, scene: Scene, rest_mm: np.ndarray | None = None
-) -> IntegerPipeline:
-    """The integers up to the displacement and the dots' shifts.
-
-    rest_mm : depth (H, W) of the skin at rest; None: the dataset's
-    """
-    return integer_assemble.assemble(
-        scene,
-        bridge=slope_bridge(data.background, scene),
-        follower=follower_of(data.background, scene.sensor) if scene.wants_dots else None,
-        layers=layers,
-        background=data.background,
-        rest_depth_mm=rest_depth_mm(data) if rest_mm is None else rest_mm,
-    )
-
-
-def with_fitted_force(pipeline: IntegerPipeline, fitted: dict[str, np.ndarray]) -> IntegerPipeline:
-    """The integers with the weights that `fit_force` found for them."""
-    weights = [fitted["force.integer_weights"]]
-    if pipeline.scene.wants_dots:
-        weights.append(fitted["force.integer_dot_weights"])
-    return integer_assemble.with_force(pipeline, *(values.astype(np.float64) for values in weights))
 
 
 def assemble(

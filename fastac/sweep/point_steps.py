@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from fastac.flow import force_training, training
+from fastac.flow import force_training
+from fastac.flow.pipelines import float_pipeline, integer_pipeline, rest_depth_mm, with_fitted_force
 from fastac.flow.steps import training_data
 from fastac.gateware.cycle_model import cycles
 from fastac.gateware.target.device import device_of
@@ -48,7 +49,7 @@ def float_errors(
 ) -> None:
     """Errors of the float models on `count` frames, spread evenly over a split."""
     known, arrays = training_data(data, scene, store), float_arrays(weights, force)
-    pipeline = training.float_pipeline(arrays, known, scene)
+    pipeline = float_pipeline(arrays, known, scene)
     write_json(folder / FLOAT_FILE, errors(pipeline, known, evaluated(known, split, count, data), scene))
 
 
@@ -98,12 +99,12 @@ def float_arrays(weights: Path, force: Path | None) -> dict[str, np.ndarray]:
 
 def integer_model(data: Dataset, scene: Scene, integers: Path, force: Path | None) -> IntegerPipeline:
     """The integers, as `fastac train` would find them."""
-    pipeline = training.integer_pipeline(load_arrays(integers), data, scene)
+    pipeline = integer_pipeline(load_arrays(integers), data, scene)
     if force is None:
         return pipeline
     start = _start(load_arrays(force), data, scene)
     fitted = force_training.fit_force("integer", Emulator(pipeline), data, start, progress=False)
-    return training.with_fitted_force(pipeline, fitted)
+    return with_fitted_force(pipeline, fitted)
 
 
 def _start(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> HyperForce | None:
@@ -111,7 +112,7 @@ def _start(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> HyperF
     state = {k.removeprefix(START): torch.from_numpy(v) for k, v in arrays.items() if k.startswith(START)}
     if not state:
         return None
-    model = hyperforce.build(scene, training.rest_depth_mm(data), axes=len(scene.force_axes))
+    model = hyperforce.build(scene, rest_depth_mm(data), axes=len(scene.force_axes))
     model.load_state_dict(state)
     return model
 

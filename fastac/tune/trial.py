@@ -8,6 +8,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from fastac.flow import force_training, frames, leave_one_out, training
+from fastac.flow.pipelines import float_pipeline
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.scenes.schema import Scene
@@ -77,7 +78,7 @@ def errors(folder: Path, scene: Scene, held_out: list[str], weights: Path, **sou
     arrays = load_arrays(weights)
     if scene.wants_force:
         arrays |= force_training.start_force(known, scene, arrays, progress=False)[1]
-    pipeline = training.float_pipeline(arrays, known, scene)
+    pipeline = float_pipeline(arrays, known, scene)
     return {name: judged(pipeline, known, np.flatnonzero(units == name), scene) for name in held_out}
 
 

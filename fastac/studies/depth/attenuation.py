@@ -19,6 +19,7 @@ from scipy.fft import dstn
 from fastac.flow import training
 from fastac.flow.force_fits import slope_changes
 from fastac.flow.frames import read
+from fastac.flow.pipelines import rest_depth_mm
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.integer.bundle import load_bundle
 from fastac.models.integer.laplacian import eigenvalues
@@ -134,7 +135,7 @@ def measure(folder: Path, *, progress: bool) -> Iterator[str]:
     training.require(data, scene, file)
     if data.depth_mm is None or not np.isfinite(data.depth_mm).all():
         raise ValueError(f"{file}: depth_mm: not known everywhere, and this study compares with it")
-    emulator, pitch, rest_mm = Emulator(bundle.pipeline), scene.sensor.pitch_mm, training.rest_depth_mm(data)
+    emulator, pitch, rest_mm = Emulator(bundle.pipeline), scene.sensor.pitch_mm, rest_depth_mm(data)
     resting = emulator.run(data.background[None], wanted=["depth_mm"]).depth_mm
 
     def pressed(index: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

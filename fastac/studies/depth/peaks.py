@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import frames
+from fastac.flow.pipelines import rest_depth_mm
 from fastac.flow.steps import virtual_presses
-from fastac.flow.training import rest_depth_mm
 from fastac.models.accuracy import with_background_of
 from fastac.models.integer.bundle import Bundle, load_bundle
 from fastac.report.tables import text_table

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 import torch
 
-from fastac.flow import training
 from fastac.flow.force_fits import fits_validation, force_weights, slope_changes
+from fastac.flow.pipelines import rest_depth_mm
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.adjoint import displacement_mm, slope_weights
@@ -69,7 +69,7 @@ def fit(bundle: Bundle, data: Dataset, *, progress: bool) -> Fits:
         smooth, *_ = fit_smooth({s: x[..., None] for s, x in pressed.items()}, truth)
         weights["smooth", name] = slope_weights(smooth[..., 0], divergence, pitch_mm)
         if start is None:
-            rest = training.rest_depth_mm(data)
+            rest = rest_depth_mm(data)
             start, _ = hyperforce.train(scene, rest, pressed, truth, progress=progress)
         models[name], *_ = hyperforce.refit_last_layer(scene, start, pressed, truth, **last)
         weights["displacement", name] = force_weights(models[name], scene)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.flow import frames, training
+from fastac.flow import frames
+from fastac.flow.pipelines import float_pipeline
 from fastac.models.floating import displacement_3d
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import bundle as bundles
@@ -74,7 +75,7 @@ def write_found(
     if bundle is not None:
         pipeline = FloatPipeline.from_bundle(bundles.load_for(bundle, scene))
     else:
-        pipeline = training.float_pipeline(load_arrays(weights), known, scene)
+        pipeline = float_pipeline(load_arrays(weights), known, scene)
     save(folder / FILE, find_arrays(pipeline, known, progress=progress), known)
 
 

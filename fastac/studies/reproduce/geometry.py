@@ -20,6 +20,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from fastac.flow import frames, training
+from fastac.flow.pipelines import float_pipeline, rest_depth_mm
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.floating.poisson import solve, source_of
@@ -136,7 +137,7 @@ def run(folder: Path, scene: Scene, bundle: Path, data: Path, *, store: Path, pr
     weights = load_arrays(open_store(store).perform(step).path(WEIGHTS))
     known, of_rgb = build.data, rgb_data(build.data)
     pipelines = {
-        "bgr": (training.float_pipeline(weights, of_rgb, reduced), of_rgb),
+        "bgr": (float_pipeline(weights, of_rgb, reduced), of_rgb),
         "bgr+nir": (FloatPipeline.from_bundle(build.bundle), known),
     }
     index = vertical(known, "test")
@@ -216,7 +217,7 @@ def draw(
             axis.set_yscale("log")
         axis.legend(fontsize=7)
     truth = data.depth_mm[index]
-    deepest = int((training.rest_depth_mm(data) - truth).max(axis=(1, 2)).argmax())
+    deepest = int((rest_depth_mm(data) - truth).max(axis=(1, 2)).argmax())
     panels = [(c, b) for c in NAMES for b in ("prior", "no_prior")]
     for place, (channels, boundary) in enumerate(panels, start=5):
         axis = figure.add_subplot(2, 4, place)

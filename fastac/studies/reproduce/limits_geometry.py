@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fastac.flow import frames, training
+from fastac.flow.pipelines import float_pipeline, rest_depth_mm
 from fastac.models import accuracy
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.result import Result
@@ -93,7 +94,7 @@ def train(
     sparse = np.zeros(known.normals.shape[:3], bool)
     sparse[:, ::SPARSE, ::SPARSE] = True
     training.normals(replace(known, valid=sparse), trained, folder / WEIGHTS, progress=progress)
-    pipeline = training.float_pipeline(load_arrays(folder / WEIGHTS), known, trained)
+    pipeline = float_pipeline(load_arrays(folder / WEIGHTS), known, trained)
     errors, _ = judge(pipeline, known, known.indices("test"), progress=progress)
     write_json(folder / ERRORS, summary(errors))
 
@@ -201,7 +202,7 @@ def true_slopes(data: Dataset, index: np.ndarray) -> np.ndarray:
 def solver(build: Finished) -> dict[str, float]:
     """Depth errors of the Poisson solver alone, from true normals, in mm: by what is solved for."""
     scene, data = build.scene, build.data
-    index, rest_mm = vertical(data, "test"), training.rest_depth_mm(data)
+    index, rest_mm = vertical(data, "test"), rest_depth_mm(data)
     slopes = true_slopes(data, index)
     change = slopes - np.stack(rest_slopes(scene.sensor), axis=-1)
     depths = {

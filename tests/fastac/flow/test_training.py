@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from fastac.flow import force_training, training
+from fastac.flow.pipelines import integer_pipeline
 from fastac.gateware.cycle_model import CycleModel
 from fastac.gateware.datapath import Datapath
 from fastac.models.emulator.pipeline import Emulator
@@ -19,17 +20,9 @@ from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import terms
 from fastac.models.training import digits
-from fastac.models.training.force import held_out_force
 from fastac.models.vision.dots import follower_of, windows_of
 from fastac.store.files import load_arrays, save_arrays
 from fastac.synth.estimates import resources
-
-
-def test_rest_is_the_dataset_s_or_flat(tiny_data):
-    np.testing.assert_allclose(training.rest_depth_mm(tiny_data), tiny_data.rest_depth_mm)
-    assert training.rest_depth_mm(tiny_data).dtype == np.float64
-    flat = type(tiny_data)(**{**vars(tiny_data), "rest_depth_mm": None})
-    np.testing.assert_array_equal(training.rest_depth_mm(flat), np.zeros((16, 16)))
 
 
 def test_arrays_survive_a_file_which_is_whole_or_as_it_was(tmp_path, monkeypatch):
@@ -170,7 +163,7 @@ def test_a_pruned_network_is_narrower_and_its_hardware_too(tiny_data, make_scene
     floats, integers = tmp_path / "normals.npz", tmp_path / "integers.npz"
     training.normals(tiny_data, scene, floats, progress=False)
     training.integers(tiny_data, scene, floats, integers, progress=False)
-    pipeline = training.integer_pipeline(load_arrays(integers), tiny_data, scene)
+    pipeline = integer_pipeline(load_arrays(integers), tiny_data, scene)
     asked, kept = scene.network.hidden, pipeline.hidden
     assert asked == (9, 8, 10)
     assert all(few <= many for few, many in zip(kept, asked, strict=True))
@@ -210,22 +203,6 @@ def test_a_network_pruned_to_a_width_has_it_whatever_its_neurons_say(
     many = np.concatenate([layer.requantisation.multiplier for layer in layers[:-1]])
     few_digits = digits.digit_counts(many).max() <= max(digits.MULTIPLIER_DIGITS)
     assert few_digits == (weights == "baked")
-
-
-def test_digits_are_judged_by_the_force_where_the_network_learned_from_it(
-    tiny_bundle, tiny_data, make_scene, monkeypatch
-):
-    """Integers without slopes know no force: each is off by all of it, and their own slopes do better."""
-    monkeypatch.setattr(held_out_force, "SIZE", 2)  # for nine presses
-    of_slopes = {"poisson": {"solver": "adjoint"}, "force": {"fit": "slopes", "clamp": False}}
-    assert training.layers_force_error(tiny_data, make_scene(outputs=["force_z"], **of_slopes)) is None
-    scene = make_scene(outputs=["force_z"], **of_slopes, training={"force_weight": 3.0})
-    error = training.layers_force_error(tiny_data, scene)
-    *hidden, last = tiny_bundle.pipeline.layers
-    flat = [*hidden, replace(last, weight=0 * last.weight)]
-    force_n = tiny_data.forces_n(tiny_data.indices("train"), scene.force_axes)
-    assert error(flat) == pytest.approx(np.abs(force_n).mean(), rel=1e-5)
-    assert error([*hidden, last]) < 0.8 * error(flat)
 
 
 def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_data):
