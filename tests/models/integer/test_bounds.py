@@ -1,64 +1,25 @@
 """The solver's worst cases: reached by the slopes that an independent linear model says are the worst."""
 
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
 
-from fastac.models.floating.poisson import solve, source_of
 from fastac.models.integer.bounds import coefficients
 from fastac.models.integer.dst2d import Solver, reciprocals
-from fastac.models.integer.laplacian import boundary_term, sine_matrix
-from fastac.models.integer.source import PoissonSource
-from fastac.models.integer.words import Fixed, to_words
-
-STAGES = ("row_forward", "column_forward", "division", "column_inverse", "row_inverse")
-SLOPE_FRACTION = 10
-LIMIT = 4 * 2**SLOPE_FRACTION - 1
-"""The largest word of a slope: 4 px per px."""
-DIVERGENCES = ("central", "backward")
-MODES = ("absolute", "difference")
-
-
-@dataclass
-class Case:
-    divergence: str
-    source: PoissonSource
-    fraction: int  # of the source
-    solver: Solver
-
+from fastac.models.integer.laplacian import sine_matrix
+from tests.shared import solver_cases
+from tests.shared.solver_cases import (
+    DIVERGENCES,
+    MODES,
+    Case,
+    check_random_slopes,
+    check_worst_slopes,
+    smooth_surface_error,
+)
 
 ROUNDINGS = ("nearest", "floor")
-
-
-def make(
-    n: int,
-    divergence: str,
-    mode: str,
-    *,
-    data_bits: int = 26,
-    coefficient_fraction: int = 17,
-    rounding: str = "nearest",
-) -> Case:
-    rng = np.random.default_rng(n)
-    fraction = SLOPE_FRACTION + (divergence == "central")
-    v, u = np.indices((n + 2, n + 2)) / (n + 1) - 0.5
-    if mode == "absolute":
-        offset = to_words(boundary_term(n * (1 - u**2 - 2 * v**2)), Fixed(40, fraction))
-    else:
-        rest = rng.integers(-LIMIT // 8, LIMIT // 8, (n + 2, n + 2, 2))
-        offset = PoissonSource(divergence, 13, np.zeros((n, n), int))(rest)
-    source = PoissonSource(divergence, 13, offset)
-    chosen = Solver.fitted(
-        offset=offset,
-        source=Fixed(source.width, fraction),
-        slope_limit=LIMIT / 2**SLOPE_FRACTION,
-        divergence=divergence,
-        coefficient_fraction=coefficient_fraction,
-        data_bits=data_bits,
-        rounding=rounding,
-    )
-    return Case(divergence, source, fraction, chosen)
+make = partial(solver_cases.make, Solver)
 
 
 def trace(case: Case, slopes: np.ndarray) -> dict[str, np.ndarray]:
@@ -74,19 +35,8 @@ def trace(case: Case, slopes: np.ndarray) -> dict[str, np.ndarray]:
     return words
 
 
-def ideal_operators(n: int, divergence: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The exact linear maps, as dense matrices: slopes to source in px, and source to each stage."""
-    h = n + 2
-    step = 1 if divergence == "central" else 0
-    weight = 0.5 if divergence == "central" else 1.0
-    d = np.zeros((n * n, h, h, 2))
-    for i in range(n):
-        for j in range(n):
-            row = d[i * n + j]
-            row[i + 1, j + 1 + step, 0] += weight
-            row[i + 1, j, 0] -= weight
-            row[i + 1 + step, j + 1, 1] += weight
-            row[i, j + 1, 1] -= weight
+def ideal_operators(n: int) -> dict[str, np.ndarray]:
+    """The exact linear maps from the source to each stage, as dense matrices."""
     k = np.arange(1, n + 1)
     s = np.sqrt(2 / (n + 1)) * np.sin(np.pi * np.outer(k, k) / (n + 1))
     one = 4 * np.sin(np.pi * k / (2 * (n + 1))) ** 2
@@ -102,7 +52,7 @@ def ideal_operators(n: int, divergence: str) -> tuple[np.ndarray, dict[str, np.n
     ):
         stages = operator @ stages
         found[name] = stages
-    return d.reshape(n * n, -1), found
+    return found
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -113,44 +63,14 @@ def ideal_operators(n: int, divergence: str) -> tuple[np.ndarray, dict[str, np.n
 )
 def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, rounding, divergence, mode):
     case = make(n, divergence, mode, data_bits=data_bits, rounding=rounding)
-    d, operators = ideal_operators(n, divergence)
-    constant = case.source.offset.ravel() * 2.0**-case.fraction
-    formats = {stage.name: stage for stage in case.solver.stages}
-    assert tuple(formats) == STAGES
-    for name in STAGES:
-        rows = operators[name] @ d
-        away = -(operators[name] @ constant)
-        worst = np.abs(rows).sum(axis=1) * LIMIT * 2.0**-SLOPE_FRACTION + np.abs(away)
-        # One frame for each word of the stage: the slopes that drive it furthest.
-        slopes = LIMIT * np.sign(rows) * np.where(away < 0, -1, 1)[:, None]
-        words = trace(case, np.rint(slopes).astype(np.int64).reshape(n * n, n + 2, n + 2, 2))
-        for stage, word in formats.items():
-            assert np.abs(words[stage]).max() <= word.format.limit, stage
-            assert np.abs(words[stage]).max() * 2.0**-word.format.fraction <= word.bound_px + (
-                2.0**-word.format.fraction
-            ), stage
-        assert np.abs(words["source"]).max() <= case.source.bound
-        k = worst.argmax()
-        reached = abs(words[name].reshape(n * n, -1)[k, k]) * 2.0 ** -formats[name].format.fraction
-        assert reached == pytest.approx(worst[k], rel=0.02), name
-        if data_bits == 26:  # with coarse words, the bound allows for larger roundings
-            # Exact but for row_inverse: there the worst slopes' pixel need not be the worst constant's.
-            tightness = 0.96 if name == "row_inverse" else 0.999
-            assert reached >= tightness * formats[name].bound_px, name
-        assert formats[name].bound_px >= worst[k] * (1 - 1e-4), name
+    check_worst_slopes(case, ideal_operators(n), trace, exact=data_bits == 26, last_share=0.96)
 
 
 @pytest.mark.parametrize("rounding", ROUNDINGS)
 @pytest.mark.parametrize("mode", MODES)
 @pytest.mark.parametrize("divergence", DIVERGENCES)
 def test_saturated_random_slopes_stay_inside(divergence, mode, rounding):
-    case = make(14, divergence, mode, data_bits=20, rounding=rounding)
-    rng = np.random.default_rng(3)
-    signs = rng.choice([-LIMIT, LIMIT], (200, 16, 16, 2))
-    blocks = rng.choice([-LIMIT, LIMIT], (200, 4, 4, 2)).repeat(4, axis=1).repeat(4, axis=2)
-    words = trace(case, np.concatenate([signs, blocks]))
-    for stage in case.solver.stages:
-        assert np.abs(words[stage.name]).max() <= stage.format.limit
+    check_random_slopes(make(14, divergence, mode, data_bits=20, rounding=rounding), trace)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -180,17 +100,9 @@ def test_widths_of_the_transforms_follow_the_words(divergence, mode):
 def test_integer_solver_approximates_the_float_one(
     divergence, mode, coefficient_fraction, data_bits, tolerance
 ):
-    """On a smooth surface some 10 px high; `tolerance`, a share of that, is what few bits cost."""
-    n = 30
-    case = make(n, divergence, mode, data_bits=data_bits, coefficient_fraction=coefficient_fraction)
-    v, u = np.indices((n + 2, n + 2))
-    slopes = np.stack([1.2 * np.cos(u / 6) + 0.3 * np.sin(v / 3), -0.9 * np.sin(v / 7)], axis=-1)
-    words = np.rint(slopes * 2**SLOPE_FRACTION).astype(np.int64)
-    offset = case.source.offset * 2.0**-case.fraction
-    expected = solve(source_of(words * 2.0**-SLOPE_FRACTION, divergence) - offset)
-    found = case.solver.depth_format.to_float(case.solver(case.source(words[None]))[0])
-    assert np.abs(expected).max() > 5
-    error = np.abs(found - expected).max() / np.abs(expected).max()
+    """`tolerance`, a share of the depth, is what few bits cost."""
+    case = make(30, divergence, mode, data_bits=data_bits, coefficient_fraction=coefficient_fraction)
+    error = smooth_surface_error(case)
     assert tolerance / 20 < error < tolerance  # a tolerance that says something
 
 

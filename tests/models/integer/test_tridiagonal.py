@@ -1,14 +1,12 @@
 """The tridiagonal solver: against dense solves, the float solver, and its own worst cases."""
 
-from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pytest
 from scipy.linalg import lu
 
-from fastac.models.floating.poisson import solve, source_of
-from fastac.models.integer.laplacian import boundary_term, sine_matrix
-from fastac.models.integer.source import PoissonSource
+from fastac.models.integer.laplacian import sine_matrix
 from fastac.models.integer.tridiagonal import (
     Elimination,
     Substitution,
@@ -16,54 +14,22 @@ from fastac.models.integer.tridiagonal import (
     row_operators,
     thomas_coefficients,
 )
-from fastac.models.integer.words import Fixed, to_words
+from tests.shared import solver_cases
+from tests.shared.solver_cases import (
+    DIVERGENCES,
+    MODES,
+    Case,
+    check_random_slopes,
+    check_worst_slopes,
+    smooth_surface_error,
+)
 
 STAGES = ("row_forward", "elimination", "back_substitution", "row_inverse")
-SLOPE_FRACTION = 10
-LIMIT = 4 * 2**SLOPE_FRACTION - 1
-"""The largest word of a slope: 4 px per px."""
-DIVERGENCES = ("central", "backward")
-MODES = ("absolute", "difference")
-
-
-@dataclass
-class Case:
-    source: PoissonSource
-    fraction: int  # of the source
-    solver: TridiagonalSolver
-
-
 HALVES = {"nearest": 0.5, "floor": 0.0}
 """By rounding: what is added before the fraction is dropped."""
 
 
-def make(
-    n: int,
-    divergence: str,
-    mode: str,
-    *,
-    data_bits: int = 26,
-    coefficient_fraction: int = 17,
-    rounding: str = "nearest",
-) -> Case:
-    fraction = SLOPE_FRACTION + (divergence == "central")
-    v, u = np.indices((n + 2, n + 2)) / (n + 1) - 0.5
-    if mode == "absolute":
-        offset = to_words(boundary_term(n * (1 - u**2 - 2 * v**2)), Fixed(40, fraction))
-    else:
-        rest = np.random.default_rng(n).integers(-LIMIT // 8, LIMIT // 8, (n + 2, n + 2, 2))
-        offset = PoissonSource(divergence, 13, np.zeros((n, n), int))(rest)
-    source = PoissonSource(divergence, 13, offset)
-    chosen = TridiagonalSolver.fitted(
-        offset=offset,
-        source=Fixed(source.width, fraction),
-        slope_limit=LIMIT / 2**SLOPE_FRACTION,
-        divergence=divergence,
-        coefficient_fraction=coefficient_fraction,
-        data_bits=data_bits,
-        rounding=rounding,
-    )
-    return Case(source, fraction, chosen)
+make = partial(solver_cases.make, TridiagonalSolver)
 
 
 def trace(case: Case, slopes: np.ndarray) -> dict[str, np.ndarray]:
@@ -72,7 +38,7 @@ def trace(case: Case, slopes: np.ndarray) -> dict[str, np.ndarray]:
     r = s.row_forward(source)
     y = s.elimination(r)
     z = s.substitution(y)
-    words = dict(zip(STAGES, (r, y, z, s.row_inverse(z)), strict=True))
+    words = {"source": source} | dict(zip(STAGES, (r, y, z, s.row_inverse(z)), strict=True))
     np.testing.assert_array_equal(words["row_inverse"], s(source))
     return words
 
@@ -83,16 +49,8 @@ def systems(n: int) -> np.ndarray:
     return d[:, None, None] * np.eye(n) - np.eye(n, k=1) - np.eye(n, k=-1)
 
 
-def ideal_operators(n: int, divergence: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """The exact linear maps, as dense matrices: slopes to source in px, and source to each stage."""
-    step, weight = (1, 0.5) if divergence == "central" else (0, 1.0)
-    d = np.zeros((n, n, n + 2, n + 2, 2))
-    for i in range(n):
-        for j in range(n):
-            d[i, j, i + 1, j + 1 + step, 0] += weight
-            d[i, j, i + 1, j, 0] -= weight
-            d[i, j, i + 1 + step, j + 1, 1] += weight
-            d[i, j, i, j + 1, 1] -= weight
+def ideal_operators(n: int) -> dict[str, np.ndarray]:
+    """The exact linear maps from the source to each stage, as dense matrices."""
     s = sine_matrix(n)
     down, up = np.zeros((n, n, n, n)), np.zeros((n, n, n, n))  # (i, mode, k, mode)
     for mode, system in enumerate(systems(n)):
@@ -103,7 +61,7 @@ def ideal_operators(n: int, divergence: str) -> tuple[np.ndarray, dict[str, np.n
     rows = np.kron(np.eye(n), s)
     y = down.reshape(n * n, n * n) @ rows
     z = up.reshape(n * n, n * n) @ y
-    return d.reshape(n * n, -1), dict(zip(STAGES, (rows, y, z, rows @ z), strict=True))
+    return dict(zip(STAGES, (rows, y, z, rows @ z), strict=True))
 
 
 @pytest.mark.parametrize("size", [14, 126])
@@ -189,29 +147,7 @@ def test_roundings_add_up_to_what_the_bound_allows_them(kind, rounding, half):
 )
 def test_worst_slopes_come_close_to_every_bound_and_never_beyond(n, data_bits, rounding, divergence, mode):
     case = make(n, divergence, mode, data_bits=data_bits, rounding=rounding)
-    d, operators = ideal_operators(n, divergence)
-    constant = case.source.offset.ravel() * 2.0**-case.fraction
-    formats = {stage.name: stage for stage in case.solver.stages}
-    assert tuple(formats) == STAGES
-    for name in STAGES:
-        rows = operators[name] @ d
-        away = -(operators[name] @ constant)
-        worst = np.abs(rows).sum(axis=1) * LIMIT * 2.0**-SLOPE_FRACTION + np.abs(away)
-        # One frame for each word of the stage: the slopes that drive it furthest.
-        slopes = LIMIT * np.sign(rows) * np.where(away < 0, -1, 1)[:, None]
-        words = trace(case, np.rint(slopes).astype(np.int64).reshape(n * n, n + 2, n + 2, 2))
-        for stage, word in formats.items():
-            assert np.abs(words[stage]).max() <= word.format.limit, stage
-            unit = 2.0**-word.format.fraction
-            assert np.abs(words[stage]).max() * unit <= word.bound_px + unit, stage
-        k = worst.argmax()
-        reached = abs(words[name].reshape(n * n, -1)[k, k]) * 2.0 ** -formats[name].format.fraction
-        assert reached == pytest.approx(worst[k], rel=0.02), name
-        if data_bits == 26:  # with coarse words, the bound allows for larger roundings
-            # Exact but for row_inverse: there the worst slopes' pixel need not be the worst constant's.
-            tightness = 0.95 if name == "row_inverse" else 0.999
-            assert reached >= tightness * formats[name].bound_px, name
-        assert formats[name].bound_px >= worst[k] * (1 - 1e-4), name
+    check_worst_slopes(case, ideal_operators(n), trace, exact=data_bits == 26, last_share=0.95)
 
 
 @pytest.mark.parametrize("rounding", HALVES)
@@ -226,12 +162,7 @@ def test_saturated_random_slopes_stay_inside(divergence, coefficient_fraction, r
         coefficient_fraction=coefficient_fraction,
         rounding=rounding,
     )
-    rng = np.random.default_rng(3)
-    signs = rng.choice([-LIMIT, LIMIT], (200, 16, 16, 2))
-    blocks = rng.choice([-LIMIT, LIMIT], (200, 4, 4, 2)).repeat(4, axis=1).repeat(4, axis=2)
-    words = trace(case, np.concatenate([signs, blocks]))
-    for stage in case.solver.stages:
-        assert np.abs(words[stage.name]).max() <= stage.format.limit
+    check_random_slopes(case, trace)
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -272,17 +203,9 @@ def test_a_floor_s_words_hold_whole_units_of_error(data_bits):
 def test_integer_solver_approximates_the_float_one(
     divergence, mode, coefficient_fraction, data_bits, tolerance
 ):
-    """On a smooth surface some 10 px high; `tolerance` is what few bits cost, as a share of the depth."""
-    n = 30
-    case = make(n, divergence, mode, data_bits=data_bits, coefficient_fraction=coefficient_fraction)
-    v, u = np.indices((n + 2, n + 2))
-    slopes = np.stack([1.2 * np.cos(u / 6) + 0.3 * np.sin(v / 3), -0.9 * np.sin(v / 7)], axis=-1)
-    words = np.rint(slopes * 2**SLOPE_FRACTION).astype(np.int64)
-    offset = case.source.offset * 2.0**-case.fraction
-    expected = solve(source_of(words * 2.0**-SLOPE_FRACTION, divergence) - offset)
-    found = case.solver.depth_format.to_float(case.solver(case.source(words[None]))[0])
-    assert np.abs(expected).max() > 5
-    error = np.abs(found - expected).max() / np.abs(expected).max()
+    """`tolerance`, a share of the depth, is what few bits cost."""
+    case = make(30, divergence, mode, data_bits=data_bits, coefficient_fraction=coefficient_fraction)
+    error = smooth_surface_error(case)
     assert tolerance / 40 < error < tolerance  # a tolerance that says something
 
 
