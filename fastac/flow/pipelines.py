@@ -20,7 +20,7 @@ def rest_depth_mm(data: Dataset) -> np.ndarray:
 
 
 def float_pipeline(arrays: dict[str, np.ndarray], data: Dataset, scene: Scene) -> FloatPipeline:
-    """The floats up to the slopes and what follows of them, from what `normals` wrote; with what `force` wrote
+    """The float pipeline up to the displacement, from what `normals` wrote; together with what `force` wrote
     up to the force."""
     if scene.wants_dots:
         arrays = dots_at_rest(data, scene) | arrays
