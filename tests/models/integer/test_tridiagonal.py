@@ -27,8 +27,6 @@ from tests.shared.solver_cases import (
 STAGES = ("row_forward", "elimination", "back_substitution", "row_inverse")
 HALVES = {"nearest": 0.5, "floor": 0.0}
 """By rounding: what is added before the fraction is dropped."""
-
-
 make = partial(solver_cases.make, TridiagonalSolver)
 
 
