@@ -15,6 +15,7 @@ from fastac.models.training.depth_of_slopes import DepthOfSlopes, slopes_of
 from fastac.models.training.force.held_out_force import HeldOutForce
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.normals import normal_loss
+from fastac.models.training.pixel_grid import WHOLE, Grid, every
 from fastac.models.vision.dots import slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle
@@ -24,6 +25,9 @@ DRAWN_PX = 8192
 """Labelled pixels of a step, beside the frames that are learned from as a whole."""
 PREPARED_FRAMES = 8
 """At a time, where all frames are looked at before an epoch: few take little memory."""
+SEEN_PX = 64
+"""Rows and columns of a frame that a step sees at least, at equal distances, where no depth is learned. Of
+128 × 128 pixels it sees a quarter, in a quarter of the time, and the force is no worse."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,23 +64,37 @@ class WholeFrames:
         """Fit what of the loss follows from the model, before each epoch: the weights of the force."""
         if not self.scene.training.force_weight:
             return
-        learned, training = self._force.learned, model.training
+        learned, training, grid = self._force.learned, model.training, every(self._stride)
         model.eval()
         with torch.no_grad():
             features = []
             for part in np.split(learned, range(PREPARED_FRAMES, len(learned), PREPARED_FRAMES)):
-                _, slopes, at_rest = self._found(model, part)
-                features.append(self._force.features(slopes - at_rest))
+                _, slopes, at_rest = self._found(model, part, grid)
+                features.append(self._force.features(slopes - at_rest, grid))
             self._force.refit(torch.cat(features))
         model.train(training)
 
+    @property
+    def _stride(self) -> int:
+        """Distance of the rows and columns that a step sees; the depth takes all of them."""
+        if self.scene.training.depth_weight:
+            return 1
+        return max(1, min(self.data.frames.shape[1:3]) // SEEN_PX)
+
+    def _drawn_grid(self, model: torch.nn.Module) -> Grid:
+        """The pixels that the loss of a model is of: all where it is judged, else from a chance one on."""
+        if not model.training or self._stride == 1:
+            return WHOLE
+        return every(self._stride, *torch.randint(self._stride, (2,)).tolist())
+
     def _found(
-        self, model: torch.nn.Module, index: np.ndarray
+        self, model: torch.nn.Module, index: np.ndarray, grid: Grid = WHOLE
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """What the model finds: normals (frames, H, W, 3); slopes (frames, H, W, 2), bridged where the scene
-        wants it; and slopes at rest (H, W, 2)."""
+        """What the model finds at the pixels of a grid (h, w): normals (frames, h, w, 3); slopes
+        (frames, h, w, 2), bridged where the scene wants it; and slopes at rest (h, w, 2)."""
         frames = np.concatenate([self.data.frames[index], self.data.background[None]])
         features = integer_features(frames, self.data.background, self.scene.network.smoothing_px)
+        features = features[:, *grid]
         x = torch.from_numpy(features.astype(np.float32)) * _unit(features)
         normals = model(x.reshape(-1, x.shape[-1])).reshape(*x.shape[:3], 3)
         slopes = slopes_of(normals, self.scene.numbers.slope_limit)
@@ -94,10 +112,14 @@ class WholeFrames:
         found = depth_mm[..., 1:-1, 1:-1] / self.scene.sensor.pitch_mm
         return torch.from_numpy(found.astype(np.float32))
 
-    def _normals_loss(self, model: torch.nn.Module, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
+    def _normals_loss(
+        self, model: torch.nn.Module, index: np.ndarray, normals: torch.Tensor, grid: Grid = WHOLE
+    ) -> torch.Tensor:
         """`normal_loss` of the pixels of the frames that are learned from."""
-        known = np.ones(normals.shape[:3], bool) if self.skin.valid is None else self.skin.valid[index]
-        truth = torch.from_numpy(self.skin.normals[index][known].astype(np.float32))
+        known = np.ones(normals.shape[:3], bool)
+        if self.skin.valid is not None:
+            known = self.skin.valid[index][:, *grid]
+        truth = torch.from_numpy(self.skin.normals[index][:, *grid][known].astype(np.float32))
         return normal_loss(normals[torch.from_numpy(known)], truth, self.scene.training.huber_delta)
 
     def _depth_error(self, depth_px: torch.Tensor, index: np.ndarray) -> torch.Tensor:
@@ -111,12 +133,13 @@ class WholeFrames:
 
         model : from scaled features (pixels, inputs) to normals (pixels, 3) of any length
         """
-        settings, (normals, slopes, at_rest) = self.scene.training, self._found(model, index)
-        loss = self._normals_loss(model, index, normals)
+        settings, grid = self.scene.training, self._drawn_grid(model)
+        normals, slopes, at_rest = self._found(model, index, grid)
+        loss = self._normals_loss(model, index, normals, grid)
         if settings.depth_weight:
             loss = loss + settings.depth_weight * self._depth_error(self._depth(slopes, at_rest), index)
         if settings.force_weight:
-            features = self._force.features(slopes - at_rest)
+            features = self._force.features(slopes - at_rest, grid)
             loss = loss + settings.force_weight * self._force.error(features, index)
         return loss
 
@@ -135,10 +158,12 @@ class PartlyLabelled(WholeFrames):
         noise[-2:] = settings.position_noise / COORDINATE_SCALE
         return torch.from_numpy(x), torch.from_numpy(y), torch.from_numpy(noise.astype(np.float32))
 
-    def _normals_loss(self, model: torch.nn.Module, index: np.ndarray, normals: torch.Tensor) -> torch.Tensor:
+    def _normals_loss(
+        self, model: torch.nn.Module, index: np.ndarray, normals: torch.Tensor, grid: Grid = WHOLE
+    ) -> torch.Tensor:
         """Of a model that is judged, of the labelled pixels of the frames."""
         if not model.training:
-            return super()._normals_loss(model, index, normals)
+            return super()._normals_loss(model, index, normals, grid)
         x, y, noise = self._labelled
         drawn = torch.randint(len(x), (DRAWN_PX,))
         seen = x[drawn].float()

@@ -15,6 +15,7 @@ import torch
 
 from fastac.models.training.force import ridge
 from fastac.models.training.force.smooth_weights import cosine_basis
+from fastac.models.training.pixel_grid import WHOLE, Grid
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.groups import groups
 
@@ -53,9 +54,14 @@ class HeldOutForce:
         force_n = data.forces_n(np.arange(len(data)), axes)
         return cls(force_n, groups(data), learned, data.frames.shape[1:3])
 
-    def features(self, change: torch.Tensor) -> torch.Tensor:
-        """Slopes less those at rest (frames, H, W, 2) to their lowest cosines (frames, cosines · 2)."""
-        return torch.einsum("nyxt,yi,xj->nijt", change, self.rows, self.columns).flatten(1)
+    def features(self, change: torch.Tensor, grid: Grid = WHOLE) -> torch.Tensor:
+        """Slopes less those at rest (frames, h, w, 2) to their lowest cosines (frames, cosines · 2).
+
+        grid : the pixels (h, w) that they are of; each counts for as many as there are to one of the grid
+        """
+        rows, columns = self.rows[grid[0]], self.columns[grid[1]]
+        found = torch.einsum("nyxt,yi,xj->nijt", change, rows, columns).flatten(1)
+        return found * (len(self.rows) * len(self.columns) / (len(rows) * len(columns)))
 
     def refit(self, features: torch.Tensor) -> None:
         """Fit the weights anew to the `features` of the frames `learned`, in their order."""

@@ -10,10 +10,12 @@ import torch
 from fastac.flow.training import TrainingError, require, skin_alone
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.integer.features import integer_features
+from fastac.models.training import whole_frames as of_whole_frames
 from fastac.models.training.force import ridge
 from fastac.models.training.force.held_out_force import REGULARISATION
 from fastac.models.training.network_depth import found_depth_mm
 from fastac.models.training.normals import ScaledNetwork, normal_loss
+from fastac.models.training.pixel_grid import every
 from fastac.models.training.whole_frames import (
     BallContacts,
     PartlyLabelled,
@@ -103,6 +105,38 @@ def test_the_force_of_presses_that_the_weights_were_not_fitted_to(tiny_data, mak
     expected = np.abs(features @ weights - force_n[test]).sum(axis=1).mean()
     found = frames.loss(network, test) - frames._normals_loss(network, test, normals)
     assert found.item() == pytest.approx(2 * expected, rel=1e-3)
+
+
+def test_a_step_sees_some_rows_and_columns_where_no_depth_is_learned(
+    tiny_data, make_scene, network, monkeypatch
+):
+    """One of four parts of the pixels, by chance; a model that is judged sees all of them."""
+    monkeypatch.setattr(of_whole_frames, "SEEN_PX", 8)
+    losses = {}
+    for depth_weight in (0.0, 1.0):
+        scene = make_scene(**OF_SLOPES, training={"force_weight": 2.0, "depth_weight": depth_weight})
+        frames = whole_frames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
+        frames.prepare(network)
+        torch.manual_seed(0)
+        losses[depth_weight] = {frames.loss(network.train(), INDEX).item() for _ in range(30)}
+        judged = frames.loss(network.eval(), INDEX).item()
+        assert (judged in losses[depth_weight]) == bool(depth_weight)
+    assert (len(losses[0.0]), len(losses[1.0])) == (4, 1)
+
+
+@pytest.mark.parametrize("seen_px", [16, 8])
+def test_weights_are_fitted_to_the_pixels_that_steps_see(
+    tiny_data, make_scene, network, monkeypatch, seen_px
+):
+    monkeypatch.setattr(of_whole_frames, "SEEN_PX", seen_px)
+    scene = make_scene(**OF_SLOPES, training={"force_weight": 2.0})
+    frames = whole_frames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
+    frames.prepare(network)
+    grid, train = every(16 // seen_px), tiny_data.indices("train")
+    _, slopes, at_rest = frames._found(network, train, grid)
+    found = frames._force.weights.clone()
+    frames._force.refit(frames._force.features((slopes - at_rest).detach(), grid))
+    torch.testing.assert_close(frames._force.weights, found)
 
 
 def test_a_force_needs_no_depth(tiny_data, make_scene, network):

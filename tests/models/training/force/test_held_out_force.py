@@ -6,6 +6,7 @@ import torch
 from scipy.fft import dctn
 
 from fastac.models.training.force.held_out_force import PARTS, SIZE, HeldOutForce
+from fastac.models.training.pixel_grid import WHOLE, every
 
 SHAPE = (12, 10)
 PRESSES, LOADS = 60, 3
@@ -36,6 +37,15 @@ def test_features_are_the_lowest_cosines(change):
     found = made(np.zeros((len(change), 1), np.float32)).features(torch.from_numpy(change)).numpy()
     expected = dctn(change.astype(float), axes=(1, 2), norm="ortho")[:, :SIZE, :SIZE]
     np.testing.assert_allclose(found, expected.reshape(len(change), -1), atol=1e-5)
+
+
+def test_some_rows_and_columns_stand_for_all(change):
+    """Of a change that is the same everywhere, the cosines that such a part of the pixels can tell apart."""
+    model = made(np.zeros((len(change), 1), np.float32))
+    even = torch.from_numpy(change)[:, :1, :1].expand(-1, *SHAPE, -1)
+    whole, part = (model.features(even[:, *grid], grid) for grid in (WHOLE, every(2, 1, 1)))
+    lowest = [0, 1]
+    torch.testing.assert_close(part[:, lowest], whole[:, lowest])
 
 
 def test_smooth_weights_are_found(change):
