@@ -7,6 +7,9 @@ flat. A force that is a weighted sum of the slopes is not linear in the true one
 of the normals the network bends them. The hardware stays the same.
 """
 
+import copy
+from functools import partial
+
 import numpy as np
 import torch
 
@@ -18,6 +21,7 @@ from fastac.models.training.one_cycle import one_cycle
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.whole_frames import WholeFrames
 
+LABEL = "normals, on whole frames"
 BATCH_FRAMES = 4
 """Of a step. A step of so many frames of 128 × 128 pixels sees eight times as many pixels as one of
 `training.normals_batch_px`, but neighbours are much alike."""
@@ -25,6 +29,16 @@ BATCH_FRAMES = 4
 
 def _batches(index: np.ndarray) -> list[np.ndarray]:
     return np.split(index, range(BATCH_FRAMES, len(index), BATCH_FRAMES))
+
+
+def _mean_loss(model: torch.nn.Module, frames: WholeFrames, index: np.ndarray) -> float:
+    """That of the frames `index`, with what `frames` has fitted to the model as it is."""
+    frames.prepare(model)
+    model.eval()
+    with torch.no_grad():  # what `frames` keeps from here is learned with, too
+        parts = [(part, frames.loss(model, part).item()) for part in _batches(index)]
+    model.train()
+    return sum(len(part) * value for part, value in parts) / len(index)
 
 
 @single_thread()
@@ -37,6 +51,8 @@ def fit(
     share: float = 1.0,
     epochs: int,
     rate: float,
+    trial: int = 0,
+    label: str = LABEL,
     progress: bool = False,
 ) -> list[dict]:
     """Train on, in place, what of `model` may change, with the loss of `frames`; returns the learning curve.
@@ -44,6 +60,7 @@ def fit(
     index, validation : the frames to learn from, and those to judge by, if any: the model then ends with the
         weights of the smallest error on them, the initial ones included; without them with the last
     share : of the frames that an epoch sees, chosen by chance
+    trial : another number gives other draws; label : of the progress bar
     Raises ValueError where there is nothing to learn from.
     """
     if not len(index):
@@ -51,8 +68,8 @@ def fit(
             "valid: no frame to train on has a pixel whose depth training.depth_weight could use"
         )
     seed = frames.scene.training.seed
-    torch.manual_seed(seed)
-    rng = np.random.default_rng((seed, 2))  # other draws than those of the normals' training
+    rng = np.random.default_rng((seed, 2, trial))  # other draws than those of the normals' training
+    torch.manual_seed(int(rng.integers(1 << 31)) if trial else seed)
     count = max(1, round(share * len(index)))
     steps = -(-count // BATCH_FRAMES)
     parameters = [values for values in model.parameters() if values.requires_grad]
@@ -65,25 +82,17 @@ def fit(
             frames.prepare(model)
         return _batches(rng.permutation(index)[:count])
 
-    def error() -> float:
-        frames.prepare(model)
-        model.eval()
-        with torch.no_grad():  # what `frames` keeps from here is learned with, too
-            parts = [(part, frames.loss(model, part).item()) for part in _batches(validation)]
-        model.train()
-        return sum(len(part) * value for part, value in parts) / len(validation)
-
     if judged:  # what it starts from counts too
-        best.tell(error(), model)
+        best.tell(_mean_loss(model, frames, validation), model)
     return train_epochs(
         model,
         epochs,
         steps,
         batches,
         lambda part: descend(frames.loss(model, part), optimiser, schedule),
-        label="normals, on whole frames",
+        label=label,
         best=best,
-        error=error if judged else None,
+        error=partial(_mean_loss, model, frames, validation) if judged else None,
         progress=progress,
     )
 
@@ -91,17 +100,31 @@ def fit(
 def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False) -> list[dict]:
     """Train the float network on for the scene's `training.depth_epochs`; it is changed itself.
 
-    Returns the learning curve. An epoch sees a share `training.normals_share` of the frames, or all of them
-    where the force counts.
+    That is done `training.depth_trials` times; the trial with the smallest loss on all presses known is kept,
+    and its learning curve is returned. An epoch sees a share `training.normals_share` of the frames, or all
+    of them where the force counts.
     """
-    settings = frames.scene.training
-    return fit(
-        with_rounding_noise(network, frames.scene.felt_rounding_bits),
-        frames,
-        frames.index("train"),
-        validation=frames.index("validation"),
-        share=1.0 if settings.force_weight else settings.normals_share,
-        epochs=settings.depth_epochs,
-        rate=settings.normals_learning_rate,
-        progress=progress,
-    )
+    settings, trials = frames.scene.training, frames.scene.training.depth_trials
+    split = {name: frames.index(name) for name in ("train", "validation")}
+    known = np.concatenate(list(split.values()))
+    start, kept, history = copy.deepcopy(network.state_dict()), BestEpoch(), []
+    for trial in range(trials):
+        network.load_state_dict(start)
+        found = fit(
+            with_rounding_noise(network, frames.scene.felt_rounding_bits),
+            frames,
+            split["train"],
+            validation=split["validation"],
+            share=1.0 if settings.force_weight else settings.normals_share,
+            epochs=settings.depth_epochs,
+            rate=settings.normals_learning_rate,
+            trial=trial,
+            label=LABEL if trials == 1 else f"{LABEL}, {trial + 1} of {trials}",
+            progress=progress,
+        )
+        loss = _mean_loss(network, frames, known)
+        if loss < kept.error:
+            history = found
+        kept.tell(loss, network)
+    kept.restore(network)
+    return history

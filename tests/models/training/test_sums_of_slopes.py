@@ -80,6 +80,24 @@ def test_the_same_seed_gives_the_same_network(skins, trained):
     assert not torch.equal(found[0], parameters(trained))
 
 
+def test_of_several_trials_the_best_is_kept(skins, trained, tiny_data):
+    """Best on the presses of training and validation; its curve is returned."""
+    frames = skins(depth_weight=1.0, depth_epochs=3, depth_trials=4)
+    known = np.concatenate([tiny_data.indices(split) for split in ("train", "validation")])
+    networks, curves, losses = [], [], []
+    for trial in range(4):
+        networks.append(copy.deepcopy(trained))
+        split = {"index": tiny_data.indices("train"), "validation": tiny_data.indices("validation")}
+        curves.append(sums_of_slopes.fit(networks[-1], frames, **split, epochs=3, rate=2e-3, trial=trial))
+        with torch.no_grad():
+            losses.append(np.mean([frames.loss(networks[-1], [k]).item() for k in known]))
+    assert len(set(losses)) == 4
+    network, best = copy.deepcopy(trained), int(np.argmin(losses))
+    assert sums_of_slopes.train(network, frames) == curves[best]
+    assert torch.equal(parameters(network), parameters(networks[best]))
+    assert best, "the first is the best, so that this test could not tell"
+
+
 def test_a_training_that_loses_leaves_the_network_as_it_was(skins, trained):
     network = copy.deepcopy(trained)
     sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=1, normals_learning_rate=100.0))
