@@ -1,11 +1,20 @@
 """What several tests share: a sensor of 16×16 px, frames from it, and its models, trained in two seconds."""
 
+import os
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from filelock import FileLock
 
-from fastac.scenes.schema import Scene
+WORKERS = "PYTEST_XDIST_WORKER" in os.environ
+if WORKERS:
+    # Each worker has a core; threads of PyTorch and BLAS beside it would wait for one another by spinning.
+    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(variable, "1")
+
+from fastac.scenes.schema import Scene  # noqa: E402  imports NumPy, which reads the variables
 
 TINY = """\
 name = "tiny"
@@ -71,6 +80,32 @@ def _merge(content: dict, changes: dict) -> dict:
 
 
 @pytest.fixture(scope="session")
+def made_once(tmp_path_factory) -> Callable[[str, Callable[[Path], None]], Path]:
+    """`made_once(name, make)`: a folder that `make` fills, for all of pytest's workers together."""
+    base = tmp_path_factory.getbasetemp()
+    common = (base.parent if WORKERS else base) / "made_once"
+    common.mkdir(exist_ok=True)
+
+    def folder(name: str, make: Callable[[Path], None]) -> Path:
+        place, done = common / name, common / f"{name}.done"
+        with FileLock(common / f"{name}.lock"):
+            if not done.exists():
+                place.mkdir()
+                make(place)
+                done.touch()
+        return place
+
+    return folder
+
+
+def until_bundle(scene: Scene, folder: Path, data: Path) -> None:
+    """The steps of a build with these data, without Verilog."""
+    from fastac.flow.build import Build
+
+    Build(scene, folder, data, progress=False).run(lambda name, current: None, until="bundle")
+
+
+@pytest.fixture(scope="session")
 def tiny_toml() -> str:
     return TINY
 
@@ -87,13 +122,14 @@ def tiny_scene(make_scene) -> Scene:
 
 
 @pytest.fixture(scope="session")
-def tiny_file(tiny_scene, tmp_path_factory) -> Path:
+def tiny_file(tiny_scene, made_once) -> Path:
     """A dataset of 18 train, 8 validation and 8 test presses. Not to be changed."""
     from fastac.sensor.fingertip import generate
 
-    path = tmp_path_factory.mktemp("frames") / "tiny.h5"
-    generate(tiny_scene, path, progress=False, processes=1)
-    return path
+    def make(folder: Path) -> None:
+        generate(tiny_scene, folder / "tiny.h5", progress=False, processes=1)
+
+    return made_once("tiny_frames", make) / "tiny.h5"
 
 
 @pytest.fixture(scope="session")
@@ -104,13 +140,11 @@ def tiny_data(tiny_file, tiny_scene):
 
 
 @pytest.fixture(scope="session")
-def tiny_folder(tiny_scene, tiny_file, tmp_path_factory) -> Path:
+def tiny_folder(tiny_scene, tiny_file, made_once) -> Path:
     """A build folder with everything up to the bundle. Not to be changed: copy it."""
-    from fastac.flow.build import Build
-
-    folder = tmp_path_factory.mktemp("build") / "tiny"
-    Build(tiny_scene, folder, tiny_file, progress=False).run(lambda name, current: None, until="bundle")
-    return folder
+    return (
+        made_once("tiny_build", lambda folder: until_bundle(tiny_scene, folder / "tiny", tiny_file)) / "tiny"
+    )
 
 
 @pytest.fixture(scope="session")
@@ -143,13 +177,14 @@ def dotted_scene(make_scene) -> Scene:
 
 
 @pytest.fixture(scope="session")
-def dotted_file(dotted_scene, tmp_path_factory) -> Path:
+def dotted_file(dotted_scene, made_once) -> Path:
     """A dataset of that scene. Not to be changed."""
     from fastac.sensor.fingertip import generate
 
-    path = tmp_path_factory.mktemp("frames") / "dotted.h5"
-    generate(dotted_scene, path, progress=False, processes=1)
-    return path
+    def make(folder: Path) -> None:
+        generate(dotted_scene, folder / "dotted.h5", progress=False, processes=1)
+
+    return made_once("dotted_frames", make) / "dotted.h5"
 
 
 @pytest.fixture(scope="session")
@@ -160,13 +195,12 @@ def dotted_data(dotted_file, dotted_scene):
 
 
 @pytest.fixture(scope="session")
-def dotted_folder(dotted_scene, dotted_file, tmp_path_factory) -> Path:
+def dotted_folder(dotted_scene, dotted_file, made_once) -> Path:
     """A build folder of that scene with everything up to the bundle. Not to be changed."""
-    from fastac.flow.build import Build
-
-    folder = tmp_path_factory.mktemp("build") / "dotted"
-    Build(dotted_scene, folder, dotted_file, progress=False).run(lambda name, current: None, until="bundle")
-    return folder
+    place = made_once(
+        "dotted_build", lambda folder: until_bundle(dotted_scene, folder / "dotted", dotted_file)
+    )
+    return place / "dotted"
 
 
 @pytest.fixture(scope="session")
@@ -184,22 +218,22 @@ def tiny_rig_scene(make_scene) -> Scene:
 
 
 @pytest.fixture(scope="session")
-def tiny_rig_cache(tmp_path_factory) -> Path:
+def tiny_rig_cache(made_once) -> Path:
     """A folder for the compliance of that scene's gel."""
-    return tmp_path_factory.mktemp("cache")
+    return made_once("tiny_rig_cache", lambda folder: None)
 
 
 @pytest.fixture(scope="session")
-def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, tmp_path_factory) -> Path:
+def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, made_once) -> Path:
     """A build folder of that scene with everything up to the bundle. Not to be changed."""
-    from fastac.flow.build import Build
     from fastac.sensor.fingertip import generate
 
-    folder = tmp_path_factory.mktemp("build") / "tiny_rig"
-    data = folder.with_name("tiny_rig.h5")
-    generate(tiny_rig_scene, data, store=tiny_rig_cache, progress=False, processes=1)
-    Build(tiny_rig_scene, folder, data, progress=False).run(lambda name, current: None, until="bundle")
-    return folder
+    def make(folder: Path) -> None:
+        data = folder / "tiny_rig.h5"
+        generate(tiny_rig_scene, data, store=tiny_rig_cache, progress=False, processes=1)
+        until_bundle(tiny_rig_scene, folder / "tiny_rig", data)
+
+    return made_once("tiny_rig", make) / "tiny_rig"
 
 
 @pytest.fixture(scope="session")
