@@ -44,7 +44,7 @@ def test_tridiagonal_force_map_and_two_axes(tmp_path):
 ADJOINT = {"outputs": ("force_xyz",), "solver": "adjoint", "lanes": 2}
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_adjoint_force(tmp_path):
     check_frames(Hardware(tmp_path, **ADJOINT))
 

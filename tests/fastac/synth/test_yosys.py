@@ -139,6 +139,7 @@ class Cascade(wiring.Component):
         return m
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("yosys_alone")
 def test_a_cascade_s_sums_take_no_look_up_tables(tmp_path):
     found = yosys.everything(Part("cascade", to_rtlil(Cascade(), name="unit"), False), tmp_path)

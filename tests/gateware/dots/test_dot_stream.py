@@ -34,7 +34,7 @@ def darkness(follower, frames, lanes):
 
 
 @pytest.mark.parametrize("lanes", [1, 2, 4])
-@pytest.mark.quick("4", "1")
+@pytest.mark.quick("4")
 def test_at_full_rate(lanes):
     """The input never waits, and each frame's last dot comes `latency` clocks after its last pixels."""
     follower = dots.follower(SIDE, SIDE)
@@ -88,6 +88,7 @@ def test_dots_of_the_upper_half_are_known_before_the_frame_ends():
 
 
 @pytest.mark.long
+@pytest.mark.full
 def test_with_stalls_in_verilator(tmp_path):
     follower = dots.follower(SIDE, SIDE)
     frames = frames_of(SIDE)

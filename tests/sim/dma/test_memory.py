@@ -88,7 +88,7 @@ def check_memory(runs, seen: dict) -> np.ndarray:
     return records
 
 
-@pytest.mark.long
+@pytest.mark.full
 def test_frames_at_the_full_rate_lie_in_memory(runs):
     top, seen = runs[0], found(runs, "camera_0")
     records = check_memory(runs, seen)
