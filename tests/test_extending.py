@@ -213,6 +213,7 @@ def test_an_object_is_an_entry(monkeypatch):
         "fastac.flow.hardware:simulate",
     ],
 )
+@pytest.mark.quick("fastac.models.random_bundle:random_bundle", "fastac.flow.hardware:simulate")
 def test_a_new_entry_makes_no_result_out_of_date(start):
     """No step has a table as a whole in its code: what it looks up is recorded when it runs."""
     symbols = Code().closure(start).symbols

@@ -114,7 +114,6 @@ def test_a_correct_component_passes(tmp_path, capfd):
     "a wrong value",
     "an extra beat",
     "a longer latency",
-    "an extra flag",
     "a place too few",
     "an input that is not taken",
 )

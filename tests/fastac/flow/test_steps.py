@@ -108,7 +108,7 @@ def test_harmless_edits_stale_nothing(sources, before):
 
 
 @pytest.mark.parametrize("edit", EDITS)
-@pytest.mark.quick("rounding, three imports away", "a bench")
+@pytest.mark.quick("rounding, three imports away")
 def test_an_edit_stales_what_it_can_change(sources, before, edit):
     file, old, new, stale, untouched = EDITS[edit]
     replace_in(sources / file, old, new)

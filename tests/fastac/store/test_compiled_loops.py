@@ -128,7 +128,7 @@ CHANGES = {
 
 
 @pytest.mark.parametrize("change", CHANGES)
-@pytest.mark.quick("a function of Python's", "an intrinsic")
+@pytest.mark.quick("a function of Python's")
 def test_code_is_made_anew_when_what_it_is_made_of_changes(project, change):
     name, before, after, expected = CHANGES[change]
     assert project.run() == (FOUND, 0)

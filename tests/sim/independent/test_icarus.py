@@ -40,6 +40,7 @@ def run(design, folder, text=None, **settings):
 
 
 @pytest.mark.parametrize("name", ["slopes_design", "depth_design"])
+@pytest.mark.quick("depth_design")
 def test_every_beat_and_register_is_as_the_integers_say(name, icarus_verilog, tmp_path, request):
     design = request.getfixturevalue(name)
     found = run(design, tmp_path)

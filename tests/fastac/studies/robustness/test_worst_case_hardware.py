@@ -70,7 +70,7 @@ def test_every_bound_is_reached_and_none_is_exceeded(tmp_path, name, mode):
         ("dots, loadable", DOTS - {"windows of dots"}),
     ],
 )
-@pytest.mark.quick("tridiagonal, baked-stages1", "adjoint-stages2")
+@pytest.mark.quick("tridiagonal, baked-stages1")
 def test_the_hardware_holds_them(tmp_path, name, stages):
     pipeline = random_bundle(tmp_path / "bundle", scene(**SCENES[name])).pipeline
     lanes = pipeline.scene.hardware.pixels_per_clock
