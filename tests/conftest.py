@@ -52,7 +52,7 @@ force_epochs = 5
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Mark cases as `full` that `quick(id, …)` does not name, and put `long` tests first.
+    """Mark cases as `full` or `mutate` by `quick(id, …, mutate=[id, …])`, and put `long` tests first.
 
     Begun last, a long test would run alone on one core at the end.
     """
@@ -62,9 +62,13 @@ def pytest_collection_modifyitems(config, items):
         marker = item.get_closest_marker("quick")
         if marker is None:
             continue
-        unknown.setdefault(item.nodeid.split("[")[0], set(marker.args)).discard(item.callspec.id)
+        further = set(marker.kwargs.get("mutate", ()))
+        named = set(marker.args) | further
+        unknown.setdefault(item.nodeid.split("[")[0], named).discard(item.callspec.id)
         if item.callspec.id not in marker.args:
             item.add_marker(pytest.mark.full)
+        if item.callspec.id in further:
+            item.add_marker(pytest.mark.mutate)
     whole = not any("::" in argument for argument in config.args)
     if whole and any(unknown.values()):
         wrong = "; ".join(f"{name}: {sorted(ids)}" for name, ids in unknown.items() if ids)

@@ -21,7 +21,8 @@ class Allowed:
 class Component:
     """A file of `gateware/` and its own tests.
 
-    tests : files or cases below tests/gateware, in the order in which they run, of those in `make test`
+    tests : files or cases below tests/gateware, in the order in which they run; what is `full` is left out,
+        unless it is marked `mutate`
     designs : of how many of the designs that the tests bring up mutants are drawn, the first ones
     datapath : whether pixels or forces pass through it; then 95% of its mutants must be found
     allowed : explanations of mutants that survive

@@ -52,7 +52,7 @@ def by_beats(rows, lanes: int, void) -> np.ndarray:
         (254, 1, 26, "nearest"),
     ],
 )
-@pytest.mark.quick("14-4-20-nearest")
+@pytest.mark.quick("14-4-20-nearest", mutate=["15-1-20-floor"])
 def test_bit_exact_to_golden_model(tmp_path, size, lanes, input_width, rounding):
     transform = sine_transform(size, input_width=input_width, rounding=rounding)
     dut = Dst1Engine(transform, lanes=lanes)

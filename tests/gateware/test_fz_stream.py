@@ -56,7 +56,7 @@ def frames_of(force, rng):
         (6, 3, 18, 16, 1, 3, False),
     ],
 )
-@pytest.mark.quick("9-3-6-8-2-3-False")
+@pytest.mark.quick("9-3-6-8-2-3-False", mutate=["9-5-8-8-4-2-True"])
 def test_force_of_every_frame(tmp_path, n, k, kernel_bits, bits, lanes, axes, signed):
     rng = np.random.default_rng(1)
     force = extreme_force(n, k, kernel_bits, bits, axes, rng, signed)

@@ -118,7 +118,10 @@ LOADABLE = {
     [(dsp, *case) for dsp, cases in LOADABLE.items() for case in cases],
     ids=lambda value: getattr(value, "name", str(value)),
 )
-@pytest.mark.quick("DSP48E2-5-16-10-False-8-3", "DSP48E1-3-6-10-False-8-3")
+@pytest.mark.quick(
+    *("DSP48E2-5-16-10-False-8-3", "DSP48E1-3-6-10-False-8-3"),
+    mutate=["DSP48E2-3-5-10-False-12-3", "DSP48E1-5-16-9-False-8-3"],
+)
 def test_loadable_weights(tmp_path, with_parameters, dsp, neurons, inputs, width, input_signed, bits, units):
     rng = np.random.default_rng(3)
     limit = np.full(inputs, (1 << (width - input_signed)) - 1)

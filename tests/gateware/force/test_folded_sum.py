@@ -37,7 +37,7 @@ def assert_timing(dut, taken):
     ("fold", "axes", "terms", "bits", "signed", "weight_bits"),
     [(16, 3, 2, 17, True, 16), (2, 3, 2, 9, True, 7), (4, 1, 1, 8, False, 13), (8, 1, 2, 6, False, 5)],
 )
-@pytest.mark.quick("16-3-2-17-True-16")
+@pytest.mark.quick("16-3-2-17-True-16", mutate=["2-3-2-9-True-7"])
 def test_force_of_every_frame(tmp_path, fold, axes, terms, bits, signed, weight_bits):
     rng = np.random.default_rng(1)
     weighted = weighted_sum(axes, 3, 5, terms, bits, signed, weight_bits, rng)

@@ -42,7 +42,7 @@ def compare(dut, layers, bits, folder):
 
 
 @pytest.mark.parametrize(("sizes", "fold", "latency", "multipliers", "bits"), SHAPES)
-@pytest.mark.quick("sizes2-8-25-20-7")
+@pytest.mark.quick("sizes2-8-25-20-7", mutate=["sizes0-2-41-100-7"])
 def test_baked_weights(tmp_path, sizes, fold, latency, multipliers, bits):
     layers = network(sizes, np.random.default_rng(1), bits)
     dut = FoldedMlp(layers, input_width=WIDTH, fold=fold)
@@ -52,7 +52,7 @@ def test_baked_weights(tmp_path, sizes, fold, latency, multipliers, bits):
 
 
 @pytest.mark.parametrize(("sizes", "fold", "latency", "multipliers", "bits"), SHAPES)
-@pytest.mark.quick("sizes1-4-30-23-10")
+@pytest.mark.quick("sizes1-4-30-23-10", mutate=["sizes3-16-46-27-10"])
 def test_loadable_weights(tmp_path, sizes, fold, latency, multipliers, bits):
     """Hardware built for one network computes another one that is loaded."""
     rng = np.random.default_rng(2)

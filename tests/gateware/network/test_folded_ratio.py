@@ -12,7 +12,7 @@ from tests.gateware.network.test_gradient_ratio import alone, normals
     ("normal_width", "width", "fraction", "fold", "latency"),
     [(21, 17, 14, 16, 28), (10, 9, 8, 4, 14), (7, 12, 5, 8, 19), (8, 6, 0, 2, 10)],
 )
-@pytest.mark.quick("21-17-14-16-28")
+@pytest.mark.quick("21-17-14-16-28", mutate=["8-6-0-2-10"])
 def test_bit_exact_to_golden_model(tmp_path, normal_width, width, fraction, fold, latency):
     ratio = GradientRatio(normal_width, width, fraction)
     dut = FoldedDivider(ratio, fold=fold)

@@ -43,7 +43,7 @@ def masks(n, lanes, bits, frames=FRAMES):
         ("difference", 8, 2, 18, 9, 8, False),
     ],
 )
-@pytest.mark.quick("difference-8-2-18-9-8-False")
+@pytest.mark.quick("difference-8-2-18-9-8-False", mutate=["absolute-10-4-16-5-8-True"])
 def test_displacement_bit_exact_to_golden_model(tmp_path, mode, n, lanes, width, shift, bits, clamp):
     rng = np.random.default_rng(1)
     rest = rng.integers(-(1 << width), 1 << width, (n, n))

@@ -68,7 +68,7 @@ def compare(folder, division, lanes: int, fold: int = 1):
         (7, 1, 2, 18, "nearest"),  # a triangle of a table
     ],
 )
-@pytest.mark.quick("15-2-1-18-floor")
+@pytest.mark.quick("15-2-1-18-floor", mutate=["7-1-2-18-nearest"])
 def test_bit_exact_to_golden_model(tmp_path, size, lanes, fold, input_width, rounding):
     division = eigenvalue_division(size, input_width=input_width, rounding=rounding)
     assert division.shift.min() < division.shift.max()

@@ -66,7 +66,7 @@ def at_the_edges(recurrence, frames: int) -> np.ndarray:
         ("substitution", 14, 2, "floor"),
     ],
 )
-@pytest.mark.quick("elimination-5-1-nearest", "substitution-14-2-floor")
+@pytest.mark.quick("elimination-5-1-nearest", "substitution-14-2-floor", mutate=["elimination-18-4-nearest"])
 def test_recurrence_bit_exact_to_golden_model(tmp_path, kind, size, lanes, rounding):
     inputs = np.random.default_rng(1).integers(-(2**13), 2**13, (FRAMES, size, size))
     inputs[0], inputs[1] = -(2**13), 2**13 - 1

@@ -25,7 +25,7 @@ def by_beats(rows, lanes: int, void: int) -> np.ndarray:
         ("backward", 4, 5, 8),
     ],
 )
-@pytest.mark.quick("central-2-9-14")
+@pytest.mark.quick("central-2-9-14", mutate=["backward-4-5-8"])
 def test_bit_exact_to_golden_model(tmp_path, divergence, lanes, height, width):
     bits, frames = 10, 6
     rng = np.random.default_rng(1)
