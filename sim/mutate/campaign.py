@@ -27,6 +27,8 @@ MUTANTS = 100
 NEEDED = 0.95
 ROOT = Path(__file__).resolve().parents[2]
 LIMIT_S = 3600
+CHOSEN = "not full or mutate"
+"""Marks of the tests that run (docs/testing.md)."""
 OWN = ("fastac.sim.mutate.plugin", "fastac.sim.benches.mutants", "fastac.sim.mutate.equivalence")
 NAME = re.compile(r"\bfastac(?:\.\w+)+")
 
@@ -136,7 +138,7 @@ def run_tests(
     content = {"files": [source], "designs": designs, "count": count, "seed": seed, "folder": str(folder)}
     write_json(job, content)
     command = [sys.executable, "-m", "pytest", "-q", "-c", str(ROOT / "pyproject.toml")]
-    command += ["-p", "no:cacheprovider", "-p", "fastac.sim.mutate.plugin", "-m", "not full or mutate"]
+    command += ["-p", "no:cacheprovider", "-p", "fastac.sim.mutate.plugin", "-m", CHOSEN]
     # Forked children leave designs unused that their parent has made; a run takes longer than a test may.
     command += ["-W", "ignore::amaranth.hdl.UnusedElaboratable", "-o", f"timeout={LIMIT_S}"]
     with log.open("w") as output:

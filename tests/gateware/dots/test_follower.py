@@ -110,6 +110,7 @@ def test_shifts_up_to_the_bound():
 
 
 @pytest.mark.full
+@pytest.mark.mutate
 def test_stream_rules_in_verilator(tmp_path):
     usual = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
     windows = np.concatenate([usual.windows(frames_of()), random_windows(usual, 50)])

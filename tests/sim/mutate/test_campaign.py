@@ -1,5 +1,8 @@
 """The campaign on small benches written here, and its table."""
 
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -164,6 +167,15 @@ def test_every_component_and_test_exists():
         for test in component.test_paths:
             path, _, name = test.partition("::")
             assert f"def {name}" in (campaign.ROOT / path).read_text()
+
+
+@pytest.mark.full
+def test_some_case_of_each_test_is_run():
+    """By the marks that the campaign chooses: what is `full` alone finds no mutants."""
+    asked = sorted({path for component in COMPONENTS for path in component.test_paths})
+    command = [sys.executable, "-m", "pytest", "--collect-only", "-q", "-m", campaign.CHOSEN, *asked]
+    found = subprocess.run(command, cwd=campaign.ROOT, capture_output=True, text=True, check=True).stdout
+    assert not [path for path in asked if not re.search(rf"^{re.escape(path)}(\[|::|$)", found, re.MULTILINE)]
 
 
 def test_every_file_with_logic_is_mutated():
