@@ -1,6 +1,7 @@
 """What several tests share: a sensor of 16×16 px, frames from it, and its models, trained in two seconds."""
 
 import os
+import shutil
 import tomllib
 from collections.abc import Callable
 from pathlib import Path
@@ -94,6 +95,7 @@ def made_once(tmp_path_factory) -> Callable[[str, Callable[[Path], None]], Path]
         place, done = common / name, common / f"{name}.done"
         with FileLock(common / f"{name}.lock"):
             if not done.exists():
+                shutil.rmtree(place, ignore_errors=True)  # of a worker that could not make it
                 place.mkdir()
                 make(place)
                 done.touch()
