@@ -97,6 +97,7 @@ def fit(
     )
 
 
+@single_thread()
 def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False) -> list[dict]:
     """Train the float network on for the scene's `training.depth_epochs`; it is changed itself.
 
@@ -123,7 +124,7 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
             progress=progress,
         )
         loss = _mean_loss(network, frames, known)
-        if loss < kept.error:
+        if not history or loss < kept.error:
             history = found
         kept.tell(loss, network)
     kept.restore(network)
