@@ -48,7 +48,8 @@ def test_every_window(lanes, half, height, width):
             assert [end - start for start, end in zip(last, ends, strict=True)] == [dut.latency] * len(dark)
 
 
-@pytest.mark.long
+@pytest.mark.full
+@pytest.mark.mutate
 def test_stream_rules_in_verilator(tmp_path):
     windows = windows_of(20, 16, 2, 765)
     dark = frames_of(windows, np.random.default_rng(1))

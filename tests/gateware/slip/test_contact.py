@@ -56,6 +56,8 @@ def test_at_full_rate(lanes, rows_reversed):
     assert taken["o"] == [clock + dut.latency for clock in taken["i"][beats - 1 :: beats]]
 
 
+@pytest.mark.full
+@pytest.mark.mutate
 def test_stream_rules_in_verilator(tmp_path):
     dut = component(4, rows_reversed=True)
     inputs, expected = cases(dut, 20, rows_reversed=True)

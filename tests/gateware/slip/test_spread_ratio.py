@@ -46,7 +46,8 @@ def test_values_and_clocks(name):
     assert set(np.subtract(taken["o"], taken["i"])) == {1}, "the sums stay until the spread is found"
 
 
-@pytest.mark.long
+@pytest.mark.full
+@pytest.mark.mutate
 def test_stream_rules_in_verilator(tmp_path):
     """Of dots next to each other the divisor is so small that the numerator's last bits count."""
     spread = SPREADS["close"]
