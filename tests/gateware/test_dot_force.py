@@ -31,6 +31,7 @@ def known(tmp_path_factory):
 
 
 @pytest.mark.parametrize("dots_first", [False, True])
+@pytest.mark.quick("True")
 def test_bit_exact_whichever_comes_first(known, dots_first):
     pipeline, found, darkness, skin = known
     dut = DotForceStream(pipeline, lanes=2)

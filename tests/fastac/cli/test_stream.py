@@ -91,6 +91,7 @@ def offered():
         thread.join()
 
 
+@pytest.mark.full
 def test_emulator_and_simulation_serve_the_same_records(built, address):
     readers = {}
     for via in ("emulator", "sim"):

@@ -52,6 +52,7 @@ def test_look_up_tables_known_by_hand(modules, tmp_path):
     assert own["carry8"] in (4, 5)
 
 
+@pytest.mark.full
 @pytest.mark.usefixtures("yosys_alone")
 def test_where_one_mapper_of_look_up_tables_ends_the_other_maps_them(modules, tmp_path, monkeypatch):
     part, scripts, run = modules["top (own logic)"], [], tools.run

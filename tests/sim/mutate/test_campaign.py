@@ -100,6 +100,7 @@ def test_a_later_test_gets_what_the_first_has_missed(tmp_path):
     }
 
 
+@pytest.mark.full
 def test_under_verilator(tmp_path):
     found = tried(tmp_path, VERILATED)
     assert found["simulator"] == "Verilator"
