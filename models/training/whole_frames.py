@@ -27,7 +27,7 @@ PREPARED_FRAMES = 8
 """At a time, where all frames are looked at before an epoch: few take little memory."""
 SEEN_PX = 64
 """Rows and columns of a frame that a step sees at least, at equal distances, where no depth is learned. Of
-128 × 128 pixels it sees a quarter, in a quarter of the time, and the force is no worse."""
+128 × 128 pixels it sees a quarter, in half of the time, and the force is no worse."""
 
 
 @dataclass(frozen=True, eq=False)
