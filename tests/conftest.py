@@ -9,11 +9,12 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
+from fastac.sweep.pools import single_threaded
+
 WORKERS = "PYTEST_XDIST_WORKER" in os.environ
 if WORKERS:
     # Each worker has a core; threads of PyTorch and BLAS beside it would wait for one another by spinning.
-    for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(variable, "1")
+    single_threaded()
 
 from fastac.scenes.schema import Scene  # noqa: E402  imports NumPy, which reads the variables
 
@@ -104,11 +105,33 @@ def made_once(tmp_path_factory) -> Callable[[str, Callable[[Path], None]], Path]
     return folder
 
 
-def until_bundle(scene: Scene, folder: Path, data: Path) -> None:
-    """The steps of a build with these data, without Verilog."""
+@pytest.fixture(scope="session")
+def dataset_of(made_once) -> Callable[..., Path]:
+    """`dataset_of(scene, **options)`: a scene's frames, under its name, with options of `generate`."""
+    from fastac.sensor.fingertip import generate
+
+    def file(scene: Scene, **options) -> Path:
+        def make(folder: Path) -> None:
+            generate(scene, folder / f"{scene.name}.h5", progress=False, processes=1, **options)
+
+        return made_once(f"{scene.name}_frames", make) / f"{scene.name}.h5"
+
+    return file
+
+
+@pytest.fixture(scope="session")
+def build_of(made_once) -> Callable[[Scene, Path], Path]:
+    """`build_of(scene, data)`: a build folder, under the scene's name, with everything up to the bundle."""
     from fastac.flow.build import Build
 
-    Build(scene, folder, data, progress=False).run(lambda name, current: None, until="bundle")
+    def build_folder(scene: Scene, data: Path) -> Path:
+        def make(folder: Path) -> None:
+            build = Build(scene, folder / scene.name, data, progress=False)
+            build.run(lambda name, current: None, until="bundle")
+
+        return made_once(f"{scene.name}_build", make) / scene.name
+
+    return build_folder
 
 
 @pytest.fixture(scope="session")
@@ -128,14 +151,9 @@ def tiny_scene(make_scene) -> Scene:
 
 
 @pytest.fixture(scope="session")
-def tiny_file(tiny_scene, made_once) -> Path:
+def tiny_file(tiny_scene, dataset_of) -> Path:
     """A dataset of 18 train, 8 validation and 8 test presses. Not to be changed."""
-    from fastac.sensor.fingertip import generate
-
-    def make(folder: Path) -> None:
-        generate(tiny_scene, folder / "tiny.h5", progress=False, processes=1)
-
-    return made_once("tiny_frames", make) / "tiny.h5"
+    return dataset_of(tiny_scene)
 
 
 @pytest.fixture(scope="session")
@@ -146,11 +164,9 @@ def tiny_data(tiny_file, tiny_scene):
 
 
 @pytest.fixture(scope="session")
-def tiny_folder(tiny_scene, tiny_file, made_once) -> Path:
+def tiny_folder(tiny_scene, tiny_file, build_of) -> Path:
     """A build folder with everything up to the bundle. Not to be changed: copy it."""
-    return (
-        made_once("tiny_build", lambda folder: until_bundle(tiny_scene, folder / "tiny", tiny_file)) / "tiny"
-    )
+    return build_of(tiny_scene, tiny_file)
 
 
 @pytest.fixture(scope="session")
@@ -183,14 +199,9 @@ def dotted_scene(make_scene) -> Scene:
 
 
 @pytest.fixture(scope="session")
-def dotted_file(dotted_scene, made_once) -> Path:
+def dotted_file(dotted_scene, dataset_of) -> Path:
     """A dataset of that scene. Not to be changed."""
-    from fastac.sensor.fingertip import generate
-
-    def make(folder: Path) -> None:
-        generate(dotted_scene, folder / "dotted.h5", progress=False, processes=1)
-
-    return made_once("dotted_frames", make) / "dotted.h5"
+    return dataset_of(dotted_scene)
 
 
 @pytest.fixture(scope="session")
@@ -201,12 +212,9 @@ def dotted_data(dotted_file, dotted_scene):
 
 
 @pytest.fixture(scope="session")
-def dotted_folder(dotted_scene, dotted_file, made_once) -> Path:
+def dotted_folder(dotted_scene, dotted_file, build_of) -> Path:
     """A build folder of that scene with everything up to the bundle. Not to be changed."""
-    place = made_once(
-        "dotted_build", lambda folder: until_bundle(dotted_scene, folder / "dotted", dotted_file)
-    )
-    return place / "dotted"
+    return build_of(dotted_scene, dotted_file)
 
 
 @pytest.fixture(scope="session")
@@ -230,16 +238,9 @@ def tiny_rig_cache(made_once) -> Path:
 
 
 @pytest.fixture(scope="session")
-def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, made_once) -> Path:
+def tiny_rig_folder(tiny_rig_scene, tiny_rig_cache, dataset_of, build_of) -> Path:
     """A build folder of that scene with everything up to the bundle. Not to be changed."""
-    from fastac.sensor.fingertip import generate
-
-    def make(folder: Path) -> None:
-        data = folder / "tiny_rig.h5"
-        generate(tiny_rig_scene, data, store=tiny_rig_cache, progress=False, processes=1)
-        until_bundle(tiny_rig_scene, folder / "tiny_rig", data)
-
-    return made_once("tiny_rig", make) / "tiny_rig"
+    return build_of(tiny_rig_scene, dataset_of(tiny_rig_scene, store=tiny_rig_cache))
 
 
 @pytest.fixture(scope="session")

@@ -119,7 +119,8 @@ LOADABLE = {
     ids=lambda value: getattr(value, "name", str(value)),
 )
 @pytest.mark.quick(
-    *("DSP48E2-5-16-10-False-8-3", "DSP48E1-3-6-10-False-8-3"),
+    "DSP48E2-5-16-10-False-8-3",
+    "DSP48E1-3-6-10-False-8-3",
     mutate=["DSP48E2-3-5-10-False-12-3", "DSP48E1-5-16-9-False-8-3"],
 )
 def test_loadable_weights(tmp_path, with_parameters, dsp, neurons, inputs, width, input_signed, bits, units):

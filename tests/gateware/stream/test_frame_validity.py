@@ -79,7 +79,9 @@ def pack_fields(values, widths) -> int:
     ],
 )
 @pytest.mark.quick(
-    *(f"4-3-True-True-{DOTS}-{AFTER}", f"4-3-True-True-{DOTS}-{BEFORE}"), mutate=["2-3-True-False-0-0"]
+    f"4-3-True-True-{DOTS}-{AFTER}",
+    f"4-3-True-True-{DOTS}-{BEFORE}",
+    mutate=["2-3-True-False-0-0"],
 )
 def test_flags(tmp_path, lanes, channels, slopes, displacements, dots, dots_lag):
     """Dots are known before or after all else, or as the last displacement or change is about to be."""
