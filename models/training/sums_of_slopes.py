@@ -107,7 +107,6 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
     """
     settings, trials = frames.scene.training, frames.scene.training.depth_trials
     split = {name: frames.index(name) for name in ("train", "validation")}
-    known = np.concatenate(list(split.values()))
     start, kept, history = copy.deepcopy(network.state_dict()), BestEpoch(), []
     for trial in range(trials):
         network.load_state_dict(start)
@@ -123,7 +122,9 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
             label=LABEL if trials == 1 else f"{LABEL}, {trial + 1} of {trials}",
             progress=progress,
         )
-        loss = _mean_loss(network, frames, known)
+        if trials == 1:  # there is nothing to choose
+            return found
+        loss = _mean_loss(network, frames, np.concatenate(list(split.values())))
         if not history or loss < kept.error:
             history = found
         kept.tell(loss, network)
