@@ -58,6 +58,14 @@ def random_windows(follower, count):
     return np.concatenate([mass[..., None], moment.astype(np.int64)], axis=-1)
 
 
+def farthest_windows(windows):
+    """The centre of darkness of all windows at the same one of their corners and edges, or in the middle."""
+    mass, span = 64, 4 * windows.half + 1
+    ways = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)])
+    moments = np.broadcast_to(ways[:, None, None] * mass * span, (len(ways), *windows.shape, 2))
+    return np.concatenate([np.full((*moments.shape[:-1], 1), mass), moments], axis=-1)
+
+
 def stream(follower, lanes):
     per_beat = DotWindowStream(follower.windows, lanes=lanes).per_beat
     return DotFollowerStream(follower, per_beat=per_beat, row_clocks=2 * follower.windows.image[1] // lanes)
@@ -97,10 +105,7 @@ def test_shifts_up_to_the_bound():
     usual = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
     windows, none = usual.windows, 0 * usual.low
     follower = replace(usual, low=none + 1, high=none + windows.mass_bound)
-    mass, span = 64, 4 * windows.half + 1
-    ways = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)])
-    moments = np.broadcast_to(ways[:, None, None] * mass * span, (len(ways), *windows.shape, 2))
-    given = np.concatenate([np.full((*moments.shape[:-1], 1), mass), moments], axis=-1)
+    given = farthest_windows(windows)
     shift, seen = follower(given)
     assert seen.all()
     assert np.abs(shift).max() == follower.bound
@@ -114,12 +119,12 @@ def test_shifts_up_to_the_bound():
 def test_stream_rules_in_verilator(tmp_path):
     usual = dots.follower(HEIGHT, WIDTH, half=2, reach=2)
     windows = np.concatenate([usual.windows(frames_of()), random_windows(usual, 50)])
-    # Every fourth dot counts as seen, whatever its darkness; others have limits of any size.
-    always = np.arange(len(usual.rest)) % 4 == 1
+    # Dots on the right count as seen, whatever their darkness; others have limits of any size.
+    always = usual.rest_px[:, 0] > WIDTH / 2
     most = usual.windows.mass_bound
     low, high = np.sort(np.random.default_rng(4).integers(1, most, (2, len(always))), axis=0)
     follower = replace(usual, low=np.where(always, 1, low), high=np.where(always, most, high))
-    windows = np.concatenate([windows, random_windows(follower, 30)])
+    windows = np.concatenate([windows, random_windows(follower, 30), farthest_windows(usual.windows)])
     dut = stream(follower, 4)
     check(
         dut,
