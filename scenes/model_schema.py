@@ -241,10 +241,12 @@ class Training(Strict):
     force, and the less the network's normals are those of the skin."""
     depth_epochs: Count = Field(8, exclude_if=lambda value: value == 8)
     """Of the training with the depth or the force, on whole frames."""
+    depth_learning_rate: Positive | None = Field(None, exclude_if=lambda value: value is None)
+    """Of that training, at its highest; not given: `normals_learning_rate`. A network goes far from its
+    normals to slopes whose sum is the force, and takes a larger one well."""
     depth_trials: Count = Field(1, exclude_if=lambda value: value == 1)
-    """How often that training is done, each time from the same network, with frames in another order; what
-    has the smallest loss on the presses of training and validation is kept. Of the force of scene 'force' one
-    training has up to a fifth less error than another, and the loss tells which."""
+    """How often that training is done, each time from the same network, with frames in another order, side by
+    side on all cores; what has the smallest loss on the presses of training and validation is kept."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""
@@ -290,6 +292,11 @@ class Training(Strict):
     force_batch: Count = 8
     force_learning_rate: Positive = 1e-3
     force_weight_decay: Annotated[float, Field(ge=0)] = 1e-3
+
+    @property
+    def sums_learning_rate(self) -> float:
+        """`depth_learning_rate`, or what it is where it is not given."""
+        return self.depth_learning_rate or self.normals_learning_rate
 
     @property
     def force_light_noise(self) -> float:

@@ -123,7 +123,7 @@ def tuned(
         rounding_bits=scene.felt_rounding_bits,
         progress=progress,
     )
-    arrays = training.network_arrays(network) | training.curve(history, "normals")
+    arrays = network.arrays | training.curve(history, "normals")
     save_arrays(folder / WEIGHTS, arrays)
 
 

@@ -70,14 +70,6 @@ def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
     return {f"history.{name}.{key}": np.array([entry[key] for entry in history]) for key in keys}
 
 
-def network_arrays(network: PixelNetwork) -> dict[str, np.ndarray]:
-    arrays = {}
-    for k, layer in enumerate(network.linear_layers):
-        arrays[f"network.{k}.weight"] = layer.weight.detach().numpy().copy()
-        arrays[f"network.{k}.bias"] = layer.bias.detach().numpy().copy()
-    return arrays
-
-
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
     """Train the float pixel network, prune it and train it on with depth and force where the scene asks;
     writes its arrays and learning curves."""
@@ -97,7 +89,7 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
         network = pruned(network, skin, data, scene, progress=progress)
         with_sums = learn_sums(network, data, skin, scene, progress=progress)
     curves = curve(history, "normals") | curve(with_sums, "sums")
-    save_arrays(output, network_arrays(network) | curves)
+    save_arrays(output, network.arrays | curves)
 
 
 def learn_sums(

@@ -1,7 +1,11 @@
 """Steps that do not need each other, performed side by side in processes."""
 
 import multiprocessing
-from collections.abc import Sequence
+import os
+import threading
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -30,3 +34,28 @@ def perform_all(store: Path, steps: Sequence[Step], processes: int, *, label: st
 
 def _perform(store: Path, step: Step) -> None:
     open_store(store).perform(step)
+
+
+@contextmanager
+def worker_processes(count: int) -> Iterator[ProcessPoolExecutor]:
+    """An executor of so many new processes, which end with this one, even if it is killed.
+
+    Where the block raises, tasks that wait are given up, and none is waited for.
+    """
+    spawn = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count, mp_context=spawn, initializer=end_with_parent) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def end_with_parent() -> None:
+    """End this process when its parent ends, even if that is killed."""
+
+    def watch() -> None:
+        multiprocessing.parent_process().join()
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()

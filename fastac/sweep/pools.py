@@ -1,12 +1,13 @@
 """Workers of a sweep: processes on this machine, or a Dask cluster."""
 
 import os
-import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context, parent_process
+from multiprocessing import get_context
+
+from fastac.store.side_by_side import end_with_parent
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 SCHEDULER_TIMEOUT_S = 30
@@ -41,7 +42,7 @@ def local_pool(workers: int | None = None) -> Iterator[Pool]:
     workers = workers or os.cpu_count() or 1
     single_threaded()  # before the processes start, since BLAS reads the variables when it is loaded
     spawn = get_context("spawn")
-    yield Pool(lambda: ProcessPoolExecutor(workers, mp_context=spawn, initializer=_exit_with_parent), workers)
+    yield Pool(lambda: ProcessPoolExecutor(workers, mp_context=spawn, initializer=end_with_parent), workers)
 
 
 @contextmanager
@@ -59,16 +60,6 @@ def this_process() -> Iterator[Pool]:
                 os.environ.pop(name, None)
             else:
                 os.environ[name] = value
-
-
-def _exit_with_parent() -> None:
-    """End this process when its parent ends, even if that is killed."""
-
-    def watch() -> None:
-        parent_process().join()
-        os._exit(1)
-
-    threading.Thread(target=watch, daemon=True).start()
 
 
 @contextmanager

@@ -35,7 +35,14 @@ DEPTH = {
     ]
 }
 """Where the depth of presses is known, or its shape under balls, besides."""
-FORCE_OF_SLOPES = {"training.force_weight": [0.0, 3.0]}
+FORCE_OF_SLOPES = {
+    "training.force_weight, training.depth_learning_rate": [
+        [0.0, 2e-3],
+        [3.0, 2e-3],
+        [12.0, 2e-3],
+        [12.0, 5e-3],
+    ]
+}
 """Where the force is a sum of slopes that are learned from normals, besides."""
 FORCE = {
     "sensor.level_light": [False, True],

@@ -51,6 +51,15 @@ class PixelNetwork(nn.Module):
                 layer.bias.copy_(torch.from_numpy(arrays[f"network.{k}.bias"]))
         return network
 
+    @property
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Copies of the weights and biases, as `from_arrays` takes them."""
+        found = {}
+        for k, layer in enumerate(self.linear_layers):
+            found[f"network.{k}.weight"] = layer.weight.detach().numpy().copy()
+            found[f"network.{k}.bias"] = layer.bias.detach().numpy().copy()
+        return found
+
     def forward(self, x: torch.Tensor) -> torch.Tensor:
         return self.layers(x)
 

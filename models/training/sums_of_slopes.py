@@ -7,7 +7,7 @@ flat. A force that is a weighted sum of the slopes is not linear in the true one
 of the normals the network bends them. The hardware stays the same.
 """
 
-import copy
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,6 +19,7 @@ from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.one_cycle import one_cycle
 from fastac.models.training.rounding_noise import with_rounding_noise
+from fastac.models.training.trials import Outcome, best_trial
 from fastac.models.training.whole_frames import WholeFrames
 
 LABEL = "normals, on whole frames"
@@ -97,36 +98,48 @@ def fit(
     )
 
 
-@single_thread()
 def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False) -> list[dict]:
     """Train the float network on for the scene's `training.depth_epochs`; it is changed itself.
 
-    That is done `training.depth_trials` times; the trial with the smallest loss on all presses known is kept,
-    and its learning curve is returned. An epoch sees a share `training.normals_share` of the frames, or all
-    of them where the force counts.
+    That is done `training.depth_trials` times, side by side in as many processes as torch may use threads.
+    The trial with the smallest loss on all presses known is kept, and its learning curve is returned.
     """
-    settings, trials = frames.scene.training, frames.scene.training.depth_trials
-    split = {name: frames.index(name) for name in ("train", "validation")}
-    start, kept, history = copy.deepcopy(network.state_dict()), BestEpoch(), []
-    for trial in range(trials):
-        network.load_state_dict(start)
-        found = fit(
-            with_rounding_noise(network, frames.scene.felt_rounding_bits),
-            frames,
-            split["train"],
-            validation=split["validation"],
-            share=1.0 if settings.force_weight else settings.normals_share,
-            epochs=settings.depth_epochs,
-            rate=settings.normals_learning_rate,
-            trial=trial,
-            label=LABEL if trials == 1 else f"{LABEL}, {trial + 1} of {trials}",
-            progress=progress,
-        )
-        if trials == 1:  # there is nothing to choose
-            return found
-        loss = _mean_loss(network, frames, np.concatenate(list(split.values())))
-        if not history or loss < kept.error:
-            history = found
-        kept.tell(loss, network)
-    kept.restore(network)
-    return history
+    trials = frames.scene.training.depth_trials
+    if trials == 1:  # there is nothing to choose
+        return _trained(network, frames, 0, LABEL, progress)
+    # Other processes are given a scene of which nobody records what they read: this one reads the same.
+    apart = replace(frames, scene=frames.scene.unwatched())
+    here, elsewhere = (partial(_trial, network.arrays, known) for known in (frames, apart))
+    best = best_trial(here, elsewhere, trials, torch.get_num_threads(), progress=progress)
+    network.load_state_dict(PixelNetwork.from_arrays(best.arrays).state_dict())
+    return best.history
+
+
+def _trained(
+    network: PixelNetwork, frames: WholeFrames, trial: int, label: str, progress: bool
+) -> list[dict]:
+    """`fit` as the scene has it. An epoch sees a share `training.normals_share` of the frames, or all of them
+    where the force counts."""
+    settings = frames.scene.training
+    return fit(
+        with_rounding_noise(network, frames.scene.felt_rounding_bits),
+        frames,
+        frames.index("train"),
+        validation=frames.index("validation"),
+        share=1.0 if settings.force_weight else settings.normals_share,
+        epochs=settings.depth_epochs,
+        rate=settings.sums_learning_rate,
+        trial=trial,
+        label=label,
+        progress=progress,
+    )
+
+
+def _trial(
+    arrays: dict[str, np.ndarray], frames: WholeFrames, trial: int, label: str, progress: bool
+) -> Outcome:
+    """A trial from the network of these arrays, with its loss on the presses of training and validation."""
+    network = PixelNetwork.from_arrays(arrays)
+    history = _trained(network, frames, trial, LABEL + label, progress)
+    known = np.concatenate([frames.index(split) for split in ("train", "validation")])
+    return Outcome(_mean_loss(network, frames, known), network.arrays, history)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fastac.flow.training import learn_sums, network_arrays
+from fastac.flow.training import learn_sums
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.light_level import levelled
 from fastac.models.training import normals as train_normals
@@ -68,7 +68,7 @@ def train(
         rounding_bits=scene.felt_rounding_bits,
     )
     learn_sums(network, data, data, scene)
-    save_arrays(folder / NETWORK, network_arrays(network))
+    save_arrays(folder / NETWORK, network.arrays)
 
 
 def measure(

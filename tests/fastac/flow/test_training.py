@@ -139,19 +139,6 @@ def test_learning_curves_become_arrays():
     assert training.curve([], "normals") == {}
 
 
-def test_network_arrays_are_copies():
-    network = PixelNetwork(5, hidden=(4,))
-    arrays = training.network_arrays(network)
-    assert {k: v.shape for k, v in arrays.items()} == {
-        "network.0.weight": (4, 5),
-        "network.0.bias": (4,),
-        "network.1.weight": (3, 4),
-        "network.1.bias": (3,),
-    }
-    arrays["network.0.bias"][:] = 9
-    assert not (network.linear_layers[0].bias == 9).any()
-
-
 @pytest.mark.parametrize("weights", ["loadable", "baked"])
 def test_a_pruned_network_is_narrower_and_its_hardware_too(tiny_data, make_scene, tmp_path, weights):
     scene = make_scene(

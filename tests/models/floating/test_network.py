@@ -8,14 +8,23 @@ from fastac.models.integer.network import GradientRatio
 from fastac.models.training.normals import normal_loss
 
 
-def test_the_network_of_a_bundle():
+def test_a_network_of_arrays_is_the_one_they_are_of():
     torch.manual_seed(1)
-    network, arrays = PixelNetwork(6, (5, 4)), {}
-    for k, layer in enumerate(network.linear_layers):
-        arrays[f"network.{k}.weight"] = layer.weight.detach().numpy()
-        arrays[f"network.{k}.bias"] = layer.bias.detach().numpy()
-    x = torch.rand(20, 6)
-    assert torch.equal(PixelNetwork.from_arrays(arrays)(x), network(x))
+    network, x = PixelNetwork(6, (5, 4)), torch.rand(20, 6)
+    assert torch.equal(PixelNetwork.from_arrays(network.arrays)(x), network(x))
+
+
+def test_arrays_are_copies():
+    network = PixelNetwork(5, hidden=(4,))
+    arrays = network.arrays
+    assert {k: v.shape for k, v in arrays.items()} == {
+        "network.0.weight": (4, 5),
+        "network.0.bias": (4,),
+        "network.1.weight": (3, 4),
+        "network.1.bias": (3,),
+    }
+    arrays["network.0.bias"][:] = 9
+    assert not (network.linear_layers[0].bias == 9).any()
 
 
 def test_slopes_by_hand():

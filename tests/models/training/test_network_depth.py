@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from fastac.flow.training import network_arrays
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.training.network_depth import depth_mae_mm, found_depth_mm
@@ -14,7 +13,7 @@ from fastac.sensor.geometry import rest_depth_mm
 def test_depth_is_the_float_pipeline_s(tiny_data, make_scene, mode):
     scene = make_scene(poisson={"mode": mode})
     network, rest = PixelNetwork(tiny_data.frames.shape[-1] + 2, (5, 4)), rest_depth_mm(scene.sensor)
-    pipeline = FloatPipeline.from_arrays(network_arrays(network), scene, tiny_data.background, rest)
+    pipeline = FloatPipeline.from_arrays(network.arrays, scene, tiny_data.background, rest)
     index = np.array([0, 3])
     expected = pipeline.run(tiny_data.frames[index], wanted=["depth_mm"]).depth_mm[:, 1:-1, 1:-1]
     found = found_depth_mm(network, tiny_data.frames[index], tiny_data, scene, rest_depth_mm=rest)

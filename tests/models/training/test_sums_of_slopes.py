@@ -1,6 +1,8 @@
 """Training with the error of depth or force: both become better on frames that were held out."""
 
 import copy
+import dataclasses
+from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -29,6 +31,14 @@ def skins(tiny_data, make_scene):
         return WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
 
     return made
+
+
+@pytest.fixture
+def threads_of_torch() -> Iterator[Callable[[int], None]]:
+    """Sets how many threads torch may use; they are as before at the end."""
+    before = torch.get_num_threads()
+    yield torch.set_num_threads
+    torch.set_num_threads(before)
 
 
 def parameters(network: PixelNetwork) -> torch.Tensor:
@@ -98,9 +108,24 @@ def test_of_several_trials_the_best_is_kept(skins, trained, tiny_data):
     assert best, "the first is the best, so that this test could not tell"
 
 
+@pytest.mark.full  # PyTorch is imported in another process
+def test_side_by_side_the_same_trial_is_kept(skins, trained, threads_of_torch):
+    """Bit for bit; and of the scene this process reads as much, for that is what a store records."""
+    frames, found = skins(depth_weight=1.0, depth_epochs=2, depth_trials=4), []
+    for threads in (1, 2):
+        read: set[str] = set()
+        watched = frames.scene.watched(lambda path, value, read=read: read.add(path))
+        network = copy.deepcopy(trained)
+        threads_of_torch(threads)
+        history = sums_of_slopes.train(network, dataclasses.replace(frames, scene=watched))
+        found.append((parameters(network).tolist(), history, read))
+    assert found[0] == found[1]
+    assert "training.depth_epochs" in found[0][2]
+
+
 def test_a_training_that_loses_leaves_the_network_as_it_was(skins, trained):
     network = copy.deepcopy(trained)
-    sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=1, normals_learning_rate=100.0))
+    sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=1, depth_learning_rate=100.0))
     assert torch.equal(parameters(network), parameters(trained))
 
 
