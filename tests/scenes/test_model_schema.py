@@ -37,6 +37,12 @@ def test_the_curl_of_slopes_counts_where_forces_alone_train():
     assert geometry.training.force_curl_weight == 0
 
 
+def test_the_rate_on_whole_frames_is_that_of_the_normals_where_the_scene_does_not_say():
+    texts = ("normals_learning_rate = 0.004", "depth_learning_rate = 0.005")
+    geometry = [BY_FORCE.replace('labels = "force"', text) for text in texts]
+    assert [parse(text, origin="x").training.sums_learning_rate for text in geometry] == [0.004, 0.005]
+
+
 def test_presses_may_be_symmetric_where_forces_alone_train():
     texts = BY_FORCE, BY_FORCE.replace('"force" }', '"force", press_symmetry = false }')
     assert [parse(text, origin="x").training.force_symmetry for text in texts] == [True, False]
