@@ -230,7 +230,7 @@ class Training(Strict):
     pixels. The smallest squared error is that of their mean."""
     depth_weight: Annotated[float, Field(ge=0)] = Field(0.0, exclude_if=lambda value: not value)
     """Weight of the depth's mean squared error, in pixels squared, beside the normals' loss, while the
-    network is trained on at the end (models/training/sums_of_slopes.py), with labels 'geometry'; 0: it is
+    network is trained on at the end (models/training/whole_frames/), with labels 'geometry'; 0: it is
     not. Slopes that noise hides are too flat where normals alone count, and the depth lacks what all of them
     lack. The larger the weight, the better the depth, and the noisier single normals. Needs frames whose
     depth is known at every pixel, or contact circles of balls, inside which its shape is known."""

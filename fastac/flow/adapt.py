@@ -30,7 +30,7 @@ from fastac.models.integer.frame_validity import FrameValidity
 from fastac.models.integer.network import Layer
 from fastac.models.integer.pipeline import IntegerPipeline
 from fastac.models.training import bit_true, transfer
-from fastac.models.training.prune import gradient_error
+from fastac.models.training.pruning.prune import gradient_error
 from fastac.report.tables import text_table
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset

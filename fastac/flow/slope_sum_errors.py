@@ -11,8 +11,8 @@ from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.network import Layer
-from fastac.models.training.force.held_out_force import HeldOutForce
-from fastac.models.training.network_depth import depth_mae_mm
+from fastac.models.training.whole_frames.held_out_force import HeldOutForce
+from fastac.models.training.whole_frames.network_depth import depth_mae_mm
 from fastac.models.vision.dots import slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset

@@ -15,14 +15,15 @@ from fastac.models.integer.constant_neurons import without_constant
 from fastac.models.integer.features import scales
 from fastac.models.integer.force_interval import INTERVAL
 from fastac.models.integer.network import Layer
-from fastac.models.training import bit_true, sums_of_slopes
+from fastac.models.training import bit_true
 from fastac.models.training import normals as train_normals
-from fastac.models.training.digits import fewer_digits
 from fastac.models.training.force import from_forces
 from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.moved_pixels import moved_or_chosen
-from fastac.models.training.prune import prune_neurons, prune_to_width
-from fastac.models.training.whole_frames import unknown_depth, whole_frames
+from fastac.models.training.pruning.digits import fewer_digits
+from fastac.models.training.pruning.prune import prune_neurons, prune_to_width
+from fastac.models.training.whole_frames import sums_of_slopes
+from fastac.models.training.whole_frames.frames import unknown_depth, whole_frames
 from fastac.models.vision.dots import slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset

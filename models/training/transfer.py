@@ -5,7 +5,7 @@
     all     everything
 
 The fewer numbers are tuned, the fewer presses they need. A network that has learned from the depth, too,
-does so again after the normals: they alone would make its slopes flat (sums_of_slopes.py).
+does so again after the normals: they alone would make its slopes flat (whole_frames/sums_of_slopes.py).
 """
 
 from collections.abc import Sequence
@@ -15,12 +15,12 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import scales
-from fastac.models.training import sums_of_slopes
-from fastac.models.training.hidden_neurons import candidates, widths
 from fastac.models.training.normals import Fit, ScaledNetwork
-from fastac.models.training.prune import gradient_error
+from fastac.models.training.pruning.hidden_neurons import candidates, widths
+from fastac.models.training.pruning.prune import gradient_error
 from fastac.models.training.rounding_noise import with_rounding_noise
-from fastac.models.training.whole_frames import WholeFrames
+from fastac.models.training.whole_frames import sums_of_slopes
+from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.scenes.model_schema import Training
 
 TUNES = ("gains", "last", "all")

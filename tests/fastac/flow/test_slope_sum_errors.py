@@ -7,7 +7,7 @@ from fastac.flow.slope_sum_errors import layers_errors, network_errors
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.network import PixelNetwork
-from fastac.models.training.force import held_out_force
+from fastac.models.training.whole_frames import held_out_force
 
 OF_SLOPES = {"poisson": {"solver": "adjoint"}, "force": {"fit": "slopes", "clamp": False}}
 

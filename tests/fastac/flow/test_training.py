@@ -19,7 +19,7 @@ from fastac.models.integer import assemble, quantise
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import terms
-from fastac.models.training import digits
+from fastac.models.training.pruning import digits
 from fastac.models.vision.dots import follower_of, windows_of
 from fastac.store.files import load_arrays, save_arrays
 from fastac.synth.estimates import resources

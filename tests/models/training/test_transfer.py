@@ -6,11 +6,11 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.training import transfer
-from fastac.models.training.hidden_neurons import widths
 from fastac.models.training.labelled_pixels import training_pixels
-from fastac.models.training.network_depth import depth_mae_mm
-from fastac.models.training.prune import gradient_error
-from fastac.models.training.whole_frames import WholeFrames
+from fastac.models.training.pruning.hidden_neurons import widths
+from fastac.models.training.pruning.prune import gradient_error
+from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.models.training.whole_frames.network_depth import depth_mae_mm
 from fastac.scenes.model_schema import Training
 from fastac.sensor.geometry import rest_depth_mm
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fastac.models.training.pixel_grid import WHOLE, every
+from fastac.models.training.whole_frames.pixel_grid import WHOLE, every
 
 
 def test_parts_are_the_whole():

@@ -5,7 +5,7 @@ import os
 import pytest
 import torch
 
-from fastac.models.training.trials import Outcome, best_trial
+from fastac.models.training.whole_frames.trials import Outcome, best_trial
 
 
 class Killer:

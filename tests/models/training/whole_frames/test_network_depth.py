@@ -5,7 +5,7 @@ import pytest
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
-from fastac.models.training.network_depth import depth_mae_mm, found_depth_mm
+from fastac.models.training.whole_frames.network_depth import depth_mae_mm, found_depth_mm
 from fastac.sensor.geometry import rest_depth_mm
 
 

@@ -9,11 +9,10 @@ import pytest
 import torch
 
 from fastac.models.floating.network import PixelNetwork
-from fastac.models.training import sums_of_slopes
-from fastac.models.training.force import held_out_force
-from fastac.models.training.network_depth import depth_mae_mm
 from fastac.models.training.normals import train
-from fastac.models.training.whole_frames import WholeFrames
+from fastac.models.training.whole_frames import held_out_force, sums_of_slopes
+from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.models.training.whole_frames.network_depth import depth_mae_mm
 from fastac.sensor.geometry import rest_depth_mm
 
 

@@ -2,7 +2,7 @@ import numpy as np
 import torch
 
 from fastac.models.floating.network import PixelNetwork, predict
-from fastac.models.training import hidden_neurons
+from fastac.models.training.pruning import hidden_neurons
 
 
 def with_idle_neurons(network: PixelNetwork) -> PixelNetwork:

@@ -15,7 +15,7 @@ import torch
 
 from fastac.models.training.force import ridge
 from fastac.models.training.force.smooth_weights import cosine_basis
-from fastac.models.training.pixel_grid import WHOLE, Grid
+from fastac.models.training.whole_frames.pixel_grid import WHOLE, Grid
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.groups import groups
 

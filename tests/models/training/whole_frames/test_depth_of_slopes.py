@@ -5,8 +5,8 @@ import torch
 from fastac.models.floating import network as floating
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import integer_features, scales
-from fastac.models.training.depth_of_slopes import DepthOfSlopes, slopes_of
-from fastac.models.training.network_depth import found_depth_mm
+from fastac.models.training.whole_frames.depth_of_slopes import DepthOfSlopes, slopes_of
+from fastac.models.training.whole_frames.network_depth import found_depth_mm
 from fastac.sensor.geometry import rest_depth_mm
 
 

@@ -5,8 +5,8 @@ import pytest
 import torch
 from scipy.fft import dctn
 
-from fastac.models.training.force.held_out_force import PARTS, SIZE, HeldOutForce
-from fastac.models.training.pixel_grid import WHOLE, every
+from fastac.models.training.whole_frames.held_out_force import PARTS, SIZE, HeldOutForce
+from fastac.models.training.whole_frames.pixel_grid import WHOLE, every
 
 SHAPE = (12, 10)
 PRESSES, LOADS = 60, 3

@@ -19,8 +19,8 @@ from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.one_cycle import one_cycle
 from fastac.models.training.rounding_noise import with_rounding_noise
-from fastac.models.training.trials import Outcome, best_trial
-from fastac.models.training.whole_frames import WholeFrames
+from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.models.training.whole_frames.trials import Outcome, best_trial
 
 LABEL = "normals, on whole frames"
 BATCH_FRAMES = 4

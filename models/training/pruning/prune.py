@@ -12,8 +12,8 @@ from threadpoolctl import threadpool_limits
 from fastac.models.floating.network import PixelNetwork, predict, slopes_of
 from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import scales
-from fastac.models.training.hidden_neurons import candidates, widths
 from fastac.models.training.normals import Fit, ScaledNetwork, _tensors
+from fastac.models.training.pruning.hidden_neurons import candidates, widths
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.scenes.model_schema import FEWEST_NEURONS, Training
 

@@ -11,11 +11,11 @@ import torch
 
 from fastac.models.integer.features import COORDINATE_SCALE, integer_features, scales
 from fastac.models.integer.slope_bridge import SlopeBridge
-from fastac.models.training.depth_of_slopes import DepthOfSlopes, slopes_of
-from fastac.models.training.force.held_out_force import HeldOutForce
 from fastac.models.training.labelled_pixels import training_pixels
 from fastac.models.training.normals import normal_loss
-from fastac.models.training.pixel_grid import WHOLE, Grid, every
+from fastac.models.training.whole_frames.depth_of_slopes import DepthOfSlopes, slopes_of
+from fastac.models.training.whole_frames.held_out_force import HeldOutForce
+from fastac.models.training.whole_frames.pixel_grid import WHOLE, Grid, every
 from fastac.models.vision.dots import slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle

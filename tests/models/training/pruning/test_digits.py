@@ -5,10 +5,10 @@ from fastac.gateware.arithmetic.shift_add import canonical_signed_digits
 from fastac.models.integer.features import scales
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.integer.quantise import quantise_layers
-from fastac.models.training import digits
-from fastac.models.training.digits import digit_counts
 from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.normals import train
+from fastac.models.training.pruning import digits
+from fastac.models.training.pruning.digits import digit_counts
 
 
 def test_digits_are_those_of_the_hardware_s_additions():

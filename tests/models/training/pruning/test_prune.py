@@ -2,10 +2,10 @@ import pytest
 import torch
 
 from fastac.models.floating.network import PixelNetwork
-from fastac.models.training import prune
-from fastac.models.training.hidden_neurons import widths
 from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.normals import train
+from fastac.models.training.pruning import prune
+from fastac.models.training.pruning.hidden_neurons import widths
 
 
 @pytest.fixture(scope="module")

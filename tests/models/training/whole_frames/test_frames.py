@@ -10,19 +10,19 @@ import torch
 from fastac.flow.training import TrainingError, require, skin_alone
 from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.integer.features import integer_features
-from fastac.models.training import whole_frames as of_whole_frames
 from fastac.models.training.force import ridge
-from fastac.models.training.force.held_out_force import REGULARISATION
-from fastac.models.training.network_depth import found_depth_mm
 from fastac.models.training.normals import ScaledNetwork, normal_loss
-from fastac.models.training.pixel_grid import every
-from fastac.models.training.whole_frames import (
+from fastac.models.training.whole_frames import frames as of_whole_frames
+from fastac.models.training.whole_frames.frames import (
     BallContacts,
     PartlyLabelled,
     WholeFrames,
     unknown_depth,
     whole_frames,
 )
+from fastac.models.training.whole_frames.held_out_force import REGULARISATION
+from fastac.models.training.whole_frames.network_depth import found_depth_mm
+from fastac.models.training.whole_frames.pixel_grid import every
 from fastac.models.vision.dots import slope_bridge
 from fastac.sensor.geometry import rest_depth_mm
 
