@@ -19,6 +19,7 @@ from fastac.sensor.dataset import Dataset, DatasetError
 from fastac.sensor.importers.force_labels import split_by_group
 from fastac.store.files import load_arrays
 from fastac.store.progress import progress_bar
+from fastac.store.side_by_side import ended
 from fastac.store.steps import Step
 from fastac.store.store import open_store
 
@@ -120,13 +121,9 @@ def perform(path: Path, scene: Scene, group: str, store: Path) -> dict:
 
 def _side_by_side(tasks: list[tuple], executor: Executor) -> Iterator[None]:
     """Perform tasks, arguments of `perform`, in the executor's processes; yields whenever one is done."""
-    with executor:
+    with ended(executor):
         for done in as_completed([executor.submit(perform, *task) for task in tasks]):
-            try:
-                done.result()
-            except BaseException:
-                executor.shutdown(wait=False, cancel_futures=True)
-                raise
+            done.result()
             yield
 
 

@@ -4,7 +4,7 @@ import multiprocessing
 import os
 import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -36,22 +36,24 @@ def _perform(store: Path, step: Step) -> None:
     open_store(store).perform(step)
 
 
-@contextmanager
-def worker_processes(count: int) -> Iterator[ProcessPoolExecutor]:
-    """An executor of so many new processes, which end with this one, even if it is killed.
-
-    Where the block raises, tasks that wait are given up, and none is waited for.
-    """
+def new_processes(count: int) -> ProcessPoolExecutor:
+    """An executor of so many processes, which end with this one, even if it is killed."""
     spawn = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(count, mp_context=spawn, initializer=end_with_parent) as pool:
+    return ProcessPoolExecutor(count, mp_context=spawn, initializer=_end_with_parent)
+
+
+@contextmanager
+def ended(executor: Executor) -> Iterator[Executor]:
+    """The executor, which ends with the block; where that raises, tasks that wait are given up."""
+    with executor:
         try:
-            yield pool
+            yield executor
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
+            executor.shutdown(wait=False, cancel_futures=True)
             raise
 
 
-def end_with_parent() -> None:
+def _end_with_parent() -> None:
     """End this process when its parent ends, even if that is killed."""
 
     def watch() -> None:

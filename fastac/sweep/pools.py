@@ -2,12 +2,11 @@
 
 import os
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
 
-from fastac.store.side_by_side import end_with_parent
+from fastac.store.side_by_side import new_processes
 
 THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 SCHEDULER_TIMEOUT_S = 30
@@ -41,8 +40,7 @@ def local_pool(workers: int | None = None) -> Iterator[Pool]:
     """A pool of `workers` processes on this machine; None: one for each core."""
     workers = workers or os.cpu_count() or 1
     single_threaded()  # before the processes start, since BLAS reads the variables when it is loaded
-    spawn = get_context("spawn")
-    yield Pool(lambda: ProcessPoolExecutor(workers, mp_context=spawn, initializer=end_with_parent), workers)
+    yield Pool(lambda: new_processes(workers), workers)
 
 
 @contextmanager

@@ -10,7 +10,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from fastac.models.floating.threads import single_thread
-from fastac.store.side_by_side import worker_processes
+from fastac.store.side_by_side import ended, new_processes
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,10 +37,10 @@ def best_trial(here: Trial, elsewhere: Trial, count: int, processes: int, *, pro
         it can be pickled. What a process that is killed leaves undone is done here.
     """
     shares = [range(k, count, processes) for k in range(min(processes, count))]
-    with ExitStack() as ended:
+    with ExitStack() as pools:
         futures: list[Future] = []
         if len(shares) > 1:
-            pool = ended.enter_context(worker_processes(len(shares) - 1))
+            pool = pools.enter_context(ended(new_processes(len(shares) - 1)))
             futures = [pool.submit(_outcomes, elsewhere, share, count, False) for share in shares[1:]]
         found = _outcomes(here, shares[0], count, progress)
         for share, future in zip(shares[1:], futures, strict=True):
