@@ -91,8 +91,8 @@ def refit_last_layer(
     shifts_px : (frames, M, 2) by split name
     with_validation : whether the weights are fitted to the frames of both splits once the regularisation is
         chosen, instead of to those of the train split
-    together : which frames belong together; without a validation split they are held out together, as by
-        `ridge.held_out_errors`
+    together : which frames belong together; where the regularisation is chosen on frames of the train split,
+        too, they are held out together, as by `ridge.held_out_errors`
     Returns a new model, the dots' weights (axes, M, 2) in N per px (None without shifts), and the validation
     errors.
 
@@ -115,8 +115,9 @@ def refit_last_layer(
         for split, frames in pressed.items()
     }
     ridge.check(force_n)
-    # Not over all frames: the other layers have learned from those of the train split.
-    history = ridge.held_out_errors(x, force_n, together)
+    # The other layers have learned from the train split, so that its frames are not quite unseen. Yet all
+    # frames choose better than the few of the validation split, whose choices vary by chance.
+    history = ridge.held_out_errors(x, force_n, together, with_validation=with_validation)
     found = ridge.fit_known(x, force_n, ridge.strongest(history), with_validation=with_validation)
     found, of_dots = ridge.parted(found, hidden.shape[1] * k * k)
     found = found / model.unit.item()

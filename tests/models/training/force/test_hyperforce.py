@@ -163,6 +163,22 @@ class TestRefit:
         of_one, of_other = (error(m, noisy["validation"], force["validation"]) for m in (one, other))
         assert of_other < 0.99 * of_one
 
+    def test_presses_of_both_splits_choose_the_regularisation_where_both_are_fitted(self, make_scene):
+        scene = make_scene(training={"force_epochs": 2})
+        plain, noisy, force = self.parts()
+        first, _ = train(scene, np.ones((N + 2, N + 2)), plain, force)
+        press = {split: np.arange(len(values)) // 2 for split, values in force.items()}
+        press["validation"] += len(force["train"])
+
+        def errors(**options: bool) -> list[dict]:
+            return refit_last_layer(scene, first, noisy, force, together=press, **options)[2]
+
+        assert errors(with_validation=False) == refit_last_layer(scene, first, noisy, force)[2]
+        assert errors(with_validation=True) != errors(with_validation=False)
+        press["train"] = press["train"] * 0  # with too few to hold out in turn, the validation split chooses
+        press["validation"] = press["validation"] * 0
+        assert errors(with_validation=True) == errors(with_validation=False)
+
     def test_axes_do_not_mix(self, make_scene):
         scene = make_scene(outputs=["force_x", "force_z"], training={"force_epochs": 2})
         plain, _, force = self.parts()
