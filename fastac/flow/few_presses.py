@@ -8,7 +8,8 @@ import numpy as np
 from fastac.flow import frames
 from fastac.models.integer.bundle import Bundle
 from fastac.models.training.labelled_pixels import training_pixels
-from fastac.models.training.whole_frames.frames import WholeFrames, unknown_depth, whole_frames
+from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.models.training.whole_frames.usable_frames import unknown_depth, whole_frames
 from fastac.scenes.schema import Scene
 from fastac.sensor import groups
 from fastac.sensor.dataset import Dataset

@@ -23,7 +23,7 @@ from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.pruning.digits import fewer_digits
 from fastac.models.training.pruning.prune import prune_neurons, prune_to_width
 from fastac.models.training.whole_frames import sums_of_slopes
-from fastac.models.training.whole_frames.frames import unknown_depth, whole_frames
+from fastac.models.training.whole_frames.usable_frames import unknown_depth, whole_frames
 from fastac.models.vision.dots import slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset

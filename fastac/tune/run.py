@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from fastac.models.training.whole_frames.frames import unknown_depth
+from fastac.models.training.whole_frames.usable_frames import unknown_depth
 from fastac.scenes.schema import Scene
 from fastac.sensor.contact_circle import contact_circle
 from fastac.sweep import pools, scene_file

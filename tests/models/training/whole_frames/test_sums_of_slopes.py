@@ -10,8 +10,10 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.training.normals import train
+from fastac.models.training.whole_frames import frames as of_whole_frames
 from fastac.models.training.whole_frames import held_out_force, sums_of_slopes
 from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.models.training.whole_frames.held_out_force import HeldOutForce
 from fastac.models.training.whole_frames.network_depth import depth_mae_mm
 from fastac.sensor.geometry import rest_depth_mm
 
@@ -58,18 +60,13 @@ def test_depth_gets_better_on_frames_that_were_held_out(skins, tiny_data, traine
 
 
 def test_forces_get_better_by_weights_that_have_not_seen_the_press(
-    tiny_data, make_scene, trained, monkeypatch
+    tiny_data, make_scene, trained, of_slopes, monkeypatch
 ):
     """Than by the same training with hardly any weight of the force."""
     monkeypatch.setattr(held_out_force, "SIZE", 2)  # for nine presses
     errors, train = [], tiny_data.indices("train")
     for weight in (1e-9, 100.0):
-        scene = make_scene(
-            outputs=["force_xyz"],
-            poisson={"solver": "adjoint"},
-            force={"fit": "slopes", "clamp": False},
-            training={"force_weight": weight},
-        )
+        scene = make_scene(**of_slopes, training={"force_weight": weight})
         frames = WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
         network = copy.deepcopy(trained)
         assert len(sums_of_slopes.fit(network, frames, train, epochs=30, rate=2e-3)) == 30
@@ -99,12 +96,30 @@ def test_of_several_trials_the_best_is_kept(skins, trained, tiny_data):
         split = {"index": tiny_data.indices("train"), "validation": tiny_data.indices("validation")}
         curves.append(sums_of_slopes.fit(networks[-1], frames, **split, epochs=3, rate=2e-3, trial=trial))
         with torch.no_grad():
-            losses.append(np.mean([frames.loss(networks[-1], [k]).item() for k in known]))
+            losses.append(np.mean([frames.sums_loss(networks[-1], [k]).item() for k in known]))
     assert len(set(losses)) == 4
     network, best = copy.deepcopy(trained), int(np.argmin(losses))
     assert sums_of_slopes.train(network, frames) == curves[best]
     assert torch.equal(parameters(network), parameters(networks[best]))
     assert best, "the first is the best, so that this test could not tell"
+
+
+def test_a_trial_is_judged_by_the_force_of_all_pixels(tiny_data, make_scene, trained, of_slopes, monkeypatch):
+    """Neither by that of the pixels that steps see nor by normals. The weights have not seen the press."""
+    monkeypatch.setattr(of_whole_frames, "SEEN_PX", 8)
+    scene = make_scene(**of_slopes, training={"force_weight": 2.0, "depth_epochs": 1})
+    frames = WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
+    found = sums_of_slopes._trial(trained.arrays, frames, 0, "", False)
+    network, train = PixelNetwork.from_arrays(found.arrays), tiny_data.indices("train")
+    force = HeldOutForce.of(tiny_data, (0, 1, 2), train)
+    changes = {}
+    for split in ("train", "validation"):
+        _, slopes, at_rest = frames._found(network, tiny_data.indices(split))
+        changes[split] = force.features((slopes - at_rest).detach())
+    force.refit(changes["train"])
+    errors = {split: force.error(changes[split], tiny_data.indices(split)).item() for split in changes}
+    counts = [len(tiny_data.indices(split)) for split in errors]
+    assert found.loss == pytest.approx(2 * np.average(list(errors.values()), weights=counts), rel=1e-5)
 
 
 @pytest.mark.full  # PyTorch is imported in another process
