@@ -195,11 +195,11 @@ def _check_sums(scene) -> None:
     if weight and sensor.height_px != sensor.width_px:
         shape = f"{sensor.height_px} x {sensor.width_px}"
         raise ValueError(f"training.depth_weight: {weight} needs square images, and sensor has {shape} px")
-    weight = scene.training.force_weight
-    if weight and not (scene.wants_force and scene.fit_facts.of_slopes and not scene.force.dots):
+    weight, learnable = scene.training.force_weight, scene.fit_facts.of_slopes or scene.fit_facts.of_kernels
+    if weight and not (scene.wants_force and learnable and not scene.force.dots):
         raise ValueError(
-            f"training.force_weight: {weight} needs a force among outputs, force.fit 'slopes' and force.dots"
-            " false"
+            f"training.force_weight: {weight} needs a force among outputs, force.fit 'slopes' or"
+            " 'displacement' and force.dots false"
         )
 
 

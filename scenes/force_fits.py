@@ -15,13 +15,15 @@ class FitFacts:
     of_slopes : whether weights of the slopes are fitted, which needs a solver without depth, and with which
         forces alone can train the pixel network
     of_weights : whether one weight a pixel of the displacement is fitted, which collapsed kernels alone take
+    of_kernels : whether the paper's kernels on the displacement are fitted
     """
 
     of_slopes: bool = False
     of_weights: bool = False
+    of_kernels: bool = False
 
 
-DISPLACEMENT = FitFacts()
+DISPLACEMENT = FitFacts(of_kernels=True)
 SLOPES = FitFacts(of_slopes=True)
 WEIGHTS = FitFacts(of_weights=True)
 FITS = Kinds(

@@ -236,9 +236,10 @@ class Training(Strict):
     depth is known at every pixel, or contact circles of balls, inside which its shape is known."""
     force_weight: Annotated[float, Field(ge=0)] = Field(0.0, exclude_if=lambda value: not value)
     """Weight of the force's error, in N, summed over the axes, beside the normals' loss in that training: the
-    network bends its slopes until their weighted sum is the force of presses that the weights were not fitted
-    to. With labels 'geometry' and fit 'slopes', without dots. The larger the weight, the better the
-    force, and the less the network's normals are those of the skin."""
+    network bends its slopes until a weighted sum of them, or of the displacement that they give, is the force
+    of presses that the weights were not fitted to. With labels 'geometry' and fit 'slopes' or 'displacement',
+    without dots. The larger the weight, the better the force, and the less the network's normals are those of
+    the skin."""
     depth_epochs: Count = Field(8, exclude_if=lambda value: value == 8)
     """Of the training with the depth or the force, on whole frames."""
     depth_learning_rate: Positive | None = Field(None, exclude_if=lambda value: value is None)

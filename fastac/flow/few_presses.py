@@ -46,7 +46,7 @@ def read(path: Path, scene: Scene, *, store: Path, progress: bool = False) -> Da
             f"scene {scene.name}: training.labels = 'force': expected 'geometry'; what such a network says"
             " is no normal, so that presses of known geometry cannot tune it"
         )
-    if scene.training.force_weight:
+    if scene.training.force_weight and scene.fit_facts.of_slopes:
         raise AdaptError(
             f"scene {scene.name}: training.force_weight = {scene.training.force_weight:g}: expected 0; such a"
             " network has bent its normals for the force, and presses of known geometry would straighten them"
@@ -70,7 +70,8 @@ def pixels_of(data: Dataset, scene: Scene, chosen: np.ndarray) -> tuple[np.ndarr
 
 def pressed_skins(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarray) -> WholeFrames | None:
     """The `chosen` frames, a mask, for a network that learns from the depth, too; None where the bundle's
-    scene has no `training.depth_weight`, or the depth of some pixels is not known.
+    scene has no `training.depth_weight`, or the depth of some pixels is not known. From the force it does not
+    learn: the presses are too few.
 
     data, skin : the new unit's, without and with what `training.skin_alone` leaves out
     """
@@ -79,4 +80,5 @@ def pressed_skins(known: Bundle, data: Dataset, skin: Dataset, chosen: np.ndarra
     if not known.scene.training.depth_weight or unknown_depth(data):
         return None
     rest_mm = known.pipeline.rest_depth_mm if data.rest_depth_mm is None else data.rest_depth_mm
-    return whole_frames(data, skin, known.scene, rest_mm)
+    training = known.scene.training.model_copy(update={"force_weight": 0.0})
+    return whole_frames(data, skin, known.scene.model_copy(update={"training": training}), rest_mm)

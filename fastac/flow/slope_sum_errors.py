@@ -11,6 +11,7 @@ from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.network import Layer
+from fastac.models.training.whole_frames.force_features import OfSlopes
 from fastac.models.training.whole_frames.held_out_force import HeldOutForce
 from fastac.models.training.whole_frames.network_depth import depth_mae_mm
 from fastac.models.vision.dots import slope_bridge
@@ -30,11 +31,11 @@ def network_errors(data: Dataset, scene: Scene) -> list[Callable[[PixelNetwork],
 
 def layers_errors(data: Dataset, scene: Scene) -> list[Callable[[Sequence[Layer]], float]]:
     """Of integer layers: that of `network_errors`; and the error of the force in N on the train split, as
-    `HeldOutForce.error`, where the network has learned from the force beside normals."""
+    `HeldOutForce.error`, where the network has learned from a force of slopes."""
     found = []
     if len(index := _depth_frames(data, scene)):
         found.append(lambda layers: _layers_depth_mae_mm(layers, data, scene, index))
-    if scene.training.force_weight:
+    if scene.training.force_weight and scene.fit_facts.of_slopes:
         held_out = HeldOutForce.of(data, scene.force_axes, data.indices("train"))
         found.append(lambda layers: _layers_force_error_n(layers, data, scene, held_out))
     return found
@@ -59,6 +60,6 @@ def _layers_force_error_n(
 ) -> float:
     found, learned = Emulator(layers_pipeline(tuple(layers), data, scene)), held_out.learned
     change = slope_changes(found, data.frames[learned], data.background, progress=False)
-    features = held_out.features(torch.from_numpy(change.astype(np.float32)))
+    features = OfSlopes(change.shape[1:3])(torch.from_numpy(change.astype(np.float32)))
     held_out.refit(features)
     return held_out.error(features, learned).item()

@@ -44,6 +44,8 @@ FORCE_OF_SLOPES = {
     ]
 }
 """Where the force is a sum of slopes that are learned from normals, besides."""
+FORCE_OF_KERNELS = {"training.force_weight": [0.0, 0.1, 0.3, 1.0]}
+"""Where the depth of presses is known and kernels on the displacement find the force, besides."""
 FORCE = {
     "sensor.level_light": [False, True],
     "training.input_noise": [0.0, 0.01, 0.02, 0.05],
@@ -79,9 +81,11 @@ def axes_of(
     if scene.training.labels == "force":
         axes = dict(FORCE)
     else:
-        axes = GEOMETRY | (CIRCLES if circles else {}) | (DEPTH if depth and scene.wants_solver else {})
-        if scene.wants_force and scene.fit_facts.of_slopes and not scene.force.dots:
-            axes |= FORCE_OF_SLOPES
+        by_depth = depth and scene.wants_solver
+        axes = GEOMETRY | (CIRCLES if circles else {}) | (DEPTH if by_depth else {})
+        if scene.wants_force and not scene.force.dots:
+            axes |= FORCE_OF_SLOPES if scene.fit_facts.of_slopes else {}
+            axes |= FORCE_OF_KERNELS if scene.fit_facts.of_kernels and by_depth else {}
     for text in vary:
         key, equals, values = text.partition("=")
         try:

@@ -213,13 +213,18 @@ def test_depth_is_learned_on_square_frames():
     assert error(text + "depth_weight = 0.5\n") == message
 
 
-def test_a_force_is_learned_as_a_sum_of_slopes():
+def test_a_force_is_learned_as_a_sum_of_slopes_or_by_kernels():
     start, end = 'name = "x"\noutputs = ["force_z"]\n', "[training]\nforce_weight = 2.0\n"
     flat = '[sensor]\ngeometry = "flat"\n'
     slopes = '[poisson]\nsolver = "adjoint"\n[force]\nclamp = false\nfit = "slopes"\n'
-    message = "training.force_weight: 2.0 needs a force among outputs, force.fit 'slopes' and force.dots"
-    assert parse(start + flat + slopes + end, origin="x").training.force_weight == 2
-    assert error(start + flat + end).startswith(message)
+    for way in (slopes, ""):
+        assert parse(start + flat + way + end, origin="x").training.force_weight == 2
+    message = (
+        "training.force_weight: 2.0 needs a force among outputs, force.fit 'slopes' or 'displacement' and"
+    )
+    weights = '[force]\nkernel = "collapsed"\nfit = "weights"\n'
+    assert error(start + flat + weights + end).startswith(message)
+    assert error(start.replace("force_z", "depth") + flat + end).startswith(message)
     dots = slopes + "dots = true\n" + "[sensor.markers]\nspacing_mm = 1.6\nradius_mm = 0.3\n"
     assert error(start + flat + dots + end).startswith(message)
 

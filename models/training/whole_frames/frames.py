@@ -10,6 +10,7 @@ from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training.normals import normal_loss
 from fastac.models.training.whole_frames.depth_of_slopes import DepthOfSlopes, slopes_of
+from fastac.models.training.whole_frames.force_features import OfDisplacement, OfSlopes
 from fastac.models.training.whole_frames.held_out_force import HeldOutForce
 from fastac.models.training.whole_frames.pixel_grid import WHOLE, Grid, every
 from fastac.models.vision.dots import slope_bridge
@@ -68,14 +69,15 @@ class WholeFrames:
             features = []
             for part in np.split(learned, range(PREPARED_FRAMES, len(learned), PREPARED_FRAMES)):
                 _, slopes, at_rest = self._found(model, part, grid)
-                features.append(self._force.features(slopes - at_rest, grid))
+                depth_px = None if self._of_slopes else self._depth(slopes, at_rest)
+                features.append(self._force_features(slopes, at_rest, depth_px, grid))
             self._force.refit(torch.cat(features))
         model.train(training)
 
     @property
     def _stride(self) -> int:
-        """Distance of the rows and columns that a step sees; the depth takes all of them."""
-        if self.scene.training.depth_weight:
+        """Distance of the rows and columns that a step sees; the solver takes all of them."""
+        if self._solves:
             return 1
         return max(1, min(self.data.frames.shape[1:3]) // SEEN_PX)
 
@@ -145,12 +147,38 @@ class WholeFrames:
         self, slopes: torch.Tensor, at_rest: torch.Tensor, index: np.ndarray, grid: Grid
     ) -> torch.Tensor:
         settings, loss = self.scene.training, torch.zeros(())
+        depth_px = self._depth(slopes, at_rest) if self._solves else None
         if settings.depth_weight:
-            loss = loss + settings.depth_weight * self._depth_error(self._depth(slopes, at_rest), index)
+            loss = loss + settings.depth_weight * self._depth_error(depth_px, index)
         if settings.force_weight:
-            features = self._force.features(slopes - at_rest, grid)
+            features = self._force_features(slopes, at_rest, depth_px, grid)
             loss = loss + settings.force_weight * self._force.error(features, index)
         return loss
+
+    @property
+    def _solves(self) -> bool:
+        """Whether the loss needs the depth."""
+        settings = self.scene.training
+        return bool(settings.depth_weight or (settings.force_weight and not self._of_slopes))
+
+    @cached_property
+    def _of_slopes(self) -> OfSlopes | None:
+        """Features of a force that is a sum of slopes, if it is one."""
+        return OfSlopes(self.data.frames.shape[1:3]) if self.scene.fit_facts.of_slopes else None
+
+    @cached_property
+    def _of_displacement(self) -> OfDisplacement:
+        force = self.scene.force
+        return OfDisplacement(self.scene.inner_px, force.kernel_size, clamp=force.clamp)
+
+    def _force_features(
+        self, slopes: torch.Tensor, at_rest: torch.Tensor, depth_px: torch.Tensor | None, grid: Grid
+    ) -> torch.Tensor:
+        """What the force is linear in; depth_px : that of the slopes, where it is no sum of them."""
+        if self._of_slopes:
+            return self._of_slopes(slopes - at_rest, grid)
+        rest_px = self._depth(at_rest[None], at_rest)  # zero in difference mode
+        return self._of_displacement(rest_px - depth_px)
 
 
 def unit(features: np.ndarray) -> torch.Tensor:

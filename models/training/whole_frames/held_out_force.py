@@ -1,9 +1,8 @@
-"""The force of slopes by weights that have not seen the frame, as a loss of the pixel network.
+"""The force by weights that have not seen the frame, as a loss of the pixel network.
 
-The force of scenes with fit "slopes" is a weighted sum of the slopes, with weights that are smooth over the
-image. A network that is trained on the error of weights fitted to the same frames learns these frames by
-heart. So presses are divided into parts, and the weights that find the force of one part are fitted to the
-others, again before each epoch.
+A network that is trained on the error of weights fitted to the same frames learns these frames by heart. So
+presses are divided into parts, and the weights that find the force of one part are fitted to the others,
+again before each epoch. The force is linear in features of what the network finds (force_features.py).
 Source of the division: Chernozhukov et al., "Double/debiased machine learning for treatment and structural
 parameters", The Econometrics Journal 21, 2018 (cross-fitting).
 """
@@ -14,13 +13,9 @@ import numpy as np
 import torch
 
 from fastac.models.training.force import ridge
-from fastac.models.training.force.smooth_weights import cosine_basis
-from fastac.models.training.whole_frames.pixel_grid import WHOLE, Grid
 from fastac.sensor.dataset import Dataset
 from fastac.sensor.groups import groups
 
-SIZE = 8
-"""Number of cosines along each axis whose sums the weights are."""
 REGULARISATION = np.array([1e-4])
 """As in `ridge.solve`."""
 PARTS = 4
@@ -28,40 +23,24 @@ PARTS = 4
 
 
 class HeldOutForce:
-    """Smooth weights of the slopes' change, fitted without the part of presses that they are used for.
+    """Weights of features, fitted without the part of presses that they are used for.
 
     force_n : (frames, axes) of all frames, float32; together : (frames,) integers, the same for frames of one
     press; learned : the frames that weights are fitted to. Those of all other frames see all of `learned`.
     `refit` must be called before `error`.
     """
 
-    def __init__(
-        self, force_n: np.ndarray, together: np.ndarray, learned: np.ndarray, shape: tuple[int, int]
-    ):
-        """shape : (H, W) of the frames"""
+    def __init__(self, force_n: np.ndarray, together: np.ndarray, learned: np.ndarray):
         self.learned, self.force_n = learned, torch.from_numpy(force_n.astype(np.float32))
         names, press = np.unique(together[learned], return_inverse=True)
         self.part = np.full(len(force_n), PARTS)
         self.part[learned] = (np.random.default_rng(0).permutation(len(names)) % PARTS)[press]
-        self.rows, self.columns = (
-            torch.from_numpy(cosine_basis(size, min(SIZE, size)).astype(np.float32)) for size in shape
-        )
         self.weights = torch.empty(0)
 
     @classmethod
     def of(cls, data: Dataset, axes: tuple[int, ...], learned: np.ndarray) -> Self:
         """Of a dataset's frames and their forces along `axes`."""
-        force_n = data.forces_n(np.arange(len(data)), axes)
-        return cls(force_n, groups(data), learned, data.frames.shape[1:3])
-
-    def features(self, change: torch.Tensor, grid: Grid = WHOLE) -> torch.Tensor:
-        """Slopes less those at rest (frames, h, w, 2) to their lowest cosines (frames, cosines · 2).
-
-        grid : the pixels (h, w) that they are of; each counts for as many as there are to one of the grid
-        """
-        rows, columns = self.rows[grid[0]], self.columns[grid[1]]
-        found = torch.einsum("nyxt,yi,xj->nijt", change, rows, columns).flatten(1)
-        return found * (len(self.rows) * len(self.columns) / (len(rows) * len(columns)))
+        return cls(data.forces_n(np.arange(len(data)), axes), groups(data), learned)
 
     def refit(self, features: torch.Tensor) -> None:
         """Fit the weights anew to the `features` of the frames `learned`, in their order."""

@@ -135,15 +135,15 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
 def _trained(
     network: PixelNetwork, frames: WholeFrames, trial: int, label: str, progress: bool
 ) -> list[dict]:
-    """`fit` as the scene has it. An epoch sees a share `training.normals_share` of the frames, or all of them
-    where the force counts."""
+    """`fit` as the scene has it. An epoch sees a share `training.normals_share` of the frames where the depth
+    counts, else all of them."""
     settings = frames.scene.training
     return fit(
         with_rounding_noise(network, frames.scene.felt_rounding_bits),
         frames,
         frames.index("train"),
         validation=frames.index("validation"),
-        share=1.0 if settings.force_weight else settings.normals_share,
+        share=settings.normals_share if settings.depth_weight else 1.0,
         epochs=settings.depth_epochs,
         rate=settings.sums_learning_rate,
         trial=trial,

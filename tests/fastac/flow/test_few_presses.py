@@ -37,10 +37,13 @@ def test_depth_is_learned_where_the_bundle_learned_it_and_all_of_it_is_known(tin
     chosen = np.arange(len(tiny_data)) < 5
     assert pressed_skins(tiny_bundle, tiny_data, tiny_data, chosen) is None
     scene = tiny_bundle.scene
-    scene = scene.model_copy(update={"training": scene.training.model_copy(update={"depth_weight": 1.0})})
+    learned = {"depth_weight": 1.0, "force_weight": 0.1}
+    scene = scene.model_copy(update={"training": scene.training.model_copy(update=learned)})
     bundle = replace(tiny_bundle, pipeline=tiny_bundle.pipeline.replace(scene=scene))
     assert bundle.scene == scene
     found = pressed_skins(bundle, tiny_data, tiny_data, chosen)
+    settings = found.scene.training
+    assert (settings.depth_weight, settings.force_weight) == (1.0, 0.0)  # too few presses for the force
     assert found.data.indices("train").tolist() == found.skin.indices("train").tolist() == list(range(5))
     np.testing.assert_array_equal(found.rest_depth_mm, tiny_data.rest_depth_mm)
     without = replace(tiny_data, rest_depth_mm=None)
@@ -86,3 +89,5 @@ def test_what_cannot_be_learned_from(tiny_data, tiny_scene, make_scene, tmp_path
     bent = forces.model_copy(update={"training": bent})
     with pytest.raises(AdaptError, match=r"^scene tiny: training\.force_weight = 3: expected 0"):
         read(tmp_path / "whole.h5", bent, store=tmp_path)
+    kernels = make_scene(training={"depth_weight": 1.0, "force_weight": 0.1})  # its normals are the skin's
+    assert len(read(tmp_path / "whole.h5", kernels, store=tmp_path)) == len(tiny_data)

@@ -7,7 +7,7 @@ from fastac.flow.slope_sum_errors import layers_errors, network_errors
 from fastac.models import accuracy
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.network import PixelNetwork
-from fastac.models.training.whole_frames import held_out_force
+from fastac.models.training.whole_frames import force_features
 
 OF_SLOPES = {"poisson": {"solver": "adjoint"}, "force": {"fit": "slopes", "clamp": False}}
 
@@ -34,7 +34,7 @@ def test_depth_is_judged_on_the_validation_split(tiny_data, tiny_bundle):
 
 def test_the_force_counts_where_the_network_learned_from_it(tiny_bundle, tiny_data, make_scene, monkeypatch):
     """Integers without slopes know no force: each is off by all of it, and their own slopes do better."""
-    monkeypatch.setattr(held_out_force, "SIZE", 2)  # for nine presses
+    monkeypatch.setattr(force_features, "SLOPES_SIZE", 2)  # for nine presses
     scene = make_scene(outputs=["force_z"], **OF_SLOPES, training={"force_weight": 3.0})
     assert network_errors(tiny_data, scene) == []
     [error] = layers_errors(tiny_data, scene)

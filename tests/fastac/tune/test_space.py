@@ -2,7 +2,16 @@ import numpy as np
 import pytest
 
 from fastac.tune.groups import TuneError
-from fastac.tune.space import CIRCLES, DEPTH, FORCE, FORCE_OF_SLOPES, GEOMETRY, axes_of, candidates
+from fastac.tune.space import (
+    CIRCLES,
+    DEPTH,
+    FORCE,
+    FORCE_OF_KERNELS,
+    FORCE_OF_SLOPES,
+    GEOMETRY,
+    axes_of,
+    candidates,
+)
 
 
 def test_axes_follow_the_labels(make_scene, tiny_scene):
@@ -18,7 +27,8 @@ def test_axes_follow_the_labels(make_scene, tiny_scene):
     assert axes_of(of_slopes) == GEOMETRY | FORCE_OF_SLOPES
     assert axes_of(tiny_scene) == GEOMETRY
     assert axes_of(tiny_scene, circles=True) == GEOMETRY | CIRCLES
-    assert axes_of(tiny_scene, circles=True, depth=True) == GEOMETRY | CIRCLES | DEPTH
+    assert axes_of(tiny_scene, circles=True, depth=True) == GEOMETRY | CIRCLES | DEPTH | FORCE_OF_KERNELS
+    assert axes_of(make_scene(outputs=["depth"]), depth=True) == GEOMETRY | DEPTH
     assert axes_of(make_scene(outputs=["normals"]), depth=True) == GEOMETRY
     assert axes_of(from_force, circles=True, depth=True) == FORCE
     found = axes_of(tiny_scene, ["network.width=8, 12", "training.teachers=0"], ["training.input_noise"])

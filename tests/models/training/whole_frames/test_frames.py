@@ -12,6 +12,7 @@ from fastac.models.integer.features import integer_features
 from fastac.models.training.force import ridge
 from fastac.models.training.normals import normal_loss
 from fastac.models.training.whole_frames import frames as of_whole_frames
+from fastac.models.training.whole_frames.force_features import OfDisplacement
 from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.models.training.whole_frames.held_out_force import REGULARISATION
 from fastac.models.training.whole_frames.network_depth import found_depth_mm
@@ -80,14 +81,40 @@ def test_the_force_of_presses_that_the_weights_were_not_fitted_to(tiny_data, mak
     train, test = (tiny_data.indices(split) for split in ("train", "test"))
     frames.prepare(network)
     normals, slopes, at_rest = frames._found(network, test)
-    features = frames._force.features(slopes - at_rest).detach().double().numpy()
+    features = frames._of_slopes(slopes - at_rest).detach().double().numpy()
     _, of_train, _ = frames._found(network, train)
-    known = frames._force.features(of_train - at_rest).detach().double().numpy()
+    known = frames._of_slopes(of_train - at_rest).detach().double().numpy()
     force_n = tiny_data.forces_n(np.arange(len(tiny_data)), scene.force_axes)
     weights = ridge.solve(known, force_n[train], REGULARISATION)[0]
     expected = np.abs(features @ weights - force_n[test]).sum(axis=1).mean()
     found = frames.loss(network, test) - frames._normals_loss(network, test, normals)
     assert found.item() == pytest.approx(2 * expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("clamp", [True, False])
+@pytest.mark.parametrize("mode", ["absolute", "difference"])
+def test_the_force_of_the_displacement(tiny_data, make_scene, network, mode, clamp):
+    """By weights that were fitted to other presses, of what the network's depth lies below its rest."""
+    force, training = {"clamp": clamp, "kernel_size": 3}, {"force_weight": 2.0}
+    scene = make_scene(outputs=["force_z"], poisson={"mode": mode}, force=force, training=training)
+    rest = rest_depth_mm(scene.sensor)
+    frames = whole_frames(tiny_data, tiny_data, scene, rest)
+    train, test = (tiny_data.indices(split) for split in ("train", "test"))
+    frames.prepare(network)
+
+    def features(index: np.ndarray) -> np.ndarray:
+        at_rest, depth_mm = (
+            found_depth_mm(network, images, tiny_data, scene, rest_depth_mm=rest)
+            for images in (tiny_data.background[None], tiny_data.frames[index])
+        )
+        displacement = torch.from_numpy((at_rest - depth_mm) / scene.sensor.pitch_mm).float()
+        return OfDisplacement(14, 3, clamp=clamp)(displacement).double().numpy()
+
+    force_n = tiny_data.forces_n(np.arange(len(tiny_data)), scene.force_axes)
+    weights = ridge.solve(features(train), force_n[train], REGULARISATION)[0]
+    expected = np.abs(features(test) @ weights - force_n[test]).sum(axis=1).mean()
+    found = frames.loss(network, test) - frames._normals_loss(network, test, frames._found(network, test)[0])
+    assert found.item() == pytest.approx(2 * expected, rel=1e-2)
 
 
 def test_a_step_sees_some_rows_and_columns_where_no_depth_is_learned(
@@ -118,5 +145,5 @@ def test_weights_are_fitted_to_the_pixels_that_steps_see(
     grid, train = every(16 // seen_px), tiny_data.indices("train")
     _, slopes, at_rest = frames._found(network, train, grid)
     found = frames._force.weights.clone()
-    frames._force.refit(frames._force.features((slopes - at_rest).detach(), grid))
+    frames._force.refit(frames._of_slopes((slopes - at_rest).detach(), grid))
     torch.testing.assert_close(frames._force.weights, found)

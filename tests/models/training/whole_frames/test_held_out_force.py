@@ -1,12 +1,12 @@
-"""Forces of slopes, by weights that have not seen the press."""
+"""Forces of features, by weights that have not seen the press."""
 
 import numpy as np
 import pytest
 import torch
 from scipy.fft import dctn
 
-from fastac.models.training.whole_frames.held_out_force import PARTS, SIZE, HeldOutForce
-from fastac.models.training.whole_frames.pixel_grid import WHOLE, every
+from fastac.models.training.whole_frames.force_features import OfSlopes
+from fastac.models.training.whole_frames.held_out_force import PARTS, HeldOutForce
 
 SHAPE = (12, 10)
 PRESSES, LOADS = 60, 3
@@ -23,7 +23,11 @@ def change() -> np.ndarray:
 
 def made(force_n: np.ndarray, learned: np.ndarray = LEARNED) -> HeldOutForce:
     together = np.arange(len(force_n)) // LOADS
-    return HeldOutForce(force_n, together, learned, SHAPE)
+    return HeldOutForce(force_n, together, learned)
+
+
+def features_of(change: np.ndarray) -> torch.Tensor:
+    return OfSlopes(SHAPE)(torch.from_numpy(change))
 
 
 def smooth_force_n(change: np.ndarray) -> np.ndarray:
@@ -33,25 +37,10 @@ def smooth_force_n(change: np.ndarray) -> np.ndarray:
     return np.einsum("nijt,aijt->na", lowest, weights).astype(np.float32)
 
 
-def test_features_are_the_lowest_cosines(change):
-    found = made(np.zeros((len(change), 1), np.float32)).features(torch.from_numpy(change)).numpy()
-    expected = dctn(change.astype(float), axes=(1, 2), norm="ortho")[:, :SIZE, :SIZE]
-    np.testing.assert_allclose(found, expected.reshape(len(change), -1), atol=1e-5)
-
-
-def test_some_rows_and_columns_stand_for_all(change):
-    """Of a change that is the same everywhere, the cosines that such a part of the pixels can tell apart."""
-    model = made(np.zeros((len(change), 1), np.float32))
-    even = torch.from_numpy(change)[:, :1, :1].expand(-1, *SHAPE, -1)
-    whole, part = (model.features(even[:, *grid], grid) for grid in (WHOLE, every(2, 1, 1)))
-    lowest = [0, 1]
-    torch.testing.assert_close(part[:, lowest], whole[:, lowest])
-
-
 def test_smooth_weights_are_found(change):
     force_n = smooth_force_n(change)
     model = made(force_n)
-    features = model.features(torch.from_numpy(change))
+    features = features_of(change)
     model.refit(features[LEARNED])
     every = np.arange(len(change))
     assert model.error(features, every) < 0.05 * np.abs(force_n).sum(axis=1).mean()
@@ -61,7 +50,7 @@ def test_a_press_is_no_part_of_the_weights_that_find_its_force(change):
     """Another force of one press changes the weights of all others, and not its own."""
     force_n = smooth_force_n(change)
     model = made(force_n)
-    features = model.features(torch.from_numpy(change))[LEARNED]
+    features = features_of(change)[LEARNED]
     model.refit(features)
     before = model.weights.clone()
     force_n[:LOADS] += 10.0
@@ -84,7 +73,7 @@ def test_frames_that_are_learned_by_heart_count_by_what_others_say(change):
     """Forces that have nothing to do with the slopes: no fit makes them smaller."""
     force_n = np.random.default_rng(3).normal(size=(len(change), 1)).astype(np.float32)
     model = made(force_n)
-    features = model.features(torch.from_numpy(change))[LEARNED]
+    features = features_of(change)[LEARNED]
     model.refit(features)
     held_out = model.error(features, LEARNED).item()
     model.part[:] = PARTS  # the weights that have seen all of them
@@ -93,7 +82,7 @@ def test_frames_that_are_learned_by_heart_count_by_what_others_say(change):
 
 def test_one_press_alone_is_fitted_to_itself(change):
     model = made(smooth_force_n(change), LEARNED[:LOADS])
-    features = model.features(torch.from_numpy(change))[:LOADS]
+    features = features_of(change)[:LOADS]
     model.refit(features)
     assert torch.isfinite(model.weights).all()
     assert model.error(features, LEARNED[:LOADS]) < 0.1

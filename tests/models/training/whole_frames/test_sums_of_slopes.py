@@ -10,8 +10,8 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.training.normals import train
+from fastac.models.training.whole_frames import force_features, sums_of_slopes
 from fastac.models.training.whole_frames import frames as of_whole_frames
-from fastac.models.training.whole_frames import held_out_force, sums_of_slopes
 from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.models.training.whole_frames.held_out_force import HeldOutForce
 from fastac.models.training.whole_frames.network_depth import depth_mae_mm
@@ -59,20 +59,22 @@ def test_depth_gets_better_on_frames_that_were_held_out(skins, tiny_data, traine
     assert after < 0.8 * before
 
 
+@pytest.mark.parametrize("way", ["slopes", "displacement"])
 def test_forces_get_better_by_weights_that_have_not_seen_the_press(
-    tiny_data, make_scene, trained, of_slopes, monkeypatch
+    tiny_data, make_scene, trained, of_slopes, monkeypatch, way
 ):
     """Than by the same training with hardly any weight of the force."""
-    monkeypatch.setattr(held_out_force, "SIZE", 2)  # for nine presses
+    for size in ("SLOPES_SIZE", "DISPLACEMENT_SIZE"):
+        monkeypatch.setattr(force_features, size, 2)  # for nine presses
+    keys = of_slopes if way == "slopes" else {"outputs": ["force_xyz"], "force": {"kernel_size": 1}}
     errors, train = [], tiny_data.indices("train")
     for weight in (1e-9, 100.0):
-        scene = make_scene(**of_slopes, training={"force_weight": weight})
+        scene = make_scene(**keys, training={"force_weight": weight})
         frames = WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
         network = copy.deepcopy(trained)
-        assert len(sums_of_slopes.fit(network, frames, train, epochs=30, rate=2e-3)) == 30
+        assert len(sums_of_slopes.fit(network, frames, train, epochs=30, rate=5e-3)) == 30
         frames.prepare(network)
-        slopes, at_rest = frames._found(network, train)[1:]
-        errors.append(frames._force.error(frames._force.features(slopes - at_rest), train).item())
+        errors.append(frames.sums_loss(network, train).item() / weight)
     assert errors[1] < 0.8 * errors[0]
 
 
@@ -115,7 +117,7 @@ def test_a_trial_is_judged_by_the_force_of_all_pixels(tiny_data, make_scene, tra
     changes = {}
     for split in ("train", "validation"):
         _, slopes, at_rest = frames._found(network, tiny_data.indices(split))
-        changes[split] = force.features((slopes - at_rest).detach())
+        changes[split] = frames._of_slopes((slopes - at_rest).detach())
     force.refit(changes["train"])
     errors = {split: force.error(changes[split], tiny_data.indices(split)).item() for split in changes}
     counts = [len(tiny_data.indices(split)) for split in errors]
