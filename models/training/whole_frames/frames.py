@@ -54,16 +54,11 @@ class WholeFrames:
     def _force(self) -> HeldOutForce:
         return HeldOutForce.of(self.data, self.scene.force_axes, self.index("train"))
 
-    def prepare(self, model: torch.nn.Module, grid: Grid | None = None) -> None:
-        """Fit what of the loss follows from the model, before each epoch: the weights of the force.
-
-        grid : the pixels whose slopes they are fitted to; None: as many as a step sees
-        """
+    def prepare(self, model: torch.nn.Module) -> None:
+        """Fit what of the loss follows from the model, before each epoch: the weights of the force."""
         if not self.scene.training.force_weight:
             return
-        learned, training = self._force.learned, model.training
-        if grid is None:
-            grid = every(self._stride)
+        learned, training, grid = self._force.learned, model.training, every(self._stride)
         model.eval()
         with torch.no_grad():
             features = []
@@ -133,20 +128,9 @@ class WholeFrames:
 
         model : from scaled features (pixels, inputs) to normals (pixels, 3) of any length
         """
-        grid = self._drawn_grid(model)
+        settings, grid = self.scene.training, self._drawn_grid(model)
         normals, slopes, at_rest = self._found(model, index, grid)
         loss = self._normals_loss(model, index, normals, grid)
-        return loss + self._sums_loss(slopes, at_rest, index, grid)
-
-    def sums_loss(self, model: torch.nn.Module, index: np.ndarray) -> torch.Tensor:
-        """`loss` of all pixels of the frames `index` without the normals' part."""
-        _, slopes, at_rest = self._found(model, index)
-        return self._sums_loss(slopes, at_rest, index, WHOLE)
-
-    def _sums_loss(
-        self, slopes: torch.Tensor, at_rest: torch.Tensor, index: np.ndarray, grid: Grid
-    ) -> torch.Tensor:
-        settings, loss = self.scene.training, torch.zeros(())
         depth_px = self._depth(slopes, at_rest) if self._solves else None
         if settings.depth_weight:
             loss = loss + settings.depth_weight * self._depth_error(depth_px, index)

@@ -7,7 +7,6 @@ flat. A force that is a weighted sum of the slopes is not linear in the true one
 of the normals the network bends them. The hardware stays the same.
 """
 
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -21,7 +20,6 @@ from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.one_cycle import one_cycle
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.whole_frames.frames import WholeFrames
-from fastac.models.training.whole_frames.pixel_grid import WHOLE
 from fastac.models.training.whole_frames.trials import Outcome, best_trial
 
 LABEL = "normals, on whole frames"
@@ -29,34 +27,19 @@ BATCH_FRAMES = 4
 """Of a step. A step of so many frames of 128 × 128 pixels sees eight times as many pixels as one of
 `training.normals_batch_px`, but neighbours are much alike."""
 
-Loss = Callable[[torch.nn.Module, np.ndarray], torch.Tensor]
-"""Of a model, and of frames by their numbers."""
-
 
 def _batches(index: np.ndarray) -> list[np.ndarray]:
     return np.split(index, range(BATCH_FRAMES, len(index), BATCH_FRAMES))
 
 
-def _mean_loss(loss: Loss, model: torch.nn.Module, index: np.ndarray) -> float:
-    """The mean over the frames `index`."""
+def _mean_loss(model: torch.nn.Module, frames: WholeFrames, index: np.ndarray) -> float:
+    """That of the frames `index`, with what `frames` has fitted to the model as it is."""
+    frames.prepare(model)
     model.eval()
-    with torch.no_grad():  # what `WholeFrames` keeps from here is learned with, too
-        parts = [(part, loss(model, part).item()) for part in _batches(index)]
+    with torch.no_grad():  # what `frames` keeps from here is learned with, too
+        parts = [(part, frames.loss(model, part).item()) for part in _batches(index)]
     model.train()
     return sum(len(part) * value for part, value in parts) / len(index)
-
-
-def _epoch_loss(model: torch.nn.Module, frames: WholeFrames, index: np.ndarray) -> float:
-    """Of the frames `index`. What `frames` fits to the model as it is, the next epoch learns with."""
-    frames.prepare(model)
-    return _mean_loss(frames.loss, model, index)
-
-
-def _sums_loss(model: torch.nn.Module, frames: WholeFrames, index: np.ndarray) -> float:
-    """Of depth and force alone, of the frames `index`, with weights of the force fitted to all pixels, as in
-    the hardware: weights fitted to a part of them order networks otherwise."""
-    frames.prepare(model, WHOLE)
-    return _mean_loss(frames.sums_loss, model, index)
 
 
 @single_thread()
@@ -101,7 +84,7 @@ def fit(
         return _batches(rng.permutation(index)[:count])
 
     if judged:  # what it starts from counts too
-        best.tell(_epoch_loss(model, frames, validation), model)
+        best.tell(_mean_loss(model, frames, validation), model)
     return train_epochs(
         model,
         epochs,
@@ -110,7 +93,7 @@ def fit(
         lambda part: descend(frames.loss(model, part), optimiser, schedule),
         label=label,
         best=best,
-        error=partial(_epoch_loss, model, frames, validation) if judged else None,
+        error=partial(_mean_loss, model, frames, validation) if judged else None,
         progress=progress,
     )
 
@@ -119,7 +102,7 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
     """Train the float network on for the scene's `training.depth_epochs`; it is changed itself.
 
     That is done `training.depth_trials` times, side by side in as many processes as torch may use threads.
-    The trial with the smallest `_sums_loss` on all presses known is kept, and its learning curve is returned.
+    The trial with the smallest loss on all presses known is kept, and its learning curve is returned.
     """
     trials = frames.scene.training.depth_trials
     if trials == 1:  # there is nothing to choose
@@ -155,9 +138,8 @@ def _trained(
 def _trial(
     arrays: dict[str, np.ndarray], frames: WholeFrames, trial: int, label: str, progress: bool
 ) -> Outcome:
-    """A trial from the network of these arrays, with its `_sums_loss` on the presses of training and
-    validation."""
+    """A trial from the network of these arrays, with its loss on the presses of training and validation."""
     network = PixelNetwork.from_arrays(arrays)
     history = _trained(network, frames, trial, LABEL + label, progress)
     known = np.concatenate([frames.index(split) for split in ("train", "validation")])
-    return Outcome(_sums_loss(network, frames, known), network.arrays, history)
+    return Outcome(_mean_loss(network, frames, known), network.arrays, history)

@@ -11,10 +11,9 @@ import torch
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.training.normals import train
 from fastac.models.training.whole_frames import force_features, sums_of_slopes
-from fastac.models.training.whole_frames import frames as of_whole_frames
 from fastac.models.training.whole_frames.frames import WholeFrames
-from fastac.models.training.whole_frames.held_out_force import HeldOutForce
 from fastac.models.training.whole_frames.network_depth import depth_mae_mm
+from fastac.models.training.whole_frames.pixel_grid import WHOLE
 from fastac.sensor.geometry import rest_depth_mm
 
 
@@ -74,7 +73,9 @@ def test_forces_get_better_by_weights_that_have_not_seen_the_press(
         network = copy.deepcopy(trained)
         assert len(sums_of_slopes.fit(network, frames, train, epochs=30, rate=5e-3)) == 30
         frames.prepare(network)
-        errors.append(frames.sums_loss(network, train).item() / weight)
+        _, slopes, at_rest = frames._found(network, train)
+        features = frames._force_features(slopes, at_rest, frames._depth(slopes, at_rest), WHOLE)
+        errors.append(frames._force.error(features, train).item())
     assert errors[1] < 0.8 * errors[0]
 
 
@@ -98,30 +99,12 @@ def test_of_several_trials_the_best_is_kept(skins, trained, tiny_data):
         split = {"index": tiny_data.indices("train"), "validation": tiny_data.indices("validation")}
         curves.append(sums_of_slopes.fit(networks[-1], frames, **split, epochs=3, rate=2e-3, trial=trial))
         with torch.no_grad():
-            losses.append(np.mean([frames.sums_loss(networks[-1], [k]).item() for k in known]))
+            losses.append(np.mean([frames.loss(networks[-1], [k]).item() for k in known]))
     assert len(set(losses)) == 4
     network, best = copy.deepcopy(trained), int(np.argmin(losses))
     assert sums_of_slopes.train(network, frames) == curves[best]
     assert torch.equal(parameters(network), parameters(networks[best]))
     assert best, "the first is the best, so that this test could not tell"
-
-
-def test_a_trial_is_judged_by_the_force_of_all_pixels(tiny_data, make_scene, trained, of_slopes, monkeypatch):
-    """Neither by that of the pixels that steps see nor by normals. The weights have not seen the press."""
-    monkeypatch.setattr(of_whole_frames, "SEEN_PX", 8)
-    scene = make_scene(**of_slopes, training={"force_weight": 2.0, "depth_epochs": 1})
-    frames = WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
-    found = sums_of_slopes._trial(trained.arrays, frames, 0, "", False)
-    network, train = PixelNetwork.from_arrays(found.arrays), tiny_data.indices("train")
-    force = HeldOutForce.of(tiny_data, (0, 1, 2), train)
-    changes = {}
-    for split in ("train", "validation"):
-        _, slopes, at_rest = frames._found(network, tiny_data.indices(split))
-        changes[split] = frames._of_slopes((slopes - at_rest).detach())
-    force.refit(changes["train"])
-    errors = {split: force.error(changes[split], tiny_data.indices(split)).item() for split in changes}
-    counts = [len(tiny_data.indices(split)) for split in errors]
-    assert found.loss == pytest.approx(2 * np.average(list(errors.values()), weights=counts), rel=1e-5)
 
 
 @pytest.mark.full  # PyTorch is imported in another process
