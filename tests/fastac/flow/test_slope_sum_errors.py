@@ -17,6 +17,8 @@ def test_depth_counts_where_the_scene_finds_it_and_the_dataset_knows_it(tiny_dat
         assert len(errors(tiny_data, tiny_scene)) == 1
         assert errors(replace(tiny_data, depth_mm=None), tiny_scene) == []
         assert errors(tiny_data, make_scene(outputs=["force_z"], **OF_SLOPES)) == []
+        learned = make_scene(training={"depth_weight": 1.0, "force_weight": 0.1})
+        assert len(errors(tiny_data, learned)) == 1  # kernels have no error of slopes
 
 
 def test_depth_is_judged_on_the_validation_split(tiny_data, tiny_bundle):

@@ -89,6 +89,23 @@ def test_the_same_seed_gives_the_same_network(skins, trained):
     assert not torch.equal(found[0], parameters(trained))
 
 
+@pytest.mark.parametrize(
+    ("weights", "share"),
+    [
+        ({"depth_weight": 1.0}, 0.5),
+        ({"depth_weight": 1.0, "force_weight": 0.1}, 0.5),
+        ({"force_weight": 0.1}, 1.0),
+    ],
+)
+def test_an_epoch_sees_a_share_of_the_frames_where_the_depth_counts(
+    skins, trained, monkeypatch, weights, share
+):
+    seen = []
+    monkeypatch.setattr(sums_of_slopes, "fit", lambda *_, share, **__: seen.append(share) or [])
+    sums_of_slopes.train(copy.deepcopy(trained), skins(**weights, normals_share=0.5))
+    assert seen == [share]
+
+
 def test_of_several_trials_the_best_is_kept(skins, trained, tiny_data):
     """Best on the presses of training and validation; its curve is returned."""
     frames = skins(depth_weight=1.0, depth_epochs=3, depth_trials=4)
