@@ -23,6 +23,7 @@ OF_NORMALS = (
     "depth_weight",
     "force_weight",
     "rounding_noise",
+    "weight_rounding_noise",
 )
 """Keys of `training` for networks that learn from normals."""
 SHARES_OF_PIXELS = ("normals_share", "still_share")
@@ -200,6 +201,10 @@ def _check_sums(scene) -> None:
         raise ValueError(
             f"training.force_weight: {weight} needs a force among outputs, force.fit 'slopes' or"
             " 'displacement' and force.dots false"
+        )
+    if scene.training.weight_rounding_noise and not (scene.training.depth_weight or weight):
+        raise ValueError(
+            "training.weight_rounding_noise: true needs training.depth_weight or training.force_weight"
         )
 
 

@@ -251,6 +251,9 @@ class Training(Strict):
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""
+    weight_rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
+    """Whether the network feels the rounding of its hidden weights to `numbers.weight_bits` as noise while it
+    is trained on whole frames: sums over many pixels lose less by it, the depth above all."""
     light_noise: Annotated[float, Field(ge=0, lt=1)] | None = None
     """Standard deviation of the gain by which each channel of a frame is made brighter or darker in training,
     as a fraction, with labels 'force': what lamps and exposure differ by from one recording to the next. Not

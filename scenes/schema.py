@@ -156,6 +156,11 @@ class Scene(Strict):
         return self.numbers.activation_bits if self.training.rounding_noise else None
 
     @property
+    def felt_weight_bits(self) -> int | None:
+        """Bits of the hidden weights whose rounding it feels, on whole frames; None: it feels none."""
+        return self.numbers.weight_bits if self.training.weight_rounding_noise else None
+
+    @property
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
         needed = any(facts.needs_depth for facts in self.output_facts)

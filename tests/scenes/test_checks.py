@@ -48,6 +48,11 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             '"force" }',
+            '"force", weight_rounding_noise = true }',
+            "training.weight_rounding_noise: true needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
             '"force", normals_share = 0.5 }',
             "training.normals_share: 0.5 needs training.labels 'geometry'",
         ),
@@ -227,6 +232,15 @@ def test_a_force_is_learned_as_a_sum_of_slopes_or_by_kernels():
     assert error(start.replace("force_z", "depth") + flat + end).startswith(message)
     dots = slopes + "dots = true\n" + "[sensor.markers]\nspacing_mm = 1.6\nradius_mm = 0.3\n"
     assert error(start + flat + dots + end).startswith(message)
+
+
+def test_rounded_weights_are_felt_on_whole_frames():
+    start = 'name = "x"\noutputs = ["normals"]\nsensor = { geometry = "flat" }\n[training]\n'
+    start += "weight_rounding_noise = true\n"
+    message = "training.weight_rounding_noise: true needs training.depth_weight or training.force_weight"
+    assert error(start) == message
+    assert parse(start + "depth_weight = 0.5\n", origin="x").felt_weight_bits == 8
+    assert parse(start.replace("true", "false"), origin="x").felt_weight_bits is None
 
 
 def test_a_scene_does_not_name_a_depth_that_is_not_learned():

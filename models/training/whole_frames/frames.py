@@ -161,8 +161,10 @@ class WholeFrames:
         """What the force is linear in; depth_px : that of the slopes, where it is no sum of them."""
         if self._of_slopes:
             return self._of_slopes(slopes - at_rest, grid)
-        rest_px = self._depth(at_rest[None], at_rest)  # zero in difference mode
-        return self._of_displacement(rest_px - depth_px)
+        displacement_px = -depth_px
+        if self.scene.poisson.mode != "difference":  # else depth at rest is zero
+            displacement_px = displacement_px + self._depth(at_rest[None], at_rest)
+        return self._of_displacement(displacement_px)
 
 
 def unit(features: np.ndarray) -> torch.Tensor:

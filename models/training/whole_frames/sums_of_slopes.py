@@ -122,7 +122,7 @@ def _trained(
     counts, else all of them."""
     settings = frames.scene.training
     return fit(
-        with_rounding_noise(network, frames.scene.felt_rounding_bits),
+        with_rounding_noise(network, frames.scene.felt_rounding_bits, frames.scene.felt_weight_bits),
         frames,
         frames.index("train"),
         validation=frames.index("validation"),

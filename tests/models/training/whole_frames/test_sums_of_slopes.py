@@ -145,11 +145,12 @@ def test_a_training_that_loses_leaves_the_network_as_it_was(skins, trained):
     assert torch.equal(parameters(network), parameters(trained))
 
 
-def test_the_network_feels_rounding_where_the_scene_says_so(skins, trained):
+@pytest.mark.parametrize("key", ["rounding_noise", "weight_rounding_noise"])
+def test_the_network_feels_rounding_where_the_scene_says_so(skins, trained, key):
     found = []
     for noise in (False, True):
         network = copy.deepcopy(trained)
-        sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=1, rounding_noise=noise))
+        sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=1, **{key: noise}))
         found.append(parameters(network))
     assert not torch.equal(*found)
 
