@@ -24,10 +24,13 @@ OF_NORMALS = (
     "force_weight",
     "rounding_noise",
     "weight_rounding_noise",
+    "normals_share",
+    "still_share",
+    "initial_weights",
+    "depth_share",
+    "depth_optimiser",
 )
 """Keys of `training` for networks that learn from normals."""
-SHARES_OF_PIXELS = ("normals_share", "still_share")
-"""The same, but 1 is what they are where they are not given."""
 
 
 def check_scene(scene) -> None:
@@ -49,8 +52,7 @@ def check_scene(scene) -> None:
         _check_sums(scene)
         for key in ("light_noise", "curl_weight", "press_reach", "press_symmetry"):
             if (value := getattr(scene.training, key)) is not None:
-                shown = str(value).lower()  # of true and false, as TOML writes them
-                raise ValueError(f"training.{key}: {shown} needs training.labels 'force'")
+                raise ValueError(f"training.{key}: {_as_toml(value)} needs training.labels 'force'")
     if scene.protocol.tangential_shares and not scene.sensor.elastomer.friction:
         raise ValueError(
             "protocol.tangential_shares: only friction carries them; set sensor.elastomer.friction and"
@@ -218,12 +220,14 @@ def _check_force_alone(scene) -> None:
         )
     for key in OF_NORMALS:
         value = getattr(scene.training, key)
-        if value:
-            raise ValueError(f"training.{key}: {str(value).lower()} needs training.labels 'geometry'")
+        if value != type(scene.training).model_fields[key].default:
+            raise ValueError(f"training.{key}: {_as_toml(value)} needs training.labels 'geometry'")
     if scene.force.dots:  # their shifts belong to their places
         for key in ("press_symmetry", "press_reach"):
             if value := getattr(scene.training, key):
-                raise ValueError(f"training.{key}: {str(value).lower()} needs force.dots = false")
-    for key in SHARES_OF_PIXELS:
-        if (share := getattr(scene.training, key)) < 1:
-            raise ValueError(f"training.{key}: {share} needs training.labels 'geometry'")
+                raise ValueError(f"training.{key}: {_as_toml(value)} needs force.dots = false")
+
+
+def _as_toml(value: bool | float | str) -> str:
+    """A value of a scene as a scene file has it."""
+    return repr(value) if isinstance(value, str) else str(value).lower()

@@ -161,6 +161,12 @@ class Scene(Strict):
         return self.numbers.weight_bits if self.training.weight_rounding_noise else None
 
     @property
+    def learns_force_of_slopes(self) -> bool:
+        """Whether the network learns from a force that is a sum of its slopes, beside the normals. It then
+        bends them, and they are no longer those of the skin."""
+        return bool(self.training.force_weight) and self.fit_facts.of_slopes
+
+    @property
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
         needed = any(facts.needs_depth for facts in self.output_facts)

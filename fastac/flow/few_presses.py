@@ -46,7 +46,7 @@ def read(path: Path, scene: Scene, *, store: Path, progress: bool = False) -> Da
             f"scene {scene.name}: training.labels = 'force': expected 'geometry'; what such a network says"
             " is no normal, so that presses of known geometry cannot tune it"
         )
-    if scene.training.force_weight and scene.fit_facts.of_slopes:
+    if scene.learns_force_of_slopes:
         raise AdaptError(
             f"scene {scene.name}: training.force_weight = {scene.training.force_weight:g}: expected 0; such a"
             " network has bent its normals for the force, and presses of known geometry would straighten them"

@@ -35,7 +35,7 @@ def layers_errors(data: Dataset, scene: Scene) -> list[Callable[[Sequence[Layer]
     found = []
     if len(index := _depth_frames(data, scene)):
         found.append(lambda layers: _layers_depth_mae_mm(layers, data, scene, index))
-    if scene.training.force_weight and scene.fit_facts.of_slopes:
+    if scene.learns_force_of_slopes:
         held_out = HeldOutForce.of(data, scene.force_axes, data.indices("train"))
         found.append(lambda layers: _layers_force_error_n(layers, data, scene, held_out))
     return found

@@ -105,10 +105,15 @@ def compensated_layers(
     return (*layers, _last_layer(weight, bias, limit, last_weight_bits))
 
 
+def least_range(largest):
+    """The range that a neuron which is all but dead has of its activations, a thousandth of the most active
+    one's; from the largest activation of each, an array or a tensor (neurons,)."""
+    return largest.max() * 1e-3 + 1e-9
+
+
 def _activation_unit(largest: np.ndarray, top: int) -> np.ndarray:
-    """Float value of one unit of each neuron's activation, (neurons,), whose largest value is `top` units; of
-    a neuron that is all but dead a thousandth of the most active one's."""
-    return np.maximum(largest, largest.max() * 1e-3 + 1e-9) / top
+    """Float value of one unit of each neuron's activation, (neurons,), whose largest value is `top` units."""
+    return np.maximum(largest, least_range(largest)) / top
 
 
 def _last_layer(weight: np.ndarray, bias: np.ndarray, limit: np.ndarray, bits: int) -> Layer:

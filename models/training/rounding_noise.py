@@ -9,6 +9,7 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.integer.features import scales
+from fastac.models.integer.quantise import least_range
 
 
 class RoundingNoise(torch.nn.Module):
@@ -55,7 +56,7 @@ def weight_units(weight: torch.Tensor, input_unit: torch.Tensor, bits: int) -> t
 
     weight : (neurons, inputs); input_unit : what one unit of each input is, (inputs,), to a common factor
     """
-    input_unit = input_unit.clamp_min(1e-3 * input_unit.max() + 1e-9)  # of a neuron that is all but dead
+    input_unit = input_unit.clamp_min(least_range(input_unit))
     largest = (weight * input_unit).abs().amax(dim=1, keepdim=True)
     return largest / ((1 << (bits - 1)) - 1) / input_unit
 

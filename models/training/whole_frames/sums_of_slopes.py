@@ -20,6 +20,7 @@ from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.one_cycle import one_cycle
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.models.training.whole_frames.optimisers import optimiser_of
 from fastac.models.training.whole_frames.trials import Outcome, best_trial
 
 LABEL = "normals, on whole frames"
@@ -74,7 +75,7 @@ def fit(
     count = max(1, round(share * len(index)))
     steps = -(-count // BATCH_FRAMES)
     parameters = [values for values in model.parameters() if values.requires_grad]
-    optimiser = torch.optim.AdamW(parameters, lr=rate, weight_decay=0.0, fused=True)
+    optimiser = optimiser_of(frames.scene.training.depth_optimiser, parameters, rate)
     schedule = one_cycle(optimiser, rate, epochs * steps)
     judged, best = validation is not None and bool(len(validation)), BestEpoch()
 
@@ -118,15 +119,14 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
 def _trained(
     network: PixelNetwork, frames: WholeFrames, trial: int, label: str, progress: bool
 ) -> list[dict]:
-    """`fit` as the scene has it. An epoch sees a share `training.normals_share` of the frames where the depth
-    counts, else all of them."""
+    """`fit` as the scene has it."""
     settings = frames.scene.training
     return fit(
         with_rounding_noise(network, frames.scene.felt_rounding_bits, frames.scene.felt_weight_bits),
         frames,
         frames.index("train"),
         validation=frames.index("validation"),
-        share=settings.normals_share if settings.depth_weight else 1.0,
+        share=settings.sums_share,
         epochs=settings.depth_epochs,
         rate=settings.sums_learning_rate,
         trial=trial,

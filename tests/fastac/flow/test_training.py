@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import torch
 
 from fastac.flow import force_training, training
 from fastac.flow.pipelines import integer_pipeline
@@ -13,13 +14,14 @@ from fastac.gateware.cycle_model import CycleModel
 from fastac.gateware.datapath import Datapath
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import collapse
-from fastac.models.floating.network import PixelNetwork
+from fastac.models.floating.network import PixelNetwork, predict
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble, quantise
 from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import terms
 from fastac.models.training.pruning import digits
+from fastac.models.training.pruning.hidden_neurons import widths
 from fastac.models.vision.dots import follower_of, windows_of
 from fastac.store.files import load_arrays, save_arrays
 from fastac.synth.estimates import resources
@@ -190,6 +192,41 @@ def test_a_network_pruned_to_a_width_has_it_whatever_its_neurons_say(
     many = np.concatenate([layer.requantisation.multiplier for layer in layers[:-1]])
     few_digits = digits.digit_counts(many).max() <= max(digits.MULTIPLIER_DIGITS)
     assert few_digits == (weights == "baked")
+
+
+@pytest.mark.parametrize("force_weight", [0.0, 1.0])
+def test_what_a_force_of_slopes_has_bent_stays_so_when_neurons_go(
+    tiny_data, make_scene, tmp_path, monkeypatch, force_weight
+):
+    """The training on whole frames here mirrors all normals. With a force of slopes neurons are removed
+    afterwards, and those that remain say what all have said; without one they go before."""
+    scene = make_scene(
+        outputs=["force_xyz"],
+        poisson={"solver": "adjoint"},
+        force={"fit": "slopes", "clamp": False},
+        network={"width": [6, 5, 5], "train_width": 7},
+        training={"normals_epochs": 60, "normals_batch_px": 1024, "force_weight": force_weight},
+    )
+    found_widths = []
+
+    def mirror(network, *_, **__):
+        found_widths.append(widths(network))
+        with torch.no_grad():
+            network.linear_layers[-1].weight[:2] *= -1
+            network.linear_layers[-1].bias[:2] *= -1
+        return []
+
+    monkeypatch.setattr(training, "learn_sums", mirror)
+    training.normals(tiny_data, scene, tmp_path / "normals.npz", progress=False)
+    network = PixelNetwork.from_arrays(load_arrays(tmp_path / "normals.npz"))
+    assert found_widths == [(7, 7, 7) if force_weight else (6, 5, 5)]
+    assert widths(network) == (6, 5, 5)
+    index = tiny_data.indices("test")
+    found = predict(network, integer_features(tiny_data.frames[index], tiny_data.background))
+    found /= np.linalg.norm(found, axis=-1, keepdims=True)
+    truth = tiny_data.normals[index].astype(float)
+    errors = [np.abs(found - truth * side).mean() for side in ([-1, -1, 1], 1)]
+    assert errors[0] < 0.5 * errors[1]
 
 
 def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_data):

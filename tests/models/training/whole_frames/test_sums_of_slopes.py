@@ -90,20 +90,30 @@ def test_the_same_seed_gives_the_same_network(skins, trained):
 
 
 @pytest.mark.parametrize(
-    ("weights", "share"),
+    ("keys", "share"),
     [
         ({"depth_weight": 1.0}, 0.5),
         ({"depth_weight": 1.0, "force_weight": 0.1}, 0.5),
         ({"force_weight": 0.1}, 1.0),
+        ({"depth_weight": 1.0, "depth_share": 1.0}, 1.0),
+        ({"force_weight": 0.1, "depth_share": 0.25}, 0.25),
     ],
 )
-def test_an_epoch_sees_a_share_of_the_frames_where_the_depth_counts(
-    skins, trained, monkeypatch, weights, share
-):
+def test_an_epoch_sees_a_share_of_the_frames(skins, trained, monkeypatch, keys, share):
     seen = []
     monkeypatch.setattr(sums_of_slopes, "fit", lambda *_, share, **__: seen.append(share) or [])
-    sums_of_slopes.train(copy.deepcopy(trained), skins(**weights, normals_share=0.5))
+    sums_of_slopes.train(copy.deepcopy(trained), skins(**keys, normals_share=0.5))
     assert seen == [share]
+
+
+def test_the_scene_chooses_the_optimiser(skins, trained):
+    found = []
+    for name in ("adam", "soap"):
+        network = copy.deepcopy(trained)
+        history = sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=6, depth_optimiser=name))
+        assert history[-1]["train_loss"] < history[0]["train_loss"]
+        found.append(parameters(network))
+    assert not torch.equal(*found)
 
 
 def test_of_several_trials_the_best_is_kept(skins, trained, tiny_data):
