@@ -54,11 +54,15 @@ class WholeFrames:
     def _force(self) -> HeldOutForce:
         return HeldOutForce.of(self.data, self.scene.force_axes, self.index("train"))
 
-    def prepare(self, model: torch.nn.Module) -> None:
-        """Fit what of the loss follows from the model, before each epoch: the weights of the force."""
+    def prepare(self, model: torch.nn.Module, grid: Grid | None = None) -> None:
+        """Fit what of the loss follows from the model, before each epoch: the weights of the force.
+
+        grid : the pixels that they are fitted to; None: as many as a step sees
+        """
         if not self.scene.training.force_weight:
             return
-        learned, training, grid = self._force.learned, model.training, every(self._stride)
+        grid = every(self._stride) if grid is None else grid
+        learned, training = self._force.learned, model.training
         model.eval()
         with torch.no_grad():
             features = []
@@ -128,9 +132,16 @@ class WholeFrames:
 
         model : from scaled features (pixels, inputs) to normals (pixels, 3) of any length
         """
-        settings, grid = self.scene.training, self._drawn_grid(model)
+        grid = self._drawn_grid(model)
         normals, slopes, at_rest = self._found(model, index, grid)
         loss = self._normals_loss(model, index, normals, grid)
+        return loss + self._sums_loss(slopes, at_rest, index, grid)
+
+    def _sums_loss(
+        self, slopes: torch.Tensor, at_rest: torch.Tensor, index: np.ndarray, grid: Grid = WHOLE
+    ) -> torch.Tensor | float:
+        """What `loss` adds to that of the normals."""
+        settings, loss = self.scene.training, 0.0
         depth_px = self._depth(slopes, at_rest) if self._solves else None
         if settings.depth_weight:
             loss = loss + settings.depth_weight * self._depth_error(depth_px, index)
@@ -138,6 +149,19 @@ class WholeFrames:
             features = self._force_features(slopes, at_rest, depth_px, grid)
             loss = loss + settings.force_weight * self._force.error(features, index)
         return loss
+
+    def sums_error(self, model: torch.nn.Module, index: np.ndarray) -> float:
+        """The mean of w_d · L_d + w_f · L_f, as in `loss`, over the frames `index`, but of all pixels, by
+        weights of the force that are fitted to all of them."""
+        training, total = model.training, 0.0
+        self.prepare(model, WHOLE)
+        model.eval()
+        with torch.no_grad():
+            for part in np.split(index, range(PREPARED_FRAMES, len(index), PREPARED_FRAMES)):
+                _, slopes, at_rest = self._found(model, part)
+                total += float(self._sums_loss(slopes, at_rest, part)) * len(part)
+        model.train(training)
+        return total / len(index)
 
     @property
     def _solves(self) -> bool:

@@ -103,7 +103,8 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
     """Train the float network on for the scene's `training.depth_epochs`; it is changed itself.
 
     That is done `training.depth_trials` times, side by side in as many processes as torch may use threads.
-    The trial with the smallest loss on all presses known is kept, and its learning curve is returned.
+    The trial with the smallest error of depth and force on all presses known is kept, and its learning curve
+    is returned.
     """
     trials = frames.scene.training.depth_trials
     if trials == 1:  # there is nothing to choose
@@ -138,8 +139,8 @@ def _trained(
 def _trial(
     arrays: dict[str, np.ndarray], frames: WholeFrames, trial: int, label: str, progress: bool
 ) -> Outcome:
-    """A trial from the network of these arrays, with its loss on the presses of training and validation."""
+    """A trial from the network of these arrays, with its error on the presses of training and validation."""
     network = PixelNetwork.from_arrays(arrays)
     history = _trained(network, frames, trial, LABEL + label, progress)
     known = np.concatenate([frames.index(split) for split in ("train", "validation")])
-    return Outcome(_mean_loss(network, frames, known), network.arrays, history)
+    return Outcome(frames.sums_error(network, known), network.arrays, history)
