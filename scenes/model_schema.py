@@ -258,11 +258,12 @@ class Training(Strict):
     """Of that training, at its highest; not given: `normals_learning_rate`. A network goes far from its
     normals to slopes whose sum is the force, and takes a larger one well."""
     depth_optimiser: Literal["adam", "soap"] = Field("adam", exclude_if=lambda value: value == "adam")
-    """Of that training. soap: Adam's steps along the principal axes of each layer's gradients; trainings for
-    a force of slopes end at errors that differ less."""
+    """Of that training. soap: Adam's steps along the principal axes of each layer's gradients; a force of
+    slopes gains a little by it."""
     depth_trials: Count = Field(1, exclude_if=lambda value: value == 1)
     """How often that training is done, each time from the same network, with frames in another order, side by
-    side on all cores; what has the smallest loss on the presses of training and validation is kept."""
+    side on all cores; what has the smallest error of depth and force on the presses of training and
+    validation is kept."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""

@@ -75,8 +75,8 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
     """Train the float pixel network, prune it and train it on with depth and force where the scene asks;
     writes its arrays and learning curves.
 
-    A force of slopes is learned before neurons are removed down to a width: the more there are, the less the
-    outcome hangs on chance, and those that remain learn what all have said.
+    A force of slopes is learned before neurons are removed down to a width, so that all of them look for the
+    bends; those that remain learn what all have said.
     """
     with_sums: list[dict] = []
     if scene.training.labels == "force":
