@@ -22,6 +22,7 @@ OF_NORMALS = (
     "huber_delta",
     "depth_weight",
     "force_weight",
+    "force_steps",
     "rounding_noise",
     "weight_rounding_noise",
     "normals_share",
@@ -204,6 +205,15 @@ def _check_sums(scene) -> None:
             f"training.force_weight: {weight} needs a force among outputs, force.fit 'slopes' or"
             " 'displacement' and force.dots false"
         )
+    if steps := scene.training.force_steps:
+        if not (scene.wants_force and scene.fit_facts.of_slopes):
+            raise ValueError(
+                f"training.force_steps: {steps} needs a force among outputs and force.fit 'slopes'"
+            )
+        if spoilt := [name for name in scene.outputs if OUTPUTS[name].needs_geometry]:
+            raise ValueError(
+                f"training.force_steps: {steps} leaves no normals, and outputs has {listed(spoilt)}"
+            )
     if scene.training.weight_rounding_noise and not (scene.training.depth_weight or weight):
         raise ValueError(
             "training.weight_rounding_noise: true needs training.depth_weight or training.force_weight"

@@ -264,6 +264,11 @@ class Training(Strict):
     """How often that training is done, each time from the same network, with frames in another order, side by
     side on all cores; what has the smallest error of depth and force on the presses of training and
     validation is kept."""
+    force_steps: Annotated[int, Field(ge=0)] = Field(0, exclude_if=lambda value: not value)
+    """Steps of least squares on the error of the force alone that are tried at the very end, on whole frames
+    (models/training/whole_frames/force_least_squares.py), with labels 'geometry' and fit 'slopes', where
+    forces are the only outputs: the network's slopes are then any whose weighted sum is the force. Needs more
+    forces of training presses than the network has parameters, and ten times as many to be of use."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""

@@ -162,9 +162,10 @@ class Scene(Strict):
 
     @property
     def learns_force_of_slopes(self) -> bool:
-        """Whether the network learns from a force that is a sum of its slopes, beside the normals. It then
-        bends them, and they are no longer those of the skin."""
-        return bool(self.training.force_weight) and self.fit_facts.of_slopes
+        """Whether the network learns from a force that is a sum of its slopes. It then bends them, and they
+        are no longer those of the skin."""
+        learned = self.training.force_weight or self.training.force_steps
+        return bool(learned) and self.fit_facts.of_slopes
 
     @property
     def wants_solver(self) -> bool:

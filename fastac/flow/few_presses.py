@@ -47,8 +47,9 @@ def read(path: Path, scene: Scene, *, store: Path, progress: bool = False) -> Da
             " is no normal, so that presses of known geometry cannot tune it"
         )
     if scene.learns_force_of_slopes:
+        key = "force_steps" if scene.training.force_steps else "force_weight"
         raise AdaptError(
-            f"scene {scene.name}: training.force_weight = {scene.training.force_weight:g}: expected 0; such a"
+            f"scene {scene.name}: training.{key} = {getattr(scene.training, key):g}: expected 0; such a"
             " network has bent its normals for the force, and presses of known geometry would straighten them"
         )
     if data.normals is None:

@@ -22,7 +22,7 @@ from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.pruning.digits import fewer_digits
 from fastac.models.training.pruning.prune import as_it_says, prune_neurons, prune_to_width
-from fastac.models.training.whole_frames import sums_of_slopes
+from fastac.models.training.whole_frames import force_least_squares, sums_of_slopes
 from fastac.models.training.whole_frames.usable_frames import unknown_depth, whole_frames
 from fastac.models.vision.dots import slope_bridge
 from fastac.scenes.schema import Scene
@@ -76,9 +76,10 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
     writes its arrays and learning curves.
 
     A force of slopes is learned before neurons are removed down to a width, so that all of them look for the
-    bends; those that remain learn what all have said.
+    bends; those that remain learn what all have said. Least squares on the force alone need no more neurons
+    than are left, and come after.
     """
-    with_sums: list[dict] = []
+    with_sums: dict[str, np.ndarray] = {}
     if scene.training.labels == "force":
         network, history = from_forces.train(data, scene, progress=progress)
     else:
@@ -91,26 +92,32 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
             rounding_bits=scene.felt_rounding_bits,
             progress=progress,
         )
-        at_last = scene.learns_force_of_slopes and scene.network.train_width is not None
+        bends = scene.learns_force_of_slopes and not scene.training.force_steps
+        at_last = bends and scene.network.train_width is not None
         if not at_last:
             network = pruned(network, skin, data, scene, progress=progress)
         with_sums = learn_sums(network, data, skin, scene, progress=progress)
         if at_last:
             network = pruned(network, skin, data, scene, own_normals=True, progress=progress)
-    curves = curve(history, "normals") | curve(with_sums, "sums")
+    curves = curve(history, "normals") | with_sums
     save_arrays(output, network.arrays | curves)
 
 
 def learn_sums(
     network: PixelNetwork, data: Dataset, skin: Dataset, scene: Scene, *, progress: bool = False
-) -> list[dict]:
+) -> dict[str, np.ndarray]:
     """Train the network on for the depth or the force, too, where the scene has `training.depth_weight` or
-    `training.force_weight`; it is changed itself. Returns the learning curve. `skin` is what `skin_alone`
-    leaves of the dataset."""
-    if not (scene.training.depth_weight or scene.training.force_weight):
-        return []
+    `training.force_weight`, and then for the force alone, where it has `training.force_steps`; it is changed
+    itself. Returns the learning curves. `skin` is what `skin_alone` leaves of the dataset."""
+    settings, curves = scene.training, {}
+    if not (settings.depth_weight or settings.force_weight or settings.force_steps):
+        return curves
     known = whole_frames(data, skin, scene, rest_depth_mm(data))
-    return sums_of_slopes.train(network, known, progress=progress)
+    if settings.depth_weight or settings.force_weight:
+        curves |= curve(sums_of_slopes.train(network, known, progress=progress), "sums")
+    if settings.force_steps:
+        curves |= curve(force_least_squares.train(network, known, progress=progress), "force_alone")
+    return curves
 
 
 def pruned(

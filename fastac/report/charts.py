@@ -13,6 +13,7 @@ SERIES = {"float": ("o", "#3f83c5"), "integer": ("x", "#e07b28")}
 TITLES = {
     "normals": "pixel network, in floats",
     "sums": "pixel network, on whole frames",
+    "force_alone": "pixel network, on the force alone",
     "finetune": "pixel network, in integers",
     "force": "force model",
     "force_float": "force, last fit for the floats",

@@ -88,7 +88,8 @@ class Scope:
             if scene.wants_dots:
                 force += " and of the dots' shifts"
         learned = ["normals"] if training.labels == "geometry" else ["forces"]
-        learned += ["depth"] * bool(training.depth_weight) + ["forces"] * bool(training.force_weight)
+        of_force = bool(training.force_weight or training.force_steps)
+        learned += ["depth"] * bool(training.depth_weight) + ["forces"] * of_force
         return {
             "pixel network": f"{width}, from {' and '.join(learned)}",
             "teachers": str(training.teachers or ABSENT),

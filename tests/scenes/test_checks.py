@@ -68,6 +68,11 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             '"force" }',
+            '"force", force_steps = 5 }',
+            "training.force_steps: 5 needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
             '"force", normals_share = 0.5 }',
             "training.normals_share: 0.5 needs training.labels 'geometry'",
         ),
@@ -249,6 +254,19 @@ def test_a_force_is_learned_as_a_sum_of_slopes_or_by_kernels():
     assert error(start + flat + dots + end).startswith(message)
 
 
+def test_the_force_alone_is_learned_where_nothing_needs_the_normals():
+    start, end = 'name = "x"\noutputs = ["force_z"]\n', "[training]\nforce_steps = 5\n"
+    flat = '[sensor]\ngeometry = "flat"\n'
+    slopes = '[poisson]\nsolver = "adjoint"\n[force]\nclamp = false\nfit = "slopes"\n'
+    scene = parse(start + flat + slopes + end, origin="x")
+    assert (scene.training.force_steps, scene.learns_force_of_slopes) == (5, True)
+    message = "training.force_steps: 5 needs a force among outputs and force.fit 'slopes'"
+    assert error(start + flat + end) == message
+    normals = start.replace("[", '["normals", ')
+    message = "training.force_steps: 5 leaves no normals, and outputs has 'normals'"
+    assert error(normals + flat + slopes + end) == message
+
+
 def test_rounded_weights_are_felt_on_whole_frames():
     start = 'name = "x"\noutputs = ["normals"]\nsensor = { geometry = "flat" }\n[training]\n'
     start += "weight_rounding_noise = true\n"
@@ -261,5 +279,5 @@ def test_rounded_weights_are_felt_on_whole_frames():
 def test_a_scene_does_not_name_a_depth_that_is_not_learned():
     assert "depth_weight" not in parse(DOTTED, origin="x").training.model_dump()
     assert "force_weight" not in parse(DOTTED, origin="x").training.model_dump()
-    for key in ("initial_weights", "depth_share", "depth_optimiser"):
+    for key in ("initial_weights", "force_steps", "depth_share", "depth_optimiser"):
         assert key not in parse(DOTTED, origin="x").training.model_dump()

@@ -28,14 +28,29 @@ class OfSlopes:
         """shape : (H, W) of the frames"""
         self.rows, self.columns = (_basis(length, SLOPES_SIZE) for length in shape)
 
+    @property
+    def count(self) -> int:
+        """Of the features."""
+        return self.rows.shape[1] * self.columns.shape[1] * 2
+
     def __call__(self, change: torch.Tensor, grid: Grid = WHOLE) -> torch.Tensor:
         """Slopes less those at rest (frames, h, w, 2) to features (frames, cosines · 2).
 
         grid : the pixels (h, w) that they are of; each counts for as many as there are to one of the grid
         """
+        rows, columns = self._cosines(grid)
+        return torch.einsum("nyxt,yi,xj->nijt", change, rows, columns).flatten(1)
+
+    def pixel_weights(self, weights: torch.Tensor, grid: Grid = WHOLE) -> torch.Tensor:
+        """Weights of the features (features, axes) as those of the pixels' slopes, (h, w, 2, axes)."""
+        rows, columns = self._cosines(grid)
+        weights = weights.unflatten(0, (rows.shape[1], columns.shape[1], 2))
+        return torch.einsum("ijta,yi,xj->yxta", weights, rows, columns)
+
+    def _cosines(self, grid: Grid) -> tuple[torch.Tensor, torch.Tensor]:
+        """Along the rows and columns of a grid, (h, cosines) and (w, cosines)."""
         rows, columns = self.rows[grid[0]], self.columns[grid[1]]
-        found = torch.einsum("nyxt,yi,xj->nijt", change, rows, columns).flatten(1)
-        return found * (len(self.rows) * len(self.columns) / (len(rows) * len(columns)))
+        return rows * (len(self.rows) / len(rows)), columns * (len(self.columns) / len(columns))
 
 
 class OfDisplacement:

@@ -6,6 +6,7 @@ from functools import cached_property
 import numpy as np
 import torch
 
+from fastac.models.integer.dot_follower import FRACTION, DotFollower
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training.normals import normal_loss
@@ -13,7 +14,7 @@ from fastac.models.training.whole_frames.depth_of_slopes import DepthOfSlopes, s
 from fastac.models.training.whole_frames.force_features import OfDisplacement, OfSlopes
 from fastac.models.training.whole_frames.held_out_force import HeldOutForce
 from fastac.models.training.whole_frames.pixel_grid import WHOLE, Grid, every
-from fastac.models.vision.dots import slope_bridge
+from fastac.models.vision.dots import follower_of, slope_bridge
 from fastac.scenes.schema import Scene
 from fastac.sensor.dataset import Dataset
 
@@ -59,18 +60,13 @@ class WholeFrames:
 
         grid : the pixels that they are fitted to; None: as many as a step sees
         """
+        grid = every(self._stride) if grid is None else grid
         if not self.scene.training.force_weight:
             return
-        grid = every(self._stride) if grid is None else grid
         learned, training = self._force.learned, model.training
         model.eval()
-        with torch.no_grad():
-            features = []
-            for part in np.split(learned, range(PREPARED_FRAMES, len(learned), PREPARED_FRAMES)):
-                _, slopes, at_rest = self._found(model, part, grid)
-                depth_px = None if self._of_slopes else self._depth(slopes, at_rest)
-                features.append(self._force_features(slopes, at_rest, depth_px, grid))
-            self._force.refit(torch.cat(features))
+        parts = np.split(learned, range(PREPARED_FRAMES, len(learned), PREPARED_FRAMES))
+        self._force.refit(torch.cat([self.features(model, part, grid) for part in parts]))
         model.train(training)
 
     @property
@@ -91,16 +87,35 @@ class WholeFrames:
     ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """What the model finds at the pixels of a grid (h, w): normals (frames, h, w, 3); slopes
         (frames, h, w, 2), bridged where the scene wants it; and slopes at rest (h, w, 2)."""
+        x, columns = self.seen(index, grid)
+        normals = model(x.flatten(0, 2)).reshape(*x.shape[:3], 3)
+        slopes = self.slopes(normals, columns)
+        return normals[:-1], slopes[:-1], slopes[-1]
+
+    def seen(self, index: np.ndarray, grid: Grid = WHOLE) -> tuple[torch.Tensor, torch.Tensor | None]:
+        """What a model is given of the frames `index` and, after them, the background at the pixels of a
+        grid: scaled features (frames + 1, h, w, inputs); and, where slopes are bridged, the columns that
+        pixels take theirs from (frames + 1, h, w), in a grid of all columns."""
         frames = np.concatenate([self.data.frames[index], self.data.background[None]])
         features = integer_features(frames, self.data.background, self.scene.network.smoothing_px)
         features = features[:, *grid]
         x = torch.from_numpy(features.astype(np.float32)) * unit(features)
-        normals = model(x.reshape(-1, x.shape[-1])).reshape(*x.shape[:3], 3)
-        slopes = slopes_of(normals, self.scene.numbers.slope_limit)
-        if self._bridge is not None:
-            columns = torch.from_numpy(self._bridge.columns(self._bridge.dark(frames)))
-            slopes = torch.take_along_dim(slopes, columns[..., None], dim=-2)
-        return normals[:-1], slopes[:-1], slopes[-1]
+        if self._bridge is None:
+            return x, None
+        return x, torch.from_numpy(self._bridge.columns(self._bridge.dark(frames))[:, *grid])
+
+    def slopes(self, normals: torch.Tensor, columns: torch.Tensor | None) -> torch.Tensor:
+        """Slopes (..., h, w, 2) of normals (..., h, w, 3) of any length; columns (..., h, w) as in `seen`."""
+        found = slopes_of(normals, self.scene.numbers.slope_limit)
+        return found if columns is None else torch.take_along_dim(found, columns[..., None], dim=-2)
+
+    def features(self, model: torch.nn.Module, index: np.ndarray, grid: Grid = WHOLE) -> torch.Tensor:
+        """What the force of frames is linear in as the model finds it at the pixels of a grid, (frames,
+        features)."""
+        with torch.no_grad():
+            _, slopes, at_rest = self._found(model, index, grid)
+            depth_px = None if self.of_slopes else self._depth(slopes, at_rest)
+            return self._force_features(slopes, at_rest, depth_px, grid)
 
     def _true(self, depth_mm: np.ndarray) -> torch.Tensor:
         """Depth (..., H, W) in mm as that of inner pixels (..., N, N) in pixels, in difference mode less that
@@ -163,14 +178,25 @@ class WholeFrames:
         model.train(training)
         return total / len(index)
 
+    def dot_shifts_px(self, index: np.ndarray) -> np.ndarray | None:
+        """Shifts of the marker dots (frames, M, 2), where the force follows from them, too."""
+        if not self.scene.force.dots:
+            return None
+        shifts = [self._follower(self._follower.windows(frame))[0] for frame in self.data.frames[index]]
+        return np.stack(shifts) * 2.0**-FRACTION
+
+    @cached_property
+    def _follower(self) -> DotFollower:
+        return follower_of(self.data.background, self.scene.sensor)
+
     @property
     def _solves(self) -> bool:
         """Whether the loss needs the depth."""
         settings = self.scene.training
-        return bool(settings.depth_weight or (settings.force_weight and not self._of_slopes))
+        return bool(settings.depth_weight or (settings.force_weight and not self.of_slopes))
 
     @cached_property
-    def _of_slopes(self) -> OfSlopes | None:
+    def of_slopes(self) -> OfSlopes | None:
         """Features of a force that is a sum of slopes, if it is one."""
         return OfSlopes(self.data.frames.shape[1:3]) if self.scene.fit_facts.of_slopes else None
 
@@ -183,8 +209,8 @@ class WholeFrames:
         self, slopes: torch.Tensor, at_rest: torch.Tensor, depth_px: torch.Tensor | None, grid: Grid
     ) -> torch.Tensor:
         """What the force is linear in; depth_px : that of the slopes, where it is no sum of them."""
-        if self._of_slopes:
-            return self._of_slopes(slopes - at_rest, grid)
+        if self.of_slopes:
+            return self.of_slopes(slopes - at_rest, grid)
         displacement_px = -depth_px
         if self.scene.poisson.mode != "difference":  # else depth at rest is zero
             displacement_px = displacement_px + self._depth(at_rest[None], at_rest)

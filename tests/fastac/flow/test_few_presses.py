@@ -85,9 +85,10 @@ def test_what_cannot_be_learned_from(tiny_data, tiny_scene, make_scene, tmp_path
     )
     with pytest.raises(AdaptError, match=r"^scene tiny: training\.labels = 'force': expected 'geometry'"):
         read(written("whole.h5"), forces, store=tmp_path)
-    bent = forces.training.model_copy(update={"labels": "geometry", "force_weight": 3.0})
-    bent = forces.model_copy(update={"training": bent})
-    with pytest.raises(AdaptError, match=r"^scene tiny: training\.force_weight = 3: expected 0"):
-        read(tmp_path / "whole.h5", bent, store=tmp_path)
+    for key in ("force_weight", "force_steps"):
+        bent = forces.training.model_copy(update={"labels": "geometry", key: 3})
+        bent = forces.model_copy(update={"training": bent})
+        with pytest.raises(AdaptError, match=rf"^scene tiny: training\.{key} = 3: expected 0"):
+            read(tmp_path / "whole.h5", bent, store=tmp_path)
     kernels = make_scene(training={"depth_weight": 1.0, "force_weight": 0.1})  # its normals are the skin's
     assert len(read(tmp_path / "whole.h5", kernels, store=tmp_path)) == len(tiny_data)

@@ -22,7 +22,9 @@ from fastac.models.integer.features import integer_features
 from fastac.models.integer.force import terms
 from fastac.models.training.pruning import digits
 from fastac.models.training.pruning.hidden_neurons import widths
+from fastac.models.training.whole_frames import force_features, force_least_squares
 from fastac.models.vision.dots import follower_of, windows_of
+from fastac.sensor.dataset import read
 from fastac.store.files import load_arrays, save_arrays
 from fastac.synth.estimates import resources
 
@@ -194,6 +196,36 @@ def test_a_network_pruned_to_a_width_has_it_whatever_its_neurons_say(
     assert few_digits == (weights == "baked")
 
 
+def test_least_squares_on_the_force_come_last(make_scene, dataset_of, tmp_path, monkeypatch):
+    """Of as many neurons as the scene wants; the learning curve is kept."""
+    scene = make_scene(
+        name="more_presses",
+        protocol={"train_grid": 5},
+        outputs=["force_xyz"],
+        poisson={"solver": "adjoint"},
+        force={"fit": "slopes", "clamp": False},
+        network={"width": [4, 4, 4], "train_width": 5},
+        training={"normals_epochs": 2, "force_steps": 3},
+    )
+    monkeypatch.setattr(force_features, "SLOPES_SIZE", 2)
+    seen, train = [], force_least_squares.train
+
+    def watched(network, frames, **how):
+        seen.append((widths(network), train(network, frames, **how), network.arrays))
+        return seen[-1][1]
+
+    monkeypatch.setattr(force_least_squares, "train", watched)
+    data = read(dataset_of(scene), scene)
+    training.normals(data, scene, tmp_path / "normals.npz", progress=False)
+    found, ((width, history, arrays),) = load_arrays(tmp_path / "normals.npz"), seen
+    assert width == (4, 4, 4)
+    assert all(np.array_equal(found[name], values) for name, values in arrays.items())
+    curve = found["history.force_alone.train_mae_n"]
+    assert np.array_equal(curve, [entry["train_mae_n"] for entry in history])
+    assert 2 <= len(curve) <= 4
+    assert (np.diff(curve) < 0).any()
+
+
 @pytest.mark.parametrize("force_weight", [0.0, 1.0])
 def test_what_a_force_of_slopes_has_bent_stays_so_when_neurons_go(
     tiny_data, make_scene, tmp_path, monkeypatch, force_weight
@@ -214,7 +246,7 @@ def test_what_a_force_of_slopes_has_bent_stays_so_when_neurons_go(
         with torch.no_grad():
             network.linear_layers[-1].weight[:2] *= -1
             network.linear_layers[-1].bias[:2] *= -1
-        return []
+        return {}
 
     monkeypatch.setattr(training, "learn_sums", mirror)
     training.normals(tiny_data, scene, tmp_path / "normals.npz", progress=False)

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from fastac.flow.training import skin_alone
+from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.network import predict
 from fastac.models.integer.features import integer_features
 from fastac.models.training.force import ridge
@@ -81,14 +82,26 @@ def test_the_force_of_presses_that_the_weights_were_not_fitted_to(tiny_data, mak
     train, test = (tiny_data.indices(split) for split in ("train", "test"))
     frames.prepare(network)
     normals, slopes, at_rest = frames._found(network, test)
-    features = frames._of_slopes(slopes - at_rest).detach().double().numpy()
+    features = frames.of_slopes(slopes - at_rest).detach().double().numpy()
     _, of_train, _ = frames._found(network, train)
-    known = frames._of_slopes(of_train - at_rest).detach().double().numpy()
+    known = frames.of_slopes(of_train - at_rest).detach().double().numpy()
     force_n = tiny_data.forces_n(np.arange(len(tiny_data)), scene.force_axes)
     weights = ridge.solve(known, force_n[train], REGULARISATION)[0]
     expected = np.abs(features @ weights - force_n[test]).sum(axis=1).mean()
     found = frames.loss(network, test) - frames._normals_loss(network, test, normals)
     assert found.item() == pytest.approx(2 * expected, rel=1e-3)
+
+
+def test_dots_shift_as_the_hardware_finds_them(dotted_data, dotted_bundle, dotted_scene):
+    """In pixels, where the force follows from them too."""
+    rest = rest_depth_mm(dotted_scene.sensor)
+    frames = whole_frames(dotted_data, dotted_data, dotted_scene, rest)
+    found = Emulator(dotted_bundle.pipeline).run(dotted_data.frames[INDEX], wanted=["dot_shifts_px"])
+    assert np.array_equal(frames.dot_shifts_px(INDEX), found.dot_shifts_px)
+    assert np.abs(found.dot_shifts_px).max() > 0
+    force = dotted_scene.force.model_copy(update={"dots": False})
+    without = replace(frames, scene=dotted_scene.model_copy(update={"force": force}))
+    assert without.dot_shifts_px(INDEX) is None
 
 
 @pytest.mark.parametrize("clamp", [True, False])
@@ -145,7 +158,7 @@ def test_weights_are_fitted_to_the_pixels_that_steps_see(
     grid, train = every(16 // seen_px), tiny_data.indices("train")
     _, slopes, at_rest = frames._found(network, train, grid)
     found = frames._force.weights.clone()
-    frames._force.refit(frames._of_slopes((slopes - at_rest).detach(), grid))
+    frames._force.refit(frames.of_slopes((slopes - at_rest).detach(), grid))
     torch.testing.assert_close(frames._force.weights, found)
 
 
@@ -160,6 +173,6 @@ def test_trials_are_compared_by_what_all_pixels_say(tiny_data, make_scene, netwo
         errors.append(frames.sums_error(network, known))
     frames.prepare(network, WHOLE)
     _, slopes, at_rest = frames._found(network.eval(), known)
-    expected = 2 * frames._force.error(frames._of_slopes(slopes - at_rest), known).item()
+    expected = 2 * frames._force.error(frames.of_slopes(slopes - at_rest), known).item()
     assert errors == pytest.approx([expected, expected], rel=1e-4)
     assert expected != pytest.approx(frames.loss(network, known).item(), rel=1e-2)

@@ -1,0 +1,86 @@
+"""The force's errors as a function of the network's parameters, and their derivatives, frame by frame."""
+
+import numpy as np
+import pytest
+import torch
+
+from fastac.flow.training import skin_alone
+from fastac.models.floating.network import PixelNetwork
+from fastac.models.training.force import ridge
+from fastac.models.training.whole_frames import force_features, force_residual
+from fastac.models.training.whole_frames.force_residual import PARTS, ForceResidual
+from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.models.training.whole_frames.held_out_force import REGULARISATION
+from fastac.sensor.geometry import rest_depth_mm
+
+
+@pytest.fixture(params=["skin", "under dots"])
+def residual(request, make_scene, dotted_scene, of_slopes, monkeypatch) -> ForceResidual:
+    """Of few features, on presses of a skin without and with dots, whose slopes are bridged."""
+    monkeypatch.setattr(force_features, "SLOPES_SIZE", 2)
+    if request.param == "skin":
+        data, scene = request.getfixturevalue("tiny_data"), make_scene(**of_slopes)
+    else:
+        data = request.getfixturevalue("dotted_data")
+        changes = {**of_slopes, "force": {**of_slopes["force"], "dots": True}}
+        sensor = dotted_scene.sensor.model_dump(exclude_unset=True)
+        scene = make_scene(**changes, sensor=sensor, network={"bridge_dots": True})
+    torch.manual_seed(1)
+    network = PixelNetwork(data.frames.shape[-1] + 2, (5, 4))
+    with torch.no_grad():
+        network.linear_layers[-1].bias[2] = 2.0  # normals look at the camera: no slope is clipped
+    frames = WholeFrames(data, skin_alone(data, scene), scene, rest_depth_mm(scene.sensor))
+    return ForceResidual(frames, network, data.indices("train"))
+
+
+def test_errors_are_those_of_the_best_weights(residual):
+    frames, index = residual.frames, residual.index
+    _, slopes, at_rest = frames._found(residual.network, index)
+    features = frames.of_slopes(slopes - at_rest).detach().double().numpy()
+    features = ridge.joined(features, frames.dot_shifts_px(index))
+    force_n = frames.data.forces_n(index, (0, 1, 2))
+    weights = ridge.solve(features, force_n, REGULARISATION)[0]
+    expected = features @ weights - force_n
+    assert residual.error_n(residual.parameters) == pytest.approx(expected.ravel(), rel=1e-4, abs=1e-7)
+    test = frames.data.indices("test")
+    _, slopes, _ = frames._found(residual.network, test)
+    found = frames.of_slopes(slopes - at_rest).detach().double().numpy()
+    found = ridge.joined(found, frames.dot_shifts_px(test)) @ weights
+    elsewhere = residual.error_elsewhere_n(residual.parameters, test)
+    assert elsewhere == pytest.approx(found - frames.data.forces_n(test, (0, 1, 2)), rel=1e-4, abs=1e-7)
+
+
+def test_derivatives_are_those_of_each_force_less_what_weights_make_up_for(residual):
+    """Over all parts of the pixels; each force's gradient by itself, and a ridge fit to them."""
+    frames, network, start = residual.frames, residual.network, residual.parameters
+    features, weights = residual._fitted(start)
+    fixed, expected = torch.from_numpy(weights[: frames.of_slopes.count]).float(), []
+    for sample in residual.index:
+        _, slopes, at_rest = frames._found(network, np.array([sample]))
+        force_n = (frames.of_slopes(slopes - at_rest) @ fixed)[0]
+        for value in force_n:
+            gradients = torch.autograd.grad(value, network.parameters(), retain_graph=True)
+            expected.append(torch.cat([values.flatten() for values in gradients]).numpy())
+    expected = np.stack(expected).reshape(len(residual.index), 3, -1)
+    for axis in range(3):
+        of_axis = expected[:, axis].astype(np.float64)
+        expected[:, axis] = of_axis - features @ ridge.solve(features, of_axis, REGULARISATION)[0]
+    found = np.mean([residual.jacobian(start) for _ in range(PARTS)], axis=0)
+    assert residual._part == 0
+    assert np.abs(found).max() > 1e-3
+    assert found == pytest.approx(expected.reshape(found.shape), rel=1e-3, abs=1e-4 * np.abs(found).max())
+
+
+def test_parts_are_not_the_whole(residual):
+    parts = [residual.jacobian(residual.parameters) for _ in range(PARTS)]
+    assert not np.allclose(parts[0], parts[1])
+
+
+def test_threads_find_the_same(residual, monkeypatch):
+    monkeypatch.setattr(force_residual, "FRAMES_AT_A_TIME", 5)
+    found = []
+    for threads in (1, 3):
+        residual.threads, residual._part, residual._known = threads, 0, None
+        found.append((residual.error_n(residual.parameters), residual.jacobian(residual.parameters)))
+    for one, other in zip(*found, strict=True):
+        assert np.array_equal(one, other)
