@@ -2,10 +2,10 @@
 
 An elastic layer's force is not linear in the slopes, so the network bends them until it is. It has a few
 hundred parameters: few enough to take the exact derivatives of every press's force and solve for all of them
-together, which in a dozen steps leaves six tenths of the error that thousands of gradient steps leave. Nothing
-is left of the normals, which may be any whose sum is the force. Steps: scipy.optimize.least_squares, after
-Branch, Coleman, Li, "A subspace, interior, and conjugate gradient method for large-scale bound-constrained
-minimization problems", SIAM J. Sci. Comput. 21, 1999.
+together, which in a dozen steps leaves six tenths of the error that thousands of gradient steps leave.
+Nothing is left of the normals, which may be any whose sum is the force. Steps: scipy.optimize.least_squares,
+after Branch, Coleman, Li, "A subspace, interior, and conjugate gradient method for large-scale
+bound-constrained minimization problems", SIAM J. Sci. Comput. 21, 1999.
 """
 
 import numpy as np
