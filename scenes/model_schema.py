@@ -268,7 +268,8 @@ class Training(Strict):
     """Steps of least squares on the error of the force alone that are tried at the very end, on whole frames
     (models/training/whole_frames/force_least_squares.py), with labels 'geometry' and fit 'slopes', where
     forces are the only outputs: the network's slopes are then any whose weighted sum is the force. Needs more
-    forces of training presses than the network has parameters, and ten times as many to be of use."""
+    forces of training presses than the network has parameters and the force weights, and ten times as many to
+    be of use."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""

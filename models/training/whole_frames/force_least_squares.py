@@ -55,7 +55,7 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
         bar.set_postfix({"mae": f"{entry['train_mae_n']:.4f} N"})
 
     def error_n(parameters: np.ndarray) -> np.ndarray:
-        bar.update(min(1, steps - bar.n))
+        bar.update()
         return residual.error_n(parameters)
 
     def after(intermediate_result: OptimizeResult) -> None:

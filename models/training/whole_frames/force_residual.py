@@ -8,7 +8,7 @@ variable projection method for solving separable nonlinear least squares problem
 """
 
 import copy
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
@@ -39,7 +39,6 @@ class ForceResidual:
 
     def __init__(self, frames: WholeFrames, network: PixelNetwork, index: np.ndarray):
         self.frames, self.network, self.index = frames, network, index
-        self.shapes = {name: values.shape for name, values in network.named_parameters()}
         self.threads = torch.get_num_threads()
         self._known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._part = 0
@@ -61,31 +60,25 @@ class ForceResidual:
     def error_elsewhere_n(self, parameters: np.ndarray, index: np.ndarray) -> np.ndarray:
         """The same on other frames, (frames, axes), by the force's weights of those that are learned from."""
         _, weights = self._fitted(parameters)
-        self.set(parameters)
         return self._features(index) @ weights - self._force_n(index)
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
         """Derivatives of `error_n`, (frames · axes, parameters), from one of the `PARTS` of the pixels, at
         each call the next."""
         features, weights = self._fitted(parameters)
-        self.set(parameters)
         grid, self._part = every_row(PARTS, self._part), (self._part + 1) % PARTS
-        found = self._derivatives(weights, grid).astype(np.float64)
-        # What the force's weights, which are fitted anew, make up for.
-        scaled = features / np.maximum(np.sqrt((features**2).mean(axis=0)), np.finfo(float).tiny)
-        gram = scaled.T @ scaled
-        gram += REGULARISATION[0] * np.trace(gram) / len(scaled) * np.eye(len(gram))
-        for axis in range(found.shape[1]):
-            found[:, axis] -= scaled @ np.linalg.solve(gram, scaled.T @ found[:, axis])
-        return found.reshape(-1, found.shape[-1])
+        found = self._derivatives(weights, grid).astype(np.float64).reshape(len(features), -1)
+        found -= features @ ridge.solve(features, found, REGULARISATION)[0]  # which weights make up for
+        return found.reshape(-1, len(parameters))
 
     def _force_n(self, index: np.ndarray) -> np.ndarray:
         return self.frames.data.forces_n(index, self.frames.scene.force_axes)
 
     def _fitted(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Features (frames, features) by these parameters, and the force's weights (features, axes)."""
+        """Features (frames, features) by these parameters, which the network then has, and the force's
+        weights (features, axes)."""
+        self.set(parameters)
         if self._known is None or not np.array_equal(self._known[0], parameters):
-            self.set(parameters)
             features = self._features(self.index)
             weights = ridge.solve(features, self._force_n(self.index), REGULARISATION)[0]
             self._known = parameters.copy(), features, weights
@@ -116,14 +109,14 @@ class ForceResidual:
             x, columns = self.frames.seen(index, grid)
             along = (None, 0, None if columns is None else 0)
             found = vmap(jacrev(force), in_dims=along)(parameters, x, columns)
-            found = torch.cat([found[name].flatten(2) for name in self.shapes], dim=2)
+            found = torch.cat([found[name].flatten(2) for name in parameters], dim=2)
             return found[:-1] - found[-1:]  # less that at rest
 
         return np.concatenate([part.numpy() for part in self._side_by_side(find, self.index)])
 
     def _side_by_side(
         self, find: Callable[[np.ndarray], torch.Tensor], index: np.ndarray
-    ) -> Iterable[torch.Tensor]:
+    ) -> list[torch.Tensor]:
         """What `find` returns of the frames, some at a time, on as many threads as torch may use."""
         parts = np.split(index, range(FRAMES_AT_A_TIME, len(index), FRAMES_AT_A_TIME))
         with ThreadPoolExecutor(self.threads) as pool:

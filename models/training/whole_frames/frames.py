@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from fastac.models.integer.dot_follower import FRACTION, DotFollower
+from fastac.models.integer.dot_follower import FRACTION
 from fastac.models.integer.features import integer_features, scales
 from fastac.models.integer.slope_bridge import SlopeBridge
 from fastac.models.training.normals import normal_loss
@@ -60,9 +60,9 @@ class WholeFrames:
 
         grid : the pixels that they are fitted to; None: as many as a step sees
         """
-        grid = every(self._stride) if grid is None else grid
         if not self.scene.training.force_weight:
             return
+        grid = every(self._stride) if grid is None else grid
         learned, training = self._force.learned, model.training
         model.eval()
         parts = np.split(learned, range(PREPARED_FRAMES, len(learned), PREPARED_FRAMES))
@@ -182,12 +182,14 @@ class WholeFrames:
         """Shifts of the marker dots (frames, M, 2), where the force follows from them, too."""
         if not self.scene.force.dots:
             return None
-        shifts = [self._follower(self._follower.windows(frame))[0] for frame in self.data.frames[index]]
-        return np.stack(shifts) * 2.0**-FRACTION
+        return self._dot_shifts_px[index]
 
     @cached_property
-    def _follower(self) -> DotFollower:
-        return follower_of(self.data.background, self.scene.sensor)
+    def _dot_shifts_px(self) -> np.ndarray:
+        """Of all frames; no model changes them."""
+        follower = follower_of(self.data.background, self.scene.sensor)
+        shifts = [follower(follower.windows(frame))[0] for frame in self.data.frames]
+        return np.stack(shifts) * 2.0**-FRACTION
 
     @property
     def _solves(self) -> bool:
