@@ -44,6 +44,8 @@ FORCE_OF_SLOPES = {
     ]
 }
 """Where the force is a sum of slopes that are learned from normals, besides."""
+FORCE_ALONE = {"training.force_steps": [0, 8, 16, 24]}
+"""Instead, where the scene has steps of least squares on the force: its presses are enough for them."""
 FORCE_OF_KERNELS = {"training.force_weight": [0.0, 0.1, 0.3, 1.0]}
 """Where the depth of presses is known and kernels on the displacement find the force, besides."""
 FORCE = {
@@ -83,7 +85,9 @@ def axes_of(
     else:
         by_depth = depth and scene.wants_solver
         axes = GEOMETRY | (CIRCLES if circles else {}) | (DEPTH if by_depth else {})
-        if scene.wants_force and not scene.force.dots:
+        if scene.training.force_steps:
+            axes |= FORCE_ALONE
+        elif scene.wants_force and not scene.force.dots:
             axes |= FORCE_OF_SLOPES if scene.fit_facts.of_slopes else {}
             axes |= FORCE_OF_KERNELS if scene.fit_facts.of_kernels and by_depth else {}
     for text in vary:

@@ -83,10 +83,12 @@ def errors(folder: Path, scene: Scene, held_out: list[str], weights: Path, **sou
 
 
 def judged(pipeline: FloatPipeline, data: Dataset, index: np.ndarray, scene: Scene) -> dict[str, float]:
-    """The errors among METRICS on the frames `index`: one of each kind that is known and wanted."""
+    """The errors among METRICS on the frames `index`: one of each kind that is known and wanted, so that of
+    models whose outputs are forces alone only the force counts."""
     result, rest = pipeline.run(data.frames[index]), pipeline.run(data.background[None])
     found = accuracy.evaluate(result, rest, data, index, scene)
-    names = (next((name for name in kind if name in found), None) for kind in KINDS)
+    kinds = KINDS if any(facts.needs_geometry for facts in scene.output_facts) else KINDS[2:]
+    names = (next((name for name in kind if name in found), None) for kind in kinds)
     return {name: found[name] for name in names if name is not None}
 
 

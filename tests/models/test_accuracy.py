@@ -231,6 +231,18 @@ class TestEvaluate:
         unknown = replace(self.truth, normals=None, depth_mm=None)
         assert self.keys(everything, unknown, tiny_scene) == self.FORCE
 
+    @pytest.mark.parametrize("key", ["force_steps", "force_weight"])
+    def test_what_learns_a_force_of_slopes_finds_no_normals(self, make_scene, key):
+        settings = {
+            "outputs": ["force_z"],
+            "poisson": {"solver": "adjoint"},
+            "force": {"fit": "slopes", "clamp": False},
+        }
+        scenes = (make_scene(**settings, training={key: value}) for value in (0, 3))
+        found = result(FLAT, (0, 0), force_n=np.ones((2, 1)))
+        keys = [self.keys(found, self.truth, scene) for scene in scenes]
+        assert keys == [self.NORMALS | self.FORCE, self.FORCE]
+
     def test_frames_of_which_nothing_is_known(self, tiny_scene):
         depth = np.ones((2, SIZE, SIZE), np.float32)
         nowhere = replace(self.truth, valid=np.zeros((2, SIZE, SIZE), bool))

@@ -6,6 +6,7 @@ from fastac.tune.space import (
     CIRCLES,
     DEPTH,
     FORCE,
+    FORCE_ALONE,
     FORCE_OF_KERNELS,
     FORCE_OF_SLOPES,
     GEOMETRY,
@@ -25,6 +26,8 @@ def test_axes_follow_the_labels(make_scene, tiny_scene):
     of_slopes = from_force.training.model_copy(update={"labels": "geometry"})
     of_slopes = from_force.model_copy(update={"training": of_slopes})
     assert axes_of(of_slopes) == GEOMETRY | FORCE_OF_SLOPES
+    alone = of_slopes.training.model_copy(update={"force_steps": 10})
+    assert axes_of(of_slopes.model_copy(update={"training": alone})) == GEOMETRY | FORCE_ALONE
     assert axes_of(tiny_scene) == GEOMETRY
     assert axes_of(tiny_scene, circles=True) == GEOMETRY | CIRCLES
     assert axes_of(tiny_scene, circles=True, depth=True) == GEOMETRY | CIRCLES | DEPTH | FORCE_OF_KERNELS
