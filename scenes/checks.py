@@ -27,9 +27,6 @@ OF_NORMALS = (
     "weight_rounding_noise",
     "normals_share",
     "still_share",
-    "initial_weights",
-    "depth_share",
-    "depth_optimiser",
 )
 """Keys of `training` for networks that learn from normals."""
 

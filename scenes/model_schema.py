@@ -217,12 +217,6 @@ class Training(Strict):
     teacher_width: Count = 32
     teacher_epochs: Count = 100
     normals_learning_rate: Positive = 2e-3
-    initial_weights: Literal["uniform", "orthogonal"] = Field(
-        "uniform", exclude_if=lambda value: value == "uniform"
-    )
-    """What the pixel network's training begins with, with labels 'geometry'. uniform: PyTorch's weights, with
-    which a third of the last hidden layer's neurons are never active. orthogonal: weights and thresholds that
-    follow from the features, so that every neuron is active for some of the pixels."""
     input_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
     """Standard deviation of the noise added to ΔI in training, as a fraction of its spread."""
     position_noise: Annotated[float, Field(ge=0, lt=1)] = 0.0
@@ -248,22 +242,9 @@ class Training(Strict):
     the skin."""
     depth_epochs: Count = Field(8, exclude_if=lambda value: value == 8)
     """Of the training with the depth or the force, on whole frames."""
-    depth_share: Annotated[float, Field(gt=0, le=1)] | None = Field(
-        None, exclude_if=lambda value: value is None
-    )
-    """Share of the frames that an epoch of that training sees, chosen by chance; not given: `normals_share`
-    where the depth counts, else 1. The force's weights are fitted anew before each epoch, and many short
-    epochs do better than few long ones."""
     depth_learning_rate: Positive | None = Field(None, exclude_if=lambda value: value is None)
     """Of that training, at its highest; not given: `normals_learning_rate`. A network goes far from its
     normals to slopes whose sum is the force, and takes a larger one well."""
-    depth_optimiser: Literal["adam", "soap"] = Field("adam", exclude_if=lambda value: value == "adam")
-    """Of that training. soap: Adam's steps along the principal axes of each layer's gradients; a force of
-    slopes gains a little by it."""
-    depth_trials: Count = Field(1, exclude_if=lambda value: value == 1)
-    """How often that training is done, each time from the same network, with frames in another order, side by
-    side on all cores; what has the smallest error of depth and force on the presses of training and
-    validation is kept."""
     force_steps: Annotated[int, Field(ge=0)] = Field(0, exclude_if=lambda value: not value)
     """Steps of least squares on the error of the force alone that are tried at the very end, on whole frames
     (models/training/whole_frames/force_least_squares.py), with labels 'geometry' and fit 'slopes', where
@@ -323,13 +304,6 @@ class Training(Strict):
     def sums_learning_rate(self) -> float:
         """`depth_learning_rate`, or what it is where it is not given."""
         return self.depth_learning_rate or self.normals_learning_rate
-
-    @property
-    def sums_share(self) -> float:
-        """`depth_share`, or what it is where it is not given."""
-        if self.depth_share is not None:
-            return self.depth_share
-        return self.normals_share if self.depth_weight else 1.0
 
     @property
     def force_light_noise(self) -> float:

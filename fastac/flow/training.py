@@ -21,7 +21,7 @@ from fastac.models.training.force import from_forces
 from fastac.models.training.labelled_pixels import labelled_splits
 from fastac.models.training.moved_pixels import moved_or_chosen
 from fastac.models.training.pruning.digits import fewer_digits
-from fastac.models.training.pruning.prune import as_it_says, prune_neurons, prune_to_width
+from fastac.models.training.pruning.prune import prune_neurons, prune_to_width
 from fastac.models.training.whole_frames import force_least_squares, sums_of_slopes
 from fastac.models.training.whole_frames.usable_frames import unknown_depth, whole_frames
 from fastac.models.vision.dots import slope_bridge
@@ -73,12 +73,7 @@ def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
 
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
     """Train the float pixel network, prune it and train it on with depth and force where the scene asks;
-    writes its arrays and learning curves.
-
-    A force of slopes is learned before neurons are removed down to a width, so that all of them look for the
-    bends; those that remain learn what all have said. Least squares on the force alone need no more neurons
-    than are left, and come after.
-    """
+    writes its arrays and learning curves."""
     with_sums: dict[str, np.ndarray] = {}
     if scene.training.labels == "force":
         network, history = from_forces.train(data, scene, progress=progress)
@@ -92,13 +87,8 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
             rounding_bits=scene.felt_rounding_bits,
             progress=progress,
         )
-        bends = scene.learns_force_of_slopes and not scene.training.force_steps
-        at_last = bends and scene.network.train_width is not None
-        if not at_last:
-            network = pruned(network, skin, data, scene, progress=progress)
+        network = pruned(network, skin, data, scene, progress=progress)
         with_sums = learn_sums(network, data, skin, scene, progress=progress)
-        if at_last:
-            network = pruned(network, skin, data, scene, own_normals=True, progress=progress)
     curves = curve(history, "normals") | with_sums
     save_arrays(output, network.arrays | curves)
 
@@ -121,24 +111,13 @@ def learn_sums(
 
 
 def pruned(
-    network: PixelNetwork,
-    skin: Dataset,
-    data: Dataset,
-    scene: Scene,
-    *,
-    own_normals: bool = False,
-    progress: bool,
+    network: PixelNetwork, skin: Dataset, data: Dataset, scene: Scene, *, progress: bool
 ) -> PixelNetwork:
     """The network with as many hidden neurons as the scene says or, where it gives a limit, as its errors
-    allow; `skin` is what `skin_alone` leaves of the dataset.
-
-    own_normals : whether it is judged by its own normals, and learns them, instead of those of the skin
-    """
+    allow; `skin` is what `skin_alone` leaves of the dataset."""
     if scene.network.train_width is None and scene.network.prune is None:
         return network
     pixels = labelled_splits(skin, scene.training, scene.network.smoothing_px)
-    if own_normals:
-        pixels = as_it_says(network, pixels)
     if scene.network.train_width is not None:
         return prune_to_width(
             network,

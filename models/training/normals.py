@@ -17,7 +17,6 @@ from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, scales
 from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.epochs import descend, train_epochs
-from fastac.models.training.initial_weights import set_orthogonal
 from fastac.models.training.labelled_pixels import Pixels, labelled_splits
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.teachers import Ensemble
@@ -196,8 +195,6 @@ def train(
         fit(teacher, x, y, copies=settings.teachers, progress=progress)
         teacher.eval()
     network = PixelNetwork(x.shape[1], hidden)
-    if settings.initial_weights == "orthogonal":
-        set_orthogonal(network, x, settings.seed)
     fit = Fit.of(settings, "normals, float", patience=settings.patience_epochs)
     model = ScaledNetwork(with_rounding_noise(network, rounding_bits), unit)
     return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)

@@ -53,21 +53,6 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             '"force" }',
-            '"force", initial_weights = "orthogonal" }',
-            "training.initial_weights: 'orthogonal' needs training.labels 'geometry'",
-        ),
-        (
-            '"force" }',
-            '"force", depth_optimiser = "soap" }',
-            "training.depth_optimiser: 'soap' needs training.labels 'geometry'",
-        ),
-        (
-            '"force" }',
-            '"force", depth_share = 0.5 }',
-            "training.depth_share: 0.5 needs training.labels 'geometry'",
-        ),
-        (
-            '"force" }',
             '"force", force_steps = 5 }',
             "training.force_steps: 5 needs training.labels 'geometry'",
         ),
@@ -279,5 +264,4 @@ def test_rounded_weights_are_felt_on_whole_frames():
 def test_a_scene_does_not_name_a_depth_that_is_not_learned():
     assert "depth_weight" not in parse(DOTTED, origin="x").training.model_dump()
     assert "force_weight" not in parse(DOTTED, origin="x").training.model_dump()
-    for key in ("initial_weights", "force_steps", "depth_share", "depth_optimiser"):
-        assert key not in parse(DOTTED, origin="x").training.model_dump()
+    assert "force_steps" not in parse(DOTTED, origin="x").training.model_dump()

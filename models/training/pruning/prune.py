@@ -1,8 +1,7 @@
 """Pruning of the float pixel network: hidden neurons are removed in the order of their least effect.
 
-After each neuron, or after a tenth of many, the network is trained on. It ends where the error has grown too
-much, and the network before that neuron is kept; or at a width that was asked for, whatever the error is
-then.
+After each neuron the network is trained on. It ends where the error has grown too much, and the network
+before that neuron is kept; or at a width that was asked for, whatever the error is then.
 """
 
 from collections.abc import Callable, Sequence
@@ -28,10 +27,8 @@ TUNING_SHARE = 0.2
 """Epochs after each neuron, as a share of the float network's, where the error decides."""
 NO_EFFECT = 1e-4
 """Relative growth of the error up to which a neuron counts as without effect: nothing is trained after it."""
-REMOVED_SHARE = 0.1
-"""Of the neurons beyond a width, those that go before the network is trained on; one at least."""
 WIDTH_SHARE = 0.1
-"""Epochs after each removal, as a share of the float network's, on the way to a width."""
+"""Epochs after each neuron, as a share of the float network's, on the way to a width."""
 LAST_SHARE, LAST_ROUNDS = 0.4, 3
 """The same once the width is reached, so many times."""
 
@@ -40,19 +37,6 @@ def gradient_error(network: PixelNetwork, x: np.ndarray, y: np.ndarray, slope_li
     """Mean absolute error of both slopes together, features (pixels, inputs) against normals (pixels, 3)."""
     truth = slopes_of(y.astype(np.float64), slope_limit)
     return float(np.abs(slopes_of(predict(network, x), slope_limit) - truth).sum(axis=1).mean())
-
-
-def as_it_says(
-    network: PixelNetwork, pixels: dict[str, tuple[np.ndarray, np.ndarray]]
-) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """The features of `pixels` with the network's own unit normals in place of theirs, so that pruning leaves
-    as they are slopes which are no longer those of the skin."""
-    found = {}
-    for split, (x, y) in pixels.items():
-        normals = predict(network, x)
-        unit = normals / np.maximum(np.linalg.norm(normals, axis=-1, keepdims=True), 1e-12)
-        found[split] = x, unit.astype(y.dtype)
-    return found
 
 
 class Pruning:
@@ -166,10 +150,8 @@ def prune_to_width(
     pruning = Pruning(pixels, settings, slope_limit, rounding_bits=rounding_bits, progress=progress)
     with single_thread(), threadpool_limits(1):
         pruned = network
-        while surplus := sum(widths(pruned)) - sum(width):
-            for _ in range(max(1, round(surplus * REMOVED_SHARE))):
-                pruned = pruning.ranked(pruned, width)[0]
-            pruned = pruning.trained_on(pruned, WIDTH_SHARE)
+        while widths(pruned) != width:
+            pruned = pruning.trained_on(pruning.ranked(pruned, width)[0], WIDTH_SHARE)
         for _ in range(0 if pruned is network else LAST_ROUNDS):
             pruned = pruning.trained_on(pruned, LAST_SHARE)
         return pruned

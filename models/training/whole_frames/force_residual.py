@@ -2,31 +2,51 @@
 
 For given weights of the network, those of the force that leave the smallest error follow from a linear fit.
 So the network's are searched alone; of their derivatives, what the force's weights would make up for is taken
-away. Sources: Golub, Pereyra, "The differentiation of pseudo-inverses and nonlinear least squares problems
-whose variables separate", SIAM J. Numer. Anal. 10, 1973; of the derivatives that are used, Kaufman, "A
-variable projection method for solving separable nonlinear least squares problems", BIT 15, 1975.
+away. Derivatives are found of a part of the pixels at a time, and those of the other parts are kept from the
+steps before: near the end, where steps are small, they are almost the same. Sources: Golub, Pereyra, "The
+differentiation of pseudo-inverses and nonlinear least squares problems whose variables separate", SIAM J.
+Numer. Anal. 10, 1973; of the derivatives that are used, Kaufman, "A variable projection method for solving
+separable nonlinear least squares problems", BIT 15, 1975; of parts that are renewed in turn, Le Roux,
+Schmidt, Bach, "A stochastic gradient method with an exponential convergence rate for finite training sets",
+NIPS 2012.
 """
 
-import copy
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
 import torch
-from torch.func import functional_call, jacrev, vmap
+from torch.func import jacrev, vmap
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.training.force import ridge
-from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.models.training.whole_frames.frames import WholeFrames, some_at_a_time
 from fastac.models.training.whole_frames.held_out_force import REGULARISATION
 from fastac.models.training.whole_frames.pixel_grid import WHOLE, Grid, every_row
 
 FRAMES_AT_A_TIME = 8
 """Of which a thread finds features or derivatives: more of them take more memory and no less time."""
 PARTS = 4
-"""Of a frame's rows, of which the derivatives are found in turn. They are alike, and take a quarter of the
-time; errors are of all pixels."""
+"""Of a frame's rows, of which the derivatives are found in turn: they take a quarter of the time. Errors are
+of all pixels."""
+
+
+def normals_of_columns(
+    x: torch.Tensor, parameters: torch.Tensor, shapes: Sequence[tuple[int, int]]
+) -> torch.Tensor:
+    """Normals (..., 3, pixels) as a pixel network finds them, of scaled features (..., inputs, pixels):
+    products are so much faster with a pixel in each column than, as elsewhere, in each row.
+
+    parameters : of all layers in turn, the weights and then the biases (parameters,)
+    shapes : of each layer's weights, (neurons, inputs)
+    """
+    layers = parameters.split([outputs * (inputs + 1) for outputs, inputs in shapes])
+    for layer, (values, (outputs, inputs)) in enumerate(zip(layers, shapes, strict=True)):
+        x = torch.relu(x) if layer else x
+        weights, biases = values.split([outputs * inputs, outputs])
+        x = weights.unflatten(0, (outputs, inputs)) @ x + biases[:, None]
+    return x
 
 
 class ForceResidual:
@@ -41,12 +61,12 @@ class ForceResidual:
         self.frames, self.network, self.index = frames, network, index
         self.threads = torch.get_num_threads()
         self._known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
-        self._part = 0
+        self._part, self._latest = 0, {}  # of which derivatives are found next; those found, by part
 
     @property
     def parameters(self) -> np.ndarray:
         """The network's, (parameters,) float64."""
-        return torch.cat([values.detach().flatten() for values in self.network.parameters()]).double().numpy()
+        return self._flat.double().numpy()
 
     def set(self, parameters: np.ndarray) -> None:
         """Give the network these parameters (parameters,)."""
@@ -63,13 +83,25 @@ class ForceResidual:
         return self._features(index) @ weights - self._force_n(index)
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
-        """Derivatives of `error_n`, (frames · axes, parameters), from one of the `PARTS` of the pixels, at
-        each call the next."""
+        """Derivatives of `error_n`, (frames · axes, parameters): at the first call those of all pixels; at
+        each further one, of the `PARTS` of the pixels the next is found anew for these parameters."""
         features, weights = self._fitted(parameters)
-        grid, self._part = every_row(PARTS, self._part), (self._part + 1) % PARTS
-        found = self._derivatives(weights, grid).astype(np.float64).reshape(len(features), -1)
+        parts = [self._part] if self._latest else range(PARTS)
+        for part in parts:
+            self._latest[part] = self._derivatives(weights, every_row(PARTS, part))
+        self._part = (self._part + 1) % PARTS
+        found = np.mean(list(self._latest.values()), axis=0, dtype=np.float64).reshape(len(features), -1)
         found -= features @ ridge.solve(features, found, REGULARISATION)[0]  # which weights make up for
         return found.reshape(-1, len(parameters))
+
+    @property
+    def _flat(self) -> torch.Tensor:
+        return torch.nn.utils.parameters_to_vector(self.network.parameters()).detach()
+
+    @property
+    def _shapes(self) -> list[tuple[int, int]]:
+        """Of the layers' weights, (neurons, inputs)."""
+        return [tuple(layer.weight.shape) for layer in self.network.linear_layers]
 
     def _force_n(self, index: np.ndarray) -> np.ndarray:
         return self.frames.data.forces_n(index, self.frames.scene.force_axes)
@@ -87,7 +119,12 @@ class ForceResidual:
     def _features(self, index: np.ndarray) -> np.ndarray:
         """What the force is linear in, of all pixels, (frames, features) float64: sums of slopes and then,
         where they are a part of it, the shifts of the dots."""
-        find = partial(self.frames.features, self.network, grid=WHOLE)
+        parameters, shapes = self._flat, self._shapes
+
+        def model(x: torch.Tensor) -> torch.Tensor:
+            return normals_of_columns(x.T, parameters, shapes).T
+
+        find = partial(self.frames.features, model, grid=WHOLE)
         found = np.concatenate([part.double().numpy() for part in self._side_by_side(find, index)])
         return ridge.joined(found, self.frames.dot_shifts_px(index))
 
@@ -96,20 +133,19 @@ class ForceResidual:
         dots' shifts do not depend on the network."""
         of_slopes = self.frames.of_slopes
         of_sums, _ = ridge.parted(weights, of_slopes.count)
-        of_pixels = of_slopes.pixel_weights(torch.from_numpy(of_sums).float(), grid).flatten(0, 2)
-        parameters = {name: values.detach() for name, values in self.network.named_parameters()}
+        of_pixels = of_slopes.pixel_weights(torch.from_numpy(of_sums).float(), grid)
+        shape, of_pixels = of_pixels.shape[:2], of_pixels.flatten(0, 2)
+        parameters, shapes = self._flat, self._shapes
+
+        def force(parameters: torch.Tensor, x: torch.Tensor, columns: torch.Tensor | None) -> torch.Tensor:
+            normals = normals_of_columns(x, parameters, shapes).T.unflatten(0, shape)
+            return self.frames.slopes(normals, columns).flatten() @ of_pixels
 
         def find(index: np.ndarray) -> torch.Tensor:
-            network = copy.deepcopy(self.network)  # a thread's own: it is given traced parameters
-
-            def force(parameters: dict, x: torch.Tensor, columns: torch.Tensor | None) -> torch.Tensor:
-                normals = functional_call(network, parameters, (x,))
-                return self.frames.slopes(normals, columns).flatten() @ of_pixels
-
             x, columns = self.frames.seen(index, grid)
+            x = x.flatten(1, 2).transpose(1, 2).contiguous()
             along = (None, 0, None if columns is None else 0)
             found = vmap(jacrev(force), in_dims=along)(parameters, x, columns)
-            found = torch.cat([found[name].flatten(2) for name in parameters], dim=2)
             return found[:-1] - found[-1:]  # less that at rest
 
         return np.concatenate([part.numpy() for part in self._side_by_side(find, self.index)])
@@ -118,6 +154,6 @@ class ForceResidual:
         self, find: Callable[[np.ndarray], torch.Tensor], index: np.ndarray
     ) -> list[torch.Tensor]:
         """What `find` returns of the frames, some at a time, on as many threads as torch may use."""
-        parts = np.split(index, range(FRAMES_AT_A_TIME, len(index), FRAMES_AT_A_TIME))
-        with ThreadPoolExecutor(self.threads) as pool:
-            return list(pool.map(find, parts))
+        # Each thread has a number of its own of threads that share its products, and with it sums of its own.
+        with ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
+            return list(pool.map(find, some_at_a_time(index, FRAMES_AT_A_TIME)))

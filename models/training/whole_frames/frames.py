@@ -25,6 +25,11 @@ SEEN_PX = 64
 128 × 128 pixels it sees a quarter, in half of the time, and the force is no worse."""
 
 
+def some_at_a_time(index: np.ndarray, count: int) -> list[np.ndarray]:
+    """The frames `index` in their order, so many at a time, the last time what is left."""
+    return np.split(index, range(count, len(index), count))
+
+
 @dataclass(frozen=True, eq=False)
 class WholeFrames:
     """Frames with the depth of every pixel, the force, or both, as the scene learns from them.
@@ -55,17 +60,14 @@ class WholeFrames:
     def _force(self) -> HeldOutForce:
         return HeldOutForce.of(self.data, self.scene.force_axes, self.index("train"))
 
-    def prepare(self, model: torch.nn.Module, grid: Grid | None = None) -> None:
-        """Fit what of the loss follows from the model, before each epoch: the weights of the force.
-
-        grid : the pixels that they are fitted to; None: as many as a step sees
-        """
+    def prepare(self, model: torch.nn.Module) -> None:
+        """Fit what of the loss follows from the model, before each epoch: the weights of the force, to as
+        many pixels as a step sees."""
         if not self.scene.training.force_weight:
             return
-        grid = every(self._stride) if grid is None else grid
         learned, training = self._force.learned, model.training
         model.eval()
-        parts = np.split(learned, range(PREPARED_FRAMES, len(learned), PREPARED_FRAMES))
+        grid, parts = every(self._stride), some_at_a_time(learned, PREPARED_FRAMES)
         self._force.refit(torch.cat([self.features(model, part, grid) for part in parts]))
         model.train(training)
 
@@ -147,36 +149,16 @@ class WholeFrames:
 
         model : from scaled features (pixels, inputs) to normals (pixels, 3) of any length
         """
-        grid = self._drawn_grid(model)
+        settings, grid = self.scene.training, self._drawn_grid(model)
         normals, slopes, at_rest = self._found(model, index, grid)
-        loss = self._normals_loss(model, index, normals, grid)
-        return loss + self._sums_loss(slopes, at_rest, index, grid)
-
-    def _sums_loss(
-        self, slopes: torch.Tensor, at_rest: torch.Tensor, index: np.ndarray, grid: Grid = WHOLE
-    ) -> torch.Tensor | float:
-        """What `loss` adds to that of the normals."""
-        settings, loss = self.scene.training, 0.0
         depth_px = self._depth(slopes, at_rest) if self._solves else None
+        loss = self._normals_loss(model, index, normals, grid)
         if settings.depth_weight:
             loss = loss + settings.depth_weight * self._depth_error(depth_px, index)
         if settings.force_weight:
             features = self._force_features(slopes, at_rest, depth_px, grid)
             loss = loss + settings.force_weight * self._force.error(features, index)
         return loss
-
-    def sums_error(self, model: torch.nn.Module, index: np.ndarray) -> float:
-        """The mean of w_d · L_d + w_f · L_f, as in `loss`, over the frames `index`, but of all pixels, by
-        weights of the force that are fitted to all of them."""
-        training, total = model.training, 0.0
-        self.prepare(model, WHOLE)
-        model.eval()
-        with torch.no_grad():
-            for part in np.split(index, range(PREPARED_FRAMES, len(index), PREPARED_FRAMES)):
-                _, slopes, at_rest = self._found(model, part)
-                total += float(self._sums_loss(slopes, at_rest, part)) * len(part)
-        model.train(training)
-        return total / len(index)
 
     def dot_shifts_px(self, index: np.ndarray) -> np.ndarray | None:
         """Shifts of the marker dots (frames, M, 2), where the force follows from them, too."""

@@ -7,7 +7,6 @@ flat. A force that is a weighted sum of the slopes is not linear in the true one
 of the normals the network bends them. The hardware stays the same.
 """
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -19,9 +18,7 @@ from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.one_cycle import one_cycle
 from fastac.models.training.rounding_noise import with_rounding_noise
-from fastac.models.training.whole_frames.frames import WholeFrames
-from fastac.models.training.whole_frames.optimisers import optimiser_of
-from fastac.models.training.whole_frames.trials import Outcome, best_trial
+from fastac.models.training.whole_frames.frames import WholeFrames, some_at_a_time
 
 LABEL = "normals, on whole frames"
 BATCH_FRAMES = 4
@@ -29,16 +26,12 @@ BATCH_FRAMES = 4
 `training.normals_batch_px`, but neighbours are much alike."""
 
 
-def _batches(index: np.ndarray) -> list[np.ndarray]:
-    return np.split(index, range(BATCH_FRAMES, len(index), BATCH_FRAMES))
-
-
 def _mean_loss(model: torch.nn.Module, frames: WholeFrames, index: np.ndarray) -> float:
     """That of the frames `index`, with what `frames` has fitted to the model as it is."""
     frames.prepare(model)
     model.eval()
     with torch.no_grad():  # what `frames` keeps from here is learned with, too
-        parts = [(part, frames.loss(model, part).item()) for part in _batches(index)]
+        parts = [(part, frames.loss(model, part).item()) for part in some_at_a_time(index, BATCH_FRAMES)]
     model.train()
     return sum(len(part) * value for part, value in parts) / len(index)
 
@@ -53,8 +46,6 @@ def fit(
     share: float = 1.0,
     epochs: int,
     rate: float,
-    trial: int = 0,
-    label: str = LABEL,
     progress: bool = False,
 ) -> list[dict]:
     """Train on, in place, what of `model` may change, with the loss of `frames`; returns the learning curve.
@@ -62,7 +53,6 @@ def fit(
     index, validation : the frames to learn from, and those to judge by, if any: the model then ends with the
         weights of the smallest error on them, the initial ones included; without them with the last
     share : of the frames that an epoch sees, chosen by chance
-    trial : another number gives other draws; label : of the progress bar
     Raises ValueError where there is nothing to learn from.
     """
     if not len(index):
@@ -70,19 +60,19 @@ def fit(
             "valid: no frame to train on has a pixel whose depth training.depth_weight could use"
         )
     seed = frames.scene.training.seed
-    rng = np.random.default_rng((seed, 2, trial))  # other draws than those of the normals' training
-    torch.manual_seed(int(rng.integers(1 << 31)) if trial else seed)
+    rng = np.random.default_rng((seed, 2))  # other draws than those of the normals' training
+    torch.manual_seed(seed)
     count = max(1, round(share * len(index)))
     steps = -(-count // BATCH_FRAMES)
     parameters = [values for values in model.parameters() if values.requires_grad]
-    optimiser = optimiser_of(frames.scene.training.depth_optimiser, parameters, rate)
+    optimiser = torch.optim.AdamW(parameters, lr=rate, weight_decay=0.0, fused=True)
     schedule = one_cycle(optimiser, rate, epochs * steps)
     judged, best = validation is not None and bool(len(validation)), BestEpoch()
 
     def batches() -> list[np.ndarray]:
         if not judged:  # else the error has prepared them
             frames.prepare(model)
-        return _batches(rng.permutation(index)[:count])
+        return some_at_a_time(rng.permutation(index)[:count], BATCH_FRAMES)
 
     if judged:  # what it starts from counts too
         best.tell(_mean_loss(model, frames, validation), model)
@@ -92,7 +82,7 @@ def fit(
         steps,
         batches,
         lambda part: descend(frames.loss(model, part), optimiser, schedule),
-        label=label,
+        label=LABEL,
         best=best,
         error=partial(_mean_loss, model, frames, validation) if judged else None,
         progress=progress,
@@ -100,47 +90,19 @@ def fit(
 
 
 def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False) -> list[dict]:
-    """Train the float network on for the scene's `training.depth_epochs`; it is changed itself.
+    """Train the float network on for the scene's `training.depth_epochs`; it is changed itself. Returns the
+    learning curve.
 
-    That is done `training.depth_trials` times, side by side in as many processes as torch may use threads.
-    The trial with the smallest error of depth and force on all presses known is kept, and its learning curve
-    is returned.
+    An epoch sees a share `training.normals_share` of the frames where the depth counts, else all of them.
     """
-    trials = frames.scene.training.depth_trials
-    if trials == 1:  # there is nothing to choose
-        return _trained(network, frames, 0, LABEL, progress)
-    # Other processes are given a scene of which nobody records what they read: this one reads the same.
-    apart = replace(frames, scene=frames.scene.unwatched())
-    here, elsewhere = (partial(_trial, network.arrays, known) for known in (frames, apart))
-    best = best_trial(here, elsewhere, trials, torch.get_num_threads(), progress=progress)
-    network.load_state_dict(PixelNetwork.from_arrays(best.arrays).state_dict())
-    return best.history
-
-
-def _trained(
-    network: PixelNetwork, frames: WholeFrames, trial: int, label: str, progress: bool
-) -> list[dict]:
-    """`fit` as the scene has it."""
     settings = frames.scene.training
     return fit(
         with_rounding_noise(network, frames.scene.felt_rounding_bits, frames.scene.felt_weight_bits),
         frames,
         frames.index("train"),
         validation=frames.index("validation"),
-        share=settings.sums_share,
+        share=settings.normals_share if settings.depth_weight else 1.0,
         epochs=settings.depth_epochs,
         rate=settings.sums_learning_rate,
-        trial=trial,
-        label=label,
         progress=progress,
     )
-
-
-def _trial(
-    arrays: dict[str, np.ndarray], frames: WholeFrames, trial: int, label: str, progress: bool
-) -> Outcome:
-    """A trial from the network of these arrays, with its error on the presses of training and validation."""
-    network = PixelNetwork.from_arrays(arrays)
-    history = _trained(network, frames, trial, LABEL + label, progress)
-    known = np.concatenate([frames.index(split) for split in ("train", "validation")])
-    return Outcome(frames.sums_error(network, known), network.arrays, history)

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
 from fastac.flow import force_training, training
 from fastac.flow.pipelines import integer_pipeline
@@ -14,7 +13,7 @@ from fastac.gateware.cycle_model import CycleModel
 from fastac.gateware.datapath import Datapath
 from fastac.models.emulator.pipeline import Emulator
 from fastac.models.floating.hyperforce import collapse
-from fastac.models.floating.network import PixelNetwork, predict
+from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.pipeline import FloatPipeline
 from fastac.models.integer import assemble, quantise
 from fastac.models.integer.dot_follower import FRACTION
@@ -224,41 +223,6 @@ def test_least_squares_on_the_force_come_last(make_scene, dataset_of, tmp_path, 
     assert np.array_equal(curve, [entry["train_mae_n"] for entry in history])
     assert 2 <= len(curve) <= 4
     assert (np.diff(curve) < 0).any()
-
-
-@pytest.mark.parametrize("force_weight", [0.0, 1.0])
-def test_what_a_force_of_slopes_has_bent_stays_so_when_neurons_go(
-    tiny_data, make_scene, tmp_path, monkeypatch, force_weight
-):
-    """The training on whole frames here mirrors all normals. With a force of slopes neurons are removed
-    afterwards, and those that remain say what all have said; without one they go before."""
-    scene = make_scene(
-        outputs=["force_xyz"],
-        poisson={"solver": "adjoint"},
-        force={"fit": "slopes", "clamp": False},
-        network={"width": [6, 5, 5], "train_width": 7},
-        training={"normals_epochs": 60, "normals_batch_px": 1024, "force_weight": force_weight},
-    )
-    found_widths = []
-
-    def mirror(network, *_, **__):
-        found_widths.append(widths(network))
-        with torch.no_grad():
-            network.linear_layers[-1].weight[:2] *= -1
-            network.linear_layers[-1].bias[:2] *= -1
-        return {}
-
-    monkeypatch.setattr(training, "learn_sums", mirror)
-    training.normals(tiny_data, scene, tmp_path / "normals.npz", progress=False)
-    network = PixelNetwork.from_arrays(load_arrays(tmp_path / "normals.npz"))
-    assert found_widths == [(7, 7, 7) if force_weight else (6, 5, 5)]
-    assert widths(network) == (6, 5, 5)
-    index = tiny_data.indices("test")
-    found = predict(network, integer_features(tiny_data.frames[index], tiny_data.background))
-    found /= np.linalg.norm(found, axis=-1, keepdims=True)
-    truth = tiny_data.normals[index].astype(float)
-    errors = [np.abs(found - truth * side).mean() for side in ([-1, -1, 1], 1)]
-    assert errors[0] < 0.5 * errors[1]
 
 
 def test_every_step_s_result_is_in_the_bundle(tiny_folder, tiny_bundle, tiny_data):

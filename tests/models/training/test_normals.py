@@ -7,7 +7,6 @@ import torch
 from fastac.models.floating.network import predict
 from fastac.models.integer.features import integer_features
 from fastac.models.training.normals import Fit, normal_loss, train
-from fastac.models.training.pruning.hidden_neurons import outputs
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:
@@ -103,16 +102,6 @@ class TestTrain:
         # What it learns is not what labels alone would teach.
         alone, _ = train(mirrored, make_scene(training={**teach, "teachers": 0}).training)
         assert np.abs(predict(network, x) - predict(alone, x)).max() > 1e-3
-
-    def test_orthogonal_initial_weights_are_where_training_begins(self, tiny_data, make_scene):
-        """With next to no learning rate the network keeps them: every neuron is active for some pixels."""
-        begun = {"normals_epochs": 1, "normals_learning_rate": 1e-9, "initial_weights": "orthogonal"}
-        network, _ = train(tiny_data, make_scene(training=begun).training)
-        x, _ = pixels(tiny_data, "train")
-        for hidden in outputs(network, x):
-            assert ((hidden > 0).mean(axis=0) > 0.02).all()
-        plain, _ = train(tiny_data, make_scene(training={**begun, "initial_weights": "uniform"}).training)
-        assert min((hidden > 0).mean(axis=0).min() for hidden in outputs(plain, x)) < 0.02
 
     def test_noise_on_the_position_hides_the_position(self, tiny_data, make_scene):
         """Labels that depend on position alone are learned less well with more noise on the position."""

@@ -1,4 +1,3 @@
-import numpy as np
 import pytest
 import torch
 
@@ -44,32 +43,6 @@ def test_another_error_may_not_grow_either(trained):
         further_errors=[lambda candidate: 100 - sum(widths(candidate))],
     )
     assert kept is network
-
-
-def test_of_many_neurons_a_tenth_goes_at_once(trained, monkeypatch):
-    _, settings, pixels = trained
-    left = []
-
-    def untrained(_, candidate, share):
-        left.append(sum(widths(candidate)))
-        return candidate
-
-    monkeypatch.setattr(prune.Pruning, "trained_on", untrained)
-    prune.prune_to_width(PixelNetwork(6, (20, 20, 20)), pixels, settings, width=(12, 12, 11), slope_limit=4)
-    # Of 25 too many: 2 of 25 and 23, of 21, 19, 17, 15 (1.5 rounds to 2), then one by one.
-    assert left == [58, 56, 54, 52, 50, 48, *range(47, 34, -1), *[35] * prune.LAST_ROUNDS]
-
-
-def test_pixels_as_the_network_says_leave_it_without_error(trained):
-    network, _, pixels = trained
-    said = prune.as_it_says(network, pixels)
-    assert set(said) == set(pixels)
-    for split, (x, y) in said.items():
-        np.testing.assert_array_equal(x, pixels[split][0])
-        np.testing.assert_allclose(np.linalg.norm(y, axis=1), 1, rtol=1e-6)
-        assert y.dtype == pixels[split][1].dtype
-    assert prune.gradient_error(network, *said["validation"], 4) < 1e-5
-    assert prune.gradient_error(network, *pixels["validation"], 4) > 1e-2
 
 
 def test_the_smallest_network_stays(trained):

@@ -6,6 +6,7 @@ import torch
 
 from fastac.flow.training import skin_alone
 from fastac.models.floating.network import PixelNetwork
+from fastac.models.floating.threads import single_thread
 from fastac.models.training.force import ridge
 from fastac.models.training.whole_frames import force_features, force_residual
 from fastac.models.training.whole_frames.force_residual import PARTS, ForceResidual
@@ -51,7 +52,7 @@ def test_errors_are_those_of_the_best_weights(residual):
 
 
 def test_derivatives_are_those_of_each_force_less_what_weights_make_up_for(residual):
-    """Over all parts of the pixels; each force's gradient by itself, and a ridge fit to them."""
+    """Each force's gradient by itself, and a ridge fit to them."""
     frames, network, start = residual.frames, residual.network, residual.parameters
     features, weights = residual._fitted(start)
     fixed, expected = torch.from_numpy(weights[: frames.of_slopes.count]).float(), []
@@ -65,22 +66,29 @@ def test_derivatives_are_those_of_each_force_less_what_weights_make_up_for(resid
     for axis in range(3):
         of_axis = expected[:, axis].astype(np.float64)
         expected[:, axis] = of_axis - features @ ridge.solve(features, of_axis, REGULARISATION)[0]
-    found = np.mean([residual.jacobian(start) for _ in range(PARTS)], axis=0)
-    assert residual._part == 0
+    found = residual.jacobian(start)
     assert np.abs(found).max() > 1e-3
     assert found == pytest.approx(expected.reshape(found.shape), rel=1e-3, abs=1e-4 * np.abs(found).max())
 
 
-def test_parts_are_not_the_whole(residual):
-    parts = [residual.jacobian(residual.parameters) for _ in range(PARTS)]
-    assert not np.allclose(parts[0], parts[1])
+def test_each_further_call_renews_a_part_of_the_pixels(residual):
+    """Of as many calls the last finds what another, which has never seen the start, finds at once."""
+    start = residual.parameters
+    moved = start + 0.1 * np.random.default_rng(0).standard_normal(len(start))
+    before = residual.jacobian(start)
+    found = [residual.jacobian(moved) for _ in range(PARTS)]
+    whole = ForceResidual(residual.frames, residual.network, residual.index).jacobian(moved)
+    errors = [np.abs(derivatives - whole).max() for derivatives in [before, *found]]
+    assert errors[-1] < 1e-6 * np.abs(whole).max()
+    assert min(errors[:-1]) > 1e-2 * np.abs(whole).max()
 
 
+@single_thread()
 def test_threads_find_the_same(residual, monkeypatch):
     monkeypatch.setattr(force_residual, "FRAMES_AT_A_TIME", 5)
     found = []
     for threads in (1, 3):
-        residual.threads, residual._part, residual._known = threads, 0, None
+        residual.threads, residual._known, residual._latest = threads, None, {}
         found.append((residual.error_n(residual.parameters), residual.jacobian(residual.parameters)))
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one, other)

@@ -17,7 +17,7 @@ from fastac.models.training.whole_frames.force_features import OfDisplacement
 from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.models.training.whole_frames.held_out_force import REGULARISATION
 from fastac.models.training.whole_frames.network_depth import found_depth_mm
-from fastac.models.training.whole_frames.pixel_grid import WHOLE, every
+from fastac.models.training.whole_frames.pixel_grid import every
 from fastac.models.training.whole_frames.usable_frames import whole_frames
 from fastac.models.vision.dots import slope_bridge
 from fastac.sensor.geometry import rest_depth_mm
@@ -160,19 +160,3 @@ def test_weights_are_fitted_to_the_pixels_that_steps_see(
     found = frames._force.weights.clone()
     frames._force.refit(frames.of_slopes((slopes - at_rest).detach(), grid))
     torch.testing.assert_close(frames._force.weights, found)
-
-
-def test_trials_are_compared_by_what_all_pixels_say(tiny_data, make_scene, network, of_slopes, monkeypatch):
-    """Whatever the steps see: the error of the force alone, by weights that are fitted to all pixels."""
-    scene = make_scene(**of_slopes, training={"force_weight": 2.0})
-    known = np.concatenate([tiny_data.indices(split) for split in ("train", "validation")])
-    errors = []
-    for seen_px in (16, 8):
-        monkeypatch.setattr(of_whole_frames, "SEEN_PX", seen_px)
-        frames = whole_frames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
-        errors.append(frames.sums_error(network, known))
-    frames.prepare(network, WHOLE)
-    _, slopes, at_rest = frames._found(network.eval(), known)
-    expected = 2 * frames._force.error(frames.of_slopes(slopes - at_rest), known).item()
-    assert errors == pytest.approx([expected, expected], rel=1e-4)
-    assert expected != pytest.approx(frames.loss(network, known).item(), rel=1e-2)

@@ -1,8 +1,6 @@
 """Training with the error of depth or force: both become better on frames that were held out."""
 
 import copy
-import dataclasses
-from collections.abc import Callable, Iterator
 
 import numpy as np
 import pytest
@@ -31,14 +29,6 @@ def skins(tiny_data, make_scene):
         return WholeFrames(tiny_data, tiny_data, scene, rest_depth_mm(scene.sensor))
 
     return made
-
-
-@pytest.fixture
-def threads_of_torch() -> Iterator[Callable[[int], None]]:
-    """Sets how many threads torch may use; they are as before at the end."""
-    before = torch.get_num_threads()
-    yield torch.set_num_threads
-    torch.set_num_threads(before)
 
 
 def parameters(network: PixelNetwork) -> torch.Tensor:
@@ -90,65 +80,20 @@ def test_the_same_seed_gives_the_same_network(skins, trained):
 
 
 @pytest.mark.parametrize(
-    ("keys", "share"),
+    ("weights", "share"),
     [
         ({"depth_weight": 1.0}, 0.5),
         ({"depth_weight": 1.0, "force_weight": 0.1}, 0.5),
         ({"force_weight": 0.1}, 1.0),
-        ({"depth_weight": 1.0, "depth_share": 1.0}, 1.0),
-        ({"force_weight": 0.1, "depth_share": 0.25}, 0.25),
     ],
 )
-def test_an_epoch_sees_a_share_of_the_frames(skins, trained, monkeypatch, keys, share):
+def test_an_epoch_sees_a_share_of_the_frames_where_the_depth_counts(
+    skins, trained, monkeypatch, weights, share
+):
     seen = []
     monkeypatch.setattr(sums_of_slopes, "fit", lambda *_, share, **__: seen.append(share) or [])
-    sums_of_slopes.train(copy.deepcopy(trained), skins(**keys, normals_share=0.5))
+    sums_of_slopes.train(copy.deepcopy(trained), skins(**weights, normals_share=0.5))
     assert seen == [share]
-
-
-def test_the_scene_chooses_the_optimiser(skins, trained):
-    found = []
-    for name in ("adam", "soap"):
-        network = copy.deepcopy(trained)
-        history = sums_of_slopes.train(network, skins(depth_weight=1.0, depth_epochs=6, depth_optimiser=name))
-        assert history[-1]["train_loss"] < history[0]["train_loss"]
-        found.append(parameters(network))
-    assert not torch.equal(*found)
-
-
-def test_of_several_trials_the_best_is_kept(skins, trained, tiny_data):
-    """Of the smallest depth error on the presses of training and validation; its curve is returned."""
-    frames = skins(depth_weight=1.0, depth_epochs=3, depth_trials=4)
-    known = np.concatenate([tiny_data.indices(split) for split in ("train", "validation")])
-    networks, curves, losses = [], [], []
-    for trial in range(4):
-        networks.append(copy.deepcopy(trained))
-        split = {"index": tiny_data.indices("train"), "validation": tiny_data.indices("validation")}
-        curves.append(sums_of_slopes.fit(networks[-1], frames, **split, epochs=3, rate=2e-3, trial=trial))
-        with torch.no_grad():
-            _, slopes, at_rest = frames._found(networks[-1], known)
-            depth_px = frames._depth(slopes, at_rest)
-            losses.append(frames._depth_error(depth_px, known).item())
-    assert len(set(losses)) == 4
-    network, best = copy.deepcopy(trained), int(np.argmin(losses))
-    assert sums_of_slopes.train(network, frames) == curves[best]
-    assert torch.equal(parameters(network), parameters(networks[best]))
-    assert best, "the first is the best, so that this test could not tell"
-
-
-@pytest.mark.full  # PyTorch is imported in another process
-def test_side_by_side_the_same_trial_is_kept(skins, trained, threads_of_torch):
-    """Bit for bit; and of the scene this process reads as much, for that is what a store records."""
-    frames, found = skins(depth_weight=1.0, depth_epochs=2, depth_trials=4), []
-    for threads in (1, 2):
-        read: set[str] = set()
-        watched = frames.scene.watched(lambda path, value, read=read: read.add(path))
-        network = copy.deepcopy(trained)
-        threads_of_torch(threads)
-        history = sums_of_slopes.train(network, dataclasses.replace(frames, scene=watched))
-        found.append((parameters(network).tolist(), history, read))
-    assert found[0] == found[1]
-    assert "training.depth_epochs" in found[0][2]
 
 
 def test_a_training_that_loses_leaves_the_network_as_it_was(skins, trained):
