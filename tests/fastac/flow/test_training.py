@@ -204,7 +204,7 @@ def test_least_squares_on_the_force_come_last(make_scene, dataset_of, tmp_path, 
         poisson={"solver": "adjoint"},
         force={"fit": "slopes", "clamp": False},
         network={"width": [4, 4, 4], "train_width": 5},
-        training={"normals_epochs": 2, "force_steps": 3},
+        training={"normals_epochs": 2, "force_steps": 10},
     )
     monkeypatch.setattr(force_features, "SLOPES_SIZE", 2)
     seen, train = [], force_least_squares.train
@@ -221,7 +221,7 @@ def test_least_squares_on_the_force_come_last(make_scene, dataset_of, tmp_path, 
     assert all(np.array_equal(found[name], values) for name, values in arrays.items())
     curve = found["history.force_alone.train_mae_n"]
     assert np.array_equal(curve, [entry["train_mae_n"] for entry in history])
-    assert 2 <= len(curve) <= 4
+    assert 2 <= len(curve) <= 11
     assert (np.diff(curve) < 0).any()
 
 
