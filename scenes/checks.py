@@ -219,8 +219,7 @@ def _check_sums(scene) -> None:
 
 def _check_force_alone(scene) -> None:
     """Raise ValueError unless forces alone can train what is wanted."""
-    of_geometry = any(facts.needs_geometry for facts in scene.output_facts)
-    if not scene.force_from_slopes or of_geometry or not scene.fit_facts.of_slopes:
+    if not scene.force_from_slopes or scene.wants_geometry or not scene.fit_facts.of_slopes:
         raise ValueError(
             "training.labels: 'force' gives forces only, no normals or depth, and needs poisson.solver"
             " 'adjoint' and force.fit 'slopes'"

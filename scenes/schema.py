@@ -168,6 +168,11 @@ class Scene(Strict):
         return bool(learned) and self.fit_facts.of_slopes
 
     @property
+    def wants_geometry(self) -> bool:
+        """Whether normals, or what follows from them, are among the outputs, and not forces alone."""
+        return any(facts.needs_geometry for facts in self.output_facts)
+
+    @property
     def wants_solver(self) -> bool:
         """Whether anything that is asked for needs the depth."""
         needed = any(facts.needs_depth for facts in self.output_facts)

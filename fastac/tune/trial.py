@@ -87,7 +87,7 @@ def judged(pipeline: FloatPipeline, data: Dataset, index: np.ndarray, scene: Sce
     models whose outputs are forces alone only the force counts."""
     result, rest = pipeline.run(data.frames[index]), pipeline.run(data.background[None])
     found = accuracy.evaluate(result, rest, data, index, scene)
-    kinds = KINDS if any(facts.needs_geometry for facts in scene.output_facts) else KINDS[2:]
+    kinds = KINDS if scene.wants_geometry else KINDS[2:]
     names = (next((name for name in kind if name in found), None) for kind in kinds)
     return {name: found[name] for name in names if name is not None}
 

@@ -154,6 +154,6 @@ class ForceResidual:
         self, find: Callable[[np.ndarray], torch.Tensor], index: np.ndarray
     ) -> list[torch.Tensor]:
         """What `find` returns of the frames, some at a time, on as many threads as torch may use."""
-        # Each thread has a number of its own of threads that share its products, and with it sums of its own.
+        # New threads may share a product among more of torch's own: its sums then differ in the last bit.
         with ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
             return list(pool.map(find, some_at_a_time(index, FRAMES_AT_A_TIME)))
