@@ -23,6 +23,7 @@ OF_NORMALS = (
     "depth_weight",
     "force_weight",
     "force_steps",
+    "force_starts",
     "rounding_noise",
     "weight_rounding_noise",
     "normals_share",
@@ -211,6 +212,8 @@ def _check_sums(scene) -> None:
             raise ValueError(
                 f"training.force_steps: {steps} leaves no normals, and outputs has {listed(spoilt)}"
             )
+    if (starts := scene.training.force_starts) > 1 and not steps:
+        raise ValueError(f"training.force_starts: {starts} needs training.force_steps")
     if scene.training.weight_rounding_noise and not (scene.training.depth_weight or weight):
         raise ValueError(
             "training.weight_rounding_noise: true needs training.depth_weight or training.force_weight"

@@ -12,13 +12,14 @@ from pydantic import Field, ValidationError, model_validator
 
 from fastac.scenes.checks import check_scene
 from fastac.scenes.force_fits import FITS, FitFacts
-from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Slip, Training
+from fastac.scenes.model_schema import Force, Network, Numbers, Poisson, Slip
 from fastac.scenes.outputs import OUTPUTS, OutputFacts
 from fastac.scenes.pace import Camera, Pace, PixelsPerClock, pace_of, slowest_pace
 from fastac.scenes.parts import DEFAULT_PART
 from fastac.scenes.sensor_schema import Sensor
 from fastac.scenes.solvers import SOLVERS, SolverFacts
 from fastac.scenes.strict import Count, Point, Positive, Strict
+from fastac.scenes.training_schema import Training
 
 AXES = "xyz"
 SHOWN = 200

@@ -44,7 +44,7 @@ FORCE_OF_SLOPES = {
     ]
 }
 """Where the force is a sum of slopes that are learned from normals, besides."""
-FORCE_ALONE = {"training.force_steps": [0, 8, 16, 24]}
+FORCE_ALONE = {"training.force_steps": [12, 24, 36]}
 """Instead, where the scene has steps of least squares on the force: its presses are enough for them."""
 FORCE_OF_KERNELS = {"training.force_weight": [0.0, 0.1, 0.3, 1.0]}
 """Where the depth of presses is known and kernels on the displacement find the force, besides."""

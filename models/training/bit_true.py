@@ -10,7 +10,7 @@ from fastac.models.floating.network import PixelNetwork, UnitLength
 from fastac.models.integer.features import scales
 from fastac.models.integer.network import Layer, Requantisation
 from fastac.models.training.normals import Fit, ScaledNetwork, _tensors
-from fastac.scenes.model_schema import Training
+from fastac.scenes.training_schema import Training
 
 
 class _Requantise(torch.autograd.Function):

@@ -4,7 +4,7 @@ import numpy as np
 
 from fastac.models.integer.features import integer_features
 from fastac.models.training.around_contacts import at_rest, circle_radii
-from fastac.scenes.model_schema import Training
+from fastac.scenes.training_schema import Training
 from fastac.sensor.dataset import Dataset
 
 VALIDATION_PX = 1 << 18

@@ -20,7 +20,7 @@ from fastac.models.training.epochs import descend, train_epochs
 from fastac.models.training.labelled_pixels import Pixels, labelled_splits
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.teachers import Ensemble
-from fastac.scenes.model_schema import Training
+from fastac.scenes.training_schema import Training
 from fastac.sensor.dataset import Dataset
 
 

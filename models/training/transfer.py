@@ -21,7 +21,7 @@ from fastac.models.training.pruning.prune import gradient_error
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.whole_frames import sums_of_slopes
 from fastac.models.training.whole_frames.frames import WholeFrames
-from fastac.scenes.model_schema import Training
+from fastac.scenes.training_schema import Training
 
 TUNES = ("gains", "last", "all")
 """What can be tuned, the fewest numbers first."""

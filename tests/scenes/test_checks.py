@@ -1,8 +1,8 @@
 import pytest
 
 from fastac.scenes.schema import parse
-from tests.scenes.test_model_schema import BY_FORCE
 from tests.scenes.test_schema import DOTTED, error, replaced
+from tests.scenes.test_training_schema import BY_FORCE
 
 MARKERS = "markers = { spacing_mm = 1.6, radius_mm = 0.3 }\n"
 SLIP = {'"force_z"]': '"force_z", "slip"]'}
@@ -250,6 +250,8 @@ def test_the_force_alone_is_learned_where_nothing_needs_the_normals():
     normals = start.replace("[", '["normals", ')
     message = "training.force_steps: 5 leaves no normals, and outputs has 'normals'"
     assert error(normals + flat + slopes + end) == message
+    starts = "[training]\nforce_starts = 2\n"
+    assert error(start + flat + slopes + starts) == "training.force_starts: 2 needs training.force_steps"
 
 
 def test_rounded_weights_are_felt_on_whole_frames():
@@ -264,4 +266,4 @@ def test_rounded_weights_are_felt_on_whole_frames():
 def test_a_scene_does_not_name_a_depth_that_is_not_learned():
     assert "depth_weight" not in parse(DOTTED, origin="x").training.model_dump()
     assert "force_weight" not in parse(DOTTED, origin="x").training.model_dump()
-    assert "force_steps" not in parse(DOTTED, origin="x").training.model_dump()
+    assert not {"force_steps", "force_starts"} & set(parse(DOTTED, origin="x").training.model_dump())

@@ -32,8 +32,8 @@ from fastac.models.training.force.light import under_other_light
 from fastac.models.training.labelled_pixels import VALIDATION_PX
 from fastac.models.training.normals import ScaledNetwork
 from fastac.models.training.one_cycle import one_cycle
-from fastac.scenes.model_schema import Training
 from fastac.scenes.schema import Scene
+from fastac.scenes.training_schema import Training
 from fastac.sensor.dataset import Dataset
 
 WARM_UP_EPOCHS = 0.5

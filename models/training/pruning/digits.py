@@ -17,7 +17,7 @@ from fastac.models.floating.network import PixelNetwork, slopes_of
 from fastac.models.integer.network import Layer
 from fastac.models.integer.quantise import MULTIPLIER_BITS
 from fastac.models.training.bit_true import finetune
-from fastac.scenes.model_schema import Training
+from fastac.scenes.training_schema import Training
 
 JUDGED_PX = 1 << 14
 """Pixels from which the effects are estimated."""

@@ -15,7 +15,8 @@ from fastac.models.integer.features import scales
 from fastac.models.training.normals import Fit, ScaledNetwork, _tensors
 from fastac.models.training.pruning.hidden_neurons import candidates, widths
 from fastac.models.training.rounding_noise import with_rounding_noise
-from fastac.scenes.model_schema import FEWEST_NEURONS, Training
+from fastac.scenes.model_schema import FEWEST_NEURONS
+from fastac.scenes.training_schema import Training
 
 JUDGED_PX = 1 << 14
 """Pixels on which the neurons' effects are compared."""

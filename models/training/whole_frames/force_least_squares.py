@@ -3,18 +3,17 @@
 An elastic layer's force is not linear in the slopes, so the network bends them until it is. It has a few
 hundred parameters: few enough to take the exact derivatives of every press's force and solve for all of them
 together, which in a dozen steps leaves six tenths of the error that thousands of gradient steps leave.
-Nothing is left of the normals, which may be any whose sum is the force. Steps: scipy.optimize.least_squares,
-after Branch, Coleman, Li, "A subspace, interior, and conjugate gradient method for large-scale
-bound-constrained minimization problems", SIAM J. Sci. Comput. 21, 1999.
+Nothing is left of the normals, which may be any whose sum is the force. One start may lead to a poorer
+minimum than another, so several can be compared (force_starts.py).
 """
 
 import numpy as np
-from scipy.optimize import OptimizeResult, least_squares
 from threadpoolctl import threadpool_limits
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
-from fastac.models.training.whole_frames.force_residual import ForceResidual
+from fastac.models.training.whole_frames import force_starts
+from fastac.models.training.whole_frames.force_residual import ForceResidual, descend
 from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.store.progress import progress_bar
 
@@ -31,14 +30,19 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
     Raises ValueError where the frames are too few for the network.
     """
     index, validation = frames.index("train"), frames.index("validation")
+    steps, starts = frames.scene.training.force_steps, frames.scene.training.force_starts
     residual = ForceResidual(frames, network, index)
-    start, steps = residual.parameters, frames.scene.training.force_steps
     axes = len(frames.scene.force_axes)
-    searched, forces = len(start) + frames.of_slopes.count * axes, len(index) * axes
+    searched, forces = len(residual.parameters) + frames.of_slopes.count * axes, len(index) * axes
     if forces < searched:
         raise ValueError(
             f"split: the train split has {forces} forces for {searched} parameters of the network and weights"
             " of the force; training.force_steps needs more, 0 does without"
+        )
+    if starts > 1 and len(index) // 2 * axes < searched:
+        raise ValueError(
+            f"split: half of the train split has {len(index) // 2 * axes} forces for {searched} parameters of"
+            " the network and weights of the force; training.force_starts needs more, 1 does without"
         )
     history: list[dict] = []
     found, errors_n = [], []
@@ -54,26 +58,13 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
         found.append(parameters.copy())
         bar.set_postfix({"mae": f"{entry['train_mae_n']:.4f} N"})
 
-    def error_n(parameters: np.ndarray) -> np.ndarray:
-        bar.update()
-        return residual.error_n(parameters)
-
-    def after(intermediate_result: OptimizeResult) -> None:
-        if not np.array_equal(intermediate_result.x, found[-1]):  # else no step has lowered the error
-            keep(intermediate_result.x)
-
     # Sums have the same order on every machine, and products this small are faster on one thread.
-    with single_thread(), threadpool_limits(1), bar:
-        keep(start)
-        least_squares(
-            error_n,
-            start,
-            residual.jacobian,
-            x_scale="jac",
-            gtol=None,
-            max_nfev=steps,
-            callback=after,
-        )
+    with single_thread(), threadpool_limits(1):
+        if starts > 1:
+            force_starts.set_best(residual, progress=progress)
+        with bar:
+            keep(residual.parameters)
+            descend(residual, residual.parameters, steps, bar.update, keep)
         residual.set(found[chosen(errors_n) if errors_n else -1])
     return history
 

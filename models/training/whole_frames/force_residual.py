@@ -8,15 +8,19 @@ differentiation of pseudo-inverses and nonlinear least squares problems whose va
 Numer. Anal. 10, 1973; of the derivatives that are used, Kaufman, "A variable projection method for solving
 separable nonlinear least squares problems", BIT 15, 1975; of parts that are renewed in turn, Le Roux,
 Schmidt, Bach, "A stochastic gradient method with an exponential convergence rate for finite training sets",
-NIPS 2012.
+NIPS 2012. Steps: scipy.optimize.least_squares, after Branch, Coleman, Li, "A subspace, interior, and
+conjugate gradient method for large-scale bound-constrained minimization problems", SIAM J. Sci. Comput. 21,
+1999.
 """
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from typing import Self
 
 import numpy as np
 import torch
+from scipy.optimize import OptimizeResult, least_squares
 from torch.func import jacrev, vmap
 
 from fastac.models.floating.network import PixelNetwork
@@ -62,6 +66,12 @@ class ForceResidual:
         self.threads = torch.get_num_threads()
         self._known: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
         self._part, self._latest = 0, {}  # of which derivatives are found next; those found, by part
+
+    def of(self, index: np.ndarray) -> Self:
+        """That of other frames, on as many threads."""
+        found = type(self)(self.frames, self.network, index)
+        found.threads = self.threads
+        return found
 
     @property
     def parameters(self) -> np.ndarray:
@@ -157,3 +167,31 @@ class ForceResidual:
         # New threads may share a product among more of torch's own: its sums then differ in the last bit.
         with ThreadPoolExecutor(self.threads, initializer=torch.set_num_threads, initargs=(1,)) as pool:
             return list(pool.map(find, some_at_a_time(index, FRAMES_AT_A_TIME)))
+
+
+def descend(
+    residual: ForceResidual,
+    start: np.ndarray,
+    steps: int,
+    tried: Callable[[], object],
+    lowered: Callable[[np.ndarray], None] | None = None,
+) -> np.ndarray:
+    """The parameters (parameters,) that so many steps of least squares from `start` find.
+
+    tried : is called at each step; lowered : is given the parameters after each that lowered the error
+    """
+    latest = start
+
+    def error_n(parameters: np.ndarray) -> np.ndarray:
+        tried()
+        return residual.error_n(parameters)
+
+    def after(intermediate_result: OptimizeResult) -> None:
+        nonlocal latest
+        if lowered is not None and not np.array_equal(intermediate_result.x, latest):
+            lowered(intermediate_result.x)
+        latest = intermediate_result.x.copy()
+
+    return least_squares(
+        error_n, start, residual.jacobian, x_scale="jac", gtol=None, max_nfev=steps, callback=after
+    ).x

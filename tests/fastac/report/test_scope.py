@@ -1,10 +1,16 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
+
+import pytest
 
 from fastac.report.scope import ABSENT, Scope, table
+from fastac.scenes.schema import load
 from fastac.store.record import RECORD
 from fastac.synth.estimates.stages import stage_names
+
+SCENES = Path(__file__).parents[3] / "scenes"
 
 
 def scope(make_scene, tmp_path, **changes):
@@ -67,6 +73,12 @@ def test_everything_has_all_there_is(make_scene, tmp_path):
     found = scope(make_scene, tmp_path, outputs=["normals"])
     assert set(found.everything.outputs) == {"normals", "depth", "force_xyz", "force_map"}
     assert found.everything.sensor == found.scene.sensor
+
+
+@pytest.mark.parametrize("path", sorted(SCENES.glob("*.toml")), ids=lambda path: path.stem)
+def test_every_shipped_scene_has_one_with_everything(path, tmp_path):
+    scene = Scope(load(path), tmp_path).everything
+    assert {"normals", "depth", "force_xyz", "force_map"} == set(scene.outputs)
 
 
 def test_a_stage_that_one_scene_alone_has(make_scene, tmp_path):

@@ -11,7 +11,7 @@ from fastac.models.training.pruning.hidden_neurons import widths
 from fastac.models.training.pruning.prune import gradient_error
 from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.models.training.whole_frames.network_depth import depth_mae_mm
-from fastac.scenes.model_schema import Training
+from fastac.scenes.training_schema import Training
 from fastac.sensor.geometry import rest_depth_mm
 
 SETTINGS = Training(normals_batch_px=64)

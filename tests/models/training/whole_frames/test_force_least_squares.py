@@ -8,7 +8,12 @@ import torch
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.training.normals import train as train_normals
-from fastac.models.training.whole_frames import force_features, force_least_squares, sums_of_slopes
+from fastac.models.training.whole_frames import (
+    force_features,
+    force_least_squares,
+    force_starts,
+    sums_of_slopes,
+)
 from fastac.models.training.whole_frames.force_least_squares import chosen
 from fastac.models.training.whole_frames.force_residual import ForceResidual
 from fastac.models.training.whole_frames.frames import WholeFrames
@@ -61,13 +66,29 @@ def test_it_beats_gradient_steps_on_held_out_presses(many_presses, trained, fram
     assert all(entry["validation_mae_n"] > 0 for entry in history)
 
 
+def test_it_goes_on_from_the_best_start(many_presses, trained, frames_of, monkeypatch):
+    network, seen = copy.deepcopy(trained), []
+
+    def set_best(residual, **_):
+        seen.append(residual.index)
+        residual.set(1.01 * residual.parameters)
+
+    monkeypatch.setattr(force_starts, "set_best", set_best)
+    residual = ForceResidual(frames := frames_of(many_presses, force_steps=2), network, frames.index("train"))
+    other_start = np.abs(residual.error_n(1.01 * residual.parameters)).sum() / len(residual.index)
+    network = copy.deepcopy(trained)
+    history = force_least_squares.train(network, frames_of(many_presses, force_steps=2, force_starts=2))
+    assert history[0]["train_mae_n"] == pytest.approx(other_start, rel=1e-4)
+    np.testing.assert_array_equal(seen, [many_presses.indices("train")])
+
+
 def test_any_number_of_threads_leads_to_the_same_network(many_presses, trained, frames_of):
     found, before = [], torch.get_num_threads()
     try:
         for threads in (1, 2):
             torch.set_num_threads(threads)
             network = copy.deepcopy(trained)
-            force_least_squares.train(network, frames_of(many_presses, force_steps=4))
+            force_least_squares.train(network, frames_of(many_presses, force_steps=4, force_starts=2))
             found.append(torch.cat([values.flatten() for values in network.parameters()]))
     finally:
         torch.set_num_threads(before)
@@ -92,7 +113,11 @@ def test_the_kept_network_is_that_of_the_chosen_step(many_presses, trained, fram
         torch.testing.assert_close(one, other)
 
 
-def test_too_few_presses_are_an_error(tiny_data, frames_of):
+def test_too_few_presses_are_an_error(tiny_data, frames_of, monkeypatch):
     network = PixelNetwork(tiny_data.frames.shape[-1] + 2, (8, 8))
     with pytest.raises(ValueError, match=r"^split: the train split has 54 forces for 209 parameters"):
         force_least_squares.train(network, frames_of(tiny_data, force_steps=3))
+    network = PixelNetwork(tiny_data.frames.shape[-1] + 2, (2,))
+    monkeypatch.setattr(force_features, "SLOPES_SIZE", 1)
+    with pytest.raises(ValueError, match=r"^split: half of the train split has 27 forces for 29 parameters"):
+        force_least_squares.train(network, frames_of(tiny_data, force_steps=3, force_starts=2))
