@@ -139,9 +139,7 @@ def evaluate(
     """
     found = {}
     known = _known(data, index)
-    # What a network learns from the force, alone or as a sum of its slopes, are other things than normals.
-    means_normals = scene.training.labels == "geometry" and not scene.learns_force_of_slopes
-    if means_normals and data.normals is not None and known.any():
+    if scene.finds_normals and data.normals is not None and known.any():
         found |= normals(result, data, index, scene.sensor.pitch_mm)
         angle = contact_gradient_angle_rad(result, rest, data, index)
         if angle is not None:

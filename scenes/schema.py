@@ -169,6 +169,12 @@ class Scene(Strict):
         return bool(learned) and self.fit_facts.of_slopes
 
     @property
+    def finds_normals(self) -> bool:
+        """Whether what the network finds are the skin's normals: what it learns from the force, alone or as a
+        sum of its slopes, are other things."""
+        return self.training.labels == "geometry" and not self.learns_force_of_slopes
+
+    @property
     def wants_geometry(self) -> bool:
         """Whether normals, or what follows from them, are among the outputs, and not forces alone."""
         return any(facts.needs_geometry for facts in self.output_facts)

@@ -75,13 +75,13 @@ def rgb(frame: np.ndarray) -> np.ndarray:
 def panels(data: Dataset, sample: int, found: Result, scene: Scene, k: int = 0) -> list[Panel]:
     """The panels of the frame `sample` of a dataset, which is the frame `k` of the results in `found`.
 
-    A network that has learned from forces alone finds no normals that mean anything, so there are none.
+    A network that has learned from forces may find none that are the skin's; then there are none.
     """
     frame = data.frames[sample]
     shown = [Panel("input (RGB)", rgb(frame))]
     if frame.shape[-1] == 4:
         shown.append(Panel("NIR", frame[..., 3], colours="gray", low=0, high=255))
-    if scene.training.labels == "geometry":
+    if scene.finds_normals:
         normals = np.clip((found.normals[k] + 1) / 2, 0, 1)
         shown.append(Panel("normals", (255 * normals).round().astype(np.uint8)))
     if found.depth_mm is not None:

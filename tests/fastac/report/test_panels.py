@@ -45,6 +45,15 @@ def test_panels_of_a_frame(tiny_scene, tiny_data, found, labels, with_depth, tit
     assert {panel.pixels.dtype for panel in shown} == {np.dtype(np.uint8)}
 
 
+def test_slopes_that_were_bent_for_a_force_are_not_shown_as_normals(make_scene, tiny_data, found):
+    of_slopes = {"poisson": {"solver": "adjoint"}, "force": {"clamp": False, "fit": "slopes"}}
+    result = replace(found, depth_mm=None, displacement_mm=None)
+    for training, titles in (({}, ["normals"]), ({"force_steps": 5}, [])):
+        scene = make_scene(outputs=["force_xyz"], training=training, **of_slopes)
+        shown = panels(tiny_data, 3, result, scene)
+        assert [panel.title for panel in shown] == ["input (RGB)", "NIR", *titles]
+
+
 def test_errors_and_force_maps_where_they_are_known(tiny_scene, tiny_data, found):
     [error] = more_panels(tiny_data, 3, found, tiny_scene)
     assert (error.title, error.unit) == ("depth error", "mm")
