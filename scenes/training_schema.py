@@ -128,26 +128,27 @@ class Training(Strict):
         """`depth_learning_rate`, or what it is where it is not given."""
         return self.depth_learning_rate or self.normals_learning_rate
 
+    def _of_forces(self, key: str, default: float) -> float:
+        """The value of a key of trainings from forces alone, `default` where it is not given."""
+        if self.labels == "geometry":
+            return 0.0
+        value = getattr(self, key)
+        return default if value is None else value
+
     @property
     def force_light_noise(self) -> float:
         """`light_noise`, or what it is where it is not given: 0 with labels 'geometry'."""
-        if self.labels == "geometry":
-            return 0.0
-        return LIGHT_NOISE if self.light_noise is None else self.light_noise
+        return self._of_forces("light_noise", LIGHT_NOISE)
 
     @property
     def force_curl_weight(self) -> float:
         """`curl_weight`, or what it is where it is not given: 0 with labels 'geometry'."""
-        if self.labels == "geometry":
-            return 0.0
-        return CURL_WEIGHT if self.curl_weight is None else self.curl_weight
+        return self._of_forces("curl_weight", CURL_WEIGHT)
 
     @property
     def force_reach(self) -> float:
         """`press_reach`, or what it is where it is not given: 0 with labels 'geometry'."""
-        if self.labels == "geometry":
-            return 0.0
-        return PRESS_REACH if self.press_reach is None else self.press_reach
+        return self._of_forces("press_reach", PRESS_REACH)
 
     @property
     def force_symmetry(self) -> bool:

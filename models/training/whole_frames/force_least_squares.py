@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_limits
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.training.whole_frames import force_starts
-from fastac.models.training.whole_frames.force_residual import ForceResidual, descend
+from fastac.models.training.whole_frames.force_residual import ForceResidual, solve
 from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.store.progress import progress_bar
 
@@ -64,7 +64,7 @@ def train(network: PixelNetwork, frames: WholeFrames, *, progress: bool = False)
             force_starts.set_best(residual, progress=progress)
         with bar:
             keep(residual.parameters)
-            descend(residual, residual.parameters, steps, bar.update, keep)
+            solve(residual, residual.parameters, steps, bar.update, keep)
         residual.set(found[chosen(errors_n) if errors_n else -1])
     return history
 

@@ -169,12 +169,12 @@ class ForceResidual:
             return list(pool.map(find, some_at_a_time(index, FRAMES_AT_A_TIME)))
 
 
-def descend(
+def solve(
     residual: ForceResidual,
     start: np.ndarray,
     steps: int,
     tried: Callable[[], object],
-    lowered: Callable[[np.ndarray], None] | None = None,
+    lowered: Callable[[np.ndarray], object] = lambda parameters: None,
 ) -> np.ndarray:
     """The parameters (parameters,) that so many steps of least squares from `start` find.
 
@@ -188,7 +188,7 @@ def descend(
 
     def after(intermediate_result: OptimizeResult) -> None:
         nonlocal latest
-        if lowered is not None and not np.array_equal(intermediate_result.x, latest):
+        if not np.array_equal(intermediate_result.x, latest):
             lowered(intermediate_result.x)
         latest = intermediate_result.x.copy()
 

@@ -6,7 +6,7 @@ A dozen steps on half of the presses tell by the error on the other half which s
 
 import numpy as np
 
-from fastac.models.training.whole_frames.force_residual import ForceResidual, descend
+from fastac.models.training.whole_frames.force_residual import ForceResidual, solve
 from fastac.store.progress import progress_bar
 
 STEPS = 12
@@ -32,7 +32,7 @@ def set_best(residual: ForceResidual, *, progress: bool) -> None:
         for start in range(count):
             changed = 1 + SPREAD * rng.standard_normal(len(own)) * (start > 0)
             half = residual.of(learned)
-            found.append(descend(half, own * changed, STEPS, bar.update))
+            found.append(solve(half, own * changed, STEPS, bar.update))
             errors_n.append(np.abs(half.error_elsewhere_n(found[-1], judging)).sum(axis=1).mean())
             bar.set_postfix({"mae": f"{min(errors_n):.4f} N"})
     residual.set(found[int(np.argmin(errors_n))])

@@ -29,11 +29,11 @@ def test_the_best_on_the_other_half_is_set(frames, tiny_data, monkeypatch):
     """Each start learns from the same half; whichever is told to be best on the other half is set."""
     index, inputs = frames.index("train"), tiny_data.frames.shape[-1] + 2
     ends, halves, judged = [], [], []
-    descend, elsewhere = force_starts.descend, ForceResidual.error_elsewhere_n
+    solve, elsewhere = force_starts.solve, ForceResidual.error_elsewhere_n
 
     def watched(residual, parameters, steps, tried):
         halves.append(residual.index)
-        ends.append((parameters, descend(residual, parameters, steps, tried)))
+        ends.append((parameters, solve(residual, parameters, steps, tried)))
         return ends[-1][1]
 
     def told(residual, parameters, others):
@@ -41,7 +41,7 @@ def test_the_best_on_the_other_half_is_set(frames, tiny_data, monkeypatch):
         error = elsewhere(residual, parameters, others)
         return error * (0.01 if len(judged) == best + 1 else 1)
 
-    monkeypatch.setattr(force_starts, "descend", watched)
+    monkeypatch.setattr(force_starts, "solve", watched)
     monkeypatch.setattr(ForceResidual, "error_elsewhere_n", told)
     for best in range(3):
         network = start(inputs)
