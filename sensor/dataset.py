@@ -29,6 +29,7 @@ Where `valid` is true, ground truth is finite and normals are unit vectors with 
 undefined (the importers write NaN there, so that code that ignores `valid` fails visibly).
 """
 
+from collections.abc import Mapping
 from dataclasses import fields
 from pathlib import Path
 
@@ -147,10 +148,17 @@ def write(
             file.create_dataset(f"indenter/{key}", data=array)
 
 
-def read(path: Path | str, scene: Scene | None = None) -> Dataset:
+def read(
+    path: Path | str,
+    scene: Scene | None = None,
+    *,
+    instead_of_raw10: Mapping[str, np.ndarray] | None = None,
+) -> Dataset:
     """Read and validate the dataset in a file; with `scene`, also that size, pitch and channels are the
     scene's.
 
+    instead_of_raw10 : `frames` (N, H, W, C) and `background` (H, W, C) uint8, the channels of the file's
+        RAW10 images, which then are not read: most of the file
     Raises DatasetError on anything missing, malformed, not finite, normals that are not unit vectors, or a
     mismatch with the scene.
     """
@@ -168,7 +176,7 @@ def read(path: Path | str, scene: Scene | None = None) -> Dataset:
         raise DatasetError(f"{path}: not an HDF5 file") from None
     with file:
         try:
-            content = _content(file, path)
+            content = _content(file, path, instead_of_raw10 or {})
         except DatasetError:
             raise
         except UnsafeFileError as error:
@@ -181,8 +189,9 @@ def read(path: Path | str, scene: Scene | None = None) -> Dataset:
     return data
 
 
-def _content(file: h5py.File, path: Path) -> dict:
-    """The arguments of `Dataset` from a file's attributes and arrays, after a check of their types."""
+def _content(file: h5py.File, path: Path, instead_of_raw10: Mapping[str, np.ndarray]) -> dict:
+    """The arguments of `Dataset` from a file's attributes and arrays, after a check of their types; arrays
+    that are given instead of RAW10 images are taken as they are."""
     attributes = {}
     kinds = {"format_version": np.integer, "pitch_mm": np.floating, "channels": str, "source": str}
     for key in kinds:
@@ -235,7 +244,9 @@ def _content(file: h5py.File, path: Path) -> dict:
         kind = np.dtype(_type(key, "raw10" in file))
         if stored.dtype != kind:
             raise DatasetError(f"{path}: {key} = {stored.dtype}: expected {kind}")
-        content[key] = stored[()]
+        if not instead_of_raw10 or key not in ("raw10", "background"):
+            content[key] = stored[()]
+    content |= instead_of_raw10
     if "indenter" in file:
         content["indenter"] = _indenter(file["indenter"], path)
     return content

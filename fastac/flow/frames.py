@@ -43,12 +43,13 @@ def read(path: Path | str, scene: Scene, *, store: Path | str = STORE, progress:
 
     Those of RAW10 images are processed in a step of their own, kept in the step store in the folder `store`.
     """
-    data = dataset.read(path, scene)
-    if data.raw10 is not None:
+    if scene.sensor.frames == "raw10":
         arguments = {"data": Path(path), "scene": scene}
         step = Step("frames", process, arguments, (PROCESSED,), {"progress": progress})
         kept = load_arrays(open_store(Path(store)).perform(step).path(PROCESSED))
-        data = dataclasses.replace(data, raw10=None, frames=kept["frames"], background=kept["background"])
+        data = dataset.read(path, instead_of_raw10=kept)  # which the step has found to be the scene's
+    else:
+        data = dataset.read(path, scene)
     return dataclasses.replace(data, frames=in_scene(data.frames, data.background, scene))
 
 

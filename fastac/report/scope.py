@@ -47,7 +47,7 @@ class Scope:
         content["poisson"]["solver"] = "dst2d"
         content["force"] |= {"source": None, "kernel": "patch", "clamp": True, "fit": "displacement"}
         content["force"] |= {"dots": False, "band_mm": None, "deep_mm": None, "block_px": 1}
-        content["training"] |= {"labels": "geometry", "force_weight": 0, "force_steps": 0, "force_starts": 1}
+        content["training"] = {}  # some of which only scenes with fewer outputs may have
         return Scene.model_validate(content)
 
     def simulated(self) -> dict[str, str]:

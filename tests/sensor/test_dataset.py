@@ -277,6 +277,30 @@ def test_raw10_stands_in_for_frames(tmp_path):
     assert data.left_out == 7
 
 
+def test_channels_stand_in_for_raw10_that_is_not_read(tmp_path, monkeypatch):
+    path, known = tmp_path / "d.h5", raw_content()
+    write(path, **known)
+    shape = (len(known["raw10"]), *(side // 4 for side in known["background"].shape), 4)
+    channels = {"frames": np.full(shape, 7, np.uint8), "background": np.full(shape[1:], 5, np.uint8)}
+    whole, arrays, original = read(path), [], h5py.Dataset.__getitem__
+
+    def noted(self, *arguments, **more):
+        arrays.append(self.name)
+        return original(self, *arguments, **more)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(h5py.Dataset, "__getitem__", noted)
+        data = read(path, instead_of_raw10=channels)
+    assert "/normals" in arrays
+    assert not {"/raw10", "/background"} & set(arrays)
+    assert data.raw10 is None
+    assert data.frames is channels["frames"]
+    assert data.background is channels["background"]
+    np.testing.assert_array_equal(data.normals, whole.normals)
+    with pytest.raises(DatasetError, match=r"d.h5: split = .*: expected shape"):
+        read(path, instead_of_raw10=channels | {"frames": channels["frames"][1:]})
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [

@@ -83,6 +83,15 @@ def test_frames_must_be_of_the_scene_s_kind(raw_file, tiny_file, tiny_scene, raw
         frames.read(tiny_file, raw_scene, store=tmp_path)
 
 
+def test_channels_that_are_kept_are_not_given_to_a_scene_that_does_not_fit(
+    raw_file, raw_scene, make_scene, tmp_path
+):
+    frames.read(raw_file, raw_scene, store=tmp_path)
+    coarser = make_scene(sensor=RAW | {"pitch_mm": 1.5 * raw_scene.sensor.pitch_mm})
+    with pytest.raises(dataset.DatasetError, match=r"raw.h5: pitch_mm = .*: expected"):
+        frames.read(raw_file, coarser, store=tmp_path)
+
+
 def test_a_press_is_as_clear_in_raw10_as_in_channels(raw_file, raw_scene, tmp_path):
     """The processed frames differ from the background where the skin moved."""
     data = frames.read(raw_file, raw_scene, store=tmp_path)
