@@ -38,6 +38,9 @@ class Protocol(Strict):
     validation_grid: Count = 5
     test_grid: Count = 8
     loads_n: Annotated[tuple[Positive, ...], Field(min_length=1)] = (0.5, 1.0, 1.5)
+    loads_per_position: Annotated[Count | None, Field(exclude_if=lambda known: known is None)] = None
+    """How many of loads_n each position of train and validation is pressed with, in turn, so that as many
+    presses come to more positions. Not given: all. Each position of test is pressed with all."""
     ball_mm: Positive = 5.0
     more_balls_mm: tuple[Positive, ...] = ()
     """Diameters of further balls: each position of train and validation is pressed with one of them too, in
@@ -53,6 +56,15 @@ class Protocol(Strict):
     the image shows them; positions are bilinear between them. Not given: all but the rim and what a ball
     needs."""
     seed: Annotated[int, Field(ge=0)] = 1
+
+    @model_validator(mode="after")
+    def _loads_are_enough(self):
+        if (self.loads_per_position or 1) > len(self.loads_n):
+            raise ValueError(
+                f"loads_per_position: {self.loads_per_position}: expected at most the {len(self.loads_n)} of"
+                " loads_n"
+            )
+        return self
 
 
 class Hardware(Strict):

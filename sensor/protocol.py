@@ -4,7 +4,8 @@ It follows the paper's protocol (supplement, section I). A position is that of t
 image's centre. The grids of the train, validation and test splits share no point. At each position the
 vertical loads follow one another; if the scene has tangential loads, each vertical load is followed by
 tangential ones in four in-plane directions. Beyond the paper's, further balls and other objects may follow,
-one at each position of train and validation.
+one at each position of train and validation; and train and validation may have a few of the loads at each
+position, in turn.
 """
 
 import math
@@ -103,21 +104,22 @@ def positions_mm(sensor: Sensor, protocol: Protocol) -> dict[str, np.ndarray]:
 
 def stations(scene: Scene) -> list[Station]:
     """All stations of a scene's protocol, in the order in which they are pressed: those of further objects
-    come last. A position's object is that of its row and column, so that each comes to all parts of the skin.
+    come last. A position's object and, of fewer loads than all, its loads are those of its row and column, so
+    that each comes to all parts of the skin.
     """
     protocol = scene.protocol
     grids = positions_mm(scene.sensor, protocol)
-    visited = [(split, place, protocol.ball_mm) for split, grid in grids.items() for place in grid]
+    visited: list[tuple[str, int, float | str]] = [
+        (split, k, protocol.ball_mm) for split, grid in grids.items() for k in range(len(grid))
+    ]
     more: tuple[float | str, ...] = (*protocol.more_balls_mm, *protocol.more_shapes)
     for split in ("train", "validation") if more else ():
         size = math.isqrt(len(grids[split]))
-        visited += [
-            (split, place, more[(k // size + k % size) % len(more)]) for k, place in enumerate(grids[split])
-        ]
+        visited += [(split, k, more[(k // size + k % size) % len(more)]) for k in range(size**2)]
     return [
         Station(
             split,
-            *map(float, place),
+            *map(float, grids[split][place]),
             load_n,
             math.nan if isinstance(what, str) else what,
             tuple(
@@ -129,5 +131,18 @@ def stations(scene: Scene) -> list[Station]:
             f"{what if isinstance(what, str) else 'ball'} {k}",
         )
         for k, (split, place, what) in enumerate(visited)
-        for load_n in protocol.loads_n
+        for load_n in _loads_n(protocol, split, divmod(place, math.isqrt(len(grids[split]))))
     ]
+
+
+def _loads_n(protocol: Protocol, split: str, position: tuple[int, int]) -> list[float]:
+    """The loads at a position (row, column) of a split, in the order of `protocol.loads_n`.
+
+    A step along the columns goes on by two loads, where it goes on by one object: so all objects meet all
+    loads.
+    """
+    loads_n, (row, column) = protocol.loads_n, position
+    if split == "test" or protocol.loads_per_position is None:
+        return list(loads_n)
+    chosen = {(row + 2 * column + k) % len(loads_n) for k in range(protocol.loads_per_position)}
+    return [loads_n[k] for k in sorted(chosen)]

@@ -106,6 +106,10 @@ SENSOR = "[sensor]\ngeometry = "
             MINIMAL + "[protocol]\ncorners = 1\nloads_n = 2",
             "protocol.corners: unknown key; did you mean corners_mm?",
         ),
+        (
+            MINIMAL + "[protocol]\nloads_per_position = 4",
+            "protocol = {'loads_per_position': 4}: loads_per_position: 4: expected at most the 3 of loads_n",
+        ),
         # wrong types, out of range
         (
             MINIMAL + "[poisson]\nsolver = 'fft'",

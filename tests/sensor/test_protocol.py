@@ -49,6 +49,30 @@ def test_further_balls_come_last_each_to_all_parts_of_train_and_validation():
     ]
 
 
+def test_fewer_loads_at_a_position_come_in_turn_and_each_object_meets_all():
+    found = stations(scene("more_balls_mm = [10.0, 20.0]\nloads_per_position = 1"))
+    known = stations(scene("more_balls_mm = [10.0, 20.0]"))
+    assert [s for s in found if s.split == "test"] == [s for s in known if s.split == "test"]
+    learned = [station for station in found if station.split == "train"]
+    assert all(station in known for station in learned)
+    assert [(s.ball_mm, s.load_n) for s in learned] == [
+        *((5, 0.5), (5, 0.5), (5, 1), (5, 1)),
+        *((10, 0.5), (20, 0.5), (20, 1), (10, 1)),
+    ]
+
+
+@pytest.mark.parametrize("more", [(10.0,), (10.0, 20.0), (10.0, 20.0, 40.0)])
+@pytest.mark.parametrize("count", [1, 2])
+def test_loads_in_turn_are_spread_evenly_over_objects(more, count):
+    text = TEXT.replace("train_grid = 2", "train_grid = 12").replace("[0.5, 1.0]", "[0.5, 1.0, 1.5]")
+    of_all = stations(parse(text + f"more_balls_mm = {list(more)}", origin="p"))
+    found = stations(parse(text + f"more_balls_mm = {list(more)}\nloads_per_position = {count}", origin="p"))
+    known, expected = (
+        Counter((s.ball_mm, s.load_n) for s in each if s.split == "train") for each in (found, of_all)
+    )
+    assert known == {key: every * count / 3 for key, every in expected.items()}
+
+
 def test_further_shapes_take_turns_with_further_balls():
     found = stations(scene('more_balls_mm = [10.0]\nmore_shapes = ["cylinder", "edge"]'))
     known = stations(scene("more_balls_mm = [10.0]"))
