@@ -32,15 +32,17 @@ class SlopeBridge:
     def columns(self, dark: np.ndarray) -> np.ndarray:
         """Dark pixels (..., H, W) to the column whose values each pixel takes, (..., H, W)."""
         width = dark.shape[-1]
-        own = np.broadcast_to(np.arange(width), dark.shape)
-        found, open_ = own.copy(), dark.copy()
+        found = np.broadcast_to(np.arange(width), dark.shape).copy()
+        *rows, own = np.nonzero(dark)  # few of all pixels
+        nearest, open_ = own.copy(), np.ones(own.shape, bool)
         for distance in range(1, self.reach + 1):
             for step in (-distance, distance):
                 column = own + step
                 inside = (column >= 0) & (column < width)
-                skin = inside & ~np.take_along_axis(dark, np.clip(column, 0, width - 1), axis=-1)
-                np.copyto(found, column, where=open_ & skin)
+                skin = inside & ~dark[*rows, np.clip(column, 0, width - 1)]
+                np.copyto(nearest, column, where=open_ & skin)
                 open_ &= ~skin
+        found[*rows, own] = nearest
         return found
 
     def __call__(self, values: np.ndarray, dark: np.ndarray) -> np.ndarray:
