@@ -108,7 +108,8 @@ class DotWindows:
 
     def darkness(self, frames: np.ndarray) -> np.ndarray:
         """Frames (..., H, W, C) uint8 to the darkness of each pixel, (..., H, W) int64."""
-        return np.maximum(_of_pixels(self.threshold) - frames.sum(axis=-1, dtype=np.int64), 0)
+        total = np.einsum("...c->...", frames, dtype=np.int64)  # faster than sum over so short an axis
+        return np.maximum(_of_pixels(self.threshold) - total, 0)
 
     @staticmethod
     def _cells(values: np.ndarray) -> np.ndarray:

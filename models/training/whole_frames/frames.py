@@ -104,7 +104,9 @@ class WholeFrames:
         x = torch.from_numpy(features.astype(np.float32)) * unit(features)
         if self._bridge is None:
             return x, None
-        return x, torch.from_numpy(self._bridge.columns(self._bridge.dark(frames))[:, *grid])
+        rows, columns = grid
+        dark = self._bridge.dark(frames)[:, rows]
+        return x, torch.from_numpy(self._bridge.columns(dark)[..., columns])
 
     def slopes(self, normals: torch.Tensor, columns: torch.Tensor | None) -> torch.Tensor:
         """Slopes (..., h, w, 2) of normals (..., h, w, 3) of any length; columns (..., h, w) as in `seen`."""
