@@ -124,6 +124,11 @@ class Training(Strict):
     force_weight_decay: Annotated[float, Field(ge=0)] = 1e-3
 
     @property
+    def learns_sums(self) -> bool:
+        """Whether the network is trained on for what sums its slopes, the depth or the force."""
+        return bool(self.depth_weight or self.force_weight or self.force_steps)
+
+    @property
     def sums_learning_rate(self) -> float:
         """`depth_learning_rate`, or what it is where it is not given."""
         return self.depth_learning_rate or self.normals_learning_rate

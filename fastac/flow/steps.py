@@ -50,9 +50,25 @@ def training_data(path: Path, scene: Scene, store: Path, *, progress: bool = Fal
 
 
 def normals(folder: Path, scene: Scene, data: Path, *, store: Path, progress: bool) -> None:
-    """Train the float pixel network; raises TrainingError where the data lack what the scene wants."""
+    """Train the float pixel network; raises TrainingError where the data lack what the scene wants.
+
+    Before it is trained on for depth or force it is kept: an interruption there, or another setting of that
+    training, begins from it.
+    """
+    given, unkeyed = {"scene": scene, "data": data}, {"store": store, "progress": progress}
+    if not scene.training.learns_sums:
+        pixel_network(folder, **given, **unkeyed)
+        return
+    step = Step("pixel_network", pixel_network, given, (NORMALS,), unkeyed)
+    weights = open_store(store).perform(step).path(NORMALS)
     known = training_data(data, scene, store, progress=progress)
-    training.normals(known, scene, folder / NORMALS, progress=progress)
+    training.on_sums(known, scene, weights, folder / NORMALS, progress=progress)
+
+
+def pixel_network(folder: Path, scene: Scene, data: Path, *, store: Path, progress: bool) -> None:
+    """Train the float pixel network on normals, or on forces alone, and on nothing that sums its slopes."""
+    known = training_data(data, scene, store, progress=progress)
+    training.pixel_network(known, scene, folder / NORMALS, progress=progress)
 
 
 def integers(folder: Path, scene: Scene, data: Path, weights: Path, *, store: Path, progress: bool) -> None:

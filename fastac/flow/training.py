@@ -74,7 +74,14 @@ def curve(history: list[dict], name: str) -> dict[str, np.ndarray]:
 def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
     """Train the float pixel network, prune it and train it on with depth and force where the scene asks;
     writes its arrays and learning curves."""
-    with_sums: dict[str, np.ndarray] = {}
+    pixel_network(data, scene, output, progress=progress)
+    if scene.training.learns_sums:
+        on_sums(data, scene, output, output, progress=progress)
+
+
+def pixel_network(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> None:
+    """Train the float pixel network on normals, or on forces alone, and prune it where the scene asks; writes
+    its arrays and its learning curve."""
     if scene.training.labels == "force":
         network, history = from_forces.train(data, scene, progress=progress)
     else:
@@ -88,9 +95,16 @@ def normals(data: Dataset, scene: Scene, output: Path, *, progress: bool) -> Non
             progress=progress,
         )
         network = pruned(network, skin, data, scene, progress=progress)
-        with_sums = learn_sums(network, data, skin, scene, progress=progress)
-    curves = curve(history, "normals") | with_sums
-    save_arrays(output, network.arrays | curves)
+    save_arrays(output, network.arrays | curve(history, "normals"))
+
+
+def on_sums(data: Dataset, scene: Scene, weights: Path, output: Path, *, progress: bool) -> None:
+    """Train the network that `pixel_network` wrote on, as `learn_sums`; writes its arrays and all learning
+    curves."""
+    arrays = load_arrays(weights)
+    network = PixelNetwork.from_arrays(arrays)
+    curves = learn_sums(network, data, skin_alone(data, scene), scene, progress=progress)
+    save_arrays(output, arrays | network.arrays | curves)
 
 
 def learn_sums(
@@ -100,7 +114,7 @@ def learn_sums(
     `training.force_weight`, and then for the force alone, where it has `training.force_steps`; it is changed
     itself. Returns the learning curves. `skin` is what `skin_alone` leaves of the dataset."""
     settings, curves = scene.training, {}
-    if not (settings.depth_weight or settings.force_weight or settings.force_steps):
+    if not settings.learns_sums:
         return curves
     known = whole_frames(data, skin, scene, rest_depth_mm(data))
     if settings.depth_weight or settings.force_weight:

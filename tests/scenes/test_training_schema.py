@@ -61,3 +61,16 @@ def test_the_search_for_a_size_of_weights_is_cut_short_where_forces_alone_train(
     assert of_force.patience_sizes == 3
     assert of_geometry.patience_sizes is None
     assert of_geometry.model_copy(update={"patience_epochs": 5}).patience_sizes == 5
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("normals_epochs = 3", False),
+        ("depth_weight = 0.5", True),
+        ("force_weight = 0.1", True),
+        ("force_steps = 2", True),
+    ],
+)
+def test_whether_sums_of_slopes_are_learned_from(text, expected):
+    assert parse(BY_FORCE.replace('labels = "force"', text), origin="x").training.learns_sums == expected

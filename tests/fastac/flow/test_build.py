@@ -13,6 +13,7 @@ from fastac.models.integer import assemble, bundle
 from fastac.models.integer.dst2d import Solver
 from fastac.models.training.force import hyperforce
 from fastac.sensor import dataset
+from fastac.store.files import load_arrays
 
 TRAIN = ["normals", "integers", "force", "bundle"]
 QUICK = {"normals_epochs": 1, "finetune_epochs": 1}
@@ -28,6 +29,10 @@ def run(scene, folder, data, until: str = "bundle") -> dict[str, str]:
 
     Build(scene, folder, data, progress=False).run(announce, until=until)
     return announced
+
+
+def interrupt(*_, **__):
+    raise KeyboardInterrupt
 
 
 def ran(announced: dict[str, str]) -> list[str]:
@@ -98,6 +103,26 @@ class TestResumes:
         assert found.digest != tiny_bundle.digest
         assert ran(run(changed, folder, tiny_file)) == []
 
+    def test_a_training_for_depth_begins_from_the_kept_network(
+        self, make_scene, tiny_file, tmp_path, monkeypatch
+    ):
+        """Interrupted, or with another setting, it trains no normals again; it ends as if in one go."""
+        settings = {**QUICK, "depth_weight": 0.5, "depth_epochs": 1}
+        first, other = (make_scene(training={**settings, "depth_weight": weight}) for weight in (0.5, 0.4))
+        with monkeypatch.context() as patch:
+            patch.setattr(training.sums_of_slopes, "train", interrupt)
+            with pytest.raises(KeyboardInterrupt):
+                run(first, tmp_path / "first", tiny_file, until="normals")
+        in_one_go = tmp_path / "in_one_go.npz"
+        training.normals(dataset.read(tiny_file), other, in_one_go, progress=False)
+        monkeypatch.setattr(training.train_normals, "train", interrupt)
+        for name, scene in (("first", first), ("other", other)):
+            assert ran(run(scene, tmp_path / name, tiny_file, until="normals"))
+        found, expected = load_arrays(tmp_path / "other" / "normals.npz"), load_arrays(in_one_go)
+        assert list(found) == list(expected)
+        assert {"history.normals.epoch", "history.sums.epoch"} <= set(found)
+        assert all(np.array_equal(found[name], values) for name, values in expected.items())
+
     def test_other_data_train_everything_again(self, tiny_scene, tiny_data, folder, tmp_path):
         other = write(
             tiny_data, tmp_path / "other.h5", source="simulated: another day", photograph_px=(320, 240)
@@ -114,10 +139,6 @@ class TestResumes:
         self, make_scene, tiny_file, tmp_path, monkeypatch
     ):
         scene = make_scene(training={"normals_epochs": 1, "finetune_epochs": 0})
-
-        def interrupt(*_, **__):
-            raise KeyboardInterrupt
-
         monkeypatch.setattr(hyperforce, "train", interrupt)
         with pytest.raises(KeyboardInterrupt):
             run(scene, tmp_path / "b", tiny_file)
