@@ -13,7 +13,7 @@ conjugate gradient method for large-scale bound-constrained minimization problem
 1999.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from typing import Self
@@ -21,12 +21,12 @@ from typing import Self
 import numpy as np
 import torch
 from scipy.optimize import OptimizeResult, least_squares
-from torch.func import jacrev, vmap
 
 from fastac.models.floating.network import PixelNetwork
 from fastac.models.training.force import ridge
 from fastac.models.training.whole_frames.frames import WholeFrames, some_at_a_time
 from fastac.models.training.whole_frames.held_out_force import REGULARISATION
+from fastac.models.training.whole_frames.network_of_columns import NetworkOfColumns
 from fastac.models.training.whole_frames.pixel_grid import WHOLE, Grid, every_row
 
 FRAMES_AT_A_TIME = 8
@@ -36,21 +36,8 @@ PARTS = 4
 of all pixels."""
 
 
-def normals_of_columns(
-    x: torch.Tensor, parameters: torch.Tensor, shapes: Sequence[tuple[int, int]]
-) -> torch.Tensor:
-    """Normals (..., 3, pixels) as a pixel network finds them, of scaled features (..., inputs, pixels):
-    products are so much faster with a pixel in each column than, as elsewhere, in each row.
-
-    parameters : of all layers in turn, the weights and then the biases (parameters,)
-    shapes : of each layer's weights, (neurons, inputs)
-    """
-    layers = parameters.split([outputs * (inputs + 1) for outputs, inputs in shapes])
-    for layer, (values, (outputs, inputs)) in enumerate(zip(layers, shapes, strict=True)):
-        x = torch.relu(x) if layer else x
-        weights, biases = values.split([outputs * inputs, outputs])
-        x = weights.unflatten(0, (outputs, inputs)) @ x + biases[:, None]
-    return x
+FIRST_LENGTH = 0.3
+"""Of the first step of least squares that is tried, by all parameters, which are a few tenths each."""
 
 
 class ForceResidual:
@@ -108,11 +95,6 @@ class ForceResidual:
     def _flat(self) -> torch.Tensor:
         return torch.nn.utils.parameters_to_vector(self.network.parameters()).detach()
 
-    @property
-    def _shapes(self) -> list[tuple[int, int]]:
-        """Of the layers' weights, (neurons, inputs)."""
-        return [tuple(layer.weight.shape) for layer in self.network.linear_layers]
-
     def _force_n(self, index: np.ndarray) -> np.ndarray:
         return self.frames.data.forces_n(index, self.frames.scene.force_axes)
 
@@ -129,10 +111,10 @@ class ForceResidual:
     def _features(self, index: np.ndarray) -> np.ndarray:
         """What the force is linear in, of all pixels, (frames, features) float64: sums of slopes and then,
         where they are a part of it, the shifts of the dots."""
-        parameters, shapes = self._flat, self._shapes
+        network = NetworkOfColumns(self.network)
 
         def model(x: torch.Tensor) -> torch.Tensor:
-            return normals_of_columns(x.T, parameters, shapes).T
+            return network(x.T).T
 
         find = partial(self.frames.features, model, grid=WHOLE)
         found = np.concatenate([part.double().numpy() for part in self._side_by_side(find, index)])
@@ -145,17 +127,19 @@ class ForceResidual:
         of_sums, _ = ridge.parted(weights, of_slopes.count)
         of_pixels = of_slopes.pixel_weights(torch.from_numpy(of_sums).float(), grid)
         shape, of_pixels = of_pixels.shape[:2], of_pixels.flatten(0, 2)
-        parameters, shapes = self._flat, self._shapes
-
-        def force(parameters: torch.Tensor, x: torch.Tensor, columns: torch.Tensor | None) -> torch.Tensor:
-            normals = normals_of_columns(x, parameters, shapes).T.unflatten(0, shape)
-            return self.frames.slopes(normals, columns).flatten() @ of_pixels
+        network = NetworkOfColumns(self.network)
 
         def find(index: np.ndarray) -> torch.Tensor:
             x, columns = self.frames.seen(index, grid)
-            x = x.flatten(1, 2).transpose(1, 2).contiguous()
-            along = (None, 0, None if columns is None else 0)
-            found = vmap(jacrev(force), in_dims=along)(parameters, x, columns)
+            stages = [network.stages(frame) for frame in x.flatten(1, 2).transpose(1, 2).contiguous()]
+            normals = torch.stack([found[-1].T for found in stages]).unflatten(1, shape).requires_grad_()
+            forces = self.frames.slopes(normals, columns).flatten(1) @ of_pixels
+            by_normals = [  # of each axis, of all frames at once: each depends on its own normals alone
+                torch.autograd.grad(of_axis.sum(), normals, retain_graph=True)[0].flatten(1, 2).mT
+                for of_axis in forces.unbind(1)
+            ]
+            of_frames = zip(stages, torch.stack(by_normals, dim=1), strict=True)
+            found = torch.stack([network.derivatives(*frame) for frame in of_frames])
             return found[:-1] - found[-1:]  # less that at rest
 
         return np.concatenate([part.numpy() for part in self._side_by_side(find, self.index)])
@@ -182,16 +166,24 @@ def solve(
     """
     latest = start
 
-    def error_n(parameters: np.ndarray) -> np.ndarray:
+    # Scaled by their derivatives, parameters of neurons that hardly any pixel activates would go anywhere.
+    # From a start at zero scipy tries a step as long as the scale, from elsewhere one as long as the start.
+    def error_n(step: np.ndarray) -> np.ndarray:
         tried()
-        return residual.error_n(parameters)
+        return residual.error_n(start + step)
+
+    def jacobian(step: np.ndarray) -> np.ndarray:
+        return residual.jacobian(start + step)
 
     def after(intermediate_result: OptimizeResult) -> None:
         nonlocal latest
-        if not np.array_equal(intermediate_result.x, latest):
-            lowered(intermediate_result.x)
-        latest = intermediate_result.x.copy()
+        parameters = start + intermediate_result.x
+        if not np.array_equal(parameters, latest):
+            lowered(parameters)
+        latest = parameters
 
-    return least_squares(
-        error_n, start, residual.jacobian, x_scale="jac", gtol=None, max_nfev=steps, callback=after
-    ).x
+    none = np.zeros_like(start)
+    found = least_squares(
+        error_n, none, jacobian, x_scale=FIRST_LENGTH, gtol=None, max_nfev=steps, callback=after
+    )
+    return start + found.x

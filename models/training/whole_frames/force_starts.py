@@ -1,7 +1,7 @@
 """The best of some parameters of the pixel network that least squares on the force may start from.
 
 Least squares end in a minimum that depends on the start, and one of ten is markedly poorer than the others.
-A dozen steps on half of the presses tell by the error on the other half which starts are good.
+A dozen steps on half of the presses, or on enough of them, tell by the error on others which starts are good.
 """
 
 import numpy as np
@@ -11,6 +11,8 @@ from fastac.store.progress import progress_bar
 
 STEPS = 12
 """Of least squares, after which starts are compared."""
+PRESSES = 1600
+"""That starts learn from at most, and as many that judge them."""
 SPREAD = 0.05
 """Relative standard deviation of the parameters of further starts. With 0.2 many take long to recover."""
 
@@ -20,19 +22,21 @@ def set_best(residual: ForceResidual, *, progress: bool) -> None:
     least squares from each.
 
     Starts are the network's own parameters, and others that differ from them by chance.
-    residual : of the frames to learn from; the starts learn from one half, the other half judges them
+    residual : of the frames to learn from; the starts learn from one half of them, the other half judges, or
+        `PRESSES` of each
     """
     settings = residual.frames.scene.training
     rng = np.random.default_rng(settings.seed)
-    learned, judging = (np.sort(half) for half in np.array_split(rng.permutation(residual.index), 2))
+    halves = np.array_split(rng.permutation(residual.index), 2)
+    learned, judging = (np.sort(half[:PRESSES]) for half in halves)
     own, count = residual.parameters, settings.force_starts
     bar = progress_bar(total=count * STEPS, desc="force, starts", unit="step", enabled=progress)
     found, errors_n = [], []
     with bar:
         for start in range(count):
             changed = 1 + SPREAD * rng.standard_normal(len(own)) * (start > 0)
-            half = residual.of(learned)
-            found.append(solve(half, own * changed, STEPS, bar.update))
-            errors_n.append(np.abs(half.error_elsewhere_n(found[-1], judging)).sum(axis=1).mean())
+            some = residual.of(learned)
+            found.append(solve(some, own * changed, STEPS, bar.update))
+            errors_n.append(np.abs(some.error_elsewhere_n(found[-1], judging)).sum(axis=1).mean())
             bar.set_postfix({"mae": f"{min(errors_n):.4f} N"})
     residual.set(found[int(np.argmin(errors_n))])

@@ -57,6 +57,12 @@ class WholeFrames:
         return slope_bridge(self.data.background, self.scene)
 
     @cached_property
+    def _bridged_columns(self) -> np.ndarray:
+        """Of all frames and, at last, of the background, as `seen`, (frames + 1, H, W) unsigned."""
+        known, kind = (*self.data.frames, self.data.background), np.min_scalar_type(self.data.frames.shape[2])
+        return np.stack([self._bridge.columns(self._bridge.dark(frame)).astype(kind) for frame in known])
+
+    @cached_property
     def _force(self) -> HeldOutForce:
         return HeldOutForce.of(self.data, self.scene.force_axes, self.index("train"))
 
@@ -104,9 +110,8 @@ class WholeFrames:
         x = torch.from_numpy(features.astype(np.float32)) * unit(features)
         if self._bridge is None:
             return x, None
-        rows, columns = grid
-        dark = self._bridge.dark(frames)[:, rows]
-        return x, torch.from_numpy(self._bridge.columns(dark)[..., columns])
+        columns = self._bridged_columns[[*index, -1]][:, *grid]
+        return x, torch.from_numpy(columns.astype(np.int64))
 
     def slopes(self, normals: torch.Tensor, columns: torch.Tensor | None) -> torch.Tensor:
         """Slopes (..., h, w, 2) of normals (..., h, w, 3) of any length; columns (..., h, w) as in `seen`."""

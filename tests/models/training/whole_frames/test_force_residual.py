@@ -9,7 +9,7 @@ from fastac.models.floating.network import PixelNetwork
 from fastac.models.floating.threads import single_thread
 from fastac.models.training.force import ridge
 from fastac.models.training.whole_frames import force_features, force_residual
-from fastac.models.training.whole_frames.force_residual import PARTS, ForceResidual
+from fastac.models.training.whole_frames.force_residual import FIRST_LENGTH, PARTS, ForceResidual, solve
 from fastac.models.training.whole_frames.frames import WholeFrames
 from fastac.models.training.whole_frames.held_out_force import REGULARISATION
 from fastac.sensor.geometry import rest_depth_mm
@@ -92,3 +92,35 @@ def test_threads_find_the_same(residual, monkeypatch):
         found.append((residual.error_n(residual.parameters), residual.jacobian(residual.parameters)))
     for one, other in zip(*found, strict=True):
         assert np.array_equal(one, other)
+
+
+def test_the_first_step_is_as_long_as_it_may_be_and_later_ones_are_not_too_long(residual, monkeypatch):
+    """Parameters of a neuron that no pixel activates stay where they are."""
+    start, tried = residual.parameters, []
+    first = residual.network.linear_layers[0].weight.numel()
+    start[first] = -100.0  # the first neuron's bias
+
+    def watched(self, parameters):
+        tried.append(parameters - start)
+        return error_n(self, parameters)
+
+    error_n = ForceResidual.error_n
+    monkeypatch.setattr(ForceResidual, "error_n", watched)
+    found = solve(residual, start, 6, lambda: None)
+    lengths = [np.linalg.norm(step) for step in tried]
+    assert lengths[:2] == pytest.approx([0, FIRST_LENGTH], rel=1e-3)
+    assert max(lengths) < 10 * FIRST_LENGTH
+    inputs = residual.network.linear_layers[0].in_features
+    assert found[:inputs] == pytest.approx(start[:inputs], rel=1e-9)
+    assert found[first] == pytest.approx(-100, rel=1e-9)
+    assert np.abs(found - start).max() > 1e-3
+
+
+def test_lowered_errors_are_told_and_the_lowest_is_found(residual):
+    start, told, steps = residual.parameters, [], []
+    found = solve(residual, start, 20, lambda: steps.append(1), told.append)
+    errors = [np.linalg.norm(residual.error_n(parameters)) for parameters in (start, *told)]
+    assert len(told) >= 2
+    assert len(told) < len(steps) <= 20
+    assert (np.diff(errors) < 0).all()
+    assert np.array_equal(found, told[-1])

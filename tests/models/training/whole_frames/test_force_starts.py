@@ -68,3 +68,24 @@ def test_the_same_seed_leads_to_the_same_network(frames, tiny_data):
         force_starts.set_best(ForceResidual(frames, network, frames.index("train")), progress=False)
         found.append(torch.nn.utils.parameters_to_vector(network.parameters()))
     assert torch.equal(*found)
+
+
+@pytest.mark.parametrize("presses", [3, 5])
+def test_no_more_presses_are_learned_from_than_it_takes(frames, tiny_data, monkeypatch, presses):
+    seen = []
+
+    def watched(residual, parameters, steps, tried):
+        seen.append(residual.index)
+        return parameters
+
+    def told(residual, parameters, others):
+        seen.append(others)
+        return np.ones((len(others), 3))
+
+    monkeypatch.setattr(force_starts, "PRESSES", presses)
+    monkeypatch.setattr(force_starts, "solve", watched)
+    monkeypatch.setattr(ForceResidual, "error_elsewhere_n", told)
+    network = start(tiny_data.frames.shape[-1] + 2)
+    force_starts.set_best(ForceResidual(frames, network, frames.index("train")), progress=False)
+    assert [len(index) for index in seen] == [presses] * 6
+    assert len(np.union1d(*seen[:2])) == 2 * presses
