@@ -9,7 +9,8 @@ DOCS := $(VENV)/.docs
 EVERYTHING := $(VENV)/.everything
 
 .PHONY: all venv build test test-all mutants formal mutate simulators faults fuzz verification unit lint bench identities extremes \
-	stability synth clocks verify verify-photographs trade seeds scope chips reproduce samples docs docs-links lerobot notebooks clean
+	stability synth clocks verify verify-photographs trade seeds seeds-friction scope chips reproduce samples docs \
+	docs-links lerobot notebooks clean
 .DELETE_ON_ERROR:
 
 all: build
@@ -127,8 +128,8 @@ verify-photographs: $(PRESSES)
 simulators: $(READY)
 	$(FASTAC) prove simulators $(if $(wildcard $(PHOTOGRAPHS)),--photographs $(PHOTOGRAPHS))
 
-# What speed costs: every specification in sweeps/ but that of `make seeds`, on all cores, then the page and its tables.
-SWEEPS := $(filter-out sweeps/seeds.toml,$(wildcard sweeps/*.toml))
+# What speed costs: every specification in sweeps/ but those of seeds, on all cores, then the page and its tables.
+SWEEPS := $(filter-out sweeps/seeds%.toml,$(wildcard sweeps/*.toml))
 RESULTS := $(patsubst sweeps/%.toml,build/sweep/%.sqlite,$(SWEEPS))
 
 trade: $(READY)
@@ -139,6 +140,11 @@ trade: $(READY)
 seeds: $(READY)
 	$(FASTAC) sweep sweeps/seeds.toml
 	$(FASTAC) trade build/sweep/seeds.sqlite -o build/seeds
+
+# The same on the gel with friction: hours, and up to 8 GB of memory for each of two trainings side by side.
+seeds-friction: $(READY)
+	$(FASTAC) sweep sweeps/seeds-friction.toml --workers 2
+	$(FASTAC) trade build/sweep/seeds-friction.sqlite -o build/seeds-friction
 
 # Only what is required: a column for each scene, with the wall times of the builds that are there.
 scope: $(READY)

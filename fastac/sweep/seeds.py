@@ -96,13 +96,15 @@ def headlines_table(source: Source) -> Table:
                 continue
             loss = 100 * (design.mean(name) / design.mean(floats) - 1)
             found = [part for key in (floats, name) for part in (_mean(design, key), _furthest(design, key))]
-            rows.append([label, str(len(design.rows)), name, *found, f"{loss:+.1f}%"])
+            share = _mean(design, name.replace("mae_n", "nmae_percent")) if name.startswith("force") else ""
+            rows.append([label, str(len(design.rows)), name, *found, f"{loss:+.1f}%", share])
     return Table(
         f"Errors over {SEED}: {source.results.path.name}",
-        ["design", "trainings", "error", "float", "furthest", "integer", "furthest", "loss"],
+        ["design", "trainings", "error", "float", "furthest", "integer", "furthest", "loss", "% of load"],
         rows,
         "Mean ± standard deviation over trainings; furthest: of the training furthest from the mean; loss: of"
-        " the integers' mean against the floats'.",
+        " the integers' mean against the floats'; % of load: the integers' error in percent of the largest"
+        " load along its axis.",
     )
 
 

@@ -46,7 +46,9 @@ def test_errors_of_floats_and_integers_have_their_spread_and_furthest_training(m
     for seed, (of_float, of_integer) in enumerate([(1.0, 1.2), (2.0, 1.8), (3.0, 3.6)], 1):
         scene = make_scene(training={"seed": seed}).model_dump(mode="json")
         metrics = {"float_normal_mae_deg": of_float, "normal_mae_deg": of_integer, "depth_mae_mm": 0.1}
+        metrics |= {"float_force_z_mae_n": 0.25, "force_z_mae_n": 0.1 * seed, "force_z_nmae_percent": seed}
         results.add(Row(f"{seed}", "done", {"training.seed": seed}, scene, metrics, generation="now"))
     table = headlines_table(front.read(results.path))
-    (row,) = table.rows  # the depth's float error is not known
-    assert row[1:] == ["3", "normal_mae_deg", "2 ± 1", "50.0%", "2.2 ± 1.2", "63.6%", "+10.0%"]
+    normals, force = table.rows  # the depth's float error is not known
+    assert normals[1:] == ["3", "normal_mae_deg", "2 ± 1", "50.0%", "2.2 ± 1.2", "63.6%", "+10.0%", ""]
+    assert force[1:] == ["3", "force_z_mae_n", "0.25", "0.0%", "0.2 ± 0.1", "50.0%", "-20.0%", "2 ± 1"]
