@@ -72,8 +72,8 @@ class Training(Strict):
     be of use."""
     force_starts: Count = Field(1, exclude_if=lambda value: value == 1)
     """Parameters that these start from: the trained network's, and others that differ a little. A dozen steps
-    on half of the training presses from each tell by the error on the other half which goes on: some lead to
-    poorer minima than others."""
+    on half of the training presses, or on 1,600, from each tell by the error on as many others which goes on:
+    some lead to poorer minima than others."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""
