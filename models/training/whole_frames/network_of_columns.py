@@ -1,7 +1,7 @@
 """The pixel network with a pixel in each column, and the exact derivatives of what follows from its normals.
 
-On whole frames this takes a third of the time of torch's layers, which have a pixel in each row, and of its
-automatic derivatives: what one layer finds is still in the processor's cache when the next one takes it.
+On whole frames this takes a third of the time of torch's layers (a script), which have a pixel in each row,
+and less than its derivatives: what one layer finds is still in the cache when the next one takes it.
 """
 
 from collections.abc import Sequence
