@@ -34,8 +34,6 @@ FRAMES_AT_A_TIME = 8
 PARTS = 4
 """Of a frame's rows, of which the derivatives are found in turn: they take a quarter of the time. Errors are
 of all pixels."""
-
-
 FIRST_LENGTH = 0.3
 """Of the first step of least squares that is tried, by all parameters, which are a few tenths each."""
 
@@ -63,7 +61,7 @@ class ForceResidual:
     @property
     def parameters(self) -> np.ndarray:
         """The network's, (parameters,) float64."""
-        return self._flat.double().numpy()
+        return torch.nn.utils.parameters_to_vector(self.network.parameters()).detach().double().numpy()
 
     def set(self, parameters: np.ndarray) -> None:
         """Give the network these parameters (parameters,)."""
@@ -90,10 +88,6 @@ class ForceResidual:
         found = np.mean(list(self._latest.values()), axis=0, dtype=np.float64).reshape(len(features), -1)
         found -= features @ ridge.solve(features, found, REGULARISATION)[0]  # which weights make up for
         return found.reshape(-1, len(parameters))
-
-    @property
-    def _flat(self) -> torch.Tensor:
-        return torch.nn.utils.parameters_to_vector(self.network.parameters()).detach()
 
     def _force_n(self, index: np.ndarray) -> np.ndarray:
         return self.frames.data.forces_n(index, self.frames.scene.force_axes)
