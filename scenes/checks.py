@@ -28,6 +28,7 @@ OF_NORMALS = (
     "weight_rounding_noise",
     "normals_share",
     "still_share",
+    "initial_weights",
 )
 """Keys of `training` for networks that learn from normals."""
 

@@ -31,6 +31,13 @@ class Training(Strict):
     'geometry'. A force with many weights gains from more presses long after the network has stopped gaining;
     with a share of the pixels they do not lengthen its training. Recordings are thinned too, but for
     `fastac adapt`."""
+    initial_weights: Literal["uniform", "active"] = Field(
+        "uniform", exclude_if=lambda value: value == "uniform"
+    )
+    """Of the pixel network, with labels 'geometry'. uniform: drawn by chance, as PyTorch does. active:
+    orthogonal, and each hidden neuron's activation begins at a pixel drawn by chance
+    (models/training/initial_weights.py). Where most pixels are at rest some neurons are otherwise dead before
+    training, more of them in one network than in another, and errors differ by as much."""
     teachers: Annotated[int, Field(ge=0, le=32)] = 0
     """Wide networks whose mean teaches the small one; 0: it learns from the labels itself."""
     teacher_width: Count = 32

@@ -17,6 +17,7 @@ from fastac.models.floating.threads import single_thread
 from fastac.models.integer.features import COORDINATE_SCALE, HIDDEN, scales
 from fastac.models.training.best_epoch import BestEpoch
 from fastac.models.training.epochs import descend, train_epochs
+from fastac.models.training.initial_weights import set_active
 from fastac.models.training.labelled_pixels import Pixels, labelled_splits
 from fastac.models.training.rounding_noise import with_rounding_noise
 from fastac.models.training.teachers import Ensemble
@@ -195,6 +196,9 @@ def train(
         fit(teacher, x, y, copies=settings.teachers, progress=progress)
         teacher.eval()
     network = PixelNetwork(x.shape[1], hidden)
+    if settings.initial_weights == "active":
+        with single_thread():
+            set_active(network, torch.from_numpy((x * unit).astype(np.float32)), settings.seed)
     fit = Fit.of(settings, "normals, float", patience=settings.patience_epochs)
     model = ScaledNetwork(with_rounding_noise(network, rounding_bits), unit)
     return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)
