@@ -53,6 +53,11 @@ NO_BRIDGE = "[network]\nbridge_dots = false"
         ),
         (
             '"force" }',
+            '"force", initial_weights = "active" }',
+            "training.initial_weights: 'active' needs training.labels 'geometry'",
+        ),
+        (
+            '"force" }',
             '"force", force_steps = 5 }',
             "training.force_steps: 5 needs training.labels 'geometry'",
         ),

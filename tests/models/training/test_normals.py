@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from fastac.models.floating.network import predict
-from fastac.models.integer.features import integer_features
+from fastac.models.integer.features import integer_features, scales
 from fastac.models.training.normals import Fit, normal_loss, train
 
 
@@ -51,6 +51,7 @@ class TestLoss:
         that of no tilt, the smallest squared one that of the mean tilt."""
         y = tilted([0.0, 0.0, 0.0, 8.0] * 64).numpy().astype(np.float32)
         model = torch.nn.Linear(1, 3)
+        torch.nn.init.constant_(model.bias, 1)  # any normal that faces the camera
         fit = Fit(epochs=60, batch=64, rate=0.05, seed=1, label="test", huber_delta=huber_delta)
         fit(model, np.zeros((len(y), 1)), y)
         found = model.bias.detach().numpy()
@@ -143,3 +144,21 @@ class TestTrain:
 def test_the_width_of_the_hidden_layers(tiny_data, make_scene):
     network, _ = train(tiny_data, make_scene(training={"normals_epochs": 1}).training, (5, 6, 7))
     assert [len(layer.weight) for layer in network.linear_layers] == [5, 6, 7, 3]
+
+
+def test_active_initial_weights_leave_no_neuron_dead(tiny_data, make_scene):
+    def dead(**training) -> int:
+        settings = make_scene(training={"normals_epochs": 1, **training}).training
+        network, _ = train(tiny_data, settings)
+        x, _ = pixels(tiny_data, "train")
+        x = torch.from_numpy((x * scales(x.shape[1] - 2)).astype(np.float32))
+        return sum(int((layer <= 0).all(dim=0).sum()) for layer in hidden_sums(network, x))
+
+    def hidden_sums(network, x):
+        with torch.no_grad():
+            for layer in network.linear_layers[:-1]:
+                x = layer(x)
+                yield x
+                x = torch.relu(x)
+
+    assert dead(initial_weights="active") < dead()
