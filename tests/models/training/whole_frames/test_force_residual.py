@@ -116,6 +116,7 @@ def test_the_first_step_is_as_long_as_it_may_be_and_later_ones_are_not_too_long(
     assert np.abs(found - start).max() > 1e-3
 
 
+@pytest.mark.parametrize("residual", ["skin"], indirect=True)  # dots' weights leave these few no error
 def test_lowered_errors_are_told_and_the_lowest_is_found(residual):
     start, told, steps = residual.parameters, [], []
     found = solve(residual, start, 20, lambda: steps.append(1), told.append)
