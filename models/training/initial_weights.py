@@ -8,6 +8,7 @@ neural networks", ICLR 2014; of initial values that follow from data, Krähenbü
 "Data-dependent initializations of convolutional neural networks", ICLR 2016.
 """
 
+import numpy as np
 import torch
 
 from fastac.models.floating.network import PixelNetwork
@@ -17,18 +18,19 @@ PIXELS = 1 << 16
 
 
 @torch.no_grad()
-def set_active(network: PixelNetwork, x: torch.Tensor, seed: int) -> None:
+def set_active(network: PixelNetwork, x: np.ndarray, scales: np.ndarray, seed: int) -> None:
     """Give the hidden layers orthogonal weights and each neuron the bias with which its activation begins at
     a pixel that is drawn by chance.
 
-    x : scaled features (pixels, inputs) float32
+    x : features (pixels, inputs); scales : (inputs,), by which they are multiplied
     The same for the same pixels and seed.
     """
     generator = torch.Generator().manual_seed(seed)
-    seen = x[torch.randperm(len(x), generator=generator)[:PIXELS]]
+    drawn = torch.randperm(len(x), generator=generator)[:PIXELS].numpy()
+    seen = torch.from_numpy((x[drawn] * scales).astype(np.float32))
     for layer in network.linear_layers[:-1]:
         torch.nn.init.orthogonal_(layer.weight, generator=generator)
         sums = seen @ layer.weight.T
-        drawn = torch.randint(len(sums), (1, sums.shape[1]), generator=generator)
-        layer.bias.copy_(-sums.gather(0, drawn)[0])
+        thresholds = torch.randint(len(sums), (1, sums.shape[1]), generator=generator)
+        layer.bias.copy_(-sums.gather(0, thresholds)[0])
         seen = torch.relu(sums + layer.bias)
