@@ -12,22 +12,25 @@ import numpy as np
 import torch
 
 from fastac.models.floating.network import PixelNetwork
+from fastac.models.floating.threads import single_thread
+from fastac.models.integer.features import scales
 
 PIXELS = 1 << 16
 """From which thresholds are drawn, at most."""
 
 
+@single_thread()
 @torch.no_grad()
-def set_active(network: PixelNetwork, x: np.ndarray, scales: np.ndarray, seed: int) -> None:
+def set_active(network: PixelNetwork, x: np.ndarray, seed: int) -> None:
     """Give the hidden layers orthogonal weights and each neuron the bias with which its activation begins at
     a pixel that is drawn by chance.
 
-    x : features (pixels, inputs); scales : (inputs,), by which they are multiplied
+    x : integer features (pixels, inputs)
     The same for the same pixels and seed.
     """
     generator = torch.Generator().manual_seed(seed)
     drawn = torch.randperm(len(x), generator=generator)[:PIXELS].numpy()
-    seen = torch.from_numpy((x[drawn] * scales).astype(np.float32))
+    seen = torch.from_numpy((x[drawn] * scales(x.shape[1] - 2)).astype(np.float32))
     for layer in network.linear_layers[:-1]:
         torch.nn.init.orthogonal_(layer.weight, generator=generator)
         sums = seen @ layer.weight.T

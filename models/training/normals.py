@@ -197,8 +197,7 @@ def train(
         teacher.eval()
     network = PixelNetwork(x.shape[1], hidden)
     if settings.initial_weights == "active":
-        with single_thread():
-            set_active(network, x, unit, settings.seed)
+        set_active(network, x, settings.seed)
     fit = Fit.of(settings, "normals, float", patience=settings.patience_epochs)
     model = ScaledNetwork(with_rounding_noise(network, rounding_bits), unit)
     return network, fit(model, x, y, validation=validation, teacher=teacher, progress=progress)

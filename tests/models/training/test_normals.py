@@ -5,8 +5,9 @@ import pytest
 import torch
 
 from fastac.models.floating.network import predict
-from fastac.models.integer.features import integer_features, scales
+from fastac.models.integer.features import integer_features
 from fastac.models.training.normals import Fit, normal_loss, train
+from fastac.models.training.pruning.hidden_neurons import outputs
 
 
 def loss_of(normals: np.ndarray, truth: np.ndarray) -> float:
@@ -151,14 +152,6 @@ def test_active_initial_weights_leave_no_neuron_dead(tiny_data, make_scene):
         settings = make_scene(training={"normals_epochs": 1, **training}).training
         network, _ = train(tiny_data, settings)
         x, _ = pixels(tiny_data, "train")
-        x = torch.from_numpy((x * scales(x.shape[1] - 2)).astype(np.float32))
-        return sum(int((layer <= 0).all(dim=0).sum()) for layer in hidden_sums(network, x))
-
-    def hidden_sums(network, x):
-        with torch.no_grad():
-            for layer in network.linear_layers[:-1]:
-                x = layer(x)
-                yield x
-                x = torch.relu(x)
+        return sum(int((layer == 0).all(axis=0).sum()) for layer in outputs(network, x))
 
     assert dead(initial_weights="active") < dead()
