@@ -24,6 +24,7 @@ OF_NORMALS = (
     "force_weight",
     "force_steps",
     "force_starts",
+    "force_passes",
     "rounding_noise",
     "weight_rounding_noise",
     "normals_share",
@@ -215,6 +216,8 @@ def _check_sums(scene) -> None:
             )
     if (starts := scene.training.force_starts) > 1 and not steps:
         raise ValueError(f"training.force_starts: {starts} needs training.force_steps")
+    if (passes := scene.training.force_passes) and not steps:
+        raise ValueError(f"training.force_passes: {passes} needs training.force_steps")
     if scene.training.weight_rounding_noise and not (scene.training.depth_weight or weight):
         raise ValueError(
             "training.weight_rounding_noise: true needs training.depth_weight or training.force_weight"

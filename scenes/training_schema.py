@@ -81,6 +81,10 @@ class Training(Strict):
     """Parameters that these start from: the trained network's, and others that differ a little. A dozen steps
     on half of the training presses, or on 1,600, from each tell by the error on as many others which goes on:
     some lead to poorer minima than others."""
+    force_passes: Annotated[int, Field(ge=0)] = Field(0, exclude_if=lambda value: not value)
+    """Passes over the training presses before these steps, in which least squares see a few presses at a time
+    (models/training/whole_frames/force_filter.py). A pass takes about as long as a step and lowers the error
+    further, and the last steps then end in better minima."""
     rounding_noise: bool = Field(False, exclude_if=lambda value: not value)
     """Whether the network feels the rounding of its hidden activations to `numbers.activation_bits` as noise
     while it is trained, with labels 'geometry'. Worth it at 7 bits and fewer."""

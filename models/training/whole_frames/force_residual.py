@@ -69,40 +69,41 @@ class ForceResidual:
 
     def error_n(self, parameters: np.ndarray) -> np.ndarray:
         """Found less true forces in N, (frames · axes,)."""
-        features, weights = self._fitted(parameters)
-        return (features @ weights - self._force_n(self.index)).ravel()
+        features, weights = self.fitted(parameters)
+        return (features @ weights - self.force_n(self.index)).ravel()
 
     def error_elsewhere_n(self, parameters: np.ndarray, index: np.ndarray) -> np.ndarray:
         """The same on other frames, (frames, axes), by the force's weights of those that are learned from."""
-        _, weights = self._fitted(parameters)
-        return self._features(index) @ weights - self._force_n(index)
+        _, weights = self.fitted(parameters)
+        return self.features(index) @ weights - self.force_n(index)
 
     def jacobian(self, parameters: np.ndarray) -> np.ndarray:
         """Derivatives of `error_n`, (frames · axes, parameters): at the first call those of all pixels; at
         each further one, of the `PARTS` of the pixels the next is found anew for these parameters."""
-        features, weights = self._fitted(parameters)
+        features, weights = self.fitted(parameters)
         parts = [self._part] if self._latest else range(PARTS)
         for part in parts:
-            self._latest[part] = self._derivatives(weights, every_row(PARTS, part))
+            self._latest[part] = self.derivatives(weights, every_row(PARTS, part))
         self._part = (self._part + 1) % PARTS
         found = np.mean(list(self._latest.values()), axis=0, dtype=np.float64).reshape(len(features), -1)
         found -= features @ ridge.solve(features, found, REGULARISATION)[0]  # which weights make up for
         return found.reshape(-1, len(parameters))
 
-    def _force_n(self, index: np.ndarray) -> np.ndarray:
+    def force_n(self, index: np.ndarray) -> np.ndarray:
+        """True forces of some frames in N, (frames, axes)."""
         return self.frames.data.forces_n(index, self.frames.scene.force_axes)
 
-    def _fitted(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def fitted(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Features (frames, features) by these parameters, which the network then has, and the force's
         weights (features, axes)."""
         self.set(parameters)
         if self._known is None or not np.array_equal(self._known[0], parameters):
-            features = self._features(self.index)
-            weights = ridge.solve(features, self._force_n(self.index), REGULARISATION)[0]
+            features = self.features(self.index)
+            weights = ridge.solve(features, self.force_n(self.index), REGULARISATION)[0]
             self._known = parameters.copy(), features, weights
         return self._known[1:]
 
-    def _features(self, index: np.ndarray) -> np.ndarray:
+    def features(self, index: np.ndarray) -> np.ndarray:
         """What the force is linear in, of all pixels, (frames, features) float64: sums of slopes and then,
         where they are a part of it, the shifts of the dots."""
         network = NetworkOfColumns(self.network)
@@ -114,7 +115,7 @@ class ForceResidual:
         found = np.concatenate([part.double().numpy() for part in self._side_by_side(find, index)])
         return ridge.joined(found, self.frames.dot_shifts_px(index))
 
-    def _derivatives(self, weights: np.ndarray, grid: Grid) -> np.ndarray:
+    def derivatives(self, weights: np.ndarray, grid: Grid) -> np.ndarray:
         """Of the force by fixed weights (features, axes) at the pixels of a grid, (frames, axes, parameters);
         dots' shifts do not depend on the network."""
         of_slopes = self.frames.of_slopes

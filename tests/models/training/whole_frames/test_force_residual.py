@@ -54,7 +54,7 @@ def test_errors_are_those_of_the_best_weights(residual):
 def test_derivatives_are_those_of_each_force_less_what_weights_make_up_for(residual):
     """Each force's gradient by itself, and a ridge fit to them."""
     frames, network, start = residual.frames, residual.network, residual.parameters
-    features, weights = residual._fitted(start)
+    features, weights = residual.fitted(start)
     fixed, expected = torch.from_numpy(weights[: frames.of_slopes.count]).float(), []
     for sample in residual.index:
         _, slopes, at_rest = frames._found(network, np.array([sample]))
