@@ -257,6 +257,8 @@ def test_the_force_alone_is_learned_where_nothing_needs_the_normals():
     assert error(normals + flat + slopes + end) == message
     starts = "[training]\nforce_starts = 2\n"
     assert error(start + flat + slopes + starts) == "training.force_starts: 2 needs training.force_steps"
+    passes = "[training]\nforce_passes = 9\n"
+    assert error(start + flat + slopes + passes) == "training.force_passes: 9 needs training.force_steps"
 
 
 def test_rounded_weights_are_felt_on_whole_frames():
@@ -271,4 +273,5 @@ def test_rounded_weights_are_felt_on_whole_frames():
 def test_a_scene_does_not_name_a_depth_that_is_not_learned():
     assert "depth_weight" not in parse(DOTTED, origin="x").training.model_dump()
     assert "force_weight" not in parse(DOTTED, origin="x").training.model_dump()
-    assert not {"force_steps", "force_starts"} & set(parse(DOTTED, origin="x").training.model_dump())
+    of_force = {"force_steps", "force_starts", "force_passes"}
+    assert not of_force & set(parse(DOTTED, origin="x").training.model_dump())

@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 import torch
 
+from fastac.flow.training import skin_alone
 from fastac.models.floating.network import PixelNetwork
+from fastac.models.training.whole_frames import force_features
+from fastac.models.training.whole_frames.force_residual import ForceResidual
+from fastac.models.training.whole_frames.frames import WholeFrames
+from fastac.sensor.geometry import rest_depth_mm
 
 
 @pytest.fixture
@@ -41,3 +46,22 @@ def of_slopes() -> dict:
         "poisson": {"solver": "adjoint"},
         "force": {"fit": "slopes", "clamp": False},
     }
+
+
+@pytest.fixture(params=["skin", "under dots"])
+def residual(request, make_scene, dotted_scene, of_slopes, monkeypatch) -> ForceResidual:
+    """Of few features, on presses of a skin without and with dots, whose slopes are bridged."""
+    monkeypatch.setattr(force_features, "SLOPES_SIZE", 2)
+    if request.param == "skin":
+        data, scene = request.getfixturevalue("tiny_data"), make_scene(**of_slopes)
+    else:
+        data = request.getfixturevalue("dotted_data")
+        changes = {**of_slopes, "force": {**of_slopes["force"], "dots": True}}
+        sensor = dotted_scene.sensor.model_dump(exclude_unset=True)
+        scene = make_scene(**changes, sensor=sensor, network={"bridge_dots": True})
+    torch.manual_seed(1)
+    network = PixelNetwork(data.frames.shape[-1] + 2, (5, 4))
+    with torch.no_grad():
+        network.linear_layers[-1].bias[2] = 2.0  # normals look at the camera: no slope is clipped
+    frames = WholeFrames(data, skin_alone(data, scene), scene, rest_depth_mm(scene.sensor))
+    return ForceResidual(frames, network, data.indices("train"))

@@ -82,13 +82,29 @@ def test_it_goes_on_from_the_best_start(many_presses, trained, frames_of, monkey
     np.testing.assert_array_equal(seen, [many_presses.indices("train")])
 
 
+def test_a_few_presses_at_a_time_lead_to_a_better_minimum(many_presses, trained, frames_of):
+    """The learning curve begins with the passes, whose errors are of presses before they are learned from."""
+    errors = []
+    for training in ({"force_steps": 15}, {"force_steps": 3, "force_passes": 12}):
+        network, frames = copy.deepcopy(trained), frames_of(many_presses, **training)
+        history = force_least_squares.train(network, frames)
+        errors.append(held_out_mae_n(network, frames))
+    assert errors[1] < 0.9 * errors[0]
+    assert [entry["epoch"] for entry in history] == list(range(len(history)))
+    assert 12 < len(history) <= 12 + 1 + 3
+    curve = [entry["train_mae_n"] for entry in history]
+    assert curve[-1] < curve[11] < 0.7 * curve[0]
+    assert all(entry["validation_mae_n"] > 0 for entry in history)
+
+
 def test_any_number_of_threads_leads_to_the_same_network(many_presses, trained, frames_of):
     found, before = [], torch.get_num_threads()
     try:
         for threads in (1, 2):
             torch.set_num_threads(threads)
             network = copy.deepcopy(trained)
-            force_least_squares.train(network, frames_of(many_presses, force_steps=4, force_starts=2))
+            scene = {"force_steps": 4, "force_starts": 2, "force_passes": 2}
+            force_least_squares.train(network, frames_of(many_presses, **scene))
             found.append(torch.cat([values.flatten() for values in network.parameters()]))
     finally:
         torch.set_num_threads(before)
