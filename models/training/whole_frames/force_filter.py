@@ -54,6 +54,8 @@ class ForceFilter:
         some.set(self.parameters)
         features = some.features(index)
         errors_n = features @ self.weights - some.force_n(index)
+        if not errors_n.any():  # all at rest: nothing to learn, and no error to judge a step by
+            return errors_n
         axes, rows = errors_n.shape[1], every_row(PARTS, self._updates % PARTS)
         by_weights = np.einsum("nf,ab->nabf", features / self._spread, np.eye(axes)).reshape(
             *errors_n.shape, -1

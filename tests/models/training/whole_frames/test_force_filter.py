@@ -65,6 +65,16 @@ def test_no_step_is_longer_than_the_largest(residual, monkeypatch):
     assert np.linalg.norm(state.parameters - start) == pytest.approx(1e-3)
 
 
+def test_presses_without_error_change_nothing(residual, monkeypatch):
+    """As a frame at rest, whose force is none and is found to be none."""
+    state = ForceFilter(residual)
+    start, state.weights = state.parameters, np.zeros_like(state.weights)
+    monkeypatch.setattr(ForceResidual, "force_n", lambda self, index: np.zeros((len(index), 3)))
+    assert not state.update(residual.index[:2], kept=0).any()
+    np.testing.assert_array_equal(state.parameters, start)
+    assert not state.weights.any()
+
+
 def test_a_pass_sees_each_press_once_and_later_passes_remember_more_of_them(residual, monkeypatch):
     seen, told = [], []
 
