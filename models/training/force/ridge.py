@@ -30,14 +30,19 @@ def solve(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.
     regularisation strengths.
     """
     x = x.astype(np.float64)
-    spread = np.sqrt((x**2).mean(axis=0))
-    spread = np.where(spread > 0, spread, 1)
+    spread = root_mean_squares(x)
     if min(x.shape) > LARGEST_SVD:
         return _by_eigenvectors(x / spread, force_n, regularisation) / spread[:, None]
     u, s, vh = np.linalg.svd(x / spread, full_matrices=False)
     power = (s**2).sum() / len(x)
     damped = s / (s**2 + np.maximum(regularisation[:, None] * power, np.finfo(float).tiny))
     return vh.T @ (damped[..., None] * (u.T @ force_n)) / spread[:, None]
+
+
+def root_mean_squares(x: np.ndarray) -> np.ndarray:
+    """Of each feature of x (frames, features), (features,); 1 where it is zero in all frames."""
+    spread = np.sqrt((x**2).mean(axis=0))
+    return np.where(spread > 0, spread, 1)
 
 
 def _by_eigenvectors(x: np.ndarray, force_n: np.ndarray, regularisation: np.ndarray) -> np.ndarray:

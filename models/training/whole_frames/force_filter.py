@@ -15,6 +15,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.linalg import block_diag, solve
 
+from fastac.models.training.force.ridge import root_mean_squares
 from fastac.models.training.whole_frames.force_residual import PARTS, ForceResidual
 from fastac.models.training.whole_frames.pixel_grid import every_row
 
@@ -40,8 +41,7 @@ class ForceFilter:
     def __init__(self, residual: ForceResidual):
         self.residual, self.parameters = residual, residual.parameters
         features, self.weights = residual.fitted(self.parameters)
-        spread = np.sqrt((features**2).mean(axis=0))
-        self._spread = np.where(spread > 0, spread, 1)
+        self._spread = root_mean_squares(features)
         of_weights = (features / self._spread).T @ (features / self._spread)
         unknown = np.zeros((len(self.parameters),) * 2)
         self._information = block_diag(unknown, *[of_weights] * self.weights.shape[1])
