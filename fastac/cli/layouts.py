@@ -55,6 +55,12 @@ def gs_sdk(folder, output, **given):
     metavar="NAME",
     help="Photograph of the untouched gel, in FOLDER.",
 )
+@click.option(
+    "--held-out",
+    multiple=True,
+    metavar="PRESS",
+    help="Press of the test split, such as gelsight/0004.png; repeatable. [default: every fifth]",
+)
 @size_options
 @output_option("The dataset to write, HDF5.", OUTPUT_FILE)
 @progress_option
@@ -62,8 +68,7 @@ def fots(folder, output, **given):
     """Import the annotated ball presses of FOTS from FOLDER, its mlp_calib.
 
     FOLDER holds csv/annotate.csv with the circles, the photographs that it names, and 0000.png, the untouched
-    gel. Every fifth press is in the test split. Photographs are padded with the background to the target's
-    aspect ratio and resampled by area.
+    gel. Photographs are padded with the background to the target's aspect ratio and resampled by area.
 
     \b
     Example: fastac import fots FOTS/mlp_calib --ball-mm 4.7 --px-per-mm 19.58 -o presses.h5

@@ -19,6 +19,7 @@ GEOMETRY = {
     "training.position_noise": [0.0, 0.04, 0.08, 0.16],
     "training.teachers": [0, 4, 8],
     "training.flat_fraction": [0.05, 0.2, 0.4],
+    "training.huber_delta": [0.0, 0.03, 0.1],
     "training.normals_batch_px, training.normals_learning_rate": [[256, 3e-3], [1024, 6e-3], [2048, 1e-2]],
     "training.normals_epochs": [60, 120, 250],
 }
@@ -32,7 +33,8 @@ DEPTH = {
         [0.005, 100],
         [0.02, 30],
         [0.02, 100],
-    ]
+    ],
+    "poisson.divergence": ["central", "backward"],
 }
 """Where the depth of presses is known, or its shape under balls, besides."""
 FORCE_OF_SLOPES = {
@@ -58,6 +60,7 @@ FORCE = {
     "training.force_epochs": [12, 24, 48],
     "training.light_noise": [0.005, 0.01, 0.02],
     "training.curl_weight": [0.0, 0.3, 1.0, 3.0],
+    "training.press_reach": [0.0, 0.05, 0.1],
 }
 """Where it learns from forces alone."""
 NEAR_CHANGES = 2

@@ -19,7 +19,7 @@ from fastac.sensor.importers.contact_circles import (
     write_presses,
 )
 from fastac.sensor.importers.csv_rows import COLUMN, read_rows, where
-from fastac.sensor.importers.footage import check_scale, file_in
+from fastac.sensor.importers.footage import ImportFailure, check_scale, file_in
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,7 @@ def import_folder(
     px_per_mm: float,
     output: Path | str,
     background: str = "0000.png",
+    held_out: tuple[str, ...] = (),
     height_px: int = 128,
     width_px: int = 128,
     progress: bool = True,
@@ -46,8 +47,10 @@ def import_folder(
     """Import the annotated presses of a folder mlp_calib (see above) into the dataset `output`.
 
     background : the photograph of the untouched gel, a name in the folder
+    held_out : presses of the test split, by their groups' names such as gelsight/0004.png; without it every
+        fifth press is, for the layout has no split
 
-    Every fifth press is in the test split: the layout has none. What the dataset holds,
+    What the dataset holds,
     sensor/importers/contact_circles.py says. Raises ImportFailure on anything missing, unreadable or
     inconsistent.
     """
@@ -61,7 +64,7 @@ def import_folder(
         latest["/".join(parts[-2:])] = row, where(table, line)
     names = sorted(latest)
     presses = []
-    for name, split in zip(names, every_fifth(len(names)), strict=True):
+    for name, split in zip(names, _split(table, names, held_out), strict=True):
         row, place = latest[name]
         circle = row.center_x_px, row.center_y_px, row.radius_px
         path = photograph_in(folder, name, place)
@@ -75,4 +78,16 @@ def import_folder(
         height_px=height_px,
         width_px=width_px,
         progress=progress,
+    )
+
+
+def _split(table: Path, names: list[str], held_out: tuple[str, ...]) -> list[str]:
+    """The split of each press: `held_out` are the test split or, if there are none, every fifth press."""
+    for name in held_out:
+        if name not in names:
+            raise ImportFailure(f"{table}: press {name!r} is held out: expected one like {names[0]!r}")
+    if names and set(held_out) == set(names):
+        raise ImportFailure(f"{table}: all {len(names)} presses are held out, none is left to train on")
+    return (
+        ["test" if name in held_out else "train" for name in names] if held_out else every_fifth(len(names))
     )

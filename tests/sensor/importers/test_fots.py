@@ -29,6 +29,22 @@ def test_presses_are_in_the_order_of_their_names(folder):
     np.testing.assert_allclose(np.diff(data.indenter["center_px"][:5, 0]), 0.5)
 
 
+def test_presses_may_be_named_that_are_held_out(folder):
+    held_out = ("gelsight/0001.png", "gelsight/0003.png")
+    split = imported(folder, held_out=held_out).split
+    np.testing.assert_array_equal(split, ["test", "train", "test", "train", "train", "train"])
+    everything = tuple(f"gelsight/{k + 1:04d}.png" for k in range(5))
+    for names, message in (
+        (
+            ("0001.png",),
+            r"annotate\.csv: press '0001\.png' is held out: expected one like 'gelsight/0001\.png'",
+        ),
+        (everything, "all 5 presses are held out, none is left to train on"),
+    ):
+        with pytest.raises(ImportFailure, match=message):
+            imported(folder, held_out=names)
+
+
 def test_the_later_circle_counts(folder):
     table = folder / "csv" / "annotate.csv"
     table.write_text(table.read_text() + "C:\\x\\gelsight\\0001.png,20,30,8\n")
