@@ -141,7 +141,7 @@ seeds: $(READY)
 	$(FASTAC) sweep sweeps/seeds.toml
 	$(FASTAC) trade build/sweep/seeds.sqlite -o build/seeds
 
-# The same on the gel with friction: hours, and up to 6 GB of memory for each of two trainings side by side.
+# The same on the gel with friction: hours, and up to 8 GB of memory for each of two trainings side by side.
 seeds-friction: $(READY)
 	$(FASTAC) sweep sweeps/seeds-friction.toml --workers 2
 	$(FASTAC) trade build/sweep/seeds-friction.sqlite -o build/seeds-friction
