@@ -50,9 +50,8 @@ def import_folder(
     held_out : presses of the test split, by their groups' names such as gelsight/0004.png; without it every
         fifth press is, for the layout has no split
 
-    What the dataset holds,
-    sensor/importers/contact_circles.py says. Raises ImportFailure on anything missing, unreadable or
-    inconsistent.
+    What the dataset holds, sensor/importers/contact_circles.py says. Raises ImportFailure on anything
+    missing, unreadable or inconsistent.
     """
     folder = Path(folder)
     check_scale(folder, "ball_mm", ball_mm)
@@ -88,6 +87,6 @@ def _split(table: Path, names: list[str], held_out: tuple[str, ...]) -> list[str
             raise ImportFailure(f"{table}: press {name!r} is held out: expected one like {names[0]!r}")
     if names and set(held_out) == set(names):
         raise ImportFailure(f"{table}: all {len(names)} presses are held out, none is left to train on")
-    return (
-        ["test" if name in held_out else "train" for name in names] if held_out else every_fifth(len(names))
-    )
+    if not held_out:
+        return every_fifth(len(names))
+    return ["test" if name in held_out else "train" for name in names]
