@@ -12,6 +12,7 @@ from fastac.cli.common import (
     announce,
     build_folder,
     load_bundle,
+    load_scene,
     output_option,
     progress_option,
     run_build,
@@ -46,7 +47,7 @@ def build(scene, data, output, why, progress):
     \b
     Example: fastac build scenes/paper.toml
     """
-    scene = scenes.load(scene)
+    scene = load_scene(scene, data)
     folder = build_folder(scene, output)
     if why:
         from fastac.flow.build import Build

@@ -177,6 +177,23 @@ def build_folder(scene, output: Path | None) -> Path:
     return output or Path("build") / scene.name
 
 
+def load_scene(path: Path, data: Path | None):
+    """The scene in a file, a recorded one with the size and the pitch of the recording in the file `data`;
+    says what it takes from there."""
+    from fastac.scenes import schema
+
+    scene = schema.load(path)
+    if data is None:
+        return scene
+    from fastac.sensor.recorded_scene import of_recording
+
+    scene, changed = of_recording(scene, data)
+    if changed:
+        values = ", ".join(f"{key} = {there:g} instead of {here:g}" for key, (here, there) in changed.items())
+        click.echo(f"scene {scene.name}: as {data} was recorded, sensor.{values}", err=True)
+    return scene
+
+
 def announce(name: str, state: str) -> None:
     """Say what becomes of a step: `kept`, `running`, or `waiting` for a process that performs it."""
     click.echo(f"{name:10s} {STATES[state]}", err=True)

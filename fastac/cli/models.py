@@ -12,6 +12,7 @@ from fastac.cli.common import (
     OUTPUT_FOLDER,
     build_folder,
     load_bundle,
+    load_scene,
     output_option,
     progress_option,
     run_build,
@@ -19,7 +20,6 @@ from fastac.cli.common import (
     store_beside,
 )
 from fastac.report.tables import text_table
-from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
 
 
@@ -41,7 +41,7 @@ def train(scene, data, seed, output, progress):
     \b
     Example: fastac train scenes/force.toml --data recording.h5
     """
-    scene = scenes.load(scene)
+    scene = load_scene(scene, data)
     folder = build_folder(scene, output)
     if seed is not None:
         scene = scene.model_copy(update={"training": scene.training.model_copy(update={"seed": seed})})

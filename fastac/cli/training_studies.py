@@ -9,6 +9,7 @@ from fastac.cli.common import (
     OUTPUT_FOLDER,
     Counts,
     load_bundle,
+    load_scene,
     output_option,
     progress_option,
     store_option,
@@ -182,10 +183,9 @@ def presses(scene, data, presses, draws, hold_out, jobs, output, store, progress
     \b
     Example: fastac study presses scenes/gelsight.toml --data build/presses.h5 --presses 5,10,20
     """
-    from fastac.scenes import schema
     from fastac.studies.presses import curve, shown
 
-    known = schema.load(scene)
+    known = load_scene(scene, data)
     output = output or Path("build") / f"{known.name}-presses"
     settings = {"counts": presses, "draws": draws, "hold_out": hold_out, "jobs": jobs, "store": store}
     content = curve.measure(known, data, output, **settings, progress=progress)

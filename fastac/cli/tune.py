@@ -4,9 +4,8 @@ from pathlib import Path
 
 import click
 
-from fastac.cli.common import INPUT, OUTPUT_FOLDER, output_option, progress_option, store_option
+from fastac.cli.common import INPUT, OUTPUT_FOLDER, load_scene, output_option, progress_option, store_option
 from fastac.cli.export import refuse_existing
-from fastac.scenes import schema as scenes
 
 
 @click.command()
@@ -79,7 +78,7 @@ def tune(scene_file, data, output, jobs, scheduler, store, force, progress, **op
 
     if scheduler and jobs:
         raise click.UsageError("--jobs is of local processes: give it or --scheduler")
-    scene = scenes.load(scene_file)
+    scene = load_scene(scene_file, data)
     output = output or Path("build") / f"{scene.name}-tuned"
     refuse_existing(output, force)
     content = tuning.tune(

@@ -10,13 +10,13 @@ from fastac.cli.common import (
     bundle_folder,
     folder_of,
     load_bundle,
+    load_scene,
     output_option,
     progress_option,
     run_build,
     split_option,
     store_beside,
 )
-from fastac.scenes import schema as scenes
 from fastac.sensor import samples as sensor_samples
 
 
@@ -69,7 +69,7 @@ def verify(source, data, split, lanes, frames, output, progress):
 
     folder = source
     if source.suffix == ".toml":
-        scene = scenes.load(source)
+        scene = load_scene(source, data)
         folder = build_folder(scene, None)
         run_build(scene, folder, data, progress, until="bundle")
     model = load_bundle(folder)

@@ -11,6 +11,7 @@ from fastac.cli.common import (
     build_folder,
     bundle_folder,
     folder_of,
+    load_scene,
     output_option,
     progress_option,
     run_build,
@@ -18,7 +19,6 @@ from fastac.cli.common import (
 )
 from fastac.gateware.target.boards import BOARDS, NO_BOARD
 from fastac.report.tables import text_table
-from fastac.scenes import schema as scenes
 from fastac.synth.vivado_reports import ORIGIN
 
 
@@ -57,7 +57,7 @@ def vivado(source, data, streams, board, saif, output, progress):
     from fastac.flow import vivado as flow
 
     if source.suffix == ".toml":
-        scene = scenes.load(source)
+        scene = load_scene(source, data)
         source = build_folder(scene, None)
         run_build(scene, source, data, progress, until="bundle")
     output = output or folder_of(source) / "vivado"

@@ -59,6 +59,12 @@ class TestTrain:
         message = fail("train", toml, "-o", tmp_path / "b")
         assert message == "scene tiny: sensor.source = 'recorded': give the recording with --data FILE"
 
+    def test_a_recorded_scene_has_the_size_and_the_pitch_of_its_recording(self, toml, tiny_data, tmp_path):
+        toml.write_text(toml.read_text().replace("[protocol]", 'source = "recorded"\n[protocol]'))
+        path = write(tiny_data, tmp_path / "d.h5", pitch_mm=0.2)
+        found = succeed("build", toml, "--data", path, "-o", tmp_path / "b", "--why")
+        assert found.stderr == f"scene tiny: as {path} was recorded, sensor.pitch_mm = 0.2 instead of 0.25\n"
+
     @pytest.mark.parametrize(
         ("changes", "message"),
         [
